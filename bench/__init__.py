@@ -1,0 +1,1 @@
+"""One run, in the order the data flows: configuration, data, training, evaluation, record, tracking."""

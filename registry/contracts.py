@@ -1,0 +1,346 @@
+"""The few abstract types that everything else is built from.
+
+Time: sample k is everything measured at t_k. A window's history is samples k0−τ+1 .. k0 (τ of them), its
+horizon k0+1 .. k0+T. A prediction ŷ_k may use the inputs u_j for j ≤ k. SI inside.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from registry.errors import BenchError, near
+
+# --------------------------------------------------------------------------------------------- measurements
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column of a recording, named ``group.axis`` ("body_rates.p"), in an SI unit."""
+
+    name: str
+    unit: str
+
+    @property
+    def group(self) -> str:
+        """The signal this channel belongs to."""
+        return self.name.partition(".")[0]
+
+    @property
+    def axis(self) -> str:
+        """Its axis within the signal."""
+        return self.name.partition(".")[2]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One continuous measurement at a constant rate.
+
+    Args:
+        name: unique within its data set.
+        rate: samples per second [Hz].
+        inputs: (N, m) what drives the system, SI; m = 0 for an undriven one.
+        outputs: (N, n) everything else that was measured, SI.
+        input_channels: the m columns of ``inputs``.
+        output_channels: the n columns of ``outputs``.
+        valid: (N,) bool; a window never touches a sample that is not valid.
+    """
+
+    name: str
+    rate: float
+    inputs: np.ndarray
+    outputs: np.ndarray
+    input_channels: tuple[Channel, ...]
+    output_channels: tuple[Channel, ...]
+    valid: np.ndarray
+
+    def __post_init__(self) -> None:
+        n = len(self.outputs)
+        if self.inputs.shape != (n, len(self.input_channels)):
+            raise ValueError(f"{self.name}: inputs {self.inputs.shape} do not fit {len(self.input_channels)} channels")
+        if self.outputs.shape != (n, len(self.output_channels)) or self.valid.shape != (n,):
+            raise ValueError(f"{self.name}: outputs {self.outputs.shape} or mask {self.valid.shape} do not fit")
+        names = [c.name for c in (*self.input_channels, *self.output_channels)]
+        if len(set(names)) != len(names):
+            raise ValueError(f"{self.name}: two channels of one name")
+
+    def __len__(self) -> int:
+        return len(self.outputs)
+
+    @property
+    def seconds(self) -> float:
+        """Duration [s]."""
+        return len(self) / self.rate
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Input and output channels."""
+        return (*self.input_channels, *self.output_channels)
+
+    def pick(self, selectors: Sequence[str]) -> tuple[np.ndarray, tuple[Channel, ...]]:
+        """The columns (N, len) of the named groups ("body_rates") or channels ("body_rates.p"), in that order.
+
+        Raises:
+            BenchError: nothing of that name was measured.
+        """
+        columns = np.concatenate([self.inputs, self.outputs], axis=1)
+        picked: list[int] = []
+        for selector in selectors:
+            found = [i for i, c in enumerate(self.channels) if selector in (c.name, c.group)]
+            if not found:
+                known = {c.group for c in self.channels} | {c.name for c in self.channels}
+                raise BenchError(f"Recording {self.name} has no signal {selector!r}: {near(selector, known)}")
+            picked += [i for i in found if i not in picked]
+        return columns[:, picked], tuple(self.channels[i] for i in picked)
+
+    def digest(self) -> str:
+        """SHA-256 over samples, mask, rate and channel names (not the recording's own name)."""
+        h = hashlib.sha256(repr((self.rate, [(c.name, c.unit) for c in self.channels])).encode())
+        for a in (self.inputs, self.outputs, self.valid):
+            h.update(np.ascontiguousarray(a).tobytes())
+        return h.hexdigest()
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that cleaning found in a recording and what was done about it."""
+
+    recording: str
+    kind: str
+    """Such as "spike", "held", "dropped", "gap", "trimmed", "lag", "duplicate", "short"."""
+    count: float
+    """Samples concerned (for a lag: samples of shift)."""
+    detail: str
+    """One sentence with figures and units."""
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What `Dataset.load` returns: the recordings that are left, and everything that was found in them."""
+
+    recordings: tuple[Recording, ...]
+    findings: tuple[Finding, ...]
+
+    def digest(self) -> str:
+        """SHA-256 over all recordings, in order, with their names."""
+        h = hashlib.sha256()
+        for r in self.recordings:
+            h.update(f"{r.name}:{r.digest()};".encode())
+        return h.hexdigest()
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the recordings."""
+        return [r.name for r in self.recordings]
+
+
+@dataclass(frozen=True)
+class Split:
+    """Which recordings train, which validate (early stopping, tuning) and which test."""
+
+    train: tuple[str, ...]
+    validation: tuple[str, ...]
+    test: tuple[str, ...]
+
+
+class Dataset(ABC):
+    """A source of recordings. Subclasses are frozen dataclasses; their fields are options."""
+
+    source: ClassVar[str] = ""
+    """Where the data come from: citation or address, and licence."""
+    system: ClassVar[str] = "quadrotor"
+    """The registered physics model of the recorded system."""
+    inputs: ClassVar[tuple[str, ...]] = ()
+    """Signals that drive a predictor by default."""
+    rates: ClassVar[str] = "body_rates"
+    """The signal of three rotational rates that the studies predict one by one."""
+    velocity: ClassVar[str] = "velocity"
+    """The translational velocity signal."""
+    input_hold: ClassVar[str] = "linear"
+    """Inputs between samples: "linear" (measured) or "previous" (commands)."""
+
+    def load(self) -> Loaded:
+        """Read, clean and check. Duplicated recordings are dropped and named in the findings.
+
+        Raises:
+            BenchError: the data are absent or broken; the message says what to do.
+        """
+        loaded = self.read()
+        kept: dict[str, Recording] = {}
+        findings = list(loaded.findings)
+        for recording in loaded.recordings:
+            digest = recording.digest()
+            if digest in kept:
+                findings.append(
+                    Finding(recording.name, "duplicate", len(recording), f"dropped: the same samples as {kept[digest].name}")
+                )
+            else:
+                kept[digest] = recording
+        if not kept:
+            raise BenchError(f"Dataset {type(self).__name__} holds no usable recording.")
+        return Loaded(tuple(kept.values()), tuple(findings))
+
+    @abstractmethod
+    def read(self) -> Loaded:
+        """The cleaned recordings, duplicates included; called by `load`."""
+
+    @abstractmethod
+    def split(self, names: Sequence[str]) -> Split:
+        """The published or default split of the recordings ``names``."""
+
+
+# ----------------------------------------------------------------------------------------------- predictors
+
+
+@dataclass(frozen=True)
+class StateLayout:
+    """A predictor's state vector: [output states and delay-line buffers | hidden | cell]."""
+
+    buffer: int
+    hidden: int
+    cell: int
+
+    @property
+    def size(self) -> int:
+        """Length s of the state."""
+        return self.buffer + self.hidden + self.cell
+
+    def split(self, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """(…, s) → buffers (…, s_b), hidden (…, s_h), cell (…, s_c)."""
+        b, h, c = state.split([self.buffer, self.hidden, self.cell], dim=-1)
+        return b, h, c
+
+
+class Scaler(nn.Module):
+    """An affine map between SI values and scaled ones, (x − offset) / scale, kept as buffers of the model."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.register_buffer("offset", torch.zeros(size))
+        self.register_buffer("scale", torch.ones(size))
+        self.offset: Tensor
+        self.scale: Tensor
+
+    def set(self, offset: Tensor, scale: Tensor) -> None:
+        """Fit values, from the training part only; a scale of zero (a constant channel) becomes one."""
+        self.offset.copy_(offset)
+        self.scale.copy_(torch.where(scale > 0, scale, torch.ones_like(scale)))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """SI (…, size) → scaled (…, size)."""
+        return (x - self.offset) / self.scale
+
+    def invert(self, x: Tensor) -> Tensor:
+        """Scaled (…, size) → SI (…, size)."""
+        return x * self.scale + self.offset
+
+
+class Predictor(nn.Module, ABC):
+    """Predicts T steps of outputs from T inputs and a state, running free.
+
+    Subclasses work in scaled units (`rollout`); `forward` is SI in, SI out. ``horizon`` is the T the
+    predictor is built for (recurrent ones accept any T).
+    """
+
+    layout: StateLayout
+    history: int = 1
+    """Samples of history that `fill` needs."""
+
+    def __init__(self, n_inputs: int, n_outputs: int, horizon: int) -> None:
+        super().__init__()
+        self.n_inputs, self.n_outputs, self.horizon = n_inputs, n_outputs, horizon
+        self.input_scaler, self.output_scaler = Scaler(n_inputs), Scaler(n_outputs)
+
+    @abstractmethod
+    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """Buffers (B, s_b) at k0 from the scaled measured history (B, τ, m), (B, τ, n)."""
+
+    @abstractmethod
+    def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Free run in scaled units.
+
+        Args:
+            inputs: (B, T, m) u_{k0+1} .. u_{k0+T}.
+            state: (B, s) at k0.
+            feedback: (B, T, n) measured outputs y_{k0+1} .. y_{k0+T} that are fed back in place of the
+                predictor's own (washout, teacher forcing).
+
+        Returns:
+            outputs (B, T, n) and the state (B, s) at k0+T.
+        """
+
+    def readout(self, state: Tensor, inputs: Tensor) -> Tensor | None:
+        """ŷ_{k0} (B, n) as the output layer reads it from the state (B, s) and u_{k0} (B, m), scaled.
+
+        The state-initialization cost is its distance from the measured y_{k0} (paper, eq. state_init_cost).
+        None: the predictor has no states to initialize.
+        """
+        return None
+
+    def fit(self, history_inputs: Tensor, history_outputs: Tensor, inputs: Tensor, outputs: Tensor) -> None:
+        """Closed-form fit on scaled training windows, for predictors not trained by gradient."""
+
+    def forward(self, inputs: Tensor, state: Tensor) -> Tensor:
+        """SI inputs (B, T, m) and state (B, s) → SI outputs (B, T, n)."""
+        outputs, _ = self.rollout(self.input_scaler(inputs), state)
+        return self.output_scaler.invert(outputs)
+
+    def weight_count(self) -> int:
+        """Number of trainable weights."""
+        return sum(p.numel() for p in self.parameters())
+
+
+class Initializer(nn.Module, ABC):
+    """Sets a predictor's state from a history of τ samples.
+
+    ``predictor`` is passed to the calls and not held, so that its weights are counted once.
+    """
+
+    uses_state_cost: ClassVar[bool] = False
+    """Whether L_si joins the training cost (the neural initializers)."""
+
+    @abstractmethod
+    def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """State (B, s) at k0 from the scaled history (B, τ, m), (B, τ, n)."""
+
+    def forward(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """State (B, s) from the SI history (B, τ, m), (B, τ, n)."""
+        return self.initialize(predictor, predictor.input_scaler(inputs), predictor.output_scaler(outputs))
+
+    def weight_count(self) -> int:
+        """Number of trainable weights."""
+        return sum(p.numel() for p in self.parameters())
+
+
+class PredictorEntry(ABC):
+    """Base of the frozen dataclasses registered as predictors."""
+
+    training: ClassVar[str] = "gradient"
+    """"gradient", "closed_form" (`Predictor.fit`) or "none"."""
+    network: ClassVar[bool] = False
+    """Whether the notation carries a size LxH (fields ``layers`` and ``hidden``)."""
+    stateful: ClassVar[bool] = True
+    """Whether an initializer is needed."""
+
+    @abstractmethod
+    def build(self, n_inputs: int, n_outputs: int, horizon: int, history: int) -> Predictor:
+        """A fresh predictor; weights are drawn from torch's global generator."""
+
+
+class InitializerEntry(ABC):
+    """Base of the frozen dataclasses registered as initializers. ``history`` is τ, the initialization length."""
+
+    history: int
+    sized: ClassVar[bool] = False
+    """Whether the notation carries the size of a hidden layer (field ``hidden``)."""
+
+    @abstractmethod
+    def build(self, predictor: Predictor, n_inputs: int, n_outputs: int) -> Initializer:
+        """A fresh initializer for ``predictor``."""

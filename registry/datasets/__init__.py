@@ -1,0 +1,1 @@
+"""Recordings of real and simulated systems: one source a file."""

@@ -1,0 +1,1 @@
+"""Physical effects that a simple model leaves out: one effect a class."""

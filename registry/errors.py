@@ -1,0 +1,16 @@
+"""The one exception that a user is meant to read."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class BenchError(Exception):
+    """Something the user can mend; the message is one sentence that says what to do. Exit code 2."""
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """The tail of an error about an unknown name: the near ones first, then all of them."""
+    names = sorted(known)
+    lower = {n.lower(): n for n in names}
+    close = [lower[n] for n in difflib.get_close_matches(name.lower(), lower, n=3, cutoff=0.5)]
+    return (f"did you mean {' or '.join(close)}? " if close else "") + f"Known: {', '.join(names) or 'none'}."

@@ -1,0 +1,1 @@
+"""Ways to set a predictor's state from a short history: one entry a file."""

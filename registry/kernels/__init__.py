@@ -1,0 +1,1 @@
+"""The numeric core: recurrent loops with hand-written gradients."""

@@ -1,0 +1,1 @@
+"""Base physics models: one system a file."""

@@ -1,0 +1,1 @@
+"""Networks and baselines that predict many steps ahead: one entry a file."""

@@ -1,0 +1,81 @@
+"""Units of every signal: SI inside, other units only at the border (files, reports)."""
+
+import math
+from dataclasses import dataclass
+
+from registry.errors import BenchError, near
+
+_TO_SI: dict[str, tuple[str, float]] = {
+    "1": ("1", 1.0),
+    "%": ("1", 0.01),
+    "s": ("s", 1.0),
+    "ms": ("s", 1e-3),
+    "us": ("s", 1e-6),
+    "m": ("m", 1.0),
+    "cm": ("m", 1e-2),
+    "mm": ("m", 1e-3),
+    "m/s": ("m/s", 1.0),
+    "cm/s": ("m/s", 1e-2),
+    "mm/s": ("m/s", 1e-3),
+    "km/h": ("m/s", 1 / 3.6),
+    "m/s^2": ("m/s^2", 1.0),
+    "g": ("m/s^2", 9.80665),
+    "rad": ("rad", 1.0),
+    "deg": ("rad", math.pi / 180),
+    "rad/s": ("rad/s", 1.0),
+    "deg/s": ("rad/s", math.pi / 180),
+    "rpm": ("rad/s", math.pi / 30),
+    "kg": ("kg", 1.0),
+    "N": ("N", 1.0),
+    "N m": ("N m", 1.0),
+    "V": ("V", 1.0),
+    "mV": ("V", 1e-3),
+    "A": ("A", 1.0),
+    "pwm": ("pwm", 1.0),  # raw counts of a driver: a scale of their own
+}
+
+
+def to_si(unit: str) -> tuple[str, float]:
+    """The SI unit of ``unit`` and the factor that converts a value to it.
+
+    Raises:
+        BenchError: a unit that is not in the table.
+    """
+    if unit not in _TO_SI:
+        raise BenchError(f"Unknown unit {unit!r}: {near(unit, _TO_SI)}")
+    return _TO_SI[unit]
+
+
+def display(si_unit: str) -> tuple[str, float]:
+    """The unit a report shows, as the paper does, and the factor from SI: rad/s → deg/s, rad → deg."""
+    return {"rad/s": ("deg/s", 180 / math.pi), "rad": ("deg", 180 / math.pi)}.get(si_unit, (si_unit, 1.0))
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A group of channels: SI unit and the names of its axes (empty: as many as the data have)."""
+
+    unit: str
+    axes: tuple[str, ...] = ()
+    about: str = ""
+
+
+SIGNALS: dict[str, Signal] = {
+    "position": Signal("m", ("x", "y", "z"), "world frame, z up"),
+    "velocity": Signal("m/s", ("x", "y", "z"), "world frame"),
+    "attitude": Signal("1", ("qx", "qy", "qz", "qw"), "unit quaternion, body to world"),
+    "body_rates": Signal("rad/s", ("p", "q", "r"), "body frame: x forward, y left, z up"),
+    "euler_rates": Signal("rad/s", ("roll", "pitch", "yaw"), "time derivative of the Euler ZYX angles"),
+    "specific_force": Signal("m/s^2", ("x", "y", "z"), "accelerometer, body frame"),
+    "rotor_speed": Signal("rad/s", (), "measured, one a rotor"),
+    "rotor_command": Signal("rad/s", (), "commanded, one a rotor"),
+    "pwm": Signal("pwm", (), "raw motor command"),
+    "elevon": Signal("pwm", (), "raw servo command"),
+    "pilot": Signal("1", ("aileron", "elevator", "rudder", "collective"), "pilot sticks, -1 to 1"),
+    "battery": Signal("V", (), "supply voltage"),
+    "force": Signal("N", (), "force on the driven part"),
+    "voltage": Signal("V", (), "drive voltage"),
+    "level": Signal("V", (), "liquid level, as its sensor gives it"),
+    "displacement": Signal("m", (), "generalized position"),
+    "wind": Signal("m/s", ("x", "y", "z"), "world frame"),
+}
