@@ -179,7 +179,9 @@ class Dataset(ABC):
             digest = recording.digest()
             if digest in kept:
                 findings.append(
-                    Finding(recording.name, "duplicate", len(recording), f"dropped: the same samples as {kept[digest].name}")
+                    Finding(
+                        recording.name, "duplicate", len(recording), f"dropped: the same samples as {kept[digest].name}"
+                    )
                 )
             else:
                 kept[digest] = recording

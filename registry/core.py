@@ -60,8 +60,10 @@ def check_options(entry: Any, label: str) -> None:
             raise BenchError(f"{label}.{f.name} = {value!r}: choose one of {', '.join(map(str, choices))}.")
         too_low, too_high = low is not None and not value >= low, high is not None and not value <= high
         if too_low or too_high:
-            span = f"from {low} to {high}" if low is not None and high is not None else (
-                f"at least {low}" if low is not None else f"at most {high}"
+            span = (
+                f"from {low} to {high}"
+                if low is not None and high is not None
+                else (f"at least {low}" if low is not None else f"at most {high}")
             )
             raise BenchError(f"{label}.{f.name} = {value!r} must be {span} {meta.get('unit', '')}".rstrip() + ".")
 
