@@ -1,0 +1,60 @@
+"""The MLP initializer of the paper."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from registry.contracts import Initializer, InitializerEntry, Predictor
+from registry.core import INITIALIZERS, option
+from registry.kernels.affine import affine
+from registry.predictors.weights import uniform
+
+
+def bounded(predictor: Predictor, states: Tensor) -> Tensor:
+    """Network states within their range: hidden ones through tanh, cell states as they are; (…, s_h + s_c)."""
+    hidden, cell = states.split([predictor.layout.hidden, predictor.layout.cell], dim=-1)
+    return torch.cat([hidden.tanh(), cell], -1)
+
+
+class MLPInitializer(Initializer):
+    """x_{k0} = ζ(u_{k0−τ+1} .. u_{k0}, y_{k0−τ+1} .. y_{k0}): one tanh layer, linear output."""
+
+    uses_state_cost: ClassVar[bool] = True
+
+    def __init__(self, entry: "MLP", predictor: Predictor, n_inputs: int, n_outputs: int) -> None:
+        super().__init__()
+        width, states = entry.history * (n_inputs + n_outputs), predictor.layout.hidden + predictor.layout.cell
+        self.history = entry.history
+        self.hidden_weight = uniform(entry.hidden, width, fan_in=width, scale=entry.weight_scale)
+        self.hidden_bias = nn.Parameter(torch.zeros(entry.hidden))
+        self.output_weight = uniform(states, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
+        self.output_bias = nn.Parameter(torch.zeros(states))
+
+    def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """See `Initializer.initialize`."""
+        u, y = inputs[..., -self.history :, :], outputs[..., -self.history :, :]
+        x = torch.cat([u.flatten(-2), y.flatten(-2)], -1)
+        h = affine(x, self.hidden_weight, self.hidden_bias).tanh()
+        states = affine(h, self.output_weight, self.output_bias)
+        return torch.cat([predictor.fill(inputs, outputs), bounded(predictor, states)], -1)
+
+
+@INITIALIZERS.register("MLP")
+@dataclass(frozen=True)
+class MLP(InitializerEntry):
+    """A feed-forward network that maps the history to the initial states.
+
+    Paper, section "MLP Initializer Network", eq. init_state_mapping.
+    """
+
+    sized: ClassVar[bool] = True
+
+    hidden: int = option(60, "neurons in the hidden layer", low=1, high=50000, log=True, search=True)
+    history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)
+    weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
+
+    def build(self, predictor: Predictor, n_inputs: int, n_outputs: int) -> Initializer:
+        """See `InitializerEntry.build`."""
+        return MLPInitializer(self, predictor, n_inputs, n_outputs)

@@ -1,0 +1,64 @@
+"""The recurrent initializer of the paper."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from registry.contracts import Initializer, InitializerEntry, Predictor
+from registry.core import INITIALIZERS, option
+from registry.initializers.mlp import bounded
+from registry.kernels.affine import affine
+from registry.kernels.lstm import Layer, lstm
+from registry.predictors.lstm import LSTMWeights
+from registry.predictors.weights import uniform
+
+
+class RNNInitializer(Initializer):
+    """One LSTM layer reads [u_k | y_k] from zero states; its last output is mapped to the predictor's states."""
+
+    uses_state_cost: ClassVar[bool] = True
+
+    def __init__(self, entry: "RNN", predictor: Predictor, n_inputs: int, n_outputs: int) -> None:
+        super().__init__()
+        states = predictor.layout.hidden + predictor.layout.cell
+        self.history, self.hidden = entry.history, entry.hidden
+        weights = LSTMWeights(n_inputs + n_outputs, 1, entry.hidden, entry.weight_scale, entry.forget_bias)
+        self.input_weight, self.recurrent_weight = weights.input_weight[0], weights.recurrent_weight[0]
+        self.bias, self.peephole = weights.bias[0], weights.peephole[0]
+        self.output_weight = uniform(states, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
+        self.output_bias = nn.Parameter(torch.zeros(states))
+
+    def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """See `Initializer.initialize`."""
+        x = torch.cat([inputs, outputs], -1)[..., -self.history :, :]
+        single = x.dim() == 3
+        lead = (lambda v: v.unsqueeze(0)) if single else (lambda v: v)
+        layer = Layer(*(lead(w) for w in (self.input_weight, self.recurrent_weight, self.bias, self.peephole)))
+        x = lead(x)
+        zero = x.new_zeros(*x.shape[:2], self.hidden)
+        _, last, _ = lstm(x, zero[..., :0], zero, zero, [layer])
+        last = last[0] if single else last
+        states = affine(last, self.output_weight, self.output_bias)
+        return torch.cat([predictor.fill(inputs, outputs), bounded(predictor, states)], -1)
+
+
+@INITIALIZERS.register("RNN")
+@dataclass(frozen=True)
+class RNN(InitializerEntry):
+    """One layer of LSTM cells that reads the history and sets the initial states.
+
+    Paper, section "Recurrent Initializer Network", eq. init_state_mapping_RNN.
+    """
+
+    sized: ClassVar[bool] = True
+
+    hidden: int = option(60, "LSTM cells", low=1, high=10000, log=True, search=True)
+    history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)
+    weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
+    forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)
+
+    def build(self, predictor: Predictor, n_inputs: int, n_outputs: int) -> Initializer:
+        """See `InitializerEntry.build`."""
+        return RNNInitializer(self, predictor, n_inputs, n_outputs)

@@ -1,0 +1,52 @@
+"""Washout: run the predictor over the history until its initial state is forgotten."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from registry.contracts import Initializer, InitializerEntry, Predictor
+from registry.core import INITIALIZERS, option
+
+
+class WashoutInitializer(Initializer):
+    """Starts from zero or random network states at the first sample of the history and runs to its last."""
+
+    def __init__(self, entry: "Washout") -> None:
+        super().__init__()
+        self.period, self.start, self.feedback = entry.history, entry.start, entry.feedback
+
+    def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """See `Initializer.initialize`. The outputs during washout carry no cost; gradients flow through the run."""
+        inputs, outputs = inputs[..., -self.period :, :], outputs[..., -self.period :, :]
+        layout = predictor.layout
+        lead = inputs.shape[:-2]
+        new = {"dtype": inputs.dtype, "device": inputs.device}
+        hidden = torch.zeros(*lead, layout.hidden, **new)
+        cell = torch.zeros(*lead, layout.cell, **new)
+        if self.start == "random":
+            hidden, cell = hidden.uniform_(-1, 1), cell.uniform_(-1, 1)
+        state = torch.cat([predictor.fill(inputs[..., :1, :], outputs[..., :1, :]), hidden, cell], -1)
+        if inputs.shape[-2] > 1:
+            measured = outputs[..., 1:, :] if self.feedback == "measured" else None
+            _, state = predictor.rollout(inputs[..., 1:, :], state, measured)
+        return torch.cat([predictor.fill(inputs, outputs), state[..., layout.buffer :]], -1)
+
+
+@INITIALIZERS.register("Washout")
+@dataclass(frozen=True)
+class Washout(InitializerEntry):
+    """Runs the predictor over the history from zero or random states: the common practice.
+
+    Paper, section "RNN State Initialization: Washout" (Jaeger 2002; Zimmermann et al. 2012).
+    """
+
+    history: int = option(10, "washout period τ", unit="samples", low=1, high=10000, search=True)
+    start: str = option("zero", "states at the start of the period", choices=("zero", "random"))
+    feedback: str = option(
+        "measured", "outputs fed back during washout: measured ones or the network's own", choices=("measured", "own")
+    )
+
+    def build(self, predictor: Predictor, n_inputs: int, n_outputs: int) -> Initializer:
+        """See `InitializerEntry.build`."""
+        return WashoutInitializer(self)

@@ -1,0 +1,135 @@
+"""LSTM predictors: layers in series, peepholes, outputs fed back to the first layer; with or without delay lines."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from registry.contracts import Predictor, PredictorEntry, StateLayout
+from registry.core import PREDICTORS, option
+from registry.kernels.affine import affine
+from registry.kernels.lstm import Layer, lstm
+from registry.predictors.weights import uniform
+
+
+class LSTMWeights(nn.Module):
+    """Weights of L layers of H cells. Gate rows: input, forget, cell, output (paper, eq. LSTM)."""
+
+    def __init__(self, columns: int, layers: int, hidden: int, scale: float, forget_bias: float) -> None:
+        super().__init__()
+        widths = [columns] + [hidden] * (layers - 1)
+        draw = lambda w, *shape: uniform(*shape, fan_in=w + hidden, scale=scale)  # noqa: E731
+        self.input_weight = nn.ParameterList([draw(w, 4 * hidden, w) for w in widths])
+        self.recurrent_weight = nn.ParameterList([draw(w, 4 * hidden, hidden) for w in widths])
+        self.bias = nn.ParameterList([nn.Parameter(torch.zeros(4 * hidden)) for _ in widths])
+        self.peephole = nn.ParameterList([nn.Parameter(torch.zeros(3, hidden)) for _ in widths])
+        with torch.no_grad():
+            for bias in self.bias:
+                bias[hidden : 2 * hidden] = forget_bias
+
+
+class LSTMPredictor(Predictor):
+    """Network of `LSTM` and `LSTM TDL`; ``delays`` taps of inputs and outputs enter the first layer."""
+
+    def __init__(self, entry: "LSTM", n_inputs: int, n_outputs: int, horizon: int) -> None:
+        super().__init__(n_inputs, n_outputs, horizon)
+        self.layers, self.hidden, self.dropout = entry.layers, entry.hidden, entry.dropout
+        self.delays = getattr(entry, "delays", 1)
+        self.history = self.delays
+        size = entry.layers * entry.hidden
+        self.layout = StateLayout((self.delays - 1) * n_inputs + self.delays * n_outputs, size, size)
+        weights = LSTMWeights(
+            self.delays * (n_inputs + n_outputs), entry.layers, entry.hidden, entry.weight_scale, entry.forget_bias
+        )
+        self.input_weight, self.recurrent_weight = weights.input_weight, weights.recurrent_weight
+        self.bias, self.peephole = weights.bias, weights.peephole
+        self.output_weight = uniform(n_outputs, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
+        self.output_bias = nn.Parameter(torch.zeros(n_outputs))
+
+    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """Newest first: u_{k0} .. u_{k0−D+2}, then y_{k0} .. y_{k0−D+1}; a short history repeats its first sample."""
+        u = newest_first(inputs, self.delays - 1)
+        return torch.cat([u, newest_first(outputs, self.delays)], -1)
+
+    def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """See `Predictor.rollout`."""
+        buffer, hidden, cell = self.layout.split(state)
+        past = (self.delays - 1) * self.n_inputs
+        fed = buffer[..., past:]
+        taps = inputs
+        if self.delays > 1:  # u_k .. u_{k−D+1} side by side, newest first
+            before = buffer[..., :past].unflatten(-1, (self.delays - 1, self.n_inputs)).flip(-2)
+            line = torch.cat([before, inputs], -2)
+            taps = line.unfold(-2, self.delays, 1).flip(-1).mT.flatten(-2)
+        single = inputs.dim() == 3
+        lead = (lambda x: x.unsqueeze(0)) if single else (lambda x: x)
+        outputs, hidden, cell = lstm(
+            lead(taps),
+            lead(fed),
+            lead(hidden),
+            lead(cell),
+            [
+                Layer(*(lead(w) for w in ws))
+                for ws in zip(self.input_weight, self.recurrent_weight, self.bias, self.peephole, strict=True)
+            ],
+            lead(self.output_weight),
+            lead(self.output_bias),
+            None if feedback is None else lead(feedback),
+            self.dropout if self.training else 0.0,
+        )
+        if single:
+            outputs, hidden, cell = outputs[0], hidden[0], cell[0]
+        seen = outputs if feedback is None else feedback
+        fed = torch.cat([seen.flip(-2).flatten(-2), fed], -1)[..., : fed.shape[-1]]
+        latest = torch.cat([inputs.flip(-2).flatten(-2), buffer[..., :past]], -1)[..., :past]
+        return outputs, torch.cat([latest, fed, hidden, cell], -1)
+
+    def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """W_y m^L + b_y (the paper's A_s = [W_y 0], c = y − b_y)."""
+        _, hidden, _ = self.layout.split(state)
+        top = hidden[..., -self.hidden :]
+        return affine(top, self.output_weight, self.output_bias)
+
+
+def newest_first(sequence: Tensor, count: int) -> Tensor:
+    """The last ``count`` samples of (…, τ, n), newest first, as (…, count·n); the first one repeated if τ < count."""
+    if count == 0:
+        return sequence[..., :0, :].flatten(-2)
+    missing = count - sequence.shape[-2]
+    if missing > 0:
+        first = sequence[..., :1, :]
+        sequence = torch.cat([first.expand(*first.shape[:-2], missing, first.shape[-1]), sequence], -2)
+    return sequence[..., sequence.shape[-2] - count :, :].flip(-2).flatten(-2)
+
+
+@PREDICTORS.register("LSTM")
+@dataclass(frozen=True)
+class LSTM(PredictorEntry):
+    """Stacked LSTM with peepholes; its outputs are fed back to the first layer.
+
+    Mohajerin and Waslander, eq. LSTM; peepholes after Sak, Senior and Beaufays (2014).
+    """
+
+    network: ClassVar[bool] = True
+
+    layers: int = option(1, "layers in series", low=1, high=20, search=True)
+    hidden: int = option(50, "cells in each layer", low=1, high=2000, log=True, search=True)
+    dropout: float = option(0.0, "probability of dropping what a layer passes up", low=0.0, high=0.9)
+    weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
+    forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)
+
+    def build(self, n_inputs: int, n_outputs: int, horizon: int, history: int) -> Predictor:
+        """See `PredictorEntry.build`."""
+        return LSTMPredictor(self, n_inputs, n_outputs, horizon)
+
+
+@PREDICTORS.register("LSTM TDL")
+@dataclass(frozen=True)
+class LSTMTDL(LSTM):
+    """Stacked LSTM whose first layer sees tapped delay lines of inputs and outputs.
+
+    Mohajerin and Waslander, section "Architectures and Implementation": the delay lines hold 10 steps.
+    """
+
+    delays: int = option(10, "taps of each delay line: u_k .. and ỹ_{k−1} ..", unit="samples", low=1, high=100)
