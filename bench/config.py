@@ -1,0 +1,186 @@
+"""The configuration of one run: frozen, canonical JSON, run key."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import torch
+
+from bench.notation import write
+from registry.contracts import Dataset, InitializerEntry, PredictorEntry
+from registry.core import DATASETS, INITIALIZERS, PREDICTORS, Registry, check_options, option
+from registry.errors import BenchError, near
+
+NUMERICS = 1
+"""Raised whenever a change alters the numbers of a run: old records keep their keys, new runs get new ones."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """How weights are found."""
+
+    updates: int = option(1500, "weight updates, unless early stopping ends the run before", low=1, search=False)
+    batch: int = option(64, "windows in a batch", low=1, high=100000)
+    learning_rate: float = option(5e-3, "Adam's step at the start", low=1e-7, high=1.0, log=True, search=True)
+    final_rate: float = option(0.05, "step at the end, as a fraction of the start (cosine between)", low=0.0, high=1.0)
+    weight_decay: float = option(0.0, "decoupled weight decay", low=0.0, high=1.0)
+    clip: float = option(1.0, "largest norm of a gradient", low=1e-6)
+    alpha: float = option(1.0, "weight α of the prediction cost", low=0.0)
+    beta: float = option(1.0, "weight β of the state-initialization cost (neural initializers)", low=0.0)
+    evaluate_every: int = option(100, "updates between two looks at the validation part", low=1)
+    patience: int = option(8, "looks without improvement before the run stops early", low=1)
+    validation_windows: int = option(512, "validation windows, evenly spread", low=1)
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """One run: a predictor and its initializer on one data set, from one seed."""
+
+    predictor: PredictorEntry
+    initializer: InitializerEntry | None
+    dataset: Dataset
+    inputs: tuple[str, ...] = option((), "signals that drive the predictor; empty: the data set's own")
+    outputs: tuple[str, ...] = option((), "signals or channels to predict; empty: the data set's rates")
+    horizon: int = option(40, "prediction length T", unit="samples", low=1, high=100000)
+    history: int = option(10, "history τ of predictors without an initializer", unit="samples", low=1, high=10000)
+    train_stride: int = option(1, "samples between the starts of training windows", low=1)
+    test_stride: int = option(10, "samples between the starts of test windows", low=1)
+    train: tuple[str, ...] = option((), "recordings to train on (names or patterns); empty: the data set's split")
+    validation: tuple[str, ...] = option((), "recordings for early stopping; empty: the data set's split")
+    test: tuple[str, ...] = option((), "recordings to test on; empty: the data set's split")
+    training: Training = field(default_factory=Training)
+    seed: int = option(0, "seed of weights and batches; the same for all models compared", low=0)
+
+    def __post_init__(self) -> None:
+        check_options(self, "run")
+        check_options(self.training, "training")
+
+    @property
+    def tau(self) -> int:
+        """Samples of history that the run reads."""
+        return self.initializer.history if self.initializer else self.history
+
+    @property
+    def spec(self) -> str:
+        """Predictor and initializer in the paper's notation."""
+        return write(self.predictor, self.initializer)
+
+    def resolved(self) -> "RunConfig":
+        """With the data set's own signals where none are named."""
+        return replace(self, inputs=self.inputs or self.dataset.inputs, outputs=self.outputs or (self.dataset.rates,))
+
+
+_PARTS: dict[str, Registry] = {"predictor": PREDICTORS, "initializer": INITIALIZERS, "dataset": DATASETS}
+
+
+def to_json(config: RunConfig, defaults: bool = True) -> dict[str, Any]:
+    """Plain data. Without ``defaults``, fields at their default are left out, so that new options keep old keys."""
+
+    def plain(item: Any, name: str | None) -> dict[str, Any]:
+        out: dict[str, Any] = {} if name is None else {"name": name}
+        for f in dataclasses.fields(item):
+            value = getattr(item, f.name)
+            if f.name in _PARTS:
+                out[f.name] = None if value is None else plain(value, _PARTS[f.name].name_of(type(value)))
+            elif dataclasses.is_dataclass(value):
+                nested = plain(value, None)
+                if nested or defaults:
+                    out[f.name] = nested
+            elif defaults or value != f.default:
+                out[f.name] = list(value) if isinstance(value, tuple) else value
+        return out
+
+    return plain(config, None)
+
+
+def from_json(data: Mapping[str, Any]) -> RunConfig:
+    """The configuration that `to_json` wrote.
+
+    Raises:
+        BenchError: an unknown name or option, or a value of the wrong type.
+    """
+
+    def build(kind: type, values: Mapping[str, Any], label: str) -> Any:
+        known = {f.name: f for f in dataclasses.fields(kind)}
+        given = {}
+        for key, value in values.items():
+            if key not in known:
+                raise BenchError(f"{label} has no option {key!r}: {near(key, known)}")
+            given[key] = tuple(value) if isinstance(value, list) else value
+        made = kind(**given)
+        check_options(made, label)
+        return made
+
+    values = dict(data)
+    for part, registry in _PARTS.items():
+        entry = values.get(part)
+        if entry is not None:
+            options = {k: v for k, v in entry.items() if k != "name"}
+            values[part] = build(registry.get(entry["name"]), options, entry["name"])
+    values["training"] = build(Training, values.get("training", {}), "training")
+    config: RunConfig = build(RunConfig, values, "run")
+    return config
+
+
+def environment() -> dict[str, Any]:
+    """What the bits of a run depend on besides its configuration and data."""
+    return {
+        "kernel": "pytorch",
+        "torch": torch.__version__.partition("+")[0],
+        "threads": torch.get_num_threads(),
+        "cpu": torch.backends.cpu.get_cpu_capability(),
+        "numerics": NUMERICS,
+    }
+
+
+def run_key(config: RunConfig, data_digest: str) -> str:
+    """SHA-256 over everything a run's numbers are a function of, shortened to 32 hex digits."""
+    content = {"config": to_json(config.resolved(), defaults=False), "data": data_digest, "env": environment()}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def shape_key(config: RunConfig) -> str:
+    """Runs of one shape key differ only in seed and predicted channel and may train side by side."""
+    plain = to_json(config.resolved())
+    plain.pop("seed")
+    plain.pop("outputs")
+    return json.dumps([plain, len(config.outputs)], sort_keys=True)
+
+
+def changed(config: RunConfig, assignments: Mapping[str, str]) -> RunConfig:
+    """The configuration with options set by path: {"predictor.dropout": "0.1", "horizon": "190"}.
+
+    Raises:
+        BenchError: no such option, or a value that is not of its type.
+    """
+    plain = to_json(config)
+    for path, text in assignments.items():
+        part, _, name = path.rpartition(".")
+        holder = plain if not part else plain.get(part)
+        if holder is None or not isinstance(holder, dict) or name not in holder or isinstance(holder[name], dict):
+            paths = [k for k, v in plain.items() if not isinstance(v, dict)]
+            paths += [f"{k}.{o}" for k, v in plain.items() if isinstance(v, dict) for o in v if o != "name"]
+            raise BenchError(f"There is no option {path!r}: {near(path, paths)}")
+        holder[name] = _typed(text, holder[name], path)
+    return from_json(plain)
+
+
+def _typed(text: str, old: Any, path: str) -> Any:
+    """``text`` as a value of the type of ``old``."""
+    if isinstance(old, bool):
+        if text.lower() not in ("true", "false"):
+            raise BenchError(f"{path} = {text!r} must be true or false.")
+        return text.lower() == "true"
+    if isinstance(old, list):
+        return [item.strip() for item in text.split(",") if item.strip()]
+    if isinstance(old, int | float):
+        try:
+            return type(old)(text)
+        except ValueError:
+            raise BenchError(
+                f"{path} = {text!r} must be a{'n integer' if isinstance(old, int) else ' number'}."
+            ) from None
+    return text

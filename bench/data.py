@@ -1,0 +1,207 @@
+"""From recordings to windows: choose signals, split by recording, fit scalers, list window starts."""
+
+import fnmatch
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.config import RunConfig
+from registry.contracts import Channel, Dataset, Loaded, Recording, Split
+from registry.core import DATASETS
+from registry.errors import BenchError, near
+
+OVERLAP = 50
+"""Consecutive samples that two recordings must share to be called overlapping."""
+
+
+@lru_cache(maxsize=4)
+def load(dataset: Dataset) -> Loaded:
+    """The recordings of a data set, read once in a process."""
+    return dataset.load()
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Starts of the windows of one part: indices of the first history sample into the joined recordings."""
+
+    starts: Tensor
+    """(W,) int64."""
+    recording: np.ndarray
+    """(W,) index of each window's recording."""
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def every(self, count: int) -> "Windows":
+        """At most ``count`` windows, evenly spread."""
+        if len(self) <= count:
+            return self
+        pick = np.linspace(0, len(self) - 1, count).round().astype(int)
+        return Windows(self.starts[torch.from_numpy(pick)], self.recording[pick])
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Everything a run needs of its data. SI inside; the scalers belong to the model."""
+
+    inputs: Tensor
+    """(N, m) all recordings joined."""
+    outputs: Tensor
+    """(N, n)."""
+    input_channels: tuple[Channel, ...]
+    output_channels: tuple[Channel, ...]
+    rate: float
+    """Samples per second [Hz]."""
+    tau: int
+    horizon: int
+    train: Windows
+    validation: Windows
+    test: Windows
+    names: tuple[str, ...]
+    """Recordings, in the order joined."""
+    split: Split
+    input_scale: tuple[Tensor, Tensor]
+    """Mean and standard deviation of the training part, (m,) each."""
+    output_scale: tuple[Tensor, Tensor]
+
+    def gather(self, starts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """History inputs (B, τ, m) and outputs (B, τ, n), horizon inputs (B, T, m) and outputs (B, T, n), SI."""
+        index = starts.unsqueeze(-1) + torch.arange(self.tau + self.horizon)
+        u, y = self.inputs[index], self.outputs[index]
+        return u[:, : self.tau], y[:, : self.tau], u[:, self.tau :], y[:, self.tau :]
+
+
+def prepare(config: RunConfig, loaded: Loaded | None = None) -> Prepared:
+    """Windows and scalers of a run.
+
+    Raises:
+        BenchError: a signal that was not measured, a split that overlaps, or a part without a single window.
+    """
+    config = config.resolved()
+    loaded = loaded or load(config.dataset)
+    recordings = loaded.recordings
+    rate = recordings[0].rate
+    odd = [r.name for r in recordings if r.rate != rate]
+    if odd:
+        raise BenchError(f"Recording {odd[0]} is not at {rate:g} Hz like {recordings[0].name}: resample one of them.")
+    split = choose_split(config, loaded)
+    picked_u = [r.pick(config.inputs) for r in recordings] if config.inputs else []
+    picked_y = [r.pick(config.outputs) for r in recordings]
+    u_channels = picked_u[0][1] if picked_u else ()
+    y_channels = picked_y[0][1]
+    both = {c.name for c in u_channels} & {c.name for c in y_channels}
+    if both:
+        raise BenchError(f"{', '.join(sorted(both))} cannot be an input and an output at once.")
+    outputs = np.concatenate([y for y, _ in picked_y]).astype(np.float32)
+    inputs = np.concatenate([u for u, _ in picked_u]).astype(np.float32) if picked_u else outputs[:, :0]
+    valid = [r.valid & np.isfinite(y).all(1) for r, (y, _) in zip(recordings, picked_y, strict=True)]
+    if picked_u:
+        valid = [v & np.isfinite(u).all(1) for v, (u, _) in zip(valid, picked_u, strict=True)]
+    offsets = np.cumsum([0, *(len(r) for r in recordings)])
+    length = config.tau + config.horizon
+
+    def windows(names: Sequence[str], stride: int, part: str) -> Windows:
+        starts, which = [], []
+        for i, r in enumerate(recordings):
+            if r.name in names:
+                found = window_starts(valid[i], length, stride)
+                starts.append(found + offsets[i])
+                which.append(np.full(len(found), i))
+        joined = np.concatenate(starts) if starts else np.empty(0, int)
+        if not len(joined):
+            raise BenchError(
+                f"The {part} part of {DATASETS.name_of(type(config.dataset))} has no window of {config.tau} + "
+                f"{config.horizon} valid samples: shorten the horizon or give it other recordings."
+            )
+        return Windows(torch.from_numpy(joined), np.concatenate(which))
+
+    train = np.concatenate([v & (r.name in split.train) for v, r in zip(valid, recordings, strict=True)])
+
+    def scale(x: np.ndarray) -> tuple[Tensor, Tensor]:
+        part = x[train].astype(np.float64)
+        return torch.from_numpy(part.mean(0)).float(), torch.from_numpy(part.std(0)).float()
+
+    return Prepared(
+        inputs=torch.from_numpy(np.nan_to_num(inputs)),
+        outputs=torch.from_numpy(np.nan_to_num(outputs)),
+        input_channels=u_channels,
+        output_channels=y_channels,
+        rate=rate,
+        tau=config.tau,
+        horizon=config.horizon,
+        train=windows(split.train, config.train_stride, "training"),
+        validation=windows(split.validation, config.test_stride, "validation"),
+        test=windows(split.test, config.test_stride, "test"),
+        names=tuple(r.name for r in recordings),
+        split=split,
+        input_scale=scale(inputs),
+        output_scale=scale(outputs),
+    )
+
+
+def window_starts(valid: np.ndarray, length: int, stride: int) -> np.ndarray:
+    """Starts of windows of ``length`` samples that touch no invalid one, ``stride`` apart; (W,) int."""
+    if len(valid) < length:
+        return np.empty(0, dtype=int)
+    bad = np.concatenate([[0], np.cumsum(~valid)])
+    starts = np.arange(0, len(valid) - length + 1, stride)
+    return starts[bad[starts + length] == bad[starts]]
+
+
+def choose_split(config: RunConfig, loaded: Loaded) -> Split:
+    """The data set's split, or the one that the configuration names by patterns.
+
+    Raises:
+        BenchError: a pattern without a match, a recording on two sides, or overlapping recordings on two sides.
+    """
+    default = config.dataset.split(loaded.names)
+
+    def match(patterns: Sequence[str], otherwise: Sequence[str]) -> tuple[str, ...]:
+        if not patterns:
+            return tuple(otherwise)
+        for p in patterns:
+            if not fnmatch.filter(loaded.names, p):
+                raise BenchError(f"No recording is called {p!r}: {near(p, loaded.names)}")
+        return tuple(n for n in loaded.names if any(fnmatch.fnmatch(n, p) for p in patterns))
+
+    test = match(config.test, default.test)
+    validation = match(config.validation, [n for n in default.validation if n not in test])
+    train = match(config.train, [n for n in default.train if n not in (*test, *validation)])
+    parts = {"train": train, "validation": validation, "test": test}
+    for a, b in (("train", "validation"), ("train", "test"), ("validation", "test")):
+        twice = sorted(set(parts[a]) & set(parts[b]))
+        if twice:
+            raise BenchError(f"Recording {twice[0]} is asked for in both {a} and {b}: give it one side.")
+    refuse_overlap(loaded.recordings, parts)
+    return Split(train, validation, test)
+
+
+def _row_hashes(recording: Recording) -> np.ndarray:
+    """(N,) uint64: equal samples have equal hashes."""
+    columns = np.ascontiguousarray(np.concatenate([recording.inputs, recording.outputs], axis=1), dtype=np.float64)
+    weights = np.random.default_rng(0).integers(1, 2**63, columns.shape[1], dtype=np.uint64) | np.uint64(1)
+    mixed = columns.view(np.uint64) * weights
+    return ((mixed ^ (mixed >> np.uint64(29))) * weights[::-1]).sum(1, dtype=np.uint64)
+
+
+def refuse_overlap(recordings: Sequence[Recording], parts: dict[str, tuple[str, ...]]) -> None:
+    """Raise `BenchError` when recordings of two parts share a stretch of `OVERLAP` samples, shifted or not."""
+    hashes = {r.name: _row_hashes(r) for r in recordings}
+    sides = list(parts)
+    for a, first in enumerate(sides):
+        known = np.unique(np.concatenate([hashes[n] for n in parts[first]] or [np.empty(0, np.uint64)]))
+        for second in sides[a + 1 :]:
+            for name in parts[second]:
+                shared = np.isin(hashes[name], known)
+                run = np.convolve(shared, np.ones(OVERLAP), "valid") if len(shared) >= OVERLAP else np.zeros(0)
+                if not (run > OVERLAP - 0.5).any():
+                    continue
+                other = max(parts[first], key=lambda n, mine=hashes[name]: np.isin(mine, hashes[n]).sum())
+                raise BenchError(
+                    f"Recordings {other} ({first}) and {name} ({second}) share {OVERLAP} or more samples: "
+                    "put both on one side of the split."
+                )

@@ -1,0 +1,114 @@
+"""One group of runs from configuration to records' content: prepare, train, evaluate. Touches no tracker."""
+
+import platform
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import torch
+from torch import Tensor
+
+from bench import evaluate
+from bench.config import RunConfig, environment, run_key, to_json
+from bench.data import Prepared, load, prepare
+from bench.train import Trained, train
+from registry.core import DATASETS
+
+STEP_COLUMNS = ["quantity", "norm", "unit", "step", "time_s", "statistic", "value"]
+WINDOW_COLUMNS = ["window", "recording", "step", "time_s", "channel", "unit", "measured", "predicted"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Everything that `bench.record.write` needs of one run."""
+
+    summary: dict[str, Any]
+    config: dict[str, Any]
+    tables: dict[str, pd.DataFrame]
+    weights: dict[str, Tensor]
+    provenance: dict[str, Any]
+
+
+def run_group(
+    configs: Sequence[RunConfig],
+    progress: Callable[[int], None] = lambda updates: None,
+    checkpoint: Path | None = None,
+) -> list[Outcome]:
+    """Train models of one shape side by side on one thread and judge each on its test part."""
+    torch.set_num_threads(1)  # one thread is bit-repeatable, and two processes beat two threads
+    started = time.time()
+    loaded = load(configs[0].dataset)
+    digest = loaded.digest()
+    data = [prepare(c, loaded) for c in configs]
+    trained = train(configs, data, progress, checkpoint)
+    share = (time.time() - started) / len(configs)
+    return [_outcome(c, d, t, digest, started, share) for c, d, t in zip(configs, data, trained, strict=True)]
+
+
+def _outcome(
+    config: RunConfig, data: Prepared, trained: Trained, digest: str, started: float, train_seconds: float
+) -> Outcome:
+    begun = time.time()
+    config = config.resolved()
+    steps, windows = pd.DataFrame(columns=STEP_COLUMNS), pd.DataFrame(columns=WINDOW_COLUMNS)
+    metrics: dict[str, float | None] = {}
+    if trained.status == "finished":
+        measured, predicted = evaluate.predict(trained.model, data, data.test.starts.numpy())
+        errors = measured - predicted
+        metrics = evaluate.metrics(errors, data.output_channels)
+        steps = evaluate.per_step(errors, data, data.test.recording)
+        windows = evaluate.example_windows(measured, predicted, data)
+    summary = {
+        "key": run_key(config, digest),
+        "spec": config.spec,
+        "status": trained.status,
+        "dataset": DATASETS.name_of(type(config.dataset)),
+        "dataset_digest": digest,
+        "inputs": [c.name for c in data.input_channels],
+        "outputs": [c.name for c in data.output_channels],
+        "units": {c.name: c.unit for c in (*data.input_channels, *data.output_channels)},
+        "rate_hz": data.rate,
+        "horizon": config.horizon,
+        "history": config.tau,
+        "seed": config.seed,
+        "weights": trained.model.weight_count(),
+        "updates": trained.updates,
+        "best_update": trained.best_update,
+        "diverged_at": trained.diverged_at,
+        "metrics": metrics,
+        "windows": {"train": len(data.train), "validation": len(data.validation), "test": len(data.test)},
+        "recordings": {p: list(getattr(data.split, p)) for p in ("train", "validation", "test")},
+        "environment": environment(),
+    }
+    curve = pd.DataFrame(trained.curve, columns=["update", "train_loss", "validation_loss"]).astype(
+        {"update": "int64", "train_loss": "float64", "validation_loss": "float64"}
+    )
+    finished = time.time()
+    provenance = {
+        "started_ms": int(started * 1000),
+        "finished_ms": int(finished * 1000),
+        "seconds": train_seconds + finished - begun,
+        "device": "cpu",
+        "host": {"machine": platform.machine(), "python": platform.python_version(), "system": platform.system()},
+        "versions": {p: version(p) for p in ("multistep-bench", "torch", "numpy", "pandas", "pyarrow")},
+        "git": git_commit(),
+    }
+    weights = {k: v.detach().clone() for k, v in trained.model.state_dict().items()}
+    return Outcome(summary, to_json(config), {"steps": steps, "curve": curve, "windows": windows}, weights, provenance)
+
+
+def git_commit() -> str:
+    """The commit of the code that runs, with "+" where it was changed; empty outside a checkout."""
+    here = Path(__file__).parent
+    try:
+        asked = subprocess.run(
+            ["git", "describe", "--always", "--dirty=+", "--abbrev=12"], cwd=here, capture_output=True, text=True
+        )
+    except OSError:
+        return ""
+    return asked.stdout.strip() if asked.returncode == 0 else ""

@@ -1,0 +1,275 @@
+"""The training loop: several models of one shape side by side, each with its own seed, data and fate.
+
+Weights of the group are one flat tensor (M, P). Every operation treats the rows alike and apart, so a model's
+bits do not depend on what it is trained beside. Divergence is a result, not a crash.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.func import functional_call
+
+from bench.checkpoint import Checkpoint
+from bench.config import RunConfig, Training
+from bench.data import Prepared
+from bench.model import Model, build
+from bench.seeds import derive
+
+DIVERGED = 1e6
+"""A training cost (scaled units) above this has diverged: predictions a thousand deviations off."""
+BETAS, EPS = (0.9, 0.999), 1e-8
+
+
+@dataclass
+class Trained:
+    """The outcome of one run of training."""
+
+    model: Model
+    """With the weights of the best update."""
+    status: str
+    """"finished" or "diverged"."""
+    updates: int
+    best_update: int
+    diverged_at: int | None
+    curve: list[tuple[int, float, float]]
+    """(update, training cost since the last look, validation cost L_pred), scaled units."""
+
+
+@dataclass
+class _Run:
+    """Where one model of the group stands."""
+
+    config: RunConfig
+    data: Prepared
+    curve: list[tuple[int, float, float]] = field(default_factory=list)
+    best: float = math.inf
+    best_update: int = 0
+    stale: int = 0
+    ended: str = ""
+    ended_at: int = 0
+
+
+def independent(config: RunConfig) -> bool:
+    """Whether runs like this draw no random numbers while training and so may share a group."""
+    dropout = getattr(config.predictor, "dropout", 0.0)
+    return not dropout and getattr(config.initializer, "start", "zero") == "zero"
+
+
+def train(
+    configs: Sequence[RunConfig],
+    data: Sequence[Prepared],
+    progress: Callable[[int], None] = lambda updates: None,
+    checkpoint: Path | None = None,
+) -> list[Trained]:
+    """Train models of one shape side by side.
+
+    Args:
+        configs: equal but for seed and predicted channels.
+        data: what each run trains on.
+        progress: called with the number of updates done since the last call, summed over models.
+        checkpoint: folder for the state at every look at the validation part; a second call goes on from there.
+    """
+    models = [build(c, d) for c, d in zip(configs, data, strict=True)]
+    if configs[0].predictor.training != "gradient":
+        return [_closed_form(m, d) for m, d in zip(models, data, strict=True)]
+    return _Group(models, [_Run(c, d) for c, d in zip(configs, data, strict=True)], checkpoint).train(progress)
+
+
+def _closed_form(model: Model, data: Prepared) -> Trained:
+    """Fit a baseline on at most 20,000 training windows, evenly spread."""
+    u_history, y_history, u, y = data.gather(data.train.every(20_000).starts)
+    p = model.predictor
+    scale_u, scale_y = p.input_scaler, p.output_scaler
+    p.fit(scale_u(u_history), scale_y(y_history), scale_u(u), scale_y(y))
+    return Trained(model, "finished", 0, 0, None, [])
+
+
+class _Group:
+    """The state of a group in training."""
+
+    def __init__(self, models: list[Model], runs: list[_Run], checkpoint: Path | None) -> None:
+        self.runs, self.models = runs, models
+        self.options: Training = runs[0].config.training
+        self.shapes = {n: p.shape for n, p in models[0].named_parameters()}
+        self.theta = torch.stack([self._flat(m) for m in models])
+        self.m, self.v = torch.zeros_like(self.theta), torch.zeros_like(self.theta)
+        self.best = self.theta.clone()
+        self.train_cost = torch.zeros(len(models))
+        self.update = 0
+        self.checkpoint = Checkpoint(checkpoint) if checkpoint else None
+        self.scaled = [self._scaled(m, r.data) for m, r in zip(models, runs, strict=True)]
+        self.validation = [self._validation(i) for i in range(len(runs))]
+
+    @staticmethod
+    def _flat(model: Model) -> Tensor:
+        flat = torch.cat([p.detach().flatten() for p in model.parameters()])
+        return torch.nn.functional.pad(flat, (0, -len(flat) % 16))
+
+    @staticmethod
+    def _scaled(model: Model, data: Prepared) -> Prepared:
+        """The run's data in scaled units, once."""
+        p = model.predictor
+        return replace(data, inputs=p.input_scaler(data.inputs), outputs=p.output_scaler(data.outputs))
+
+    def _named(self, theta: Tensor) -> dict[str, Tensor]:
+        """(M, P) → named weights (M, …)."""
+        pieces = theta.split([*(s.numel() for s in self.shapes.values()), self.spare(theta)], -1)
+        return {
+            n: w.unflatten(-1, s) if s else w.squeeze(-1)
+            for (n, s), w in zip(self.shapes.items(), pieces[:-1], strict=True)
+        }
+
+    def spare(self, theta: Tensor) -> int:
+        """Padding at the end of a row."""
+        return theta.shape[-1] - sum(s.numel() for s in self.shapes.values())
+
+    def _validation(self, i: int) -> tuple[Tensor, ...]:
+        return self.scaled[i].gather(self.scaled[i].validation.every(self.options.validation_windows).starts)
+
+    def _batch(self, active: list[int]) -> tuple[Tensor, ...]:
+        """The next batch of every active model, (M, B, …) each: a permutation an epoch, drawn from its own seed."""
+        gathered = []
+        for i in active:
+            data, seed = self.scaled[i], self.runs[i].config.seed
+            size = min(self.options.batch, len(data.train))
+            per_epoch = len(data.train) // size
+            epoch, at = divmod(self.update, per_epoch)
+            order = _permutation(derive(seed, f"batches/{epoch}"), len(data.train))
+            gathered.append(data.gather(data.train.starts[order[at * size : (at + 1) * size]]))
+        return tuple(torch.stack(parts) for parts in zip(*gathered, strict=True))
+
+    def train(self, progress: Callable[[int], None]) -> list[Trained]:
+        """Run to the end: budget, early stopping or divergence, model by model."""
+        if self.checkpoint:
+            self._resume()
+            progress(self.update * len(self.runs))
+        o = self.options
+        while self.update < o.updates:
+            active = [i for i, r in enumerate(self.runs) if not r.ended]
+            if not active:
+                break
+            self._step(active)
+            self.update += 1
+            if self.update % o.evaluate_every == 0 or self.update == o.updates:
+                self._look(active)
+                if self.checkpoint:
+                    self._save()
+                progress((min(o.evaluate_every, self.update % o.evaluate_every or o.evaluate_every)) * len(self.runs))
+        progress((o.updates - self.update) * len(self.runs))
+        if self.checkpoint:
+            self.checkpoint.remove()
+        return [self._trained(i) for i in range(len(self.runs))]
+
+    def _step(self, active: list[int]) -> None:
+        o = self.options
+        whole = len(active) == len(self.runs)
+        rows = slice(None) if whole else torch.tensor(active)
+        theta = self.theta[rows].detach().requires_grad_()
+        if not independent(self.runs[0].config):
+            torch.manual_seed(derive(self.runs[active[0]].config.seed, f"noise/{self.update}"))
+        self.models[0].train()
+        cost = functional_call(self.models[0], self._named(theta), (*self._batch(active), o.alpha, o.beta))
+        (gradient,) = torch.autograd.grad(cost.sum(), theta)
+        norms = torch.stack([g.norm() for g in gradient.unbind(0)])
+        cost = cost.detach()
+        healthy = torch.isfinite(cost) & torch.isfinite(norms) & (cost < DIVERGED)
+        for j, i in enumerate(active):
+            if not healthy[j]:
+                self.runs[i].ended, self.runs[i].ended_at = "diverged", self.update + 1
+        gradient *= (o.clip / norms.clamp(min=o.clip)).unsqueeze(-1)
+        t, rate = self.update + 1, self._rate()
+        m = self.m[rows].lerp(gradient, 1 - BETAS[0])
+        v = self.v[rows].mul(BETAS[1]).addcmul_(gradient, gradient, value=1 - BETAS[1])
+        spread = (v / (1 - BETAS[1] ** t)).sqrt_().add_(EPS)
+        moved = theta.detach().mul(1 - rate * o.weight_decay).addcdiv_(m, spread, value=-rate / (1 - BETAS[0] ** t))
+        self.theta[rows], self.m[rows], self.v[rows] = moved, m, v
+        self.train_cost[rows] += cost
+
+    def _rate(self) -> float:
+        """Cosine from the learning rate to its final fraction over the budget."""
+        o = self.options
+        fall = 0.5 * (1 + math.cos(math.pi * self.update / o.updates))
+        return o.learning_rate * (o.final_rate + (1 - o.final_rate) * fall)
+
+    def _look(self, active: list[int]) -> None:
+        """Cost of free runs on the validation part; keep the best weights, end a run that has stopped improving."""
+        o = self.options
+        since = (self.update - 1) % o.evaluate_every + 1
+        self.models[0].eval()
+        for i in active:
+            run = self.runs[i]
+            if run.ended:
+                continue
+            with torch.no_grad():
+                windows = tuple(x.unsqueeze(0) for x in self.validation[i])
+                cost = functional_call(self.models[0], self._named(self.theta[i : i + 1]), (*windows, 1.0, 0.0))
+            validation = float(cost[0])
+            run.curve.append((self.update, float(self.train_cost[i]) / since, validation))
+            if not math.isfinite(validation):
+                run.ended, run.ended_at = "diverged", self.update
+            elif validation < run.best:
+                run.best, run.best_update, run.stale = validation, self.update, 0
+                self.best[i] = self.theta[i]
+            else:
+                run.stale += 1
+                if run.stale >= o.patience:
+                    run.ended, run.ended_at = "finished", self.update
+        self.train_cost.zero_()
+
+    def _trained(self, i: int) -> Trained:
+        run, model = self.runs[i], self.models[i]
+        named = {n: w[0] for n, w in self._named(self.best[i : i + 1]).items()}
+        with torch.no_grad():
+            for name, weight in model.named_parameters():
+                weight.copy_(named[name])
+        model.eval()
+        diverged = run.ended == "diverged"
+        return Trained(
+            model,
+            "diverged" if diverged else "finished",
+            run.ended_at or self.update,
+            run.best_update,
+            run.ended_at if diverged else None,
+            run.curve,
+        )
+
+    def _save(self) -> None:
+        assert self.checkpoint
+        tensors = {"theta": self.theta, "m": self.m, "v": self.v, "best": self.best}
+        runs = [
+            {k: getattr(r, k) for k in ("curve", "best_update", "stale", "ended", "ended_at")}
+            | {"best": r.best if math.isfinite(r.best) else None}
+            for r in self.runs
+        ]
+        self.checkpoint.save(tensors, {"update": self.update, "runs": runs})
+
+    def _resume(self) -> None:
+        assert self.checkpoint
+        found = self.checkpoint.load()
+        if found is None:
+            return
+        tensors, state = found
+        self.theta, self.m, self.v, self.best = (tensors[k] for k in ("theta", "m", "v", "best"))
+        self.update = state["update"]
+        for run, saved in zip(self.runs, state["runs"], strict=True):
+            for name, value in saved.items():
+                setattr(run, name, value)
+            run.best = math.inf if run.best is None else run.best
+            run.curve = [(int(u), t, v) for u, t, v in run.curve]
+
+
+_PERMUTATIONS: dict[tuple[int, int], Tensor] = {}
+
+
+def _permutation(seed: int, size: int) -> Tensor:
+    """A permutation drawn from the seed; the few latest are kept, since a group asks for the same ones."""
+    if (seed, size) not in _PERMUTATIONS:
+        while len(_PERMUTATIONS) >= 64:
+            _PERMUTATIONS.pop(next(iter(_PERMUTATIONS)))
+        _PERMUTATIONS[seed, size] = torch.from_numpy(np.random.default_rng(seed).permutation(size))
+    return _PERMUTATIONS[seed, size]

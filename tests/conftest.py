@@ -1,0 +1,60 @@
+"""A small data set of a known system, registered as a plug-in would register its own."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from registry.contracts import Channel, Dataset, Loaded, Recording, Split
+from registry.core import DATASETS, option
+
+
+@DATASETS.register("toy")
+@dataclass(frozen=True)
+class Toy(Dataset):
+    """Three coupled, damped, driven rates; for tests."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("pilot",)
+    rates: ClassVar[str] = "euler_rates"
+
+    recordings: int = option(5, "recordings", low=3)
+    samples: int = option(400, "samples of each", low=50)
+
+    def read(self) -> Loaded:
+        made = []
+        for i in range(self.recordings):
+            rng = np.random.default_rng(i)
+            drive = rng.normal(size=(self.samples + 20, 4))
+            u = np.stack([np.convolve(d, np.ones(20) / 20, "valid")[: self.samples] for d in drive.T], 1)
+            mix = np.array([[1.0, 0.2, 0, 0], [0, 1.0, 0.3, 0], [0.1, 0, 1.0, 0.5]])
+            y = np.zeros((self.samples, 3))
+            for k in range(1, self.samples):
+                y[k] = 0.95 * y[k - 1] + 0.2 * np.tanh(mix @ u[k]) - 0.02 * y[k - 1] ** 3
+            made.append(
+                Recording(
+                    f"toy_{i}",
+                    100.0,
+                    u,
+                    y,
+                    tuple(Channel(f"pilot.{a}", "1") for a in ("aileron", "elevator", "rudder", "collective")),
+                    tuple(Channel(f"euler_rates.{a}", "rad/s") for a in ("roll", "pitch", "yaw")),
+                    np.ones(self.samples, bool),
+                )
+            )
+        return Loaded(tuple(made), ())
+
+    def split(self, names: Sequence[str]) -> Split:
+        return Split(tuple(names[:-2]), (names[-2],), (names[-1],))
+
+
+@pytest.fixture(scope="session")
+def bench_data() -> Path:
+    """The folder of real recordings; the test is skipped where there is none."""
+    folder = Path(os.environ.get("BENCH_DATA", ""))
+    if not os.environ.get("BENCH_DATA") or not folder.is_dir():
+        pytest.skip("BENCH_DATA names no folder of real recordings")
+    return folder
