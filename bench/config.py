@@ -168,6 +168,24 @@ def changed(config: RunConfig, assignments: Mapping[str, str]) -> RunConfig:
     return from_json(plain)
 
 
+def build_entry(registry: Registry, name: str, options: Mapping[str, str]) -> Any:
+    """An entry of the registry with options given as text.
+
+    Raises:
+        BenchError: an unknown name or option, or a value that is not of the option's type.
+    """
+    kind = registry.get(name)
+    fields = {f.name: f for f in dataclasses.fields(kind)}
+    values = {}
+    for option_name, text in options.items():
+        if option_name not in fields:
+            raise BenchError(f"{registry.kind} {name} has no option {option_name!r}: {near(option_name, fields)}")
+        values[option_name] = _typed(text, fields[option_name].default, f"{registry.kind}.{option_name}")
+    made = kind(**values)
+    check_options(made, name)
+    return made
+
+
 def _typed(text: str, old: Any, path: str) -> Any:
     """``text`` as a value of the type of ``old``."""
     if isinstance(old, bool):

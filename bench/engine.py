@@ -93,9 +93,12 @@ def plan(configs: Iterable[RunConfig], runs: Path) -> Plan:
         if record.exists(runs, key):
             result.done.append(key)
             continue
-        width = len(prepare(config, loaded).output_channels)
-        alone = key if not independent(config) or config.predictor.training != "gradient" else ""
-        groups.setdefault((shape_key(config), width, alone), []).append((config, key))
+        data = prepare(config, loaded)
+        side_by_side = (
+            config.predictor.training == "gradient" and independent(config) and len(data.train) >= config.training.batch
+        )
+        shape = (shape_key(config), len(data.output_channels), "" if side_by_side else key)
+        groups.setdefault(shape, []).append((config, key))
     for members in groups.values():
         for i in range(0, len(members), GROUP):
             part = members[i : i + GROUP]

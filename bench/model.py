@@ -46,12 +46,17 @@ class Model(nn.Module):
         return self.predictor.weight_count() + (self.initializer.weight_count() if self.initializer else 0)
 
 
-def build(config: RunConfig, data: Prepared) -> Model:
-    """A fresh model with the run's own weights seed and the scalers of its training part."""
-    m, n = len(data.input_channels), len(data.output_channels)
+def build(config: RunConfig, n_inputs: int, n_outputs: int) -> Model:
+    """A fresh model, its weights drawn from the run's own seed."""
     torch.manual_seed(derive(config.seed, "weights"))
-    predictor = config.predictor.build(m, n, config.horizon, config.tau)
-    initializer = config.initializer.build(predictor, m, n) if config.initializer else None
-    predictor.input_scaler.set(*data.input_scale)
-    predictor.output_scaler.set(*data.output_scale)
+    predictor = config.predictor.build(n_inputs, n_outputs, config.horizon, config.tau)
+    initializer = config.initializer.build(predictor, n_inputs, n_outputs) if config.initializer else None
     return Model(predictor, initializer)
+
+
+def build_scaled(config: RunConfig, data: Prepared) -> Model:
+    """A fresh model with the scalers of its training part."""
+    model = build(config, len(data.input_channels), len(data.output_channels))
+    model.predictor.input_scaler.set(*data.input_scale)
+    model.predictor.output_scaler.set(*data.output_scale)
+    return model

@@ -17,7 +17,7 @@ from torch.func import functional_call
 from bench.checkpoint import Checkpoint
 from bench.config import RunConfig, Training
 from bench.data import Prepared
-from bench.model import Model, build
+from bench.model import Model, build_scaled
 from bench.seeds import derive
 
 DIVERGED = 1e6
@@ -55,9 +55,19 @@ class _Run:
 
 
 def independent(config: RunConfig) -> bool:
-    """Whether runs like this draw no random numbers while training and so may share a group."""
-    dropout = getattr(config.predictor, "dropout", 0.0)
-    return not dropout and getattr(config.initializer, "start", "zero") == "zero"
+    """Whether runs like this keep their bits in a group.
+
+    They do when they draw no random numbers while training, when their batches are whole vectors (see
+    `registry.kernels.pointwise.pad_batch`) and when their layers are not too thin for BLAS to treat them alike.
+    """
+    dropout, hidden = (getattr(config.predictor, o, 0) for o in ("dropout", "hidden"))
+    sizes = (hidden, getattr(config.initializer, "hidden", hidden))
+    return (
+        not dropout
+        and getattr(config.initializer, "start", "zero") == "zero"
+        and min(sizes) >= 8
+        and config.training.batch % 32 == 0
+    )
 
 
 def train(
@@ -74,7 +84,7 @@ def train(
         progress: called with the number of updates done since the last call, summed over models.
         checkpoint: folder for the state at every look at the validation part; a second call goes on from there.
     """
-    models = [build(c, d) for c, d in zip(configs, data, strict=True)]
+    models = [build_scaled(c, d) for c, d in zip(configs, data, strict=True)]
     if configs[0].predictor.training != "gradient":
         return [_closed_form(m, d) for m, d in zip(models, data, strict=True)]
     return _Group(models, [_Run(c, d) for c, d in zip(configs, data, strict=True)], checkpoint).train(progress)
@@ -108,7 +118,7 @@ class _Group:
     @staticmethod
     def _flat(model: Model) -> Tensor:
         flat = torch.cat([p.detach().flatten() for p in model.parameters()])
-        return torch.nn.functional.pad(flat, (0, -len(flat) % 16))
+        return torch.nn.functional.pad(flat, (0, -len(flat) % 64))
 
     @staticmethod
     def _scaled(model: Model, data: Prepared) -> Prepared:
@@ -170,7 +180,7 @@ class _Group:
         whole = len(active) == len(self.runs)
         rows = slice(None) if whole else torch.tensor(active)
         theta = self.theta[rows].detach().requires_grad_()
-        if not independent(self.runs[0].config):
+        if len(self.runs) == 1:  # noise of dropout or of a random washout start, the same after a resume
             torch.manual_seed(derive(self.runs[active[0]].config.seed, f"noise/{self.update}"))
         self.models[0].train()
         cost = functional_call(self.models[0], self._named(theta), (*self._batch(active), o.alpha, o.beta))

@@ -18,8 +18,8 @@ def affine(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     Returns:
         (B, O) or (M, B, O).
 
-    The bias joins the product as one more column, and both are padded to multiples of 16: thin products
-    (one output) and sums over the batch take other routes in BLAS when they are alone than in a group.
+    The bias joins the product as one more column, and both are padded: thin products (one
+    output) and sums over the batch take other routes in BLAS when they are alone than in a group.
     """
     if x.dim() == 2:
         return affine(x.unsqueeze(0), weight.unsqueeze(0), bias.unsqueeze(0))[0]
@@ -27,4 +27,5 @@ def affine(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     columns = pad16(k + 1)
     ones = torch.ones_like(x[..., :1])
     padded = pad(torch.cat([weight, bias.unsqueeze(-1)], -1), (0, columns - k - 1, 0, pad16(n) - n))
-    return torch.bmm(pad(torch.cat([x, ones], -1), (0, columns - k - 1)), padded.mT)[..., :n]
+    rows = pad(torch.cat([x, ones], -1), (0, columns - k - 1, 0, -x.shape[-2] % 32))
+    return torch.bmm(rows, padded.mT)[:, : x.shape[-2], :n]

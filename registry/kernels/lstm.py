@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from registry.kernels.pointwise import pad16, sigmoid_grad, tanh_, tanh_grad
+from registry.kernels.pointwise import pad16, pad_batch, sigmoid_grad, tanh_, tanh_grad
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,19 @@ def lstm(
         outputs (M, B, T, n), hidden (M, B, L·H) and cell (M, B, L·H) after the run.
     """
     flat = [w for layer in layers for w in (layer.input, layer.recurrent, layer.bias, layer.peephole)]
-    m, b, t, _ = inputs.shape
-    size = layers[0].recurrent.shape[-1]
+    batch, t = inputs.shape[1:3]
+    inputs, fed, hidden, cell = (pad_batch(x) for x in (inputs, fed, hidden, cell))
+    forced = None if forced is None else pad_batch(forced)
     mask = None
     if dropout > 0:
-        keep = torch.full((len(layers), t, m, size, b), 1 - dropout, dtype=inputs.dtype, device=inputs.device)
+        shape = (len(layers), t, inputs.shape[0], layers[0].recurrent.shape[-1], inputs.shape[1])
+        keep = torch.full(shape, 1 - dropout, dtype=inputs.dtype, device=inputs.device)
         mask = torch.bernoulli(keep).div_(1 - dropout)
-    return _LSTM.apply(inputs, fed, hidden, cell, forced, mask, output_weight, output_bias, *flat)  # type: ignore[no-untyped-call, no-any-return]
+    run: tuple[Tensor, Tensor, Tensor] = _LSTM.apply(  # type: ignore[no-untyped-call]
+        inputs, fed, hidden, cell, forced, mask, output_weight, output_bias, *flat
+    )
+    outputs, hidden, cell = run
+    return outputs[:, :batch], hidden[:, :batch], cell[:, :batch]
 
 
 class _LSTM(torch.autograd.Function):
@@ -156,7 +162,7 @@ class _LSTM(torch.autograd.Function):
         new = {"dtype": G.dtype, "device": G.device}
         dW = [torch.zeros_like(w) for w in W]
         dX = [torch.zeros_like(x[0]) for x in X]
-        dC = list(dc_.unflatten(-1, (L, H)).permute(2, 0, 3, 1).contiguous().unbind(0))
+        dC = list(dc_.unflatten(-1, (L, H)).permute(2, 0, 3, 1).clone(memory_format=torch.contiguous_format).unbind(0))
         for i in range(L):
             dX[i][:, :H] = dh_[..., i * H : (i + 1) * H].mT
         dY = torch.zeros(T, M, wo.shape[1], B, **new)

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from registry.kernels.pointwise import pad16, tanh_, tanh_grad
+from registry.kernels.pointwise import pad16, pad_batch, tanh_, tanh_grad
 
 
 def mlfc(
@@ -37,12 +37,17 @@ def mlfc(
     Returns:
         outputs (M, B, T, n) and hidden (M, B, L·H) after the run.
     """
+    batch, t = inputs.shape[1:3]
+    inputs, fed, hidden = (pad_batch(x) for x in (inputs, fed, hidden))
+    forced = None if forced is None else pad_batch(forced)
     mask = None
     if dropout > 0:
-        m, b, t, _ = inputs.shape
-        keep = torch.full((t, m, hidden.shape[-1], b), 1 - dropout, dtype=inputs.dtype, device=inputs.device)
+        shape = (t, inputs.shape[0], hidden.shape[-1], inputs.shape[1])
+        keep = torch.full(shape, 1 - dropout, dtype=inputs.dtype, device=inputs.device)
         mask = torch.bernoulli(keep).div_(1 - dropout)
-    return _MLFC.apply(inputs, fed, hidden, forced, mask, readout, *layers)  # type: ignore[no-untyped-call, no-any-return]
+    run: tuple[Tensor, Tensor] = _MLFC.apply(inputs, fed, hidden, forced, mask, readout, *layers)  # type: ignore[no-untyped-call]
+    outputs, hidden = run
+    return outputs[:, :batch], hidden[:, :batch]
 
 
 class _MLFC(torch.autograd.Function):

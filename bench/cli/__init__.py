@@ -1,0 +1,82 @@
+"""The command line: `bench`, or `python -m bench`."""
+
+import os
+import sys
+
+import click
+
+from registry.errors import BenchError
+
+
+class Main(click.Group):
+    """Commands are imported when they are asked for, so that `bench --help` answers at once."""
+
+    COMMANDS = (
+        ("run", "bench.cli.run"),
+        ("list", "bench.cli.entries"),
+        ("show", "bench.cli.entries"),
+        ("data", "bench.cli.data"),
+        ("runs", "bench.cli.runs"),
+        ("predict", "bench.cli.predict"),
+        ("ui", "bench.cli.track"),
+        ("sync", "bench.cli.track"),
+    )
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """In the order in which a newcomer meets them."""
+        return [name for name, _ in self.COMMANDS]
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        """The command ``name``, imported now."""
+        import importlib
+
+        module = dict(self.COMMANDS).get(name)
+        if module is None:
+            return None
+        command: click.Command = getattr(importlib.import_module(module), f"{name}_command")
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """A wrong command names the near ones."""
+        from registry.errors import near
+
+        if args and args[0] not in dict(self.COMMANDS) and not args[0].startswith("-"):
+            raise click.UsageError(f"There is no command {args[0]!r}: {near(args[0], dict(self.COMMANDS))}")
+        return super().resolve_command(ctx, args)
+
+
+@click.command(cls=Main, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="multistep-bench", prog_name="bench")
+def cli() -> None:
+    """Benchmarks of multi-step prediction of dynamic systems with recurrent networks.
+
+    \b
+    bench run washout_vs_mlp                     the paper's first comparison, on simulated flights
+    bench run "LSTM: 1x50 - MLP: 60x10"          one configuration
+    bench list studies                           what else there is
+    bench ui                                     the results in the MLflow UI
+    """
+
+
+def main() -> None:
+    """Entry point: a user's mistake is one sentence and exit code 2, Ctrl-C is exit code 130."""
+    try:
+        cli.main(standalone_mode=False)
+    except BenchError as error:
+        click.echo(f"bench: {error}", err=True)
+        sys.exit(2)
+    except click.UsageError as error:
+        click.echo(f"bench: {error.format_message()}", err=True)
+        hint = error.ctx.command_path if error.ctx else "bench"
+        click.echo(f"Try `{hint} --help`.", err=True)
+        sys.exit(2)
+    except click.exceptions.Exit as stop:
+        sys.exit(stop.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("\nbench: stopped. What was finished is kept; the same command goes on from there.", err=True)
+        sys.exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)

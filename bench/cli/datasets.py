@@ -1,0 +1,25 @@
+"""From a name or a folder on the command line to a data set."""
+
+from pathlib import Path
+from typing import Any
+
+from bench.config import build_entry
+from registry.contracts import Dataset
+from registry.core import DATASETS
+
+
+def choose(name: str, options: dict[str, str] | None = None) -> Dataset:
+    """The data set of that name, or the `folder` data set where ``name`` is a folder with a dataset.toml.
+
+    Args:
+        name: registered name or path.
+        options: field → text, converted to each field's type.
+
+    Raises:
+        BenchError: neither a name nor such a folder, or an unknown option.
+    """
+    given: dict[str, Any] = dict(options or {})
+    if (Path(name) / "dataset.toml").is_file():
+        name, given = "folder", {"path": str(Path(name).resolve()), **given}
+    made: Dataset = build_entry(DATASETS, name, given)
+    return made

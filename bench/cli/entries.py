@@ -1,0 +1,97 @@
+"""`bench list` and `bench show`: what is registered, with options, units and sources."""
+
+import dataclasses
+import inspect
+from typing import Any
+
+import click
+from rich.table import Table
+
+from bench import study
+from bench.cli.options import console
+from registry.core import REGISTRIES
+from registry.errors import BenchError, near
+
+KINDS = ("predictors", "initializers", "datasets", "studies", "physics", "effects")
+
+
+@click.command("list")
+@click.argument("kind", required=False, metavar="[" + "|".join(KINDS) + "]")
+def list_command(kind: str | None) -> None:
+    """What can be compared, one line each: everything, or one kind of it."""
+    if kind is not None and kind not in KINDS:
+        raise BenchError(f"There is no kind {kind!r}: {near(kind, KINDS)}")
+    out = console()
+    for shown in [kind] if kind else KINDS:
+        lines = _studies() if shown == "studies" else _entries(shown)
+        table = Table(box=None, show_header=False, pad_edge=False, title=shown, title_justify="left")
+        table.add_column(no_wrap=True)
+        table.add_column()
+        for name, about in lines:
+            table.add_row(f"  {name}", about)
+        out.print(table)
+    if kind is None:
+        out.print("\n`bench show NAME` explains one; `bench run STUDY` or `bench run SPEC` runs it.")
+
+
+def _entries(kind: str) -> list[tuple[str, str]]:
+    registry = REGISTRIES[kind]
+    return [(name, registry.summary(name)) for name in registry.names()]
+
+
+def _studies() -> list[tuple[str, str]]:
+    return [(name, s.title) for name, s in study.studies().items()]
+
+
+@click.command("show")
+@click.argument("name")
+def show_command(name: str) -> None:
+    """One entry or study in full: what it is, its options with defaults, ranges and units, its source."""
+    out = console()
+    known = {n for r in REGISTRIES.values() for n in r.names()} | set(study.studies())
+    if name in study.studies():
+        _show_study(out, study.get(name))
+        return
+    for kind, registry in REGISTRIES.items():
+        match = [n for n in registry.names() if n.lower() == name.lower()]
+        if match:
+            _show_entry(out, kind, match[0], registry.get(match[0]))
+            return
+    raise BenchError(f"Nothing is called {name!r}: {near(name, known)}")
+
+
+def _show_study(out: Any, s: study.Study) -> None:
+    out.print(f"[bold]{s.name}[/]  (study): {s.title}\n")
+    out.print(s.question)
+    out.print(f"Source: the paper, {s.source}.\nDefault data set: {s.default_dataset}.\n")
+    for preset, about in s.presets.items():
+        out.print(f"  --preset {preset:8} {about}")
+
+
+def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
+    out.print(f"[bold]{name}[/]  ({kind})")
+    out.print(inspect.getdoc(entry) or "", highlight=False, markup=False)
+    for fact in ("equation", "source", "system", "inputs", "rates", "needs", "requires"):
+        value = getattr(entry, fact, None)
+        if value and not callable(value):
+            text = ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+            out.print(f"{fact}: {text}", highlight=False, markup=False)
+    fields = [f for f in dataclasses.fields(entry) if f.init]
+    if not fields:
+        return
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for column in ("option", "default", "range", "unit", "meaning"):
+        table.add_column(column)
+    for f in fields:
+        meta = f.metadata
+        default = "required" if f.default is dataclasses.MISSING else repr(f.default)
+        span = " | ".join(map(str, meta.get("choices") or ()))
+        if not span and (meta.get("low") is not None or meta.get("high") is not None):
+            low, high = meta.get("low"), meta.get("high")
+            span = f"{'' if low is None else f'{low:g}'} .. {'' if high is None else f'{high:g}'}"
+        about = str(meta.get("help", ""))
+        if meta.get("source"):
+            about += f" ({meta['source']})"
+        table.add_row(f.name, default, span, str(meta.get("unit", "")), about)
+    out.print()
+    out.print(table)

@@ -1,0 +1,53 @@
+"""Options that several commands share."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+results = click.option(
+    "--results",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("results"),
+    show_default=True,
+    help="Folder of records, figures and the MLflow database.",
+)
+tracking = click.option(
+    "--tracking", metavar="URI", help="MLflow server or database; default: sqlite in the results folder."
+)
+dataset = click.option(
+    "--dataset",
+    metavar="NAME",
+    help="A registered data set (`bench list datasets`), or a folder that holds a dataset.toml.",
+)
+assignments = click.option(
+    "--set",
+    "assignments",
+    multiple=True,
+    metavar="OPTION=VALUE",
+    help="Set any option of the run, such as training.updates=3000, predictor.dropout=0.1 or dataset.size=full; "
+    "`bench show NAME` lists them. May be repeated.",
+)
+
+
+def parsed(assignments: tuple[str, ...]) -> dict[str, str]:
+    """ "a.b=c" pairs as a dictionary.
+
+    Raises:
+        click.UsageError: no equals sign.
+    """
+    out = {}
+    for text in assignments:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise click.UsageError(f"--set {text!r} must be OPTION=VALUE, such as training.updates=3000.")
+        out[name.strip()] = value.strip()
+    return out
+
+
+def console() -> Any:
+    """Where tables go: as wide as the terminal, 100 columns in a pipe."""
+    from rich.console import Console
+
+    plain = Console()
+    return plain if plain.is_terminal else Console(width=100, highlight=False)

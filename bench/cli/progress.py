@@ -1,0 +1,86 @@
+"""Progress of long work: a bar with the time left on a terminal, a line now and then elsewhere."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+EVERY = 20.0
+"""Seconds between two lines where there is no terminal."""
+
+
+def clock(seconds: float) -> str:
+    """Such as 0:07 or 1:02:03."""
+    minutes, s = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{s:02}" if hours else f"{minutes}:{s:02}"
+
+
+@dataclass
+class Meter:
+    """How much of the work is done."""
+
+    total: float
+    runs: int
+    show: Callable[["Meter"], None]
+    done: float = 0.0
+    finished: int = 0
+    current: str = ""
+    started: float = field(default_factory=time.monotonic)
+
+    def tick(self, cost: float) -> None:
+        """A part of the work is done."""
+        self.done += cost
+        self.show(self)
+
+    def record(self) -> None:
+        """One more run is recorded."""
+        self.finished += 1
+        self.show(self)
+
+    def start(self, name: str) -> None:
+        """A task begins."""
+        self.current = name
+        self.show(self)
+
+    @property
+    def left(self) -> float | None:
+        """Seconds left at the pace so far; None before anything is done."""
+        elapsed = time.monotonic() - self.started
+        return elapsed * (self.total / self.done - 1) if self.done > 0 else None
+
+
+@contextmanager
+def meter(console: Console, total: float, runs: int) -> Iterator[Meter]:
+    """Show progress over work of size ``total`` that ends in ``runs`` new records."""
+    if not console.is_terminal:
+        last = [0.0]
+
+        def line(m: Meter) -> None:
+            now = time.monotonic()
+            if now - last[0] >= EVERY:
+                last[0] = now
+                left = "" if m.left is None else f", about {clock(m.left)} left"
+                console.print(f"{m.finished}/{m.runs} runs, {m.done / m.total:.0%}{left}: {m.current}")
+
+        yield Meter(total, runs, line)
+        return
+    with Progress(
+        BarColumn(30),
+        TextColumn("{task.percentage:>3.0f} %  {task.fields[runs]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("[dim]{task.description}"),
+        console=console,
+        transient=True,
+    ) as bar:
+        task: TaskID = bar.add_task("", total=total, runs="")
+        yield Meter(
+            total,
+            runs,
+            lambda m: bar.update(task, completed=m.done, description=m.current, runs=f"{m.finished}/{m.runs} runs"),
+        )

@@ -1,0 +1,102 @@
+"""`bench runs`: the records in the results folder."""
+
+import json
+import shutil
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from bench import record
+from bench.cli import options
+
+
+@click.group("runs")
+def runs_command() -> None:
+    """Recorded runs: list, show, compare bit by bit, prune."""
+
+
+@runs_command.command("list")
+@options.results
+@click.option("--dataset", help="Only this data set.")
+def list_command(results: Path, dataset: str | None) -> None:
+    """One line a run."""
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for name in ("key", "spec", "dataset", "outputs", "T", "seed", "status", "RMSSE (SI)"):
+        table.add_column(name, no_wrap=name != "outputs")
+    count = 0
+    for r in record.all_records(results / "runs"):
+        s = r.summary
+        if dataset and s["dataset"] != dataset:
+            continue
+        count += 1
+        first = next(iter(s["metrics"].values()), None)
+        value = "–" if first is None else f"{first:.4g}"
+        outputs = ", ".join(dict.fromkeys(s["outputs"]))
+        table.add_row(
+            s["key"][:12], s["spec"], s["dataset"], outputs, str(s["horizon"]), str(s["seed"]), s["status"], value
+        )
+    out = options.console()
+    out.print(table if count else f"No runs in {results / 'runs'} yet: start one with `bench run washout_vs_mlp`.")
+
+
+@runs_command.command("show")
+@click.argument("key")
+@options.results
+def show_command(key: str, results: Path) -> None:
+    """Configuration, metrics and files of the run whose key begins with KEY."""
+    r = record.find(results / "runs", key)
+    out = options.console()
+    out.print(f"[bold]{r.summary['spec']}[/]  {r.folder}")
+    out.print_json(json.dumps({k: v for k, v in r.summary.items() if k != "files"}))
+    out.print("configuration")
+    out.print_json(json.dumps(r.config))
+    broken = record.verify(r)
+    out.print(f"[red]altered since it was written: {', '.join(broken)}[/]" if broken else "files: as written")
+
+
+@runs_command.command("diff")
+@click.argument("first")
+@click.argument("second")
+@options.results
+def diff_command(first: str, second: str, results: Path) -> None:
+    """Where two runs differ: options, metrics, files. FIRST and SECOND are keys or record folders."""
+    a, b = (record.find(results / "runs", k) for k in (first, second))
+    left, right = (_flat({"config": r.config, "metrics": r.summary["metrics"]}) for r in (a, b))
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for name in ("", a.folder.name[:12], b.folder.name[:12]):
+        table.add_column(name)
+    for name in sorted(left.keys() | right.keys()):
+        if left.get(name) != right.get(name):
+            table.add_row(name, str(left.get(name, "–")), str(right.get(name, "–")))
+    out = options.console()
+    files = record.differences(a, b)
+    if table.row_count:
+        out.print(table)
+    out.print(f"Files that differ: {', '.join(files)}." if files else "Bit-equal, provenance aside.")
+
+
+def _flat(nested: object, prefix: str = "") -> dict[str, object]:
+    if isinstance(nested, dict):
+        return {k: v for name, inner in nested.items() for k, v in _flat(inner, f"{prefix}{name}.").items()}
+    return {prefix.rstrip("."): nested}
+
+
+@runs_command.command("prune")
+@options.results
+@click.option("--diverged", is_flag=True, help="Remove diverged runs too (they are trained again when asked for).")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+def prune_command(results: Path, diverged: bool, yes: bool) -> None:
+    """Remove what a kill left behind: drafts, checkpoints of groups, records whose files were altered."""
+    runs = results / "runs"
+    doomed = [*runs.glob(".draft-*"), *runs.glob(".partial")]
+    doomed += [r.folder for r in record.all_records(runs) if record.verify(r) or (diverged and not r.finished)]
+    if not doomed:
+        click.echo("Nothing to remove.")
+        return
+    for path in doomed:
+        click.echo(f"  {path}")
+    if yes or click.confirm(f"Remove these {len(doomed)}?"):
+        for path in doomed:
+            shutil.rmtree(path)
+        click.echo("Removed.")

@@ -1,0 +1,40 @@
+"""`bench ui` and `bench sync`: the MLflow side."""
+
+from pathlib import Path
+
+import click
+
+from bench.cli import options
+
+
+@click.command("ui")
+@options.results
+@options.tracking
+@click.option(
+    "--port", type=click.IntRange(1, 65535), default=5000, show_default=True, help="The next free one if taken."
+)
+@click.option("--study", metavar="EXPERIMENT", help="Experiment to open; default: the latest.")
+def ui_command(results: Path, tracking: str | None, port: int, study: str | None) -> None:
+    """Browse the results in the MLflow UI, on this machine only (127.0.0.1)."""
+    from bench.ui import serve
+
+    serve(results, tracking, port=port, study=study)
+
+
+@click.command("sync")
+@options.results
+@options.tracking
+def sync_command(results: Path, tracking: str | None) -> None:
+    """Log every recorded run and study in MLflow again; what is already there stays as it is."""
+    from bench import conclude, track
+
+    uri = tracking or track.default_uri(results)
+    logged = 0
+    for study in conclude.concluded(results):
+        folders = [results / "runs" / key for key in study.keys]
+        present = [f for f in folders if (f / "record.json").is_file()]
+        track.mirror(present, uri, study.title, study.study)
+        track.attach(uri, study.title, study.study or study.title, study.files)
+        logged += len(present)
+        click.echo(f"{study.title}: {len(present)} runs")
+    click.echo(f"{logged} runs are in MLflow at {uri}.")

@@ -1,0 +1,85 @@
+"""What a study leaves behind: one folder with its table, figures and every step of every run in one long table."""
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bench.record import RunRecord, write_json
+from bench.study import Study
+
+STEPS = "steps.parquet"
+
+
+def slug(title: str) -> str:
+    """A file name for a title."""
+    return re.sub(r"[^A-Za-z0-9.]+", "-", title).strip("-").lower()
+
+
+@dataclass(frozen=True)
+class Concluded:
+    """A study's folder, read back."""
+
+    title: str
+    study: str | None
+    keys: list[str]
+    files: list[Path]
+
+
+def concluded(results: Path) -> Iterator[Concluded]:
+    """Every study in the results folder."""
+    for path in sorted((results / "studies").glob("*/study.json")):
+        content = json.loads(path.read_text())
+        files = [path.parent / name for name in content["files"]]
+        yield Concluded(content["title"], content["study"], content["keys"], [f for f in files if f.is_file()])
+
+
+def all_steps(records: Sequence[RunRecord]) -> pd.DataFrame:
+    """One long table: key, spec, seed, horizon and the columns of `RunRecord.steps`."""
+    tables = [
+        r.steps.assign(key=r.key, spec=r.summary["spec"], seed=r.summary["seed"], horizon=r.summary["horizon"])
+        for r in records
+    ]
+    return pd.concat(tables, ignore_index=True)
+
+
+def conclude(
+    out: Any, records: Sequence[RunRecord], title: str, study: Study | None, command: str, folder: Path
+) -> list[Path]:
+    """Print the table and write the study's folder.
+
+    Args:
+        out: a rich console.
+        records: all runs of the study, baselines included.
+        title: heading.
+        study: for the pairs to compare; None for a single configuration.
+        command: the command that makes this again.
+        folder: where the files go.
+
+    Returns:
+        The files worth attaching to a tracker.
+    """
+    from bench import figures, report
+
+    folder.mkdir(parents=True, exist_ok=True)
+    pairs = study.pairs if study else ()
+    report.render_terminal(records, pairs, out)
+    figures.per_step_figure(records, folder / "error_per_step.png")
+    (folder / "table.md").write_text(report.to_markdown(records, pairs, title, command))
+    all_steps(records).to_parquet(folder / STEPS, index=False)
+    files = [p for p in sorted(folder.iterdir()) if p.suffix in (".png", ".svg", ".md")]
+    write_json(
+        folder / "study.json",
+        {
+            "title": title,
+            "study": study.name if study else None,
+            "keys": [r.key for r in records],
+            "command": command,
+            "files": [p.name for p in files],
+        },
+    )
+    return files

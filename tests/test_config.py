@@ -1,0 +1,59 @@
+from dataclasses import replace
+
+import pytest
+from conftest import Toy
+
+from bench.config import RunConfig, Training, changed, from_json, run_key, shape_key, to_json
+from bench.notation import parse
+from registry.errors import BenchError
+
+BASE = RunConfig(*parse("LSTM: 1x5 - MLP: 6x10"), Toy())
+
+
+def test_json_round_trip_keeps_everything_and_the_key() -> None:
+    config = changed(BASE, {"predictor.dropout": "0.1", "horizon": "7", "test": "toy_1,toy_2", "seed": "3"})
+    again = from_json(to_json(config))
+    assert again == config
+    assert run_key(again, "d") == run_key(config, "d")
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(BASE, seed=1),
+        replace(BASE, horizon=41),
+        replace(BASE, outputs=("euler_rates.roll",)),
+        replace(BASE, training=Training(updates=7)),
+        replace(BASE, predictor=parse("LSTM: 1x6 - MLP: 6x10")[0]),
+        replace(BASE, initializer=parse("LSTM: 1x5 - Washout: 10")[1]),
+        replace(BASE, dataset=Toy(samples=300)),
+    ],
+)
+def test_every_input_changes_the_key(other: RunConfig) -> None:
+    assert run_key(other, "d") != run_key(BASE, "d")
+
+
+def test_data_change_the_key_and_spelled_out_defaults_do_not() -> None:
+    assert run_key(BASE, "d") != run_key(BASE, "e")
+    assert run_key(replace(BASE, outputs=("euler_rates",)), "d") == run_key(BASE, "d")
+
+
+def test_seed_and_channel_share_a_shape_and_size_does_not() -> None:
+    miso = replace(BASE, outputs=("euler_rates.roll",))
+    assert shape_key(miso) == shape_key(replace(miso, outputs=("euler_rates.yaw",), seed=2))
+    assert shape_key(miso) != shape_key(replace(miso, predictor=parse("LSTM: 2x5 - MLP: 6x10")[0]))
+
+
+@pytest.mark.parametrize(
+    ("assignment", "says"),
+    [
+        ({"predictor.dropuot": "0.1"}, "did you mean predictor.dropout"),
+        ({"horizon": "forty"}, "must be an integer"),
+        ({"horizon": "0"}, "from 1 to"),
+        ({"predictor.dropout": "1.5"}, "from 0.0 to 0.9"),
+        ({"predictor.name": "GRU"}, "no predictor"),
+    ],
+)
+def test_a_wrong_option_says_so(assignment: dict[str, str], says: str) -> None:
+    with pytest.raises(BenchError, match=says):
+        changed(BASE, assignment)

@@ -1,0 +1,120 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from conftest import Toy
+
+from bench.config import RunConfig
+from bench.data import prepare, window_starts
+from bench.notation import parse
+from registry.contracts import Channel, Dataset, Loaded, Recording, Split
+from registry.errors import BenchError
+
+CONFIG = RunConfig(*parse("LSTM: 1x5 - MLP: 6x10"), Toy(), horizon=7, test_stride=3)
+
+
+def recording(name: str, values: np.ndarray, valid: np.ndarray | None = None) -> Recording:
+    n = len(values)
+    u = np.arange(n, dtype=float)[:, None] + 1000 * values[0]
+    mask = np.ones(n, bool) if valid is None else valid
+    return Recording(
+        name,
+        100.0,
+        u,
+        values[:, None],
+        (Channel("pilot.a", "1"),),
+        (Channel("euler_rates.roll", "rad/s"),),
+        mask,
+    )
+
+
+def test_windows_touch_no_invalid_sample() -> None:
+    valid = np.ones(50, bool)
+    valid[[20, 33]] = False
+    expected = [s for s in range(0, 50 - 8 + 1) if valid[s : s + 8].all()]
+    assert window_starts(valid, 8, 1).tolist() == expected
+    assert window_starts(valid[:7], 8, 1).size == 0
+
+
+def test_windows_stay_inside_their_recording_and_part() -> None:
+    data = prepare(CONFIG)
+    ends = np.cumsum([400] * 5)
+    for part, names in (("train", data.split.train), ("validation", data.split.validation), ("test", data.split.test)):
+        windows = getattr(data, part)
+        first = windows.starts.numpy()
+        last = first + 10 + 7 - 1
+        inside = np.searchsorted(ends, first, side="right")
+        assert (inside == np.searchsorted(ends, last, side="right")).all()
+        assert {data.names[i] for i in inside} == set(names)
+
+
+def test_history_and_horizon_are_adjacent() -> None:
+    data = prepare(CONFIG)
+    start = int(data.train.starts[5])
+    u_history, y_history, u, y = data.gather(torch.tensor([start]))
+    assert torch.equal(torch.cat([u_history, u], 1)[0], data.inputs[start : start + 17])
+    assert torch.equal(torch.cat([y_history, y], 1)[0], data.outputs[start : start + 17])
+    assert y_history.shape == (1, 10, 3) and y.shape == (1, 7, 3)
+
+
+def test_scalers_see_the_training_part_only() -> None:
+    data = prepare(CONFIG)
+    train = torch.cat([data.outputs[i * 400 : (i + 1) * 400] for i in range(3)]).double()
+    assert torch.allclose(data.output_scale[0], train.mean(0).float(), atol=1e-6)
+    assert torch.allclose(data.output_scale[1], train.std(0, correction=0).float(), atol=1e-6)
+
+
+def test_miso_picks_one_output() -> None:
+    data = prepare(replace(CONFIG, outputs=("euler_rates.pitch",)))
+    assert [c.name for c in data.output_channels] == ["euler_rates.pitch"]
+    assert torch.equal(data.outputs[:, 0], prepare(CONFIG).outputs[:, 1])
+
+
+def test_a_split_by_name_is_obeyed_and_a_wrong_one_refused() -> None:
+    data = prepare(replace(CONFIG, test=("toy_0",)))
+    assert data.split.test == ("toy_0",) and "toy_0" not in data.split.train
+    with pytest.raises(BenchError, match="did you mean toy_"):
+        prepare(replace(CONFIG, test=("toi_1",)))
+    with pytest.raises(BenchError, match="both train and test"):
+        prepare(replace(CONFIG, train=("toy_1", "toy_2"), test=("toy_1",)))
+    with pytest.raises(BenchError, match="shorten the horizon"):
+        prepare(replace(CONFIG, horizon=500))
+
+
+class Parts(Dataset):
+    """Recordings given at construction."""
+
+    inputs = ("pilot",)
+    rates = "euler_rates"
+
+    def __init__(self, *recordings: Recording) -> None:
+        self.recordings = recordings
+
+    def read(self) -> Loaded:
+        return Loaded(self.recordings, ())
+
+    def split(self, names: list[str]) -> Split:  # type: ignore[override]
+        return Split((names[0],), (names[1],), (names[2],))
+
+
+def test_duplicates_are_dropped_and_named() -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 100))
+    loaded = Parts(recording("a", a), recording("copy", a), recording("b", b)).load()
+    assert loaded.names == ["a", "b"]
+    assert [(f.recording, f.kind) for f in loaded.findings] == [("copy", "duplicate")]
+    assert "a" in loaded.findings[0].detail
+
+
+def test_overlapping_recordings_on_two_sides_are_refused_even_shifted() -> None:
+    rng = np.random.default_rng(0)
+    long = rng.normal(size=400)
+    whole = recording("whole", long)
+    late = replace(whole, name="late", inputs=whole.inputs[150:], outputs=whole.outputs[150:], valid=whole.valid[150:])
+    other = recording("other", rng.normal(size=300))
+    dataset = Parts(whole, other, late)
+    with pytest.raises(BenchError, match=r"whole .* and late .* share"):
+        prepare(replace(CONFIG, dataset=dataset), dataset.load())
+    apart = Parts(whole, other, recording("late", rng.normal(size=300)))
+    prepare(replace(CONFIG, dataset=apart), apart.load())

@@ -1,0 +1,165 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import Toy
+
+from bench import engine, record
+from bench.config import RunConfig, Training
+from bench.notation import parse
+from bench.predict import load_model, predict_table
+from registry.errors import BenchError
+
+TRAINING = Training(updates=30, evaluate_every=10, batch=32)
+
+
+def runs(spec: str, count: int = 3, **changes: object) -> list[RunConfig]:
+    axes = ("roll", "pitch", "yaw")
+    base = RunConfig(*parse(spec), Toy(), horizon=6, training=TRAINING)
+    base = replace(base, **changes)  # type: ignore[arg-type]
+    return [replace(base, seed=i // 3, outputs=(f"euler_rates.{axes[i % 3]}",)) for i in range(count)]
+
+
+@pytest.mark.parametrize(
+    "spec",
+    ["LSTM: 1x8 - MLP: 9x10", "LSTM: 2x9 - Washout: 10", "MLFC: 2x8 - Washout: 10", "LSTM TDL: 1x8 - RNN: 9x10"],
+)
+def test_a_models_record_does_not_depend_on_its_group(spec: str, tmp_path: Path) -> None:
+    configs = runs(spec, 5)
+    together = engine.execute(engine.plan(configs, tmp_path / "a"), tmp_path / "a")
+    for config, grouped in zip(configs, together, strict=True):
+        (alone,) = engine.execute(engine.plan([config], tmp_path / "b"), tmp_path / "b")
+        assert record.differences(grouped, alone) == []
+        assert record.verify(alone) == []
+
+
+def test_training_learns(tmp_path: Path) -> None:
+    config = runs("LSTM: 1x16 - MLP: 16x10", 1, training=Training(updates=300, evaluate_every=50))[0]
+    constant = replace(config, predictor=parse("constant")[0], initializer=None)
+    learnt, held = engine.execute(engine.plan([config, constant], tmp_path), tmp_path)
+    name = "rmsse.euler_rates.roll"
+    assert learnt.summary["metrics"][name] < 0.7 * held.summary["metrics"][name]
+    assert learnt.curve.validation_loss.iloc[-1] < 0.5 * learnt.curve.validation_loss.iloc[0]
+
+
+def test_what_is_recorded_is_not_trained_again(tmp_path: Path) -> None:
+    configs = runs("MLFC: 1x5 - MLP: 5x10")
+    engine.execute(engine.plan(configs[:2], tmp_path), tmp_path)
+    todo = engine.plan(configs, tmp_path)
+    assert len(todo.done) == 2 and [len(t.configs) for t in todo.tasks] == [1]
+
+
+def test_divergence_is_a_result_and_spares_the_others(tmp_path: Path) -> None:
+    wild = Training(updates=60, evaluate_every=10, batch=16, learning_rate=1.0, clip=1e30, final_rate=1.0)
+    calm = runs("LSTM: 1x8 - MLP: 9x10", 1)[0]
+    broken = replace(calm, training=wild, predictor=replace(calm.predictor, weight_scale=10.0))  # type: ignore[type-var]
+    good, bad = engine.execute(engine.plan([calm, broken], tmp_path), tmp_path)
+    assert good.finished
+    if not bad.finished:
+        assert bad.summary["diverged_at"] >= 1 and bad.summary["metrics"] == {} and bad.steps.empty
+        with pytest.raises(BenchError, match="diverged"):
+            load_model(bad)
+
+
+def test_interrupted_training_goes_on_bit_for_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    configs = runs("LSTM: 1x8 - Washout: 10")
+    whole = engine.execute(engine.plan(configs, tmp_path / "a"), tmp_path / "a")
+
+    class Killed(Exception):
+        pass
+
+    def stop(cost: float) -> None:
+        raise Killed
+
+    with pytest.raises(Killed):
+        engine.execute(engine.plan(configs, tmp_path / "b"), tmp_path / "b", tick=_after(3, stop))
+    assert list((tmp_path / "b" / ".partial").iterdir())
+    again = engine.execute(engine.plan(configs, tmp_path / "b"), tmp_path / "b")
+    for a, b in zip(whole, again, strict=True):
+        assert record.differences(a, b) == []
+    assert not list((tmp_path / "b" / ".partial").iterdir())
+
+
+def _after(count: int, action):  # type: ignore[no-untyped-def]
+    left = [count]
+
+    def tick(cost: float) -> None:
+        left[0] -= 1
+        if left[0] == 0:
+            action(cost)
+
+    return tick
+
+
+def test_records_are_the_same_from_other_processes(tmp_path: Path) -> None:
+    """The toy data set is not known to a fresh process, so this uses an embedded one through the command line."""
+    ours, theirs = tmp_path / "one", tmp_path / "two"
+    for results, workers in ((ours, "1"), (theirs, "2")):
+        _bench("run", "washout_vs_mlp", "--preset", "smoke", "--no-track", "--workers", workers, results=results)
+    first = list(record.all_records(ours / "runs"))
+    assert len(first) == 30
+    for a in first:
+        assert record.differences(a, record.RunRecord(theirs / "runs" / a.key)) == []
+
+
+def _bench(*args: str, results: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "bench", *args, "--results", str(results)], check=True, capture_output=True, text=True
+    )
+
+
+def test_a_study_killed_half_way_ends_in_equal_records(tmp_path: Path) -> None:
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    args = ("run", "washout_vs_mlp", "--preset", "smoke", "--no-track", "--workers", "1")
+    _bench(*args, results=whole)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "bench", *args, "--results", str(killed)], stdout=subprocess.DEVNULL
+    )
+    deadline = time.monotonic() + 120
+    while len(list(record.all_records(killed / "runs"))) < 4 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    left = {r.key: r.provenance["finished_ms"] for r in record.all_records(killed / "runs")}
+    assert 4 <= len(left) < 30
+    _bench(*args, results=killed)
+    records = list(record.all_records(whole / "runs"))
+    assert len(records) == 30
+    for a in records:
+        b = record.RunRecord(killed / "runs" / a.key)
+        assert record.differences(a, b) == []
+        if a.key in left:
+            assert b.provenance["finished_ms"] == left[a.key]
+
+
+def test_a_recorded_model_predicts_new_inputs(tmp_path: Path) -> None:
+    config = runs("LSTM: 1x8 - MLP: 9x10", 1)[0]
+    (done,) = engine.execute(engine.plan([config], tmp_path), tmp_path)
+    example = done.windows[done.windows.window == done.windows.window.iloc[0]]
+    flight = next(r for r in Toy().load().recordings if r.name == example.recording.iloc[0])
+    start = int(done.windows.window.iloc[0]) * config.test_stride
+    table = pd.DataFrame(
+        np.concatenate([flight.inputs, flight.outputs], 1), columns=[c.name for c in flight.channels]
+    ).iloc[start : start + 16]
+    predicted = predict_table(done, table, "table")
+    np.testing.assert_allclose(predicted["euler_rates.roll"], example.predicted, rtol=1e-5, atol=1e-6)
+    with pytest.raises(BenchError, match=r"no column 'pilot\.rudder'"):
+        predict_table(done, table.drop(columns="pilot.rudder"), "table")
+    with pytest.raises(BenchError, match="row 3: 'nan'"):
+        broken = table.copy()
+        broken.iloc[2, 0] = np.nan
+        predict_table(done, broken, "table")
+
+
+def test_an_unwritable_results_folder_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    todo = engine.plan(runs("MLFC: 1x5 - MLP: 5x10", 1), tmp_path / "file" / "runs")
+    with pytest.raises(BenchError, match="cannot be written"):
+        engine.execute(todo, tmp_path / "file" / "runs")
