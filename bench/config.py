@@ -22,7 +22,7 @@ NUMERICS = 1
 class Training:
     """How weights are found."""
 
-    updates: int = option(1500, "weight updates, unless early stopping ends the run before", low=1, search=False)
+    updates: int = option(2000, "weight updates, unless early stopping ends the run before", low=1, search=False)
     batch: int = option(64, "windows in a batch", low=1, high=100000)
     learning_rate: float = option(5e-3, "Adam's step at the start", low=1e-7, high=1.0, log=True, search=True)
     final_rate: float = option(0.05, "step at the end, as a fraction of the start (cosine between)", low=0.0, high=1.0)
@@ -31,7 +31,7 @@ class Training:
     alpha: float = option(1.0, "weight α of the prediction cost", low=0.0)
     beta: float = option(1.0, "weight β of the state-initialization cost (neural initializers)", low=0.0)
     evaluate_every: int = option(100, "updates between two looks at the validation part", low=1)
-    patience: int = option(8, "looks without improvement before the run stops early", low=1)
+    patience: int = option(10, "looks without improvement before the run stops early", low=1)
     validation_windows: int = option(512, "validation windows, evenly spread", low=1)
 
 

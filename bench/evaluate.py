@@ -60,7 +60,7 @@ def norms(errors: np.ndarray, channels: tuple[Channel, ...]) -> Iterator[tuple[s
     both only where all three axes of a signal are predicted; "axis" is the absolute error of one channel.
     """
     for group, columns in groups(channels).items():
-        unit, factor = display(channels[columns[0]].unit)
+        unit, factor = display(channels[columns[0]].unit, group)
         e = np.abs(errors[..., columns]) * factor
         if len(columns) == 3:
             yield group, "paper", unit, e.mean(-1)

@@ -46,8 +46,10 @@ def to_si(unit: str) -> tuple[str, float]:
     return _TO_SI[unit]
 
 
-def display(si_unit: str) -> tuple[str, float]:
-    """The unit a report shows, as the paper does, and the factor from SI: rad/s → deg/s, rad → deg."""
+def display(si_unit: str, signal: str = "") -> tuple[str, float]:
+    """The unit a report shows, as the paper does, and the factor from SI: rad/s → deg/s (not of rotors), rad → deg."""
+    if signal.startswith("rotor"):
+        return si_unit, 1.0
     return {"rad/s": ("deg/s", 180 / math.pi), "rad": ("deg", 180 / math.pi)}.get(si_unit, (si_unit, 1.0))
 
 
@@ -69,6 +71,7 @@ SIGNALS: dict[str, Signal] = {
     "specific_force": Signal("m/s^2", ("x", "y", "z"), "accelerometer, body frame"),
     "rotor_speed": Signal("rad/s", (), "measured, one a rotor"),
     "rotor_command": Signal("rad/s", (), "commanded, one a rotor"),
+    "motor_count": Signal("pwm", (), "measured rotor speed in its controller's integer scale"),
     "pwm": Signal("pwm", (), "raw motor command"),
     "elevon": Signal("pwm", (), "raw servo command"),
     "pilot": Signal("1", ("aileron", "elevator", "rudder", "collective"), "pilot sticks, -1 to 1"),

@@ -4,9 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.table import Table
 
 from bench.cli import options
 from bench.cli.datasets import choose
+from registry.contracts import Finding
 from registry.errors import BenchError
 
 
@@ -23,7 +25,7 @@ def inspect_command(name: str, assignments: tuple[str, ...]) -> None:
     from registry.datasets.inspect import inspect
 
     given = {k.removeprefix("dataset."): v for k, v in options.parsed(assignments).items()}
-    _render(inspect(choose(name, given)))
+    _render(*inspect(choose(name, given)))
 
 
 @data_command.command("init")
@@ -57,5 +59,44 @@ def check_command(folder: Path) -> None:
     click.echo(f'Next: bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}')
 
 
-def _render(summary: dict[str, Any]) -> None:
-    raise NotImplementedError
+def _render(rows: list[dict[str, Any]], findings: list[Finding]) -> None:
+    out = options.console()
+    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+    table.add_column("recording")
+    for name in ("samples", "Hz", "s", "invalid", "dropped", "held", "spikes", "gaps", "lag"):
+        table.add_column(name, justify="right")
+    for r in rows:
+        lag = "" if r["lag"] is None else f"{r['lag']:+.1f}"
+        rate = "" if r["rate"] is None else f"{r['rate']:g}"
+        counts = [r[k] for k in ("invalid", "dropped", "held", "spike", "gaps")]
+        cells = (str(c or "") for c in counts)
+        table.add_row(r["name"], str(r["samples"]), rate, f"{r['seconds']:.1f}", *cells, lag)
+    out.print(table)
+    total = sum(r["samples"] for r in rows)
+    out.print(f"{len(rows)} recordings, {total} samples, {sum(r['seconds'] for r in rows) / 60:.1f} minutes.\n")
+    _render_ranges(out, rows)
+    if findings:
+        out.print("\n[bold]What cleaning found[/]")
+    for f in findings:
+        out.print(f"  {f.recording}: {f.kind}: {f.detail}", highlight=False, markup=False)
+
+
+def _render_ranges(out: Any, rows: list[dict[str, Any]]) -> None:
+    """Least and greatest value of every channel, recording by recording in blocks of a signal."""
+    signals: dict[str, list[str]] = {}
+    for row in rows:
+        for channel in row["ranges"]:
+            axes = signals.setdefault(channel.partition(".")[0], [])
+            if channel not in axes:
+                axes.append(channel)
+    for signal, channels in signals.items():
+        unit = next(r["ranges"][c][2] for r in rows for c in channels if c in r["ranges"])
+        table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+        table.add_column(f"{signal} [{unit}]".replace("[", "\\["))
+        for c in channels:
+            table.add_column(c.partition(".")[2], justify="right", no_wrap=True)
+        for r in rows:
+            cells = [r["ranges"].get(c) for c in channels]
+            if any(cells):
+                table.add_row(r["name"], *("" if c is None else f"{c[0]:.3g} .. {c[1]:.3g}" for c in cells))
+        out.print(table)

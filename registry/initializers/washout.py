@@ -21,9 +21,7 @@ class WashoutInitializer(Initializer):
         inputs, outputs = inputs[..., -self.period :, :], outputs[..., -self.period :, :]
         layout = predictor.layout
         lead = inputs.shape[:-2]
-        new = {"dtype": inputs.dtype, "device": inputs.device}
-        hidden = torch.zeros(*lead, layout.hidden, **new)
-        cell = torch.zeros(*lead, layout.cell, **new)
+        hidden, cell = inputs.new_zeros(*lead, layout.hidden), inputs.new_zeros(*lead, layout.cell)
         if self.start == "random":
             hidden, cell = hidden.uniform_(-1, 1), cell.uniform_(-1, 1)
         state = torch.cat([predictor.fill(inputs[..., :1, :], outputs[..., :1, :]), hidden, cell], -1)

@@ -62,7 +62,7 @@ def lstm(
         shape = (len(layers), t, inputs.shape[0], layers[0].recurrent.shape[-1], inputs.shape[1])
         keep = torch.full(shape, 1 - dropout, dtype=inputs.dtype, device=inputs.device)
         mask = torch.bernoulli(keep).div_(1 - dropout)
-    run: tuple[Tensor, Tensor, Tensor] = _LSTM.apply(  # type: ignore[no-untyped-call]
+    run: tuple[Tensor, Tensor, Tensor] = _LSTM.apply(
         inputs, fed, hidden, cell, forced, mask, output_weight, output_bias, *flat
     )
     outputs, hidden, cell = run
@@ -87,7 +87,7 @@ class _LSTM(torch.autograd.Function):
         L, H = len(flat) // 4, flat[1].shape[-1]
         n = 0 if w_out is None else w_out.shape[-2]
         D = fed.shape[-1] // n if n else 0
-        new = {"dtype": inputs.dtype, "device": inputs.device}
+        new: dict[str, Any] = {"dtype": inputs.dtype, "device": inputs.device}
         # operands of the gate product, rows of layer 0: [m | D·ỹ | u | 1 | 0..], of the others: [m | below | 1 | 0..]
         X, W = [], []
         for i in range(L):
@@ -159,7 +159,7 @@ class _LSTM(torch.autograd.Function):
         X, W, G, C, TC, V, mask, wo, D, n, m, was_forced = ctx.kept
         L, T, M, H4, B = G.shape
         H = H4 // 4
-        new = {"dtype": G.dtype, "device": G.device}
+        new: dict[str, Any] = {"dtype": G.dtype, "device": G.device}
         dW = [torch.zeros_like(w) for w in W]
         dX = [torch.zeros_like(x[0]) for x in X]
         dC = list(dc_.unflatten(-1, (L, H)).permute(2, 0, 3, 1).clone(memory_format=torch.contiguous_format).unbind(0))

@@ -45,7 +45,7 @@ def mlfc(
         shape = (t, inputs.shape[0], hidden.shape[-1], inputs.shape[1])
         keep = torch.full(shape, 1 - dropout, dtype=inputs.dtype, device=inputs.device)
         mask = torch.bernoulli(keep).div_(1 - dropout)
-    run: tuple[Tensor, Tensor] = _MLFC.apply(inputs, fed, hidden, forced, mask, readout, *layers)  # type: ignore[no-untyped-call]
+    run: tuple[Tensor, Tensor] = _MLFC.apply(inputs, fed, hidden, forced, mask, readout, *layers)
     outputs, hidden = run
     return outputs[:, :batch], hidden[:, :batch]
 
@@ -66,7 +66,7 @@ class _MLFC(torch.autograd.Function):
         n, H, L = readout.shape[-2], layers[0].shape[-2], len(layers)
         first = m + n + 1  # row of y¹
         K = pad16(first + L * H)
-        new = {"dtype": inputs.dtype, "device": inputs.device}
+        new: dict[str, Any] = {"dtype": inputs.dtype, "device": inputs.device}
 
         def padded(w: Tensor, rows: int) -> Tensor:
             out = torch.zeros(M, rows, K, **new)
@@ -103,7 +103,7 @@ class _MLFC(torch.autograd.Function):
         X, W, wo, H_out, mask, m, n, was_forced = ctx.kept
         L, (T, M, K, B), H = len(W), X.shape[1:], W[0].shape[1]
         first = m + n + 1
-        new = {"dtype": X.dtype, "device": X.device}
+        new: dict[str, Any] = {"dtype": X.dtype, "device": X.device}
         dY = torch.zeros(T, M, wo.shape[1], B, **new)
         dY[:, :, :n] = dY_.permute(2, 0, 3, 1)
         dU = torch.empty(T, M, m, B, **new)

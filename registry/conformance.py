@@ -1,0 +1,106 @@
+"""Tests that a plug-in subclasses to prove itself.
+
+from registry.conformance import EffectConformance
+
+class TestMyEffect(EffectConformance):
+    effect = MyEffect
+"""
+
+import dataclasses
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from registry.core import EFFECTS, PHYSICS
+from registry.dynamics import Effect, InputEffect, PhysicsModel
+
+DT = 0.01
+
+
+class EffectConformance:
+    """What every effect must be: described, nothing at neutral values, something at typical ones, differentiable."""
+
+    effect: ClassVar[type[Effect]]
+    others: ClassVar[tuple[Effect, ...]] = ()
+    """Effects that must be in the model beside it (`Effect.requires`)."""
+    visible_after: ClassVar[int] = 5
+    """Steps within which a typical effect shows."""
+
+    def model(self, *effects: Effect, **constants: Any) -> PhysicsModel:
+        """The first physics model that the effect fits, with effects; override for a system of your own."""
+        name = (self.effect.systems or ("quadrotor",))[0]
+        made: PhysicsModel = PHYSICS.get(name)(effects=(*effects, *self.others), **constants)
+        return made
+
+    def trajectory(self) -> tuple[Tensor, Tensor]:
+        """A state (s,) that moves, turns and is near the ground, and inputs (N, m) that change."""
+        model = self.model()
+        generator = torch.Generator().manual_seed(3)
+        state = torch.zeros(len(model.state_channels), dtype=torch.float64)
+        state[:13] = torch.tensor([0.1, -0.2, 0.35, 1.5, -0.8, 0.4, 0.1, -0.05, 0.2, 0.97, 0.6, -0.7, 0.5])
+        state[6:10] /= state[6:10].norm()
+        driven_by_rotors = model.input_signals[0].startswith("rotor")
+        noise = torch.rand(self.visible_after + 1, 4, generator=generator, dtype=torch.float64)
+        return state, 450 + 100 * noise if driven_by_rotors else noise - 0.5
+
+    def final(self, *effects: Effect, **constants: Any) -> Tensor:
+        """The state (s,) at the end of the trajectory."""
+        state, inputs = self.trajectory()
+        return self.model(*effects, **constants).simulate(state, inputs, DT)[-1]
+
+    def test_is_described(self) -> None:
+        """Registered, with equation, and each parameter with unit, typical value within its bounds."""
+        assert EFFECTS.get(EFFECTS.name_of(self.effect)) is self.effect
+        assert self.effect.equation
+        parameters = self.effect.neutral().parameters()
+        assert len(parameters) == len(dataclasses.fields(self.effect)) > 0
+        for p in parameters:
+            assert p.unit and p.about, f"{p.name} lacks unit or explanation"
+            for value in (p.neutral, p.typical):
+                assert p.low is None or value >= p.low
+                assert p.high is None or value <= p.high
+
+    def test_neutral_is_no_effect(self) -> None:
+        """The neutral values leave every step as it was, with measured and with held inputs."""
+        for hold in ("linear", "previous"):
+            bare, neutral = self.final(input_hold=hold), self.final(self.effect.neutral(), input_hold=hold)
+            torch.testing.assert_close(neutral, bare, rtol=1e-13, atol=1e-13)
+
+    def test_typical_shows(self) -> None:
+        """Typical values change the motion."""
+        assert (self.final(self.effect.typical()) - self.final()).abs().max() > 1e-6
+
+    def test_batches(self) -> None:
+        """A batch of states, and of parameters, gives what its elements give alone."""
+        state, inputs = self.trajectory()
+        half = self.effect(**{p.name: p.typical / 2 for p in self.effect.neutral().parameters()})
+        both = self.effect(
+            **{
+                p.name: torch.tensor([p.typical / 2, p.typical], dtype=torch.float64)
+                for p in self.effect.neutral().parameters()
+            }
+        )
+        states = self.model(both).simulate(state.expand(2, -1), inputs.expand(2, -1, -1), DT)[:, -1]
+        expected = torch.stack([self.final(half), self.final(self.effect.typical())])
+        torch.testing.assert_close(states, expected, rtol=1e-12, atol=1e-12)
+
+    def test_gradients(self) -> None:
+        """Exact gradients with respect to state, inputs and parameters."""
+        state, inputs = self.trajectory()
+        names = [p.name for p in self.effect.neutral().parameters()]
+        # Off the nodes of a piecewise linear interpolation, where a numerical gradient means nothing.
+        shift = 1.137 if issubclass(self.effect, InputEffect) else 1.0
+        values = [
+            torch.tensor(p.typical * shift, dtype=torch.float64, requires_grad=True)
+            for p in self.effect.neutral().parameters()
+        ]
+        scale = torch.tensor([p.typical for p in self.effect.neutral().parameters()], dtype=torch.float64).abs()
+
+        def run(first: Tensor, driven: Tensor, *relative: Tensor) -> Tensor:
+            scaled = {n: r * s for n, r, s in zip(names, relative, scale, strict=True)}
+            return self.model(self.effect(**scaled)).simulate(first, driven * 100, DT)[-1]
+
+        relative = [(v.detach() / s).requires_grad_() for v, s in zip(values, scale, strict=True)]
+        first, driven = state.clone().requires_grad_(), (inputs / 100).requires_grad_()
+        assert torch.autograd.gradcheck(run, (first, driven, *relative), eps=1e-6, atol=1e-5, rtol=1e-4)

@@ -1,0 +1,314 @@
+"""Physics models and the effects that a simple one leaves out.
+
+A model's constants and an effect's parameters are the fields of frozen dataclasses; each may hold a number,
+a tuple of numbers or a tensor (to fit it by gradient, or one value a batch element). Everything is batched
+over leading dimensions and differentiable. SI inside; world z up, body x forward, y left, z up.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Self
+
+import torch
+from torch import Tensor
+
+from registry.contracts import Channel
+from registry.core import EFFECTS, PHYSICS, option
+from registry.errors import BenchError
+
+# ------------------------------------------------------------------------------------------------ parameters
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical constant: nominal value, bounds and what is known about it."""
+
+    name: str
+    unit: str
+    value: Any
+    low: float | None
+    high: float | None
+    uncertainty: float
+    """Relative, 1σ."""
+    neutral: Any
+    """Of an effect: the value that makes it no effect."""
+    typical: Any
+    """Of an effect: a value met on real vehicles."""
+    source: str
+    about: str
+
+
+def constant(
+    value: Any,
+    about: str,
+    unit: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    source: str = "",
+    uncertainty: float = 0.02,
+    typical: Any = None,
+) -> Any:
+    """A dataclass field for a physical constant; of an effect, ``value`` is the neutral one.
+
+    Args:
+        value: nominal value, SI.
+        about: one line of explanation.
+        unit: SI unit.
+        low: inclusive bound.
+        high: inclusive bound.
+        source: where the value comes from.
+        uncertainty: relative, 1σ.
+        typical: of an effect, a value met on real vehicles.
+    """
+    base = option(value, about, unit=unit, low=low, high=high, source=source)
+    return field(default=value, metadata={**base.metadata, "uncertainty": uncertainty, "typical": typical})
+
+
+def _parameters(entry: Any) -> Iterator[Parameter]:
+    for f in dataclasses.fields(entry):
+        if "uncertainty" in f.metadata:
+            m = f.metadata
+            spread, neutral, typical = m["uncertainty"], f.default, m["typical"]
+            value = getattr(entry, f.name)
+            yield Parameter(
+                f.name, m["unit"], value, m["low"], m["high"], spread, neutral, typical, m["source"], m["help"]
+            )
+
+
+def tensor(value: Any, like: Tensor) -> Tensor:
+    """A constant (number, nested tuple or tensor) as a tensor of the type and device of ``like``."""
+    return torch.as_tensor(value, dtype=like.dtype, device=like.device)
+
+
+# --------------------------------------------------------------------------------------------------- effects
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What an effect sees of a rigid body at one instant. Shapes (…, 3) unless said."""
+
+    model: Any
+    """The rigid body's model, for its constants."""
+    position: Tensor
+    """World [m]."""
+    velocity: Tensor
+    """World [m/s]."""
+    rotation: Tensor
+    """(…, 3, 3), body to world."""
+    body_rates: Tensor
+    """[rad/s]."""
+    air_velocity: Tensor
+    """Rᵀ(v − wind): velocity through the air in the body frame [m/s]."""
+    inputs: Tensor
+    """(…, m) what acts on the body now."""
+    input_rates: Tensor
+    """(…, m) its time derivative."""
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """A physical effect. Subclass one of the kinds below, give the fields as `constant` and register it."""
+
+    equation: ClassVar[str]
+    """As text, in the symbols of the field."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Signals without which the effect cannot be seen in data."""
+    requires: ClassVar[tuple[str, ...]] = ()
+    """Ids of effects one of which must be in the model (a model can bring them itself, `provides`)."""
+    systems: ClassVar[tuple[str, ...]] = ()
+    """Physics models the effect fits; empty: all."""
+
+    def parameters(self) -> list[Parameter]:
+        """The parameters, in order."""
+        return list(_parameters(self))
+
+    @classmethod
+    def neutral(cls) -> Self:
+        """With the parameters that make it no effect."""
+        return cls()
+
+    @classmethod
+    def typical(cls) -> Self:
+        """With parameters met on real vehicles."""
+        return cls(**{p.name: p.typical for p in _parameters(cls())})
+
+
+class LoadEffect(Effect):
+    """Adds a force and a torque to a rigid body."""
+
+    @abstractmethod
+    def load(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        """Force (…, 3) [N] and torque about the centre of gravity (…, 3) [N m], body frame."""
+
+
+class HubEffect(Effect):
+    """Adds a force at each rotor hub, and with it the torque r × F."""
+
+    @abstractmethod
+    def hub_force(self, motion: Motion) -> Tensor:
+        """Forces (…, rotors, 3) [N], body frame."""
+
+
+class WindEffect(Effect):
+    """Moves the air."""
+
+    @abstractmethod
+    def wind(self, like: Tensor) -> Tensor:
+        """Velocity of the air (…, 3) [m/s], world frame, of the type of ``like``."""
+
+
+class ModelEffect(Effect):
+    """Acts on the model's constants."""
+
+    @abstractmethod
+    def adapt(self, model: Any) -> Any:
+        """The model with changed constants."""
+
+
+class InputEffect(Effect):
+    """Stands between the given input and the one that acts; has a memory of its own."""
+
+    @abstractmethod
+    def memory_size(self, inputs: int, dt: float) -> int:
+        """Length of the memory for ``inputs`` channels at a step of ``dt`` [s]."""
+
+    @abstractmethod
+    def steady(self, inputs: Tensor, dt: float) -> Tensor:
+        """Memory (…, memory_size) after inputs (…, m) that have not changed for long."""
+
+    @abstractmethod
+    def act(self, memory: Tensor, segment: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """Pass one time step.
+
+        Args:
+            memory: (…, memory_size) at its start.
+            segment: (…, 3, m) the input at its start, middle and end, linear between them.
+            dt: its length [s].
+            held: whether the samples are held over a step (else they are joined by straight lines).
+
+        Returns:
+            The memory at its end and the segment (…, 3, m) that comes out.
+        """
+
+
+# ---------------------------------------------------------------------------------------------------- models
+
+
+@dataclass(frozen=True)
+class PhysicsModel(ABC):
+    """A continuous-time model dx/dt = f(x, u) and its integrator (4th-order Runge–Kutta).
+
+    The full state (…, s) is the state proper, `state_channels`, followed by the memories of the input effects.
+    """
+
+    effects: tuple[Effect, ...] = field(
+        default=(), kw_only=True, metadata={"help": "effects added to the base model, in order"}
+    )
+    input_hold: str = field(
+        default="linear",
+        kw_only=True,
+        metadata={
+            "help": "inputs between samples: linear (measured) or previous (commands)",
+            "choices": ("linear", "previous"),
+        },
+    )
+
+    state_channels: ClassVar[tuple[Channel, ...]]
+    """The state proper."""
+    input_signals: ClassVar[tuple[str, ...]]
+    """Signals that can drive the model; the first is its own."""
+    equation: ClassVar[str]
+    """As text."""
+    provides: ClassVar[tuple[str, ...]] = ()
+    """Ids of effects that the base model holds already."""
+
+    def __post_init__(self) -> None:
+        if self.input_hold not in ("linear", "previous"):
+            raise BenchError(f"input_hold = {self.input_hold!r}: choose linear or previous.")
+        if not self.effects:
+            return
+        name, ids = PHYSICS.name_of(type(self)), [EFFECTS.name_of(type(e)) for e in self.effects]
+        for effect, label in zip(self.effects, ids, strict=True):
+            if effect.systems and name not in effect.systems:
+                raise BenchError(f"The effect {label} does not fit {name}: it is for {', '.join(effect.systems)}.")
+            if effect.requires and not set(effect.requires) & {*ids, *self.provides}:
+                raise BenchError(f"The effect {label} needs another one in the model: {', '.join(effect.requires)}.")
+
+    @abstractmethod
+    def derivative(self, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None) -> Tensor:
+        """Time derivative (…, s) of the state proper (…, s).
+
+        Args:
+            state: (…, s) without memories.
+            inputs: (…, m) what acts now (after the input effects).
+            input_rates: (…, m) its time derivative; None: constant inputs.
+        """
+
+    def project(self, state: Tensor) -> Tensor:
+        """The state proper (…, s) put back on its manifold after a step, such as a quaternion to unit length."""
+        return state
+
+    def parameters(self) -> list[Parameter]:
+        """The constants, in order (those of the effects are theirs)."""
+        return list(_parameters(self))
+
+    def input_effects(self) -> list[InputEffect]:
+        """The effects between the given input and the acting one, in order."""
+        return [e for e in self.effects if isinstance(e, InputEffect)]
+
+    def initial(self, state: Tensor, inputs: Tensor, dt: float) -> Tensor:
+        """Full state from the state proper (…, s) and inputs (…, m) that have been steady until now."""
+        return torch.cat([state, *(e.steady(inputs, dt) for e in self.input_effects())], dim=-1)
+
+    def step(self, state: Tensor, before: Tensor, after: Tensor, dt: float) -> Tensor:
+        """One time step of the full state.
+
+        Args:
+            state: (…, s) full state at t.
+            before: (…, m) inputs at t.
+            after: (…, m) inputs at t + dt; not looked at when inputs are held.
+            dt: [s].
+
+        Returns:
+            The full state (…, s) at t + dt.
+        """
+        held = self.input_hold == "previous"
+        segment = torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
+        body = state[..., : len(self.state_channels)]
+        memories, at = [], len(self.state_channels)
+        for effect in self.input_effects():
+            size = effect.memory_size(before.shape[-1], dt)
+            memory, segment = effect.act(state[..., at : at + size], segment, dt, held)
+            memories.append(memory)
+            at += size
+        u0, um, u1 = segment.unbind(-2)
+        # The derivative of the parabola through the three: its Simpson integral is exactly u1 - u0.
+        d0, dm, d1 = (4 * um - 3 * u0 - u1) / dt, (u1 - u0) / dt, (3 * u1 - 4 * um + u0) / dt
+        k1 = self.derivative(body, u0, d0)
+        k2 = self.derivative(body + dt / 2 * k1, um, dm)
+        k3 = self.derivative(body + dt / 2 * k2, um, dm)
+        k4 = self.derivative(body + dt * k3, u1, d1)
+        body = self.project(body + dt / 6 * (k1 + 2 * (k2 + k3) + k4))
+        return torch.cat([body, *memories], dim=-1) if memories else body
+
+    def simulate(self, state: Tensor, inputs: Tensor, dt: float) -> Tensor:
+        """Free run.
+
+        Args:
+            state: (…, s) state proper at the first input sample, where all has been steady before.
+            inputs: (…, N, m).
+            dt: [s].
+
+        Returns:
+            The state proper (…, N, s) at the input samples, the first as given.
+        """
+        full, states = self.initial(state, inputs[..., 0, :], dt), [state]
+        for k in range(1, inputs.shape[-2]):
+            full = self.step(full, inputs[..., k - 1, :], inputs[..., k, :], dt)
+            states.append(full[..., : state.shape[-1]])
+        return torch.stack(states, dim=-2)

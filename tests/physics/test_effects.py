@@ -1,0 +1,137 @@
+"""Each effect: the public conformance tests, and a number computed by hand."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from registry.conformance import EffectConformance
+from registry.core import EFFECTS
+from registry.effects.actuation import InputDelay, MotorLag
+from registry.effects.air import LinearDrag, Wind
+from registry.effects.rotor import GroundEffect, RotorDrag, RotorGyroscopicTorque, RotorReactionTorque
+from registry.physics.quadrotor import Quadrotor
+
+F64 = torch.float64
+
+
+class TestRotorDrag(EffectConformance):
+    effect = RotorDrag
+
+
+class TestGroundEffect(EffectConformance):
+    effect = GroundEffect
+
+
+class TestRotorGyroscopicTorque(EffectConformance):
+    effect = RotorGyroscopicTorque
+
+
+class TestRotorReactionTorque(EffectConformance):
+    effect = RotorReactionTorque
+
+
+class TestLinearDrag(EffectConformance):
+    effect = LinearDrag
+
+
+class TestWind(EffectConformance):
+    effect = Wind
+    others = (LinearDrag(0.4, 0.4, 0.4),)
+
+
+class TestMotorLag(EffectConformance):
+    effect = MotorLag
+
+
+class TestInputDelay(EffectConformance):
+    effect = InputDelay
+
+
+def test_every_effect_is_tested_here():
+    tested = {c.effect for c in EffectConformance.__subclasses__()}
+    assert {EFFECTS.get(n) for n in EFFECTS.names()} <= tested
+
+
+def added(effect, *, position=(0, 0, 9.0), velocity=(0, 0, 0), rates=(0, 0, 0), speeds=(400.0,) * 4, slopes=(0,) * 4):
+    """What an effect adds to the derivative (13,) of a level quadrotor, in unit mass and the default inertia."""
+    state = torch.tensor([*position, *velocity, 0, 0, 0, 1, *rates], dtype=F64)
+    u, du = torch.tensor(speeds, dtype=F64), torch.tensor(slopes, dtype=F64)
+    effects = effect if isinstance(effect, tuple) else (effect,)
+    return (Quadrotor(effects=effects).derivative(state, u, du) - Quadrotor().derivative(state, u, du)).numpy()
+
+
+def test_rotor_drag_pulls_at_the_hubs():
+    # Σ k_d ω_i v = 1e-4 · 1600 · 2 against the motion; nothing along z.
+    out = added(RotorDrag(k_d=1e-4), velocity=(2, 0, 5))
+    assert out[3:6] == pytest.approx([-0.32, 0, 0]) and out[10:] == pytest.approx([0, 0, 0], abs=1e-12)
+    # A yaw of 3 rad/s moves each hub at .63 m/s: torque −4 · k_d ω · .63 · .21 over J_z = .02.
+    assert added(RotorDrag(k_d=1e-4), rates=(0, 0, 3))[12] == pytest.approx(-4 * 1e-4 * 400 * 0.63 * 0.21 / 0.02)
+
+
+def test_ground_effect_lifts_and_is_clamped():
+    thrust = 9.9865e-6 * 400**2
+    out = added(GroundEffect(c=1.0), position=(0, 0, 0.2))
+    assert out[5] == pytest.approx(4 * thrust * (1 / (1 - (0.127 / 0.8) ** 2) - 1))
+    assert added(GroundEffect(c=1.0), position=(0, 0, 0.001))[5] == pytest.approx(4 * thrust * (1.44 / 0.44 - 1))
+
+
+def test_ground_effect_sees_the_height_of_each_hub():
+    state = torch.tensor([0, 0, 0.25, 0, 0, 0, math.sin(0.1), 0, 0, math.cos(0.1), 0, 0, 0], dtype=F64)  # roll .2
+    u = torch.full((4,), 400.0, dtype=F64)
+    out = Quadrotor(effects=(GroundEffect(c=5.0),)).derivative(state, u) - Quadrotor().derivative(state, u)
+    assert out[10] < -0.1, "the low (right) side is lifted"
+
+
+def test_rotor_inertia_gyroscopic_and_reaction():
+    # s = + − + −: Σ s ω = 600 + 600 − 400 − 400 = 400.
+    out = added(RotorGyroscopicTorque(rotor_inertia=1e-4), rates=(0, 2, 0), speeds=(600, 400, 600, 400))
+    assert out[10:] == pytest.approx([1e-4 * 400 * 2 / 0.01, 0, 0])  # ω_b × e3 = (q, −p, 0)
+    out = added(RotorReactionTorque(rotor_inertia=1e-4), slopes=(50, 0, 0, -30))
+    assert out[10:] == pytest.approx([0, 0, 1e-4 * 80 / 0.02])
+
+
+def test_reaction_torque_integrates_to_the_change_of_speed():
+    state = torch.zeros(13, dtype=F64)
+    state[9] = 1
+    inputs = torch.tensor([[400.0] * 4, [400 + 7.0, 400, 400, 400]], dtype=F64)
+    model = Quadrotor(effects=(RotorReactionTorque(rotor_inertia=1e-4),), torque_coefficient=0.0)
+    assert model.simulate(state, inputs, 0.01)[-1][12].item() == pytest.approx(1e-4 * 7 / 0.02)
+
+
+def test_wind_is_felt_as_motion_through_the_air():
+    drag = LinearDrag(d_x=0.5, d_y=0.3, d_z=0.1)
+    assert added((drag, Wind(w_x=1.0, w_y=-2.0)), velocity=(4, 0, 1))[3:6] == pytest.approx([-1.5, -0.6, -0.1])
+
+
+def acting(effect, inputs, hold, dt=0.01):
+    """Acting inputs at the end of each step, from the effect alone."""
+    memory, out = effect.steady(inputs[0], dt), []
+    for before, after in itertools.pairwise(inputs):
+        held = hold == "previous"
+        segment = torch.stack([before] * 3 if held else [before, (before + after) / 2, after])
+        memory, segment = effect.act(memory, segment, dt, held)
+        out.append(segment[-1])
+    return torch.stack(out).numpy()[:, 0]
+
+
+def test_motor_lag_is_exact_for_steps_and_ramps():
+    t = np.arange(1, 9) * 0.01
+    up = torch.tensor([[0.0]] + [[1.0]] * 8, dtype=F64)
+    lag = MotorLag(tau_up=0.02, tau_down=0.05)
+    held = acting(lag, up, "previous")
+    assert held[1:] == pytest.approx(1 - np.exp(-t[:-1] / 0.02), abs=1e-12) and held[0] == 0
+    assert acting(lag, 1 - up, "previous")[1:] == pytest.approx(np.exp(-t[:-1] / 0.05), abs=1e-12)
+    ramp = torch.arange(9, dtype=F64)[:, None] * 0.01
+    assert acting(lag, ramp, "linear") == pytest.approx(t - 0.02 * (1 - np.exp(-t / 0.02)), abs=1e-12)
+
+
+def test_input_delay_is_fractional():
+    ramp = torch.arange(30, dtype=F64)[:, None]
+    assert acting(InputDelay(delay=0.025), ramp, "linear")[10:] == pytest.approx(np.arange(11, 30) - 2.5)
+    assert acting(InputDelay(delay=0.2), ramp, "linear")[-1] == pytest.approx(9)
+    pulse = torch.zeros(10, 1, dtype=F64)
+    pulse[3] = 1.0  # held over the step from 3 to 4: with 1.25 samples of delay, .75 of it in the next
+    assert acting(InputDelay(delay=0.0125), pulse, "previous") == pytest.approx([0, 0, 0, 0, 0.75, 0.25, 0, 0, 0])
