@@ -5,6 +5,7 @@ import inspect
 from typing import Any
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
 from bench import study
@@ -28,7 +29,7 @@ def list_command(kind: str | None) -> None:
         table.add_column(no_wrap=True)
         table.add_column()
         for name, about in lines:
-            table.add_row(f"  {name}", about)
+            table.add_row(f"  {name}", escape(about))
         out.print(table)
     if kind is None:
         out.print("\n`bench show NAME` explains one; `bench run STUDY` or `bench run SPEC` runs it.")
@@ -92,6 +93,6 @@ def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
         about = str(meta.get("help", ""))
         if meta.get("source"):
             about += f" ({meta['source']})"
-        table.add_row(f.name, default, span, str(meta.get("unit", "")), about)
+        table.add_row(f.name, default, span, str(meta.get("unit", "")), escape(about))
     out.print()
     out.print(table)

@@ -1,0 +1,100 @@
+"""Commands as a user types them: what they print, and one sentence and exit code 2 for every mistake."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bench import record
+
+
+def bench(*args: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "bench", *args],
+        cwd=cwd,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def test_every_entry_is_listed_and_explained(tmp_path: Path) -> None:
+    listed = bench("list", cwd=tmp_path).stdout
+    for name in ("LSTM TDL", "MLFC", "linear", "Washout", "RNN", "nanodrone", "pelican_twin", "washout_vs_mlp"):
+        assert name in listed
+    shown = bench("show", "washout", cwd=tmp_path).stdout
+    for part in ("history", "10", "samples", "measured | own", "Jaeger 2002"):
+        assert part in shown
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        (("rnu",), "did you mean run"),
+        (("run", "washout_vs_mpl"), "did you mean washout_vs_mlp"),
+        (("run", "LSTN: 1x50 - MLP: 60x10"), "did you mean LSTM"),
+        (("run", "LSTM: 1x5o - MLP: 60x10"), "character 9"),
+        (("run", "constant", "--dataset", "nanodron"), "did you mean nanodrone"),
+        (("run", "constant", "--dataset", "nanodrone"), "download them from https://"),
+        (("run", "constant", "--dataset", "pelican"), "AscTec_Pelican_Flight_Dataset.mat"),
+        (("run", "constant", "--set", "training.updtes=3"), "did you mean training.updates"),
+        (("run", "constant", "--set", "horizon"), "must be OPTION=VALUE"),
+        (("run", "constant", "--outputs", "body_rate"), "did you mean body_rates"),
+        (("run", "constant", "--dataset", "folder", "--set", "dataset.path=nowhere"), "nowhere"),
+        (("run", "constant", "--results", "file/below"), "cannot be written"),
+        (("show", "LSMT"), "did you mean LSTM"),
+        (("list", "predictor"), "did you mean predictors"),
+        (("runs", "show", "abc"), "No run in"),
+        (("predict", "abc", "--input", "x.csv"), "No run in"),
+        (("data", "inspect", "nanobnch"), "did you mean nanobench"),
+        (("data", "check", "."), "dataset.toml"),
+    ],
+)
+def test_a_mistake_is_one_sentence(command: tuple[str, ...], says: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    before = sorted(tmp_path.rglob("*"))
+    done = bench(*command, cwd=tmp_path, BENCH_DATA="", XDG_CACHE_HOME=_cache(tmp_path, command))
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert says in done.stderr and "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) <= 2
+    left = [p for p in sorted(tmp_path.rglob("*")) if p not in before and "cache" not in p.parts]
+    assert left == []
+
+
+def _cache(tmp_path: Path, command: tuple[str, ...]) -> str:
+    """The user's own cache where the embedded twin is read, so that it is simulated once; else an empty one."""
+    real = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return str(tmp_path / "cache") if "--dataset" in command else real
+
+
+def test_one_configuration_from_data_to_prediction(tmp_path: Path) -> None:
+    done = bench(
+        "run", "MLFC: 1x8 - MLP: 9x10", "-T", "5", "--set", "training.updates=20", "--set", "test_stride=100",
+        "--no-track", cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    for part in ("MLFC: 1x8 - MLP: 9x10", "constant", "linear", "deg/s"):
+        assert part in done.stdout
+    (folder,) = (tmp_path / "results" / "studies").iterdir()
+    assert {"error_per_step.png", "table.md", "steps.parquet", "study.json"} <= {p.name for p in folder.iterdir()}
+    runs = list(record.all_records(tmp_path / "results" / "runs"))
+    assert len(runs) == 3
+    assert "MLFC: 1x8" in bench("runs", "list", cwd=tmp_path).stdout
+    keys = [r.key[:8] for r in runs]
+    assert "as written" in bench("runs", "show", keys[0], cwd=tmp_path).stdout
+    assert "config.predictor.name" in bench("runs", "diff", keys[0], keys[1], cwd=tmp_path).stdout
+    again = bench("run", "MLFC: 1x8 - MLP: 9x10", "-T", "5", "--set", "training.updates=20",
+                  "--set", "test_stride=100", "--no-track", cwd=tmp_path)  # fmt: skip
+    assert "3 already recorded, 0 to do" in again.stdout
+
+
+def test_an_altered_record_is_found_and_pruned(tmp_path: Path) -> None:
+    bench("run", "constant", "-T", "5", "--set", "test_stride=100", "--no-track", cwd=tmp_path)
+    run = next(record.all_records(tmp_path / "results" / "runs"))
+    (run.folder / "steps.parquet").write_bytes(b"broken")
+    assert "altered" in bench("runs", "show", run.key[:8], cwd=tmp_path).stdout
+    assert "Removed" in bench("runs", "prune", "--yes", cwd=tmp_path).stdout
+    assert run.key not in [r.key for r in record.all_records(tmp_path / "results" / "runs")]
