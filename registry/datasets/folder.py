@@ -1,0 +1,161 @@
+"""A user's own recordings: a folder with a `dataset.toml`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from registry.contracts import Dataset, Loaded, Recording, Split
+from registry.core import DATASETS, option
+from registry.datasets.cleaning import resample
+from registry.datasets.folder_description import FolderDescription, SignalColumns, describe
+from registry.datasets.folder_draft import draft
+from registry.datasets.rotations import (
+    euler_from_quaternion,
+    euler_rates_from_body,
+    quaternion_from_euler,
+    rotate,
+    unit_quaternion,
+)
+from registry.datasets.signals import recording
+from registry.datasets.tables import ENDINGS, first_row, numbers
+from registry.errors import BenchError
+from registry.units import to_si
+
+__all__ = ["Folder", "FolderDescription", "check", "draft"]
+
+JITTER = 0.4
+"""How much of a sampling period the clock may be off between two samples before it counts as a jump."""
+
+
+@DATASETS.register("folder")
+@dataclass(frozen=True)
+class Folder(Dataset):
+    """Recordings of your own: a folder with CSV or Parquet files and a dataset.toml that says what is in them.
+
+    Units become SI, attitude a quaternion xyzw, velocity that of the world frame; Euler rates are computed where
+    attitude and body rates are given. Samples are put on a uniform grid of the stated rate.
+    """
+
+    path: str = option(".", "the folder")
+
+    source: ClassVar[str] = "the user's own files"
+
+    @property
+    def description(self) -> FolderDescription:
+        """The checked dataset.toml, with its [physics], [processing] and [environment]."""
+        return describe(Path(self.path))
+
+    @property
+    def system(self) -> str:  # type: ignore[override]
+        """The registered physics model of the recorded system."""
+        return self.description.system
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The signal that drives the system."""
+        return (self.description.input,)
+
+    @property
+    def input_hold(self) -> str:  # type: ignore[override]
+        """Inputs between samples."""
+        return self.description.input_hold
+
+    def read(self) -> Loaded:
+        """See `Dataset.read`."""
+        description, folder = self.description, Path(self.path)
+        return Loaded(tuple(_recording(f, description) for f in _files(folder, description.files)), ())
+
+    def split(self, names: Sequence[str]) -> Split:
+        """The last fifth of the recordings by name (at least one) tests, as many before it validate.
+
+        Raises:
+            BenchError: fewer than three recordings.
+        """
+        if len(names) < 3:
+            raise BenchError(
+                f"{self.path} holds {len(names)} recording(s), and training, validation and test need one each: "
+                "add recordings or cut the long ones into several files."
+            )
+        ordered, n = sorted(names), max(1, round(len(names) / 5))
+        return Split(tuple(ordered[: -2 * n]), tuple(ordered[-2 * n : -n]), tuple(ordered[-n:]))
+
+
+def check(folder: str | Path) -> Loaded:
+    """Read every file of a folder.
+
+    Raises:
+        BenchError: the first thing that is wrong: file, column, row.
+    """
+    return Folder(path=str(folder)).load()
+
+
+def _files(folder: Path, pattern: str) -> list[Path]:
+    home = folder.resolve()
+    if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
+        raise BenchError(f"{folder}: files = {pattern!r} leaves the folder: data must lie inside it.")
+    try:
+        found = sorted(p for p in folder.glob(pattern) if p.name.endswith(ENDINGS))
+    except (ValueError, NotImplementedError) as error:
+        raise BenchError(f"{folder}: files = {pattern!r} is not a file pattern: {error}.") from error
+    if not found:
+        raise BenchError(f"{folder}: no CSV, CSV.gz or Parquet file matches files = {pattern!r}.")
+    names: dict[str, Path] = {}
+    for file in found:
+        if not file.resolve().is_relative_to(home):
+            raise BenchError(f"{file} is a link that leaves the folder: data must lie inside it.")
+        if names.setdefault(_name(file), file) is not file:
+            raise BenchError(f"{file} and {names[_name(file)]} would give two recordings of one name: rename one.")
+    return found
+
+
+def _name(file: Path) -> str:
+    return file.name.removesuffix(next(e for e in ENDINGS[::-1] if file.name.endswith(e)))
+
+
+def _recording(file: Path, description: FolderDescription) -> Recording:
+    columns = [description.time, *(c for s in description.signals.values() for c in s.columns)]
+    table = numbers(file, columns)
+    t, period = table[:, 0], 1 / description.rate
+    step = np.diff(t)
+    off = np.abs(step - period) > JITTER * period
+    if off.any():
+        i = int(off.argmax())
+        raise BenchError(
+            f"{file}, column {description.time!r}, row {first_row(file) + i + 1}: the clock jumps by {step[i]:.6g} s "
+            f"where rate_hz = {description.rate:g} means {period:.6g} s; split the file there or mend rate_hz."
+        )
+    x: dict[str, np.ndarray] = {}
+    at = 1
+    for name, signal in description.signals.items():
+        x[name] = table[:, at : at + len(signal.columns)] * to_si(signal.unit)[1]
+        at += len(signal.columns)
+    if "attitude" in x:
+        x["attitude"] = _attitude(file, x["attitude"], description.signals["attitude"])
+    if len(t) > 1 and np.ptp(step) > 1e-3 * period:
+        grid = t[0] + np.arange(int((t[-1] - t[0]) * description.rate + 1e-6) + 1) * period
+        x = {name: resample(t, values, grid, np.inf)[0] for name, values in x.items()}
+    if "attitude" in x:
+        x["attitude"] = unit_quaternion(x["attitude"])
+        if description.signals.get("velocity", SignalColumns((), "")).frame == "body":
+            x["velocity"] = rotate(x["attitude"], x["velocity"])
+        if "body_rates" in x and "euler_rates" not in x:
+            x["euler_rates"] = euler_rates_from_body(euler_from_quaternion(x["attitude"]), x["body_rates"])
+    inputs = {description.input: x.pop(description.input)}
+    valid = np.ones(len(inputs[description.input]), dtype=bool)
+    return recording(_name(file), description.rate, inputs, x, valid)
+
+
+def _attitude(file: Path, values: np.ndarray, signal: SignalColumns) -> np.ndarray:
+    if signal.convention == "euler_zyx":
+        return quaternion_from_euler(values)
+    length = np.linalg.norm(values, axis=1)
+    if (np.abs(length - 1) > 0.1).any():
+        i = int((np.abs(length - 1) > 0.1).argmax())
+        raise BenchError(
+            f"{file}, column {signal.columns[0]!r}, row {first_row(file) + i}: "
+            f"a quaternion of length {length[i]:.3g} is no attitude."
+        )
+    return unit_quaternion(values if signal.convention == "quaternion_xyzw" else values[:, [1, 2, 3, 0]])

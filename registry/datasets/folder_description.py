@@ -1,0 +1,174 @@
+"""`dataset.toml`: how a user's own files are to be read."""
+
+import tomllib
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from registry.core import PHYSICS
+from registry.errors import BenchError, near
+from registry.units import SIGNALS, to_si
+
+FILE = "dataset.toml"
+CONVENTIONS = {"euler_zyx": 3, "quaternion_xyzw": 4, "quaternion_wxyz": 4}
+_REQUIRED = ("name", "system", "rate_hz", "files", "time", "input", "signals")
+_OPTIONAL = ("input_hold", "physics", "processing", "environment")
+_ENVIRONMENT = ("gravity", "ground_z", "air_density")
+
+
+@dataclass(frozen=True)
+class SignalColumns:
+    """Where a signal is in the files and what it is measured in."""
+
+    columns: tuple[str, ...]
+    unit: str
+    convention: str = ""
+    """Of the attitude: euler_zyx, quaternion_xyzw or quaternion_wxyz."""
+    frame: str = ""
+    """Of vectors: "world" or "body"."""
+
+
+@dataclass(frozen=True)
+class FolderDescription:
+    """The checked contents of a `dataset.toml`."""
+
+    name: str
+    system: str
+    rate: float
+    """[Hz]."""
+    files: str
+    time: str
+    input: str
+    input_hold: str
+    signals: dict[str, SignalColumns]
+    physics: dict[str, Any] = field(default_factory=dict)
+    """Nominal constants, SI; "uncertainty" holds relative 1σ."""
+    processing: dict[str, Any] = field(default_factory=dict)
+    environment: dict[str, float] = field(default_factory=dict)
+
+
+def describe(folder: Path) -> FolderDescription:
+    """Read and check ``folder``/dataset.toml.
+
+    Raises:
+        BenchError: what is missing, unknown or of the wrong kind.
+    """
+    path = folder / FILE
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise BenchError(f"{path} does not exist: `bench data init {folder}` drafts it.") from error
+    except UnicodeDecodeError as error:
+        raise BenchError(f"{path} is not UTF-8 text (byte {error.start}).") from error
+    except (tomllib.TOMLDecodeError, OSError) as error:
+        raise BenchError(f"{path} cannot be read: {error}.") from error
+    _known(table, (*_REQUIRED, *_OPTIONAL), f"{path}")
+    for key in _REQUIRED:
+        if key not in table:
+            raise BenchError(f"{path} has no key {key!r}: add it.")
+    for key in ("name", "system", "files", "time", "input"):
+        if not isinstance(table[key], str) or not table[key]:
+            raise BenchError(f"{path}: {key} must be a text, not {table[key]!r}.")
+    rate = table["rate_hz"]
+    if not _number(rate) or rate <= 0:
+        raise BenchError(f"{path}: rate_hz must be a positive number, not {rate!r}.")
+    hold = table.get("input_hold", "linear")
+    if hold not in ("linear", "previous"):
+        raise BenchError(f"{path}: input_hold = {hold!r}: choose linear or previous.")
+    for key in ("signals", *_OPTIONAL[1:]):
+        if not isinstance(table.get(key, {}), dict):
+            raise BenchError(f"{path}: {key} must be a table, [{key}].")
+    signals = {name: _signal(path, name, entry) for name, entry in table["signals"].items()}
+    model = PHYSICS.get(table["system"])
+    accepted = model.input_signals
+    if table["input"] not in signals:
+        raise BenchError(f"{path}: input = {table['input']!r} is none of its signals: {near(table['input'], signals)}")
+    if table["input"] not in accepted:
+        raise BenchError(f"{path}: {table['system']} cannot be driven by {table['input']}: {near('', accepted)}")
+    twice = [c for c in {c for s in signals.values() for c in s.columns} if _uses(signals, c) > 1]
+    if twice:
+        raise BenchError(f"{path}: column {min(twice)!r} is used twice.")
+    if "attitude" not in signals and any(s.frame == "body" for n, s in signals.items() if n == "velocity"):
+        raise BenchError(f"{path}: velocity in the body frame needs the attitude to be turned into the world.")
+    physics, processing = table.get("physics", {}), table.get("processing", {})
+    environment = table.get("environment", {})
+    constants = [f.name for f in fields(model) if "uncertainty" in f.metadata]
+    _known(physics, (*constants, "uncertainty"), f"{path} [physics]")
+    _known(physics.get("uncertainty", {}), constants, f"{path} [physics.uncertainty]")
+    _known(processing, ("smoothing", "noise"), f"{path} [processing]")
+    _known(processing.get("noise", {}), signals, f"{path} [processing] noise")
+    _known(environment, _ENVIRONMENT, f"{path} [environment]")
+    for where, numbers in (("physics", physics), ("environment", environment)):
+        for key, value in numbers.items():
+            if key != "uncertainty" and not _numeric(value):
+                raise BenchError(f"{path} [{where}]: {key} must be a number or a list of numbers, not {value!r}.")
+    return FolderDescription(
+        table["name"],
+        table["system"],
+        float(rate),
+        table["files"],
+        table["time"],
+        table["input"],
+        hold,
+        signals,
+        physics,
+        processing,
+        environment,
+    )
+
+
+def _signal(path: Path, name: str, entry: Any) -> SignalColumns:
+    if name not in SIGNALS:
+        raise BenchError(f"{path}: unknown signal {name!r}: {near(name, SIGNALS)}")
+    if not isinstance(entry, dict) or "columns" not in entry:
+        raise BenchError(f'{path}: {name} must be written {{columns = ["…"], unit = "…"}}.')
+    _known(entry, ("columns", "unit", "convention", "frame"), f"{path}: {name}")
+    columns = entry["columns"]
+    if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
+        raise BenchError(f"{path}: {name}: columns must be a list of column names, not {columns!r}.")
+    known, convention, frame = SIGNALS[name], entry.get("convention", ""), entry.get("frame", "")
+    count = len(known.axes) or len(columns)
+    si, unit = known.unit, entry.get("unit")
+    if name == "attitude":
+        if convention not in CONVENTIONS:
+            raise BenchError(f"{path}: attitude: convention = {convention!r}: {near(str(convention), CONVENTIONS)}")
+        count, si = CONVENTIONS[convention], "rad" if convention == "euler_zyx" else "1"
+        unit = entry.get("unit", "1") if si == "1" else unit
+    elif convention:
+        raise BenchError(f"{path}: {name} has no convention: only the attitude has.")
+    if unit is None:
+        raise BenchError(f"{path}: {name} has no unit: add one, such as {si!r}.")
+    if not isinstance(unit, str):
+        raise BenchError(f"{path}: {name}: unit must be a text, not {unit!r}.")
+    try:
+        found = to_si(unit)[0]
+    except BenchError as error:
+        raise BenchError(f"{path}: {name}: {error}") from error
+    if found != si:
+        raise BenchError(f"{path}: {name} is measured in {si}, which {unit!r} is not.")
+    if len(columns) != count:
+        raise BenchError(f"{path}: {name} needs {count} columns, not {len(columns)}.")
+    frames = {"velocity": ("world", "body"), "specific_force": ("body",)}.get(name, ())
+    if frame and frame not in frames:
+        raise BenchError(f"{path}: {name}: frame = {frame!r}: {near(str(frame), frames)}")
+    return SignalColumns(tuple(columns), unit, convention, frame)
+
+
+def _known(table: Any, keys: Any, where: str) -> None:
+    if not isinstance(table, dict):
+        raise BenchError(f"{where} must be a table, not {table!r}.")
+    for key in table:
+        if key not in keys:
+            raise BenchError(f"{where}: unknown key {key!r}: {near(key, keys)}")
+
+
+def _uses(signals: dict[str, SignalColumns], column: str) -> int:
+    return sum(s.columns.count(column) for s in signals.values())
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < float("inf")
+
+
+def _numeric(value: Any) -> bool:
+    return all(map(_numeric, value)) if isinstance(value, list) else _number(value)

@@ -1,0 +1,135 @@
+"""NanoBench: tracking flights of a Crazyflie 2.1 under motion capture."""
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+
+from registry.contracts import Dataset, Finding, Loaded, Recording, Split
+from registry.core import DATASETS
+from registry.datasets.cleaning import airborne, extent, held, resample, runs, spikes
+from registry.datasets.locate import locate
+from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
+from registry.datasets.signals import recording
+from registry.errors import BenchError
+from registry.units import to_si
+
+RATE = 100.0
+LONGEST = 0.06
+"""Missing samples are bridged up to this distance between two measured ones [s]."""
+CLIMB, MARGIN = 0.15, 50
+"""Flight is this far above the lowest point [m], and this many samples away from take-off and landing."""
+GLITCH = {"position": 0.1, "velocity": 0.5, "body_rates": 2.0, "specific_force": 10.0}
+"""Distance from the running median that only a glitch has (m, m/s, rad/s, m/s²)."""
+_COLUMNS = {
+    "position": ["px", "py", "pz"],
+    "velocity": ["vx", "vy", "vz"],
+    "attitude": ["qx", "qy", "qz", "qw"],
+    "body_rates": ["wx_vicon", "wy_vicon", "wz_vicon"],
+    "specific_force": ["imu_acc_x", "imu_acc_y", "imu_acc_z"],
+    "pwm": [f"motor_motor_m{i}" for i in range(1, 5)],
+    "battery": ["pwr_pm_vbat"],
+}
+
+
+@DATASETS.register("nanobench")
+@dataclass(frozen=True)
+class Nanobench(Dataset):
+    """Crazyflie 2.1 tracking flights, 100 Hz, with the PWM commands (0–65535) of the motors; 37 flights.
+
+    Motion-capture position [m], velocity [m/s], attitude xyzw and body rates [rad/s], all on one clock; the on-board
+    estimate and gyroscope lead or lag them by up to several samples, differently in every flight, and are left out.
+    Specific force [m/s²] is the on-board accelerometer, with that delay. Ground parts are cut off.
+    """
+
+    source: ClassVar[str] = (
+        "NanoBench (IROS 2026), https://github.com/syediu/nanobench-iros2026, BSD-3-Clause, commit 0ae7d68"
+    )
+    inputs: ClassVar[tuple[str, ...]] = ("pwm", "battery")
+    input_hold: ClassVar[str] = "previous"
+
+    def read(self) -> Loaded:
+        """See `Dataset.read`."""
+        files = locate(
+            "nanobench",
+            "*.csv*",
+            "https://github.com/syediu/nanobench-iros2026 (datasets/dataset at 0ae7d68)",
+            "B2_circle_fast_rep1.csv has SHA-256 221e337203c009491d27e4feef7baef246f971e3219ffa305d1b71641e64afd7",
+        )
+        recordings, findings = [], []
+        for file in files:
+            flight, found = _flight(file)
+            recordings += flight
+            findings += found
+        return Loaded(tuple(recordings), tuple(findings))
+
+    def split(self, names: Sequence[str]) -> Split:
+        """Of every trajectory with two or more flights the last tests; of those, every third one's first validates
+        (our choice: none is published)."""
+        kinds: dict[str, list[str]] = {}
+        for name in sorted(names):
+            kinds.setdefault(name.rpartition("_rep")[0], []).append(name)
+        repeated = [flights for flights in kinds.values() if len(flights) > 1]
+        test = tuple(flights[-1] for flights in repeated)
+        validation = tuple(flights[0] for flights in repeated[::3])
+        return Split(tuple(n for n in names if n not in test and n not in validation), validation, test)
+
+
+def _flight(file: Path) -> tuple[list[Recording], list[Finding]]:
+    name = file.name.partition(".")[0]
+    columns = [c for group in _COLUMNS.values() for c in group]
+    try:
+        table = pd.read_csv(file, usecols=["t", *columns], dtype=float, engine="c")
+    except (OSError, ValueError, EOFError, zlib.error) as error:
+        raise BenchError(f"{file} is damaged or not the published file ({error}): download it again.") from error
+    t, x = table["t"].to_numpy(), {group: table[c].to_numpy() for group, c in _COLUMNS.items()}
+    findings: list[Finding] = []
+
+    def note(kind: str, count: float, detail: str) -> None:
+        if count:
+            findings.append(Finding(name, kind, count, detail))
+
+    x["specific_force"] = x["specific_force"] * to_si("g")[1]
+    note("held", int(held(x["pwm"]).sum()), "PWM commands equal to the one before, kept: commands are held")
+    good = (np.diff(t, prepend=-np.inf) > 0) & np.isfinite(np.column_stack([t, *x.values()])).all(axis=1)
+    up = x["position"][:, 2] > np.nanmin(x["position"][:, 2]) + CLIMB
+    for group, limit in GLITCH.items():
+        wild = spikes(x[group], limit)
+        # The motion capture is one measurement: a glitch in any part of it makes the sample doubtful.
+        good &= ~wild
+        note("spike", int((wild & up).sum()), f"{group} more than {limit} from its neighbours, bridged")
+    if good.sum() < RATE:
+        note("short", len(t), "less than 1 s of usable samples: left out")
+        return [], findings
+    t = t - t[0]
+    grid = np.arange(t[good][0], t[good][-1] + 1e-6, 1 / RATE)
+    stacked = np.column_stack(list(x.values()))
+    values, valid = resample(t[good], stacked[good], grid, LONGEST)
+    bounds = np.cumsum([v.shape[1] for v in x.values()])[:-1]
+    x = dict(zip(x, np.split(values, bounds, axis=1), strict=True))
+    note("dropped", int((np.diff(t) > 1.5 / RATE).sum()), "pauses of the clock, bridged where short")
+    height = x["position"][:, 2]
+    valid &= airborne(height, height.min() + CLIMB, MARGIN)
+    part = extent(valid)
+    for start, stop in runs(~valid[part]):
+        note("gap", stop - start, f"{(stop - start) / RATE:.2f} s from {(part.start + start) / RATE:.2f} s, masked")
+    note("trimmed", len(grid) - (part.stop - part.start), "samples on the ground cut off at the ends")
+    if part.stop - part.start < RATE:
+        note("short", len(grid), f"less than 1 s of flight more than {CLIMB} m above the lowest point: left out")
+        return [], findings
+    x = {group: v[part] for group, v in x.items()}
+    attitude = unit_quaternion(x["attitude"])
+    outputs = {
+        "position": x["position"],
+        "velocity": x["velocity"],
+        "attitude": attitude,
+        "body_rates": x["body_rates"],
+        "euler_rates": euler_rates_from_body(euler_from_quaternion(attitude), x["body_rates"]),
+        "specific_force": x["specific_force"],
+    }
+    inputs = {"pwm": x["pwm"], "battery": x["battery"]}
+    return [recording(name, RATE, inputs, outputs, valid[part])], findings

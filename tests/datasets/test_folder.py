@@ -1,0 +1,229 @@
+import gzip
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from registry.datasets.folder import Folder, check, draft
+from registry.errors import BenchError
+
+TOML = """
+name = "mine"
+system = "quadrotor"
+rate_hz = 100
+files = "*.csv"
+time = "t"
+input = "rotor_speed"
+[signals]
+position = {columns = ["x","y","z"], unit = "mm"}
+attitude = {columns = ["roll","pitch","yaw"], unit = "deg", convention = "euler_zyx"}
+velocity = {columns = ["vx","vy","vz"], unit = "m/s", frame = "body"}
+body_rates = {columns = ["p","q","r"], unit = "deg/s"}
+rotor_speed = {columns = ["rotor1","rotor2","rotor3","rotor4"], unit = "rpm"}
+battery = {columns = ["vbat"], unit = "mV"}
+[physics]
+mass = 0.5
+[physics.uncertainty]
+mass = 0.01
+[processing]
+noise = {position = 0.0004}
+[environment]
+gravity = 9.81
+"""
+NAMES = [*"xyz", "roll", "pitch", "yaw", "vx", "vy", "vz", *"pqr", *(f"rotor{i}" for i in (1, 2, 3, 4)), "vbat"]
+
+
+def table(samples=20):
+    data = pd.DataFrame(np.random.default_rng(3).uniform(1, 40, (samples, len(NAMES))), columns=NAMES)
+    data.insert(0, "t", np.arange(samples) / 100)
+    return data
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "dataset.toml").write_text(TOML, encoding="utf-8")
+    table().to_csv(tmp_path / "a.csv", index=False)
+    return tmp_path
+
+
+def test_units_frames_and_conventions(folder):
+    (r,), data = check(folder).recordings, table()
+    rotation = Rotation.from_euler("ZYX", np.deg2rad(data[["yaw", "pitch", "roll"]].to_numpy().copy()))
+    assert [c.name for c in r.input_channels] == [f"rotor_speed.{i}" for i in (1, 2, 3, 4)]
+    assert r.inputs == pytest.approx(data[NAMES[12:16]].to_numpy() * 2 * np.pi / 60)
+    assert r.pick(["position"])[0] == pytest.approx(data[["x", "y", "z"]].to_numpy() / 1000)
+    assert r.pick(["battery"])[0] == pytest.approx(data[["vbat"]].to_numpy() / 1000)
+    assert r.pick(["velocity"])[0] == pytest.approx(rotation.apply(data[["vx", "vy", "vz"]].to_numpy().copy()))
+    q = r.pick(["attitude"])[0]
+    assert np.abs((q * rotation.as_quat()).sum(axis=1)) == pytest.approx(1)
+    assert r.pick(["body_rates"])[0] == pytest.approx(np.deg2rad(data[["p", "q", "r"]].to_numpy()))
+    assert r.pick(["euler_rates"])[0].shape == (20, 3)
+    d = Folder(path=str(folder)).description
+    assert (d.physics["mass"], d.environment["gravity"], d.processing["noise"]) == (0.5, 9.81, {"position": 0.0004})
+
+
+def test_every_kind_of_file_gives_the_same_recording(folder):
+    expected = check(folder).recordings[0].digest()
+    data = table()
+    (folder / "a.csv").unlink()
+    with gzip.open(folder / "b.csv.gz", "wt", encoding="utf-8") as stream:
+        data.to_csv(stream, index=False)
+    data.to_parquet(folder / "c.parquet")
+    for pattern in ("*.csv.gz", "*.parquet"):
+        (folder / "dataset.toml").write_text(TOML.replace("*.csv", pattern), encoding="utf-8")
+        assert check(folder).recordings[0].digest() == expected
+
+
+def test_quaternions_wxyz(folder):
+    data = table()
+    q = Rotation.random(len(data), random_state=1).as_quat()
+    q *= np.sign((q * np.roll(q, 1, axis=0)).sum(axis=1)).reshape(-1, 1)
+    data[["qw", "qx", "qy", "qz"]] = q[:, [3, 0, 1, 2]]
+    data.to_csv(folder / "a.csv", index=False)
+    old = '["roll","pitch","yaw"], unit = "deg", convention = "euler_zyx"'
+    toml = TOML.replace(old, '["qw","qx","qy","qz"], convention = "quaternion_wxyz"')
+    (folder / "dataset.toml").write_text(toml, encoding="utf-8")
+    found = check(folder).recordings[0].pick(["attitude"])[0]
+    assert np.abs((found * q).sum(axis=1)) == pytest.approx(1)
+
+
+def test_a_jittering_clock_is_put_on_a_uniform_grid(folder):
+    data = table(200)
+    data["t"] += np.random.default_rng(5).uniform(-0.002, 0.002, 200)
+    data["x"] = 1000 * data["t"]  # mm: the position is the time
+    data.to_csv(folder / "a.csv", index=False)
+    x = check(folder).recordings[0].pick(["position.x"])[0][:, 0]
+    assert np.diff(x) == pytest.approx(0.01)
+
+
+def edit(column, row, value):
+    def change(folder):
+        data = table().astype(object)
+        data.loc[row, column] = value
+        data.to_csv(folder / "a.csv", index=False)
+
+    return change
+
+
+def toml(old, new):
+    return lambda folder: (folder / "dataset.toml").write_text(TOML.replace(old, new), encoding="utf-8")
+
+
+def raw(data, name="a.csv"):
+    return lambda folder: (folder / name).write_bytes(data)
+
+
+def outside(folder):
+    (folder / "inner").mkdir()
+    (folder / "inner" / "dataset.toml").write_text(TOML, encoding="utf-8")
+    (folder / "inner" / "b.csv").symlink_to(folder / "a.csv")
+    return folder / "inner"
+
+
+def without_column(folder):
+    table().drop(columns="vy").to_csv(folder / "a.csv", index=False)
+
+
+def jump(folder):
+    data = table()
+    data.loc[7:, "t"] += 0.5
+    data.to_csv(folder / "a.csv", index=False)
+
+
+def torn_parquet(folder):
+    table().to_parquet(folder / "p.parquet")
+    (folder / "p.parquet").write_bytes((folder / "p.parquet").read_bytes()[:-40])
+    toml("*.csv", "*.parquet")(folder)
+
+
+def torn_gzip(folder):
+    (folder / "p.csv.gz").write_bytes(gzip.compress(table().to_csv().encode())[:-60])
+    toml("*.csv", "*.csv.gz")(folder)
+
+
+@pytest.mark.parametrize(
+    ("breakage", "says"),
+    [
+        (lambda f: (f / "dataset.toml").unlink(), ["dataset.toml does not exist", "bench data init"]),
+        (lambda f: (f / "a.csv").unlink(), ["no CSV", "*.csv"]),
+        (without_column, ["a.csv", "no column 'vy'", "did you mean"]),
+        (edit("q", 4, ""), ["a.csv", "'q'", "row 6", "NaN"]),
+        (edit("q", 4, "inf"), ["a.csv", "'q'", "row 6", "not a finite number"]),
+        (edit("vbat", 9, "full"), ["a.csv", "'vbat'", "row 11", "'full'"]),
+        (jump, ["a.csv", "'t'", "row 9", "0.51 s"]),
+        (edit("t", 3, 0.01), ["a.csv", "row 5", "clock"]),
+        (raw(b"t,x\n\xff\xfe,2\n"), ["a.csv", "UTF-8"]),
+        (raw(b""), ["a.csv", "is empty"]),
+        (raw(b"t,x\n1,2,3,4\n1,2\n1,2,3,4,5,6\n"), ["a.csv"]),
+        (raw(",".join(["t", *NAMES]).encode() + b"\n"), ["a.csv", "no samples"]),
+        (torn_parquet, ["p.parquet", "cannot be read"]),
+        (torn_gzip, ["p.csv.gz", "cannot be read"]),
+        (raw(b"\xff", "dataset.toml"), ["dataset.toml", "UTF-8"]),
+        (toml("[physics]", "[physics"), ["dataset.toml cannot be read"]),
+        (toml('name = "mine"', ""), ["no key 'name'"]),
+        (toml('name = "mine"', 'nmae = "mine"'), ["unknown key 'nmae'", "did you mean name"]),
+        (toml('"quadrotor"', '"quadrotr"'), ["quadrotr", "did you mean quadrotor"]),
+        (toml("rate_hz = 100", "rate_hz = 0"), ["rate_hz"]),
+        (toml("rate_hz = 100", "rate_hz = 50"), ["row 3", "rate_hz"]),
+        (toml('"rpm"', '"rmp"'), ["rotor_speed", "'rmp'", "did you mean rpm"]),
+        (toml('"rpm"', '"m"'), ["rotor_speed", "rad/s"]),
+        (toml("body_rates", "bodyrates"), ["'bodyrates'", "did you mean body_rates"]),
+        (toml('"euler_zyx"', '"euler_xyz"'), ["euler_xyz", "did you mean euler_zyx"]),
+        (toml('["p","q","r"]', '["p","q"]'), ["body_rates needs 3 columns"]),
+        (toml('["p","q","r"]', '["p","q","q"]'), ["'q' is used twice"]),
+        (toml('input = "rotor_speed"', 'input = "battery"'), ["cannot be driven by battery"]),
+        (toml('input = "rotor_speed"', 'input = "pwm"'), ["'pwm' is none of its signals"]),
+        (toml("mass = 0.5", "mas = 0.5"), ["[physics]", "'mas'", "did you mean mass"]),
+        (toml("mass = 0.5", 'mass = "half"'), ["[physics]", "mass"]),
+        (toml("gravity = 9.81", "gravty = 9.81"), ["[environment]", "did you mean gravity"]),
+        (toml("*.csv", "../*.csv"), ["leaves the folder"]),
+        (toml("*.csv", "/etc/*"), ["leaves the folder"]),
+        (outside, ["link that leaves the folder"]),
+    ],
+)
+def test_every_mistake_is_one_sentence(folder, breakage, says):
+    moved = breakage(folder)
+    with pytest.raises(BenchError) as caught:
+        check(moved if moved is not None and not isinstance(moved, int) else folder)
+    message = str(caught.value)
+    assert "\n" not in message
+    for part in says:
+        assert part in message
+
+
+def test_split_takes_the_last_fifth_and_needs_three(folder):
+    names = [f"r{i:02d}" for i in range(10)]
+    split = Folder(path=str(folder)).split(names)
+    assert (split.train, split.validation, split.test) == (tuple(names[:6]), ("r06", "r07"), ("r08", "r09"))
+    assert Folder().split(["a", "b", "c"]).test == ("c",)
+    with pytest.raises(BenchError, match="1 recording"):
+        Folder().split(["a"])
+
+
+def test_the_draft_of_a_plain_header_needs_no_change_but_units(folder):
+    (folder / "dataset.toml").unlink()
+    data = table()
+    data["mystery"] = 0.0
+    data.to_csv(folder / "a.csv", index=False)
+    text = draft(folder)
+    (folder / "dataset.toml").write_text(text, encoding="utf-8")
+    assert 'TODO: what is column "mystery"?' in text
+    r = check(folder).recordings[0]
+    groups = {c.group for c in r.channels}
+    assert groups == {
+        "position", "attitude", "velocity", "body_rates", "euler_rates", "rotor_speed", "battery",
+    }  # fmt: skip
+    with pytest.raises(BenchError, match="no CSV"):
+        draft(folder / "nowhere")
+
+
+def test_a_helicopter_is_read_too(tmp_path):
+    sticks = ["aileron", "elevator", "rudder", "collective"]
+    data = table().drop(columns=[n for n in NAMES if n.startswith("rotor")])
+    data[sticks] = 0.1
+    data.to_csv(tmp_path / "a.csv", index=False)
+    (tmp_path / "dataset.toml").write_text(draft(tmp_path), encoding="utf-8")
+    dataset = Folder(path=str(tmp_path))
+    assert (dataset.system, dataset.inputs) == ("helicopter", ("pilot",))
+    assert [c.axis for c in dataset.load().recordings[0].input_channels] == sticks

@@ -1,0 +1,126 @@
+"""The published recordings themselves."""
+
+import os
+from functools import cache
+
+import numpy as np
+import pytest
+
+from registry.datasets.inspect import inspect
+from registry.datasets.nanobench import Nanobench
+from registry.datasets.nanodrone import Nanodrone
+from registry.datasets.rotations import euler_from_quaternion
+from registry.datasets.tailsitter import Tailsitter
+
+pytestmark = [
+    pytest.mark.data,
+    pytest.mark.skipif(not os.path.isdir(os.environ.get("BENCH_DATA", "")), reason="BENCH_DATA names no folder"),
+]
+
+
+@cache
+def loaded(entry):
+    return entry().load()
+
+
+def findings(entry, recording, kind):
+    return [f for f in loaded(entry).findings if (f.recording, f.kind) == (recording, kind)]
+
+
+def constant_row(signal, horizon=50):
+    """Mean Euclidean error (horizon,) of the baseline that holds the last value, over every valid melon window."""
+    errors = []
+    for r in loaded(Nanodrone).recordings:
+        if r.name.startswith("melon"):
+            y = r.pick([signal])[0]
+            starts = [k for k in range(len(r) - horizon) if r.valid[k : k + horizon + 1].all()]
+            errors.append([np.linalg.norm(y[np.array(starts) + h] - y[starts], axis=1) for h in range(1, horizon + 1)])
+    return np.concatenate(errors, axis=1).mean(axis=1)
+
+
+@pytest.mark.parametrize(
+    ("signal", "published"),
+    # The published smoothing is unknown: one step of body rates depends on it, so 10 % is allowed there.
+    [("velocity", (0.0329, 0.3182, 1.4749, 38.92)), ("body_rates", (0.0796, 0.3596, 0.8837, 29.09))],
+)
+def test_the_published_constant_row_is_reproduced(signal, published):
+    row = constant_row(signal)
+    found = (row[0], row[9], row[49], row.sum())
+    assert found[0] == pytest.approx(published[0], rel=0.05 if signal == "velocity" else 0.1)
+    assert found[1:] == pytest.approx(published[1:], rel=0.05)
+
+
+def test_nanodrone_faults_are_found():
+    (jump,) = findings(Nanodrone, "melon_20251017_run2", "spike")
+    assert "0.3 m" in jump.detail
+    melon = next(r for r in loaded(Nanodrone).recordings if r.name == "melon_20251017_run2")
+    assert np.abs(np.diff(melon.pick(["position"])[0], axis=0)).max() < 0.15
+    for name, seconds in (("square_20251017_run1", "3.90 s"), ("square_20251017_run2", "9.28 s")):
+        (pause,) = findings(Nanodrone, name, "pause")
+        assert seconds in pause.detail
+    lags = {f.recording: f.count for f in loaded(Nanodrone).findings if f.kind == "lag"}
+    assert len(lags) == 21
+    assert lags["melon_20251017_run2"] == pytest.approx(-1.8, abs=0.3)
+    assert lags["square_20251017_run1"] == pytest.approx(3.2, abs=0.3)
+
+
+def test_nanodrone_lag_is_gone_and_speeds_are_possible():
+    """The check does not use the estimator: torque and thrust must explain the motion better once aligned."""
+    left = {r.name: r for r in Nanodrone(align_lag=False).load().recordings}
+    for r in loaded(Nanodrone).recordings:
+        assert r.inputs[r.valid].max() < 3000 and r.inputs[r.valid].min() > 300
+    name = "square_20251017_run2"
+    aligned = next(r for r in loaded(Nanodrone).recordings if r.name == name)
+
+    def fit(r):
+        turning = np.gradient(r.pick(["body_rates"])[0][:, :2], axis=0)
+        ok = r.valid & np.roll(r.valid, 1) & np.roll(r.valid, -1)
+        a = np.column_stack([r.inputs**2, np.ones(len(r))])[ok]
+        residual = turning[ok] - a @ np.linalg.lstsq(a, turning[ok], rcond=None)[0]
+        return (residual**2).sum() / (turning[ok] ** 2).sum()
+
+    assert fit(aligned) < 0.8 * fit(left[name])
+
+
+def test_nanobench_duplicates_ground_and_short_files():
+    (duplicate,) = findings(Nanobench, "B9_trefoil_fast_rep6", "duplicate")
+    assert "B9_trefoil_fast_rep11" in duplicate.detail
+    assert findings(Nanobench, "B7_oval_slow_rep1", "short")
+    for r in loaded(Nanobench).recordings:
+        height, force = r.pick(["position.z"])[0], r.pick(["specific_force.z"])[0]
+        assert height[r.valid].min() > 0.15
+        assert force.mean() == pytest.approx(9.8, abs=0.3)  # SI, and hovering on the mean
+
+
+def test_tailsitter_body_rates_are_body_rates():
+    r = next(r for r in loaded(Tailsitter).recordings if r.name == "manual_altitude_3")
+    q = r.pick(["attitude"])[0]
+    turn = 2 * 100 * np.diff(q, axis=0)  # dq/dt = q * (0, w) / 2
+    x, y, z, w = ((q[1:] + q[:-1]) / 2).T
+    body = np.column_stack(
+        [
+            w * turn[:, 0] - x * turn[:, 3] - y * turn[:, 2] + z * turn[:, 1],
+            w * turn[:, 1] - y * turn[:, 3] - z * turn[:, 0] + x * turn[:, 2],
+            w * turn[:, 2] - z * turn[:, 3] - x * turn[:, 1] + y * turn[:, 0],
+        ]
+    )
+    error = {s: np.abs(body - r.pick([s])[0][1:]).mean() for s in ("body_rates", "euler_rates")}
+    assert error["body_rates"] < 0.8 * error["euler_rates"]
+    assert np.abs(euler_from_quaternion(q)).max() < 0.7
+
+
+@pytest.mark.parametrize("entry", [Nanodrone, Nanobench, Tailsitter])
+def test_splits_use_every_recording_once(entry):
+    names = loaded(entry).names
+    split = entry().split(names)
+    assert sorted((*split.train, *split.validation, *split.test)) == sorted(names)
+    assert split.train and split.validation and split.test
+
+
+def test_inspect_lists_what_was_read_and_left_out():
+    rows, found = inspect(Nanobench())
+    rows = {row["name"]: row for row in rows}
+    assert len(rows) == 38 and found
+    assert rows["B7_oval_slow_rep1"]["samples"] == 0 and rows["B9_trefoil_fast_rep6"]["duplicate"]
+    low, high, unit = rows["B2_circle_fast_rep1"]["ranges"]["body_rates.q"]
+    assert unit == "deg/s" and -300 < low < 0 < high < 300
