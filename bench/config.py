@@ -10,7 +10,7 @@ from typing import Any
 import torch
 
 from bench.notation import write
-from registry.contracts import Dataset, InitializerEntry, PredictorEntry
+from registry.contracts import Dataset, InitializerEntry, PredictorEntry, Split
 from registry.core import DATASETS, INITIALIZERS, PREDICTORS, Registry, check_options, option
 from registry.errors import BenchError, near
 
@@ -136,9 +136,14 @@ def environment() -> dict[str, Any]:
     }
 
 
-def run_key(config: RunConfig, data_digest: str) -> str:
+def run_key(config: RunConfig, data_digest: str, split: Split) -> str:
     """SHA-256 over everything a run's numbers are a function of, shortened to 32 hex digits."""
-    content = {"config": to_json(config.resolved(), defaults=False), "data": data_digest, "env": environment()}
+    content = {
+        "config": to_json(config.resolved(), defaults=False),
+        "data": data_digest,
+        "split": [split.train, split.validation, split.test],
+        "env": environment(),
+    }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 

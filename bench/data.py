@@ -24,6 +24,12 @@ def load(dataset: Dataset) -> Loaded:
     return dataset.load()
 
 
+@lru_cache(maxsize=4)
+def digest(dataset: Dataset) -> str:
+    """SHA-256 over the recordings of a data set."""
+    return load(dataset).digest()
+
+
 @dataclass(frozen=True)
 class Windows:
     """Starts of the windows of one part: indices of the first history sample into the joined recordings."""
@@ -75,20 +81,19 @@ class Prepared:
         return u[:, : self.tau], y[:, : self.tau], u[:, self.tau :], y[:, self.tau :]
 
 
-def prepare(config: RunConfig, loaded: Loaded | None = None) -> Prepared:
+def prepare(config: RunConfig) -> Prepared:
     """Windows and scalers of a run.
 
     Raises:
         BenchError: a signal that was not measured, a split that overlaps, or a part without a single window.
     """
     config = config.resolved()
-    loaded = loaded or load(config.dataset)
-    recordings = loaded.recordings
+    recordings = load(config.dataset).recordings
     rate = recordings[0].rate
     odd = [r.name for r in recordings if r.rate != rate]
     if odd:
         raise BenchError(f"Recording {odd[0]} is not at {rate:g} Hz like {recordings[0].name}: resample one of them.")
-    split = choose_split(config, loaded)
+    split = choose_split(config)
     picked_u = [r.pick(config.inputs) for r in recordings] if config.inputs else []
     picked_y = [r.pick(config.outputs) for r in recordings]
     u_channels = picked_u[0][1] if picked_u else ()
@@ -152,13 +157,21 @@ def window_starts(valid: np.ndarray, length: int, stride: int) -> np.ndarray:
     return starts[bad[starts + length] == bad[starts]]
 
 
-def choose_split(config: RunConfig, loaded: Loaded) -> Split:
+def choose_split(config: RunConfig) -> Split:
     """The data set's split, or the one that the configuration names by patterns.
 
     Raises:
         BenchError: a pattern without a match, a recording on two sides, or overlapping recordings on two sides.
     """
-    default = config.dataset.split(loaded.names)
+    return _split(config.dataset, config.train, config.validation, config.test)
+
+
+@lru_cache(maxsize=64)
+def _split(
+    dataset: Dataset, ask_train: tuple[str, ...], ask_validation: tuple[str, ...], ask_test: tuple[str, ...]
+) -> Split:
+    loaded = load(dataset)
+    default = dataset.split(loaded.names)
 
     def match(patterns: Sequence[str], otherwise: Sequence[str]) -> tuple[str, ...]:
         if not patterns:
@@ -168,9 +181,9 @@ def choose_split(config: RunConfig, loaded: Loaded) -> Split:
                 raise BenchError(f"No recording is called {p!r}: {near(p, loaded.names)}")
         return tuple(n for n in loaded.names if any(fnmatch.fnmatch(n, p) for p in patterns))
 
-    test = match(config.test, default.test)
-    validation = match(config.validation, [n for n in default.validation if n not in test])
-    train = match(config.train, [n for n in default.train if n not in (*test, *validation)])
+    test = match(ask_test, default.test)
+    validation = match(ask_validation, [n for n in default.validation if n not in test])
+    train = match(ask_train, [n for n in default.train if n not in (*test, *validation)])
     parts = {"train": train, "validation": validation, "test": test}
     for a, b in (("train", "validation"), ("train", "test"), ("validation", "test")):
         twice = sorted(set(parts[a]) & set(parts[b]))

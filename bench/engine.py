@@ -23,7 +23,7 @@ import torch
 
 from bench import record
 from bench.config import RunConfig, from_json, run_key, shape_key, to_json
-from bench.data import load, prepare
+from bench.data import choose_split, digest, prepare
 from bench.record import RunRecord
 from bench.run import Outcome, run_group
 from bench.train import independent
@@ -85,15 +85,14 @@ def plan(configs: Iterable[RunConfig], runs: Path) -> Plan:
     groups: dict[Any, list[tuple[RunConfig, str]]] = {}
     for config in configs:
         config = config.resolved()
-        loaded = load(config.dataset)
-        key = run_key(config, loaded.digest())
+        key = run_key(config, digest(config.dataset), choose_split(config))
         if key in result.keys:
             continue
         result.keys.append(key)
         if record.exists(runs, key):
             result.done.append(key)
             continue
-        data = prepare(config, loaded)
+        data = prepare(config)
         side_by_side = (
             config.predictor.training == "gradient" and independent(config) and len(data.train) >= config.training.batch
         )

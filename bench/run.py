@@ -15,7 +15,7 @@ from torch import Tensor
 
 from bench import evaluate
 from bench.config import RunConfig, environment, run_key, to_json
-from bench.data import Prepared, load, prepare
+from bench.data import Prepared, digest, prepare
 from bench.train import Trained, train
 from registry.core import DATASETS
 
@@ -42,17 +42,13 @@ def run_group(
     """Train models of one shape side by side on one thread and judge each on its test part."""
     torch.set_num_threads(1)  # one thread is bit-repeatable, and two processes beat two threads
     started = time.time()
-    loaded = load(configs[0].dataset)
-    digest = loaded.digest()
-    data = [prepare(c, loaded) for c in configs]
+    data = [prepare(c) for c in configs]
     trained = train(configs, data, progress, checkpoint)
     share = (time.time() - started) / len(configs)
-    return [_outcome(c, d, t, digest, started, share) for c, d, t in zip(configs, data, trained, strict=True)]
+    return [_outcome(c, d, t, started, share) for c, d, t in zip(configs, data, trained, strict=True)]
 
 
-def _outcome(
-    config: RunConfig, data: Prepared, trained: Trained, digest: str, started: float, train_seconds: float
-) -> Outcome:
+def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float, train_seconds: float) -> Outcome:
     begun = time.time()
     config = config.resolved()
     steps, windows = pd.DataFrame(columns=STEP_COLUMNS), pd.DataFrame(columns=WINDOW_COLUMNS)
@@ -64,11 +60,11 @@ def _outcome(
         steps = evaluate.per_step(errors, data, data.test.recording)
         windows = evaluate.example_windows(measured, predicted, data)
     summary = {
-        "key": run_key(config, digest),
+        "key": run_key(config, digest(config.dataset), data.split),
         "spec": config.spec,
         "status": trained.status,
         "dataset": DATASETS.name_of(type(config.dataset)),
-        "dataset_digest": digest,
+        "dataset_digest": digest(config.dataset),
         "inputs": [c.name for c in data.input_channels],
         "outputs": [c.name for c in data.output_channels],
         "units": {c.name: c.unit for c in (*data.input_channels, *data.output_channels)},

@@ -5,8 +5,10 @@ from conftest import Toy
 
 from bench.config import RunConfig, Training, changed, from_json, run_key, shape_key, to_json
 from bench.notation import parse
+from registry.contracts import Split
 from registry.errors import BenchError
 
+SPLIT = Split(("a",), ("b",), ("c",))
 BASE = RunConfig(*parse("LSTM: 1x5 - MLP: 6x10"), Toy())
 
 
@@ -14,7 +16,7 @@ def test_json_round_trip_keeps_everything_and_the_key() -> None:
     config = changed(BASE, {"predictor.dropout": "0.1", "horizon": "7", "test": "toy_1,toy_2", "seed": "3"})
     again = from_json(to_json(config))
     assert again == config
-    assert run_key(again, "d") == run_key(config, "d")
+    assert run_key(again, "d", SPLIT) == run_key(config, "d", SPLIT)
 
 
 @pytest.mark.parametrize(
@@ -30,12 +32,13 @@ def test_json_round_trip_keeps_everything_and_the_key() -> None:
     ],
 )
 def test_every_input_changes_the_key(other: RunConfig) -> None:
-    assert run_key(other, "d") != run_key(BASE, "d")
+    assert run_key(other, "d", SPLIT) != run_key(BASE, "d", SPLIT)
 
 
 def test_data_change_the_key_and_spelled_out_defaults_do_not() -> None:
-    assert run_key(BASE, "d") != run_key(BASE, "e")
-    assert run_key(replace(BASE, outputs=("euler_rates",)), "d") == run_key(BASE, "d")
+    assert run_key(BASE, "d", SPLIT) != run_key(BASE, "e", SPLIT)
+    assert run_key(BASE, "d", SPLIT) != run_key(BASE, "d", Split(("a",), ("c",), ("b",)))
+    assert run_key(replace(BASE, outputs=("euler_rates",)), "d", SPLIT) == run_key(BASE, "d", SPLIT)
 
 
 def test_seed_and_channel_share_a_shape_and_size_does_not() -> None:

@@ -115,6 +115,6 @@ def test_overlapping_recordings_on_two_sides_are_refused_even_shifted() -> None:
     other = recording("other", rng.normal(size=300))
     dataset = Parts(whole, other, late)
     with pytest.raises(BenchError, match=r"whole .* and late .* share"):
-        prepare(replace(CONFIG, dataset=dataset), dataset.load())
+        prepare(replace(CONFIG, dataset=dataset))
     apart = Parts(whole, other, recording("late", rng.normal(size=300)))
-    prepare(replace(CONFIG, dataset=apart), apart.load())
+    prepare(replace(CONFIG, dataset=apart))

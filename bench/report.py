@@ -1,0 +1,196 @@
+"""A study's tables and what they say in sentences, on the terminal and in Markdown. Sentences follow verdicts."""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pandas as pd
+
+from bench.record import RunRecord
+from bench.tables import FIRST, LAST, POOLED, Pairs, comparisons, horizons, is_baseline, specs, study_table
+
+__all__ = ["comparisons", "render_terminal", "sentences", "study_table", "to_markdown"]
+
+
+def sentences(records: Sequence[RunRecord], pairs: Pairs) -> list[str]:
+    """What the verdicts say: at once, overall, at the end, and beside the baselines."""
+    found = comparisons(records, pairs)
+    out = []
+    for (horizon, a, b), rows in found.groupby(["horizon", "a", "b"], sort=False) if len(found) else ():
+        summed = rows[rows.output == (POOLED if POOLED in set(rows.output) else rows.output.iloc[0])]
+        told = "; ".join(_said(row, b) for row in summed.itertuples())
+        lost = ", ".join(
+            f"{n} of {s}" for n, s in ((summed.diverged_a.iloc[0], a), (summed.diverged_b.iloc[0], b)) if n
+        )
+        over = f", {summed.output.iloc[0]}" if len(rows) > len(summed) else f", {summed.output.iloc[0]} alone"
+        out.append(
+            f"T = {horizon}{over}: {a} against {b}: {told} ({summed.basis.iloc[0]})."
+            + (f" Left out because they diverged: {lost}." if lost else "")
+        )
+    out += _beside_baselines(records)
+    if len(found):
+        tested = int((found.output != POOLED).sum())
+        out.append(
+            f"{tested} differences were tested one by one at 95 %: where there are none, chance alone "
+            f"would show about {tested * 0.05:.1f} of them."
+        )
+    return out
+
+
+def _said(row: Any, b: str) -> str:
+    """One phase of one pair as a clause."""
+    where = {"whole horizon": "overall"}.get(row.phase, f"over the {row.phase}")
+    if math.isnan(row.ratio):
+        return f"{where} there is nothing to compare"
+    if math.isnan(row.low):
+        return f"{where} its error is {row.ratio:.2f} times as large, without an interval: one seed, one recording"
+    span = f"{row.ratio:.2f} times as large (95 %: {row.low:.2f} to {row.high:.2f})"
+    end = ", so they meet (within 0.8 to 1.25)" if row.alike else ""
+    if row.verdict == "cannot tell":
+        end = end or f" (a reduction by {100 * row.smallest:.0f} % would have been seen)"
+        return f"{where} the data cannot tell which is better, its error is {span}{end}"
+    return f"{where} it is {row.verdict}, its error is {span}{end}"
+
+
+def _beside_baselines(records: Sequence[RunRecord]) -> Iterator[str]:
+    """One sentence a horizon and baseline: which networks are better than it over the whole horizon."""
+    networks = [s for s in specs(records) if not is_baseline(s)]
+    for horizon in horizons(records):
+        for base in filter(is_baseline, specs(records)):
+            rows = comparisons([r for r in records if r.summary["horizon"] == horizon], [(n, base) for n in networks])
+            if not len(rows):
+                continue
+            rows = rows[rows.phase == "whole horizon"]
+            rows = rows[rows.output == (POOLED if POOLED in set(rows.output) else rows.output.iloc[0])]
+            said = []
+            for verdict, words in (
+                ("better", "beat it"),
+                ("worse", "lose to it"),
+                ("cannot tell", "cannot be told from it"),
+            ):
+                chosen = rows[rows.verdict == verdict]
+                if len(chosen):
+                    said.append(
+                        "; ".join(f"{r.a} ({r.ratio:.2f} times its error)" for r in chosen.itertuples()) + f": {words}"
+                    )
+            yield f"T = {horizon}, beside the baseline `{base}`, whole horizon: {', '.join(said)}."
+
+
+# ------------------------------------------------------------------------------------------------- rendering
+
+
+def _number(value: float) -> str:
+    """Three significant digits, never an exponent."""
+    if math.isnan(value):
+        return "–"
+    digits = 2 if value == 0 else max(0, 2 - math.floor(math.log10(abs(value))))
+    return f"{value:.{digits}f}"
+
+
+def _with_interval(row: Any) -> str:
+    half = (row.rmsse_high - row.rmsse_low) / 2
+    return _number(row.rmsse) + ("" if math.isnan(half) else f" ± {_number(half)}")
+
+
+def _runs(row: Any) -> str:
+    return f"{row.seeds}" + (f", {row.diverged} diverged" if row.diverged else "")
+
+
+def _cell(row: Any) -> tuple[str, str]:
+    """Ratio with interval, and the verdict with what could have been seen."""
+    if math.isnan(row.low):
+        return _number(row.ratio), "no interval"
+    word = "alike" if row.alike and row.verdict == "cannot tell" else row.verdict
+    return f"{row.ratio:.2f} ({row.low:.2f} to {row.high:.2f})", f"{word}; sees {100 * row.smallest:.0f} %"
+
+
+def _comparison_grids(found: pd.DataFrame) -> Iterator[tuple[str, list[str], list[tuple[str, list[Any]]]]]:
+    """Heading, phases, and output → one row a phase, for every horizon and pair."""
+    for (horizon, a, b), rows in found.groupby(["horizon", "a", "b"], sort=False) if len(found) else ():
+        names = list(dict.fromkeys(rows.phase))
+        body = [(str(q), list(group.itertuples())) for q, group in rows.groupby("output", sort=False)]
+        yield f"T = {horizon}: error of {a} / error of {b}", names, body
+
+
+HOW_TO_READ = (
+    "RMSSE: root mean sum of squared errors, mean over seeds ± 95 % interval over seeds; first and last: mean error "
+    f"over the first {FIRST} and the last {LAST} steps (all of them where the horizon is shorter)."
+)
+HOW_TO_COMPARE = (
+    "Ratio of errors (95 % interval); below 1 the first is better. “alike”: the interval lies within 0.8 to 1.25. "
+    "“sees n %”: the smallest reduction of the error that four of five such experiments would show."
+)
+
+
+def render_terminal(records: Sequence[RunRecord], pairs: Pairs, out: Any) -> None:
+    """Print tables and sentences; ``out`` is a rich console, 100 columns are enough."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = study_table(records)
+    for horizon, rows in table.groupby("horizon", sort=False):
+        grid = Table(title=f"T = {horizon} steps", title_justify="left")
+        for name in ("output", "configuration"):
+            grid.add_column(name, no_wrap=True)
+        for name in ("weights", "RMSSE", f"first {FIRST}", f"last {LAST}", "seeds"):
+            grid.add_column(name, justify="right")
+        for output, group in rows.groupby("output", sort=False):
+            for i, row in enumerate(group.itertuples()):
+                head = [f"{output}" if i == 0 else f"[{row.unit}]" if i == 1 else ""]
+                cells = [
+                    row.spec,
+                    str(row.weights),
+                    _with_interval(row),
+                    _number(row.first),
+                    _number(row.last),
+                    _runs(row),
+                ]
+                grid.add_row(*map(escape, head + cells), end_section=i == len(group) - 1)
+        out.print(grid)
+    out.print(HOW_TO_READ, style="dim", highlight=False)
+    colour = {"better": "green", "worse": "red"}
+    found = comparisons(records, pairs)
+    for heading, names, body in _comparison_grids(found):
+        grid = Table(title=heading, title_justify="left")
+        grid.add_column("output", no_wrap=True)
+        for name in names:
+            grid.add_column(name)
+        for output, cells in body:
+            style = [colour.get(c.verdict, "") for c in cells]
+            shown = ["\n".join(_cell(c)) for c in cells]
+            grid.add_row(output, *(f"[{s}]{t}[/]" if s else t for s, t in zip(style, shown, strict=True)))
+        out.print(grid)
+    if len(found):
+        out.print(HOW_TO_COMPARE, style="dim", highlight=False)
+    for sentence in sentences(records, pairs):
+        out.print("• " + escape(sentence), highlight=False)
+
+
+def to_markdown(records: Sequence[RunRecord], pairs: Pairs, title: str, command: str, figure: str = "") -> str:
+    """The same as a page; ``figure`` is the address of a picture to show."""
+    first = records[0].summary
+    lines = [f"# {title[:1].upper()}{title[1:]}", "", f"Made by `{command}`."]
+    lines += [f"Data: `{first['dataset']}`, SHA-256 `{first['dataset_digest'][:12]}`; {len(records)} runs.", ""]
+    lines += [f"- {s}" for s in sentences(records, pairs)] + [""]
+    if figure:
+        lines += [f"![Mean error of every prediction step]({figure})", ""]
+    table = study_table(records)
+
+    def grid(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
+        return ["| " + " | ".join(r) + " |" for r in (head, ["---"] * len(head), *body)] + [""]
+
+    for horizon, rows in table.groupby("horizon", sort=False):
+        head = ["output", "configuration", "weights", "unit", "RMSSE", f"first {FIRST}", f"last {LAST}", "seeds"]
+        body = [
+            [r.output, r.spec, str(r.weights), r.unit, _with_interval(r), _number(r.first), _number(r.last), _runs(r)]
+            for r in rows.itertuples()
+        ]
+        lines += [f"## T = {horizon} steps", "", *grid(head, body)]
+    lines += [HOW_TO_READ, ""]
+    for heading, names, cells in _comparison_grids(comparisons(records, pairs)):
+        lines += [
+            f"### {heading}",
+            "",
+            *grid(["output", *names], [[o, *("<br>".join(_cell(c)) for c in r)] for o, r in cells]),
+        ]
+    return "\n".join([*lines, HOW_TO_COMPARE] if pairs else lines).rstrip() + "\n"

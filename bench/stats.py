@@ -1,0 +1,135 @@
+"""What the spread over seeds and recordings can support: intervals, paired comparisons, equivalence.
+
+The unit of a comparison is the recording: windows of one recording are not independent of each other. Seeds are a
+second, crossed source of spread (one training run is judged on every recording).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+ENOUGH = 8
+"""Recordings from which on their own distribution is resampled; below, a normal one is assumed and said."""
+ALIKE = (0.8, 1.25)
+"""A ratio of errors whose interval lies within these is called alike."""
+POWER = 0.8
+"""Chance with which the smallest difference that could have been seen would have been seen."""
+RESAMPLES = 4000
+
+
+def interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float] | None:
+    """Student's interval of the mean of independent values (one a seed); None below two of them."""
+    x = np.asarray(values, dtype=float)
+    if len(x) < 2:
+        return None
+    half = stdtrit(len(x) - 1, (1 + confidence) / 2) * x.std(ddof=1) / math.sqrt(len(x))
+    return float(x.mean() - half), float(x.mean() + half)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Errors of a as a multiple of those of b."""
+
+    ratio: float
+    """Geometric mean over seeds and recordings of error a / error b; NaN where there is no pair."""
+    low: float
+    """Confidence limits of the ratio; NaN where nothing repeats (one seed on one recording)."""
+    high: float
+    smallest: float
+    """Smallest relative reduction of the error (0.2: by 20 %) seen in four of five such experiments; NaN as above."""
+    seeds: int
+    recordings: int
+    basis: str
+    """What the interval rests on."""
+
+    @property
+    def verdict(self) -> str:
+        """ "better" (a has the smaller error), "worse" or "cannot tell"."""
+        return "better" if self.high < 1 else "worse" if self.low > 1 else "cannot tell"
+
+    @property
+    def alike(self) -> bool:
+        """Whether the data support that the two differ by no more than `ALIKE`."""
+        return ALIKE[0] <= self.low and self.high <= ALIKE[1]
+
+
+def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95) -> Comparison:
+    """Compare the errors of two models, paired by seed and recording.
+
+    The mean log ratio has the variance σ_r²/R + σ_s²/S + σ_e²/(R S) of two crossed random factors. The part that
+    repeats over recordings (first and last term) gets a studentized bootstrap over recordings, or Student's interval
+    below `ENOUGH` of them; the part of the seeds gets Student's interval; squared half-widths add up
+    (variance recovery: Zou and Donner 2008).
+
+    Args:
+        a, b: (S, R) positive mean errors of S seeds on R recordings, in one unit.
+        confidence: of the interval.
+    """
+    d = np.log(np.asarray(a, dtype=float) / np.asarray(b, dtype=float))
+    if d.ndim != 2 or np.shape(a) != np.shape(b):
+        raise ValueError(
+            f"errors must be two (seeds, recordings) tables of one shape, not {np.shape(a)}, {np.shape(b)}"
+        )
+    seeds, recordings = d.shape
+    if not d.size:
+        return Comparison(math.nan, math.nan, math.nan, math.nan, seeds, recordings, "no pair of finished runs")
+    mean = float(d.mean())
+    below, above = _recording_half_widths(d.mean(0), confidence)
+    of_seeds = _seed_half_width(d, confidence)
+    basis = " and ".join(_basis(seeds, recordings))
+    if recordings == 1 and seeds == 1:
+        return Comparison(math.exp(mean), math.nan, math.nan, math.nan, seeds, recordings, basis)
+    below, above = math.hypot(below, of_seeds), math.hypot(above, of_seeds)
+    detectable = (below + above) / 2 * (1 + ndtri(POWER) / ndtri((1 + confidence) / 2))
+    return Comparison(
+        math.exp(mean),
+        math.exp(mean - below),
+        math.exp(mean + above),
+        1 - math.exp(-detectable),
+        seeds,
+        recordings,
+        basis,
+    )
+
+
+def _basis(seeds: int, recordings: int) -> list[str]:
+    """What an interval over so many seeds and recordings rests on and what it leaves out."""
+    if recordings >= ENOUGH:
+        words = [f"paired bootstrap over {recordings} recordings"]
+    elif recordings > 1:
+        words = [f"t-interval over only {recordings} recordings"]
+    else:
+        words = ["one recording (says nothing about another)"]
+    return [*words, f"{seeds} seeds" if seeds > 1 else "one seed (says nothing about another)"]
+
+
+def _recording_half_widths(d: np.ndarray, confidence: float) -> tuple[float, float]:
+    """Distances of the lower and upper limit from the mean of d (R,), recordings being the repetition."""
+    n = len(d)
+    if n < 2:
+        return 0.0, 0.0
+    error = float(d.std(ddof=1)) / math.sqrt(n)
+    if n < ENOUGH or error == 0:
+        half = float(stdtrit(n - 1, (1 + confidence) / 2)) * error
+        return half, half
+    drawn = d[np.random.default_rng(0).integers(0, n, size=(RESAMPLES, n))]
+    spread = drawn.std(1, ddof=1) / math.sqrt(n)
+    usable = spread > 1e-9 * error  # a draw of one recording n times over has no spread
+    t = (drawn.mean(1) - d.mean())[usable] / spread[usable]
+    low, high = np.quantile(t, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return float(high) * error, float(-low) * error
+
+
+def _seed_half_width(d: np.ndarray, confidence: float) -> float:
+    """Half-width that the seeds of d (S, R) add beyond what recordings and their interaction account for."""
+    seeds, recordings = d.shape
+    if seeds < 2:
+        return 0.0
+    variance = d.mean(1).var(ddof=1)  # of one seed's mean: σ_s² + σ_e²/R
+    if recordings > 1:
+        rest = d - d.mean(0, keepdims=True) - d.mean(1, keepdims=True) + d.mean()
+        variance -= (rest**2).sum() / ((seeds - 1) * (recordings - 1)) / recordings
+    return float(stdtrit(seeds - 1, (1 + confidence) / 2)) * math.sqrt(max(variance, 0.0) / seeds)

@@ -1,0 +1,194 @@
+"""A study's records as two tables: the errors of every configuration, and the verdict on every pair."""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+import pandas as pd
+
+from bench import stats
+from bench.record import RunRecord
+from registry.units import display
+
+FIRST, LAST = 5, 20
+"""Steps at the two ends of the horizon where the paper looks: "immediate" and "eventually"."""
+POOLED = "all outputs"
+Pairs = Sequence[tuple[str, str]]
+
+
+def is_baseline(spec: str) -> bool:
+    """A model without sizes: nothing about it depends on the seed."""
+    return ":" not in spec
+
+
+def sound(record: RunRecord) -> bool:
+    """Finished, and with finite errors; anything else is counted as diverged."""
+    return record.finished and bool(np.isfinite(record.steps["value"]).all())
+
+
+def norm_of(record: RunRecord, quantity: str) -> str:
+    """The norm a quantity is reported in: "axis" for a channel, the paper's for a signal of three axes."""
+    return "axis" if quantity in record.summary["outputs"] else "paper"
+
+
+def quantities(records: Sequence[RunRecord]) -> list[str]:
+    """Predicted signals of three axes, then channels, in the order of the records."""
+    groups: dict[str, None] = {}
+    channels: dict[str, None] = {}
+    for r in records:
+        for name in r.summary["outputs"]:
+            channels[name] = None
+            group = name.partition(".")[0]
+            if sum(o.partition(".")[0] == group for o in r.summary["outputs"]) == 3:
+                groups[group] = None
+    return [*groups, *channels]
+
+
+def predicts(record: RunRecord, quantity: str) -> bool:
+    """Whether the record's model predicts the channel, or all of the signal."""
+    return quantity in quantities([record])
+
+
+def specs(records: Sequence[RunRecord]) -> list[str]:
+    """Configurations in the order of the records, baselines last."""
+    return sorted(dict.fromkeys(r.summary["spec"] for r in records), key=is_baseline)
+
+
+def horizons(records: Sequence[RunRecord]) -> list[int]:
+    """Prediction lengths, ascending."""
+    return sorted({r.summary["horizon"] for r in records})
+
+
+def unit_of(record: RunRecord, quantity: str) -> tuple[str, float]:
+    """Display unit of a quantity and the factor from SI."""
+    units = record.summary["units"]
+    return display(next(u for name, u in units.items() if quantity in (name, name.partition(".")[0])))
+
+
+def phases(horizon: int) -> dict[str, slice]:
+    """The parts of the horizon that are compared, as slices of its steps; those that a short one has."""
+    parts = {f"first {FIRST} steps": slice(0, FIRST)} if horizon > FIRST else {}
+    parts["whole horizon"] = slice(None)
+    if horizon > LAST:
+        parts[f"last {LAST} steps"] = slice(-LAST, None)
+    return parts
+
+
+@lru_cache(maxsize=4096)
+def by_recording(record: RunRecord, quantity: str) -> pd.DataFrame:
+    """Mean error (T rows, one column a test recording), display unit."""
+    t = record.steps
+    t = t[(t.quantity == quantity) & (t.norm == norm_of(record, quantity)) & t.statistic.str.startswith("mean@")]
+    return t.pivot(index="step", columns="statistic", values="value")
+
+
+def _select(records: Sequence[RunRecord], spec: str, quantity: str, horizon: int) -> list[RunRecord]:
+    return [
+        r for r in records if r.summary["spec"] == spec and r.summary["horizon"] == horizon and predicts(r, quantity)
+    ]
+
+
+def study_table(records: Sequence[RunRecord]) -> pd.DataFrame:
+    """One row a horizon, output and configuration.
+
+    Returns:
+        horizon, output, spec, weights, unit, rmsse (mean over seeds), rmsse_low, rmsse_high (95 % interval over
+        seeds; NaN with one), first, whole, last (mean error over the first `FIRST`, all and the last `LAST` steps),
+        seeds (sound runs), diverged (runs left out of the means). Errors in the unit named; NaN where none is sound.
+    """
+    rows = []
+    for horizon in horizons(records):
+        for quantity in quantities(records):
+            for spec in specs(records):
+                runs = _select(records, spec, quantity, horizon)
+                if not runs:
+                    continue
+                good = [r for r in runs if sound(r)]
+                unit, factor = unit_of(runs[0], quantity)
+                rmsse = [factor * r.summary["metrics"][f"rmsse.{quantity}"] for r in good]
+                low, high = stats.interval(rmsse) or (math.nan, math.nan)
+                curves = [r.error(quantity, norm_of(r, quantity)).to_numpy() for r in good]
+                curve = np.mean(curves, axis=0) if curves else np.full(horizon, math.nan)
+                rows.append(
+                    {
+                        "horizon": horizon,
+                        "output": quantity,
+                        "spec": spec,
+                        "weights": runs[0].summary["weights"],
+                        "unit": unit,
+                        "rmsse": float(np.mean(rmsse)) if rmsse else math.nan,
+                        "rmsse_low": low,
+                        "rmsse_high": high,
+                        "first": float(curve[:FIRST].mean()),
+                        "whole": float(curve.mean()),
+                        "last": float(curve[-LAST:].mean()),
+                        "seeds": len(good),
+                        "diverged": len(runs) - len(good),
+                    }
+                )
+    return pd.DataFrame(rows)
+
+
+def _errors(runs: Sequence[RunRecord], quantity: str, steps: slice) -> dict[int, pd.Series]:
+    """Seed → mean error of each recording over those steps; sound runs only."""
+    return {r.summary["seed"]: by_recording(r, quantity).iloc[steps].mean() for r in runs if sound(r)}
+
+
+def _paired(
+    runs_a: Sequence[RunRecord], runs_b: Sequence[RunRecord], quantity: str, steps: slice
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Errors (seeds, recordings) of the seeds that are sound on both sides; a baseline meets every seed."""
+    a, b = _errors(runs_a, quantity, steps), _errors(runs_b, quantity, steps)
+    for mine, other, runs in ((a, b, runs_a), (b, a, runs_b)):
+        if mine and is_baseline(runs[0].summary["spec"]):
+            only = next(iter(mine.values()))
+            mine |= dict.fromkeys(other, only)
+    seeds = sorted(a.keys() & b.keys())
+    left, right = (pd.DataFrame([e[s] for s in seeds], index=seeds) for e in (a, b))
+    shared = [c for c in left.columns if c in right.columns]
+    return left[shared], right[shared]
+
+
+def comparisons(records: Sequence[RunRecord], pairs: Pairs) -> pd.DataFrame:
+    """Does a beat b? One row a horizon, pair, output and phase of the horizon, and one over all channels together.
+
+    Returns:
+        horizon, a, b, output, phase, ratio (error a / error b), low, high (95 %), smallest (reduction that would have
+        been seen), verdict, alike, seeds, recordings, basis, diverged_a, diverged_b.
+    """
+    rows = []
+    for horizon in horizons(records):
+        for a, b in pairs:
+            names = [q for q in quantities(records) if all(_select(records, s, q, horizon) for s in (a, b))]
+            sides = {q: (_select(records, a, q, horizon), _select(records, b, q, horizon)) for q in names}
+            for phase, steps in phases(horizon).items():
+                tables = {q: _paired(sides[q][0], sides[q][1], q, steps) for q in names}
+                channels = [q for q in names if norm_of(sides[q][0][0], q) == "axis"]
+                if len(channels) > 1:
+                    tables[POOLED] = _pool([tables[q] for q in channels])
+                for quantity, (left, right) in tables.items():
+                    runs = sides.get(quantity) or [[r for q in channels for r in sides[q][i]] for i in (0, 1)]
+                    found = stats.compare(left.to_numpy(), right.to_numpy())
+                    rows.append(
+                        {
+                            "horizon": horizon,
+                            "a": a,
+                            "b": b,
+                            "output": quantity,
+                            "phase": phase,
+                            **{f: getattr(found, f) for f in ("ratio", "low", "high", "smallest", "verdict", "alike")},
+                            **{f: getattr(found, f) for f in ("seeds", "recordings", "basis")},
+                            **{f"diverged_{s}": sum(not sound(r) for r in runs[i]) for i, s in enumerate("ab")},
+                        }
+                    )
+    return pd.DataFrame(rows)
+
+
+def _pool(tables: Sequence[tuple[pd.DataFrame, pd.DataFrame]]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Geometric mean over channels of each side, for the seeds and recordings that all of them have."""
+    logs = [(np.log(left), np.log(right)) for left, right in tables]
+    seeds = sorted(set.intersection(*(set(left.index) for left, _ in logs)))
+    names = sorted(set.intersection(*(set(left.columns) for left, _ in logs)))
+    left, right = (np.exp(sum(pair[i].loc[seeds, names] for pair in logs) / len(logs)) for i in (0, 1))
+    return left, right
