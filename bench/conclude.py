@@ -13,6 +13,8 @@ from bench.record import RunRecord, write_json
 from bench.study import Study
 
 STEPS = "steps.parquet"
+PUBLISHED = ("key", "spec", "dataset", "outputs", "horizon", "seed", "status", "weights", "updates", "metrics")
+"""What ``study.json`` says of every run, so that a published number can be checked against a new one."""
 
 
 def slug(title: str) -> str:
@@ -80,6 +82,7 @@ def conclude(
             "keys": [r.key for r in records],
             "command": command,
             "files": [p.name for p in files],
+            "runs": [{name: r.summary[name] for name in PUBLISHED} for r in records],
         },
     )
     return files

@@ -2,13 +2,16 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import pandas as pd
 import seaborn as sns
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from bench.record import RunRecord
 from bench.tables import horizons, is_baseline, norm_of, predicts, quantities, sound, specs
@@ -21,7 +24,8 @@ PANELS = 4
 """Channels beyond which signals of three axes are drawn instead."""
 BOXES = 40
 """Boxes beyond which steps are left out, evenly."""
-STYLE = {
+STYLE: Any = {
+    **sns.axes_style("whitegrid"),
     "axes.edgecolor": "0.6",
     "axes.labelsize": 9,
     "axes.titlesize": 9.5,
@@ -51,7 +55,7 @@ def per_step_figure(records: Sequence[RunRecord], path: Path) -> list[Path]:
     shown = _panels(quantities(records))
     styles, lost, outside = _styles(specs(records)), _diverged(records), set()
     rows = horizons(records)
-    with matplotlib.rc_context({**sns.axes_style("whitegrid"), **STYLE}):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(max(2.9 * len(shown), 4.6), 2.3 * len(rows) + 0.35), layout="constrained")
         grid = figure.subplots(len(rows), len(shown), squeeze=False)
         for i, horizon in enumerate(rows):
@@ -62,14 +66,16 @@ def per_step_figure(records: Sequence[RunRecord], path: Path) -> list[Path]:
                     axes.text(0.5, 0.5, "no finished run", ha="center", transform=axes.transAxes, color="0.4")
                 else:
                     outside |= _draw(axes, curves, styles)
-                axes.set_title(f"{quantity.replace('_', ' ')}, T = {horizon}")
+                axes.set_title(f"{_title(quantity)}, T = {horizon}")
                 axes.set(xlabel="time after k0 [s]" if i == len(rows) - 1 else "", ylabel="")
                 if j == 0 or unit != _curves(records, shown[j - 1], horizon)[1]:
                     axes.set_ylabel(f"mean |error| [{unit}]")
-        handles = [
+        handles: list[Artist] = [
             Line2D([], [], color=c, dashes=d or (None, None), linewidth=w, label=_label(s, lost, outside))
             for s, (c, d, w) in styles.items()
         ]
+        if len({r.summary["seed"] for r in records}) > 1:
+            handles.append(Patch(color="0.82", label="band: best to worst seed"))
         figure.legend(
             handles=handles,
             loc="outside lower center",
@@ -92,7 +98,7 @@ def box_figure(record: RunRecord, path: Path) -> list[Path]:
         The files written.
     """
     shown = _panels(quantities([record]))
-    with matplotlib.rc_context({**sns.axes_style("whitegrid"), **STYLE}):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(max(3.2 * len(shown), 5.6), 3.1), layout="constrained")
         for axes, quantity in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
             t = record.steps
@@ -118,7 +124,7 @@ def box_figure(record: RunRecord, path: Path) -> list[Path]:
                 capprops={"color": "#0072B2", "linewidth": 0.7},
             )
             axes.plot(wide.index, wide["q99"], ".", color="#D55E00", markersize=3)
-            axes.set_title(quantity.replace("_", " "))
+            axes.set_title(_title(quantity))
             axes.set(xlabel="time after k0 [s]", ylabel=f"|error| [{unit}]", ylim=(0, None))
             axes.grid(axis="x", visible=False)
         figure.suptitle(f"{record.summary['spec']}, seed {record.summary['seed']}", fontsize=9.5)
@@ -139,6 +145,11 @@ def _panels(names: list[str]) -> list[str]:
     if len(channels) <= PANELS or not signals:
         return channels
     return signals + [c for c in channels if c.partition(".")[0] not in signals]
+
+
+def _title(quantity: str) -> str:
+    """ "body_rates.p" → "body rates p"."""
+    return quantity.replace("_", " ").replace(".", " ")
 
 
 def _styles(names: Sequence[str]) -> dict[str, tuple[str, tuple[float, ...], float]]:

@@ -17,63 +17,62 @@ def sentences(records: Sequence[RunRecord], pairs: Pairs) -> list[str]:
     found = comparisons(records, pairs)
     out = []
     for (horizon, a, b), rows in found.groupby(["horizon", "a", "b"], sort=False) if len(found) else ():
-        summed = rows[rows.output == (POOLED if POOLED in set(rows.output) else rows.output.iloc[0])]
-        told = "; ".join(_said(row, b) for row in summed.itertuples())
-        lost = ", ".join(
-            f"{n} of {s}" for n, s in ((summed.diverged_a.iloc[0], a), (summed.diverged_b.iloc[0], b)) if n
-        )
-        over = f", {summed.output.iloc[0]}" if len(rows) > len(summed) else f", {summed.output.iloc[0]} alone"
+        rows = _summed(rows)
+        lost = ", ".join(f"{n} of {s}" for s, n in ((a, rows.diverged_a.iloc[0]), (b, rows.diverged_b.iloc[0])) if n)
         out.append(
-            f"T = {horizon}{over}: {a} against {b}: {told} ({summed.basis.iloc[0]})."
-            + (f" Left out because they diverged: {lost}." if lost else "")
+            f"T = {horizon}, {rows.output.iloc[0]}: {a} against {b}: {'; '.join(map(_said, rows.itertuples()))}. "
+            f"Basis: {rows.basis.iloc[0]}." + (f" Left out because they diverged: {lost}." if lost else "")
         )
     out += _beside_baselines(records)
-    if len(found):
-        tested = int((found.output != POOLED).sum())
+    if tested := int((found.output != POOLED).sum() if len(found) else 0):
         out.append(
-            f"{tested} differences were tested one by one at 95 %: where there are none, chance alone "
-            f"would show about {tested * 0.05:.1f} of them."
+            f"{tested} single differences are tested at 95 %: were there none at all, chance would still show "
+            f"about {tested * 0.05:.1f} of them."
         )
     return out
 
 
-def _said(row: Any, b: str) -> str:
+def _summed(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows over all outputs, or those of the first (a signal of three axes before its channels)."""
+    return rows[rows.output == (POOLED if POOLED in set(rows.output) else rows.output.iloc[0])]
+
+
+def _said(row: Any) -> str:
     """One phase of one pair as a clause."""
-    where = {"whole horizon": "overall"}.get(row.phase, f"over the {row.phase}")
+    where = "overall" if row.phase == "whole horizon" else f"over the {row.phase}"
     if math.isnan(row.ratio):
         return f"{where} there is nothing to compare"
+    times = f"{where} {row.ratio:.2f} times the error"
     if math.isnan(row.low):
-        return f"{where} its error is {row.ratio:.2f} times as large, without an interval: one seed, one recording"
-    span = f"{row.ratio:.2f} times as large (95 %: {row.low:.2f} to {row.high:.2f})"
-    end = ", so they meet (within 0.8 to 1.25)" if row.alike else ""
+        return f"{times} (no interval)"
+    notes = f"95 %: {row.low:.2f} to {row.high:.2f}"
+    if row.trainings < 2:
+        return f"{times} ({notes} for these two networks; one training cannot speak for the method)"
+    if row.alike:
+        word = "the two are alike" if row.verdict == "cannot tell" else f"{row.verdict}, but by little"
+        return f"{times} ({notes}, within 0.8 to 1.25): {word}"
     if row.verdict == "cannot tell":
-        end = end or f" (a reduction by {100 * row.smallest:.0f} % would have been seen)"
-        return f"{where} the data cannot tell which is better, its error is {span}{end}"
-    return f"{where} it is {row.verdict}, its error is {span}{end}"
+        return f"{times} ({notes}): cannot tell (a reduction by {100 * row.smallest:.0f} % would have been seen)"
+    return f"{times} ({notes}): {row.verdict}"
 
 
 def _beside_baselines(records: Sequence[RunRecord]) -> Iterator[str]:
     """One sentence a horizon and baseline: which networks are better than it over the whole horizon."""
     networks = [s for s in specs(records) if not is_baseline(s)]
+    words = {"better": "better than it", "worse": "worse than it", "cannot tell": "cannot be told from it"}
     for horizon in horizons(records):
-        for base in filter(is_baseline, specs(records)):
-            rows = comparisons([r for r in records if r.summary["horizon"] == horizon], [(n, base) for n in networks])
-            if not len(rows):
-                continue
-            rows = rows[rows.phase == "whole horizon"]
-            rows = rows[rows.output == (POOLED if POOLED in set(rows.output) else rows.output.iloc[0])]
-            said = []
-            for verdict, words in (
-                ("better", "beat it"),
-                ("worse", "lose to it"),
-                ("cannot tell", "cannot be told from it"),
-            ):
-                chosen = rows[rows.verdict == verdict]
-                if len(chosen):
-                    said.append(
-                        "; ".join(f"{r.a} ({r.ratio:.2f} times its error)" for r in chosen.itertuples()) + f": {words}"
-                    )
-            yield f"T = {horizon}, beside the baseline `{base}`, whole horizon: {', '.join(said)}."
+        at = [r for r in records if r.summary["horizon"] == horizon]
+        for base in filter(is_baseline, specs(at)):
+            rows = comparisons(at, [(n, base) for n in networks])
+            if len(rows):
+                rows = _summed(rows[rows.phase == "whole horizon"])
+                said = []
+                for verdict, meaning in words.items():
+                    chosen = [
+                        f"{r.a} ({r.ratio:.2f} times its error)" for r in rows.itertuples() if r.verdict == verdict
+                    ]
+                    said += [f"{meaning}: {', '.join(chosen)}"] if chosen else []
+                yield f"T = {horizon}, {rows.output.iloc[0]}, beside the baseline `{base}`: {'; '.join(said)}."
 
 
 # ------------------------------------------------------------------------------------------------- rendering
@@ -88,18 +87,20 @@ def _number(value: float) -> str:
 
 
 def _with_interval(row: Any) -> str:
-    half = (row.rmsse_high - row.rmsse_low) / 2
-    return _number(row.rmsse) + ("" if math.isnan(half) else f" ± {_number(half)}")
+    text, half = _number(row.rmsse), (row.rmsse_high - row.rmsse_low) / 2
+    return text if math.isnan(half) else f"{text} ± {half:.{len(text.partition('.')[2])}f}"
 
 
 def _runs(row: Any) -> str:
-    return f"{row.seeds}" + (f", {row.diverged} diverged" if row.diverged else "")
+    return f"{row.seeds} of {row.seeds + row.diverged}"
 
 
 def _cell(row: Any) -> tuple[str, str]:
     """Ratio with interval, and the verdict with what could have been seen."""
     if math.isnan(row.low):
         return _number(row.ratio), "no interval"
+    if row.trainings < 2:
+        return f"{row.ratio:.2f} ({row.low:.2f} to {row.high:.2f})", "one training cannot tell"
     word = "alike" if row.alike and row.verdict == "cannot tell" else row.verdict
     return f"{row.ratio:.2f} ({row.low:.2f} to {row.high:.2f})", f"{word}; sees {100 * row.smallest:.0f} %"
 
@@ -114,7 +115,8 @@ def _comparison_grids(found: pd.DataFrame) -> Iterator[tuple[str, list[str], lis
 
 HOW_TO_READ = (
     "RMSSE: root mean sum of squared errors, mean over seeds ± 95 % interval over seeds; first and last: mean error "
-    f"over the first {FIRST} and the last {LAST} steps (all of them where the horizon is shorter)."
+    f"over the first {FIRST} and the last {LAST} steps (all of them where the horizon is shorter); "
+    "seeds: runs that did not diverge, of all."
 )
 HOW_TO_COMPARE = (
     "Ratio of errors (95 % interval); below 1 the first is better. “alike”: the interval lies within 0.8 to 1.25. "

@@ -1,7 +1,7 @@
 """What the spread over seeds and recordings can support: intervals, paired comparisons, equivalence.
 
-The unit of a comparison is the recording: windows of one recording are not independent of each other. Seeds are a
-second, crossed source of spread (one training run is judged on every recording).
+The unit of a comparison is the recording: windows of one recording are not independent of each other. Training runs
+(seeds) are a second, crossed source of spread: each is judged on every recording.
 """
 
 import math
@@ -34,76 +34,81 @@ class Comparison:
     """Errors of a as a multiple of those of b."""
 
     ratio: float
-    """Geometric mean over seeds and recordings of error a / error b; NaN where there is no pair."""
+    """Geometric mean over trainings and recordings of error a / error b; NaN where there is no pair."""
     low: float
-    """Confidence limits of the ratio; NaN where nothing repeats (one seed on one recording)."""
+    """Confidence limits of the ratio; NaN where nothing repeats (one training on one recording)."""
     high: float
     smallest: float
-    """Smallest relative reduction of the error (0.2: by 20 %) seen in four of five such experiments; NaN as above."""
-    seeds: int
+    """Smallest relative reduction of the error (0.2: by 20 %) seen in four of five such experiments; NaN for one."""
+    trainings: int
+    """Pairs of trained networks."""
     recordings: int
     basis: str
     """What the interval rests on."""
 
     @property
     def verdict(self) -> str:
-        """ "better" (a has the smaller error), "worse" or "cannot tell"."""
+        """ "better" (a has the smaller error), "worse" or "cannot tell"; one training cannot speak for the next."""
+        if self.trainings < 2:
+            return "cannot tell"
         return "better" if self.high < 1 else "worse" if self.low > 1 else "cannot tell"
 
     @property
     def alike(self) -> bool:
         """Whether the data support that the two differ by no more than `ALIKE`."""
-        return ALIKE[0] <= self.low and self.high <= ALIKE[1]
+        return self.trainings > 1 and ALIKE[0] <= self.low and self.high <= ALIKE[1]
 
 
 def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95) -> Comparison:
-    """Compare the errors of two models, paired by seed and recording.
+    """Compare the errors of two models, paired by training and recording.
 
     The mean log ratio has the variance σ_r²/R + σ_s²/S + σ_e²/(R S) of two crossed random factors. The part that
     repeats over recordings (first and last term) gets a studentized bootstrap over recordings, or Student's interval
-    below `ENOUGH` of them; the part of the seeds gets Student's interval; squared half-widths add up
+    below `ENOUGH` of them; the part of the trainings gets Student's interval; squared half-widths add up
     (variance recovery: Zou and Donner 2008).
 
     Args:
-        a, b: (S, R) positive mean errors of S seeds on R recordings, in one unit.
+        a, b: (S, R) positive mean errors of S trainings on R recordings, in one unit.
         confidence: of the interval.
     """
     d = np.log(np.asarray(a, dtype=float) / np.asarray(b, dtype=float))
     if d.ndim != 2 or np.shape(a) != np.shape(b):
         raise ValueError(
-            f"errors must be two (seeds, recordings) tables of one shape, not {np.shape(a)}, {np.shape(b)}"
+            f"errors must be two (trainings, recordings) tables of one shape, not {np.shape(a)}, {np.shape(b)}"
         )
-    seeds, recordings = d.shape
+    trainings, recordings = d.shape
     if not d.size:
-        return Comparison(math.nan, math.nan, math.nan, math.nan, seeds, recordings, "no pair of finished runs")
+        return Comparison(math.nan, math.nan, math.nan, math.nan, trainings, recordings, "no pair of finished runs")
     mean = float(d.mean())
     below, above = _recording_half_widths(d.mean(0), confidence)
-    of_seeds = _seed_half_width(d, confidence)
-    basis = " and ".join(_basis(seeds, recordings))
-    if recordings == 1 and seeds == 1:
-        return Comparison(math.exp(mean), math.nan, math.nan, math.nan, seeds, recordings, basis)
-    below, above = math.hypot(below, of_seeds), math.hypot(above, of_seeds)
+    of_trainings = _training_half_width(d, confidence)
+    basis = _basis(trainings, recordings)
+    if recordings == 1 and trainings == 1:
+        return Comparison(math.exp(mean), math.nan, math.nan, math.nan, trainings, recordings, basis)
+    below, above = math.hypot(below, of_trainings), math.hypot(above, of_trainings)
     detectable = (below + above) / 2 * (1 + ndtri(POWER) / ndtri((1 + confidence) / 2))
     return Comparison(
         math.exp(mean),
         math.exp(mean - below),
         math.exp(mean + above),
-        1 - math.exp(-detectable),
-        seeds,
+        1 - math.exp(-detectable) if trainings > 1 else math.nan,
+        trainings,
         recordings,
         basis,
     )
 
 
-def _basis(seeds: int, recordings: int) -> list[str]:
-    """What an interval over so many seeds and recordings rests on and what it leaves out."""
+def _basis(trainings: int, recordings: int) -> str:
+    """What an interval over so many trainings and recordings rests on and what it leaves out."""
     if recordings >= ENOUGH:
-        words = [f"paired bootstrap over {recordings} recordings"]
+        words = f"paired bootstrap over {recordings} recordings"
     elif recordings > 1:
-        words = [f"t-interval over only {recordings} recordings"]
+        words = f"t-interval over only {recordings} recordings"
     else:
-        words = ["one recording (says nothing about another)"]
-    return [*words, f"{seeds} seeds" if seeds > 1 else "one seed (says nothing about another)"]
+        words = "one recording, which says nothing about another"
+    return f"{words}; " + (
+        f"{trainings} pairs of trained networks" if trainings > 1 else "one training, which says nothing about the next"
+    )
 
 
 def _recording_half_widths(d: np.ndarray, confidence: float) -> tuple[float, float]:
@@ -123,13 +128,13 @@ def _recording_half_widths(d: np.ndarray, confidence: float) -> tuple[float, flo
     return float(high) * error, float(-low) * error
 
 
-def _seed_half_width(d: np.ndarray, confidence: float) -> float:
-    """Half-width that the seeds of d (S, R) add beyond what recordings and their interaction account for."""
-    seeds, recordings = d.shape
-    if seeds < 2:
+def _training_half_width(d: np.ndarray, confidence: float) -> float:
+    """Half-width that trainings of d (S, R) add beyond what recordings and the interaction account for."""
+    trainings, recordings = d.shape
+    if trainings < 2:
         return 0.0
-    variance = d.mean(1).var(ddof=1)  # of one seed's mean: σ_s² + σ_e²/R
+    variance = d.mean(1).var(ddof=1)  # of one training's mean: σ_s² + σ_e²/R
     if recordings > 1:
         rest = d - d.mean(0, keepdims=True) - d.mean(1, keepdims=True) + d.mean()
-        variance -= (rest**2).sum() / ((seeds - 1) * (recordings - 1)) / recordings
-    return float(stdtrit(seeds - 1, (1 + confidence) / 2)) * math.sqrt(max(variance, 0.0) / seeds)
+        variance -= (rest**2).sum() / ((trainings - 1) * (recordings - 1)) / recordings
+    return float(stdtrit(trainings - 1, (1 + confidence) / 2)) * math.sqrt(max(variance, 0.0) / trainings)

@@ -151,11 +151,12 @@ def _paired(
 
 
 def comparisons(records: Sequence[RunRecord], pairs: Pairs) -> pd.DataFrame:
-    """Does a beat b? One row a horizon, pair, output and phase of the horizon, and one over all channels together.
+    """Does a beat b? One row a horizon, pair, output and phase of the horizon, and one over all outputs where each is
+    a training of its own.
 
     Returns:
         horizon, a, b, output, phase, ratio (error a / error b), low, high (95 %), smallest (reduction that would have
-        been seen), verdict, alike, seeds, recordings, basis, diverged_a, diverged_b.
+        been seen), verdict, alike, trainings, recordings, basis, diverged_a, diverged_b.
     """
     rows = []
     for horizon in horizons(records):
@@ -164,7 +165,7 @@ def comparisons(records: Sequence[RunRecord], pairs: Pairs) -> pd.DataFrame:
             sides = {q: (_select(records, a, q, horizon), _select(records, b, q, horizon)) for q in names}
             for phase, steps in phases(horizon).items():
                 tables = {q: _paired(sides[q][0], sides[q][1], q, steps) for q in names}
-                channels = [q for q in names if norm_of(sides[q][0][0], q) == "axis"]
+                channels = [q for q in names if sides[q][0][0].summary["outputs"] == [q]]
                 if len(channels) > 1:
                     tables[POOLED] = _pool([tables[q] for q in channels])
                 for quantity, (left, right) in tables.items():
@@ -178,7 +179,7 @@ def comparisons(records: Sequence[RunRecord], pairs: Pairs) -> pd.DataFrame:
                             "output": quantity,
                             "phase": phase,
                             **{f: getattr(found, f) for f in ("ratio", "low", "high", "smallest", "verdict", "alike")},
-                            **{f: getattr(found, f) for f in ("seeds", "recordings", "basis")},
+                            **{f: getattr(found, f) for f in ("trainings", "recordings", "basis")},
                             **{f"diverged_{s}": sum(not sound(r) for r in runs[i]) for i, s in enumerate("ab")},
                         }
                     )
@@ -186,9 +187,6 @@ def comparisons(records: Sequence[RunRecord], pairs: Pairs) -> pd.DataFrame:
 
 
 def _pool(tables: Sequence[tuple[pd.DataFrame, pd.DataFrame]]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Geometric mean over channels of each side, for the seeds and recordings that all of them have."""
-    logs = [(np.log(left), np.log(right)) for left, right in tables]
-    seeds = sorted(set.intersection(*(set(left.index) for left, _ in logs)))
-    names = sorted(set.intersection(*(set(left.columns) for left, _ in logs)))
-    left, right = (np.exp(sum(pair[i].loc[seeds, names] for pair in logs) / len(logs)) for i in (0, 1))
+    """The trainings of all channels below one another, on the recordings that they share."""
+    left, right = (pd.concat([pair[i] for pair in tables], join="inner", ignore_index=True) for i in (0, 1))
     return left, right

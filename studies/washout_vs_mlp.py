@@ -59,7 +59,7 @@ STUDY = Study(
     ),
     presets={
         "smoke": "40 updates, T = 5: seconds, for tests",
-        "laptop": "1,500 updates; T = 40 with three seeds, T = 190 with one: minutes on two cores",
+        "laptop": "2,000 updates; T = 40 with three seeds, T = 190 with one: minutes on two cores",
         "paper": "30,000 updates, five seeds at both horizons: a night on two cores",
     },
 )

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bench import record
@@ -84,6 +85,9 @@ def test_one_configuration_from_data_to_prediction(tmp_path: Path) -> None:
     assert len(runs) == 3
     assert "MLFC: 1x8" in bench("runs", "list", cwd=tmp_path).stdout
     keys = [r.key[:8] for r in runs]
+    errors = bench("runs", "errors", keys[0], "--at", "1,5", "--si", cwd=tmp_path).stdout
+    mean = runs[0].error("body_rates", "euclidean") * np.pi / 180
+    assert f"{mean[5]:.4f}" in errors and f"{mean.sum():.2f}" in errors and "rad/s" in errors
     assert "as written" in bench("runs", "show", keys[0], cwd=tmp_path).stdout
     assert "config.predictor.name" in bench("runs", "diff", keys[0], keys[1], cwd=tmp_path).stdout
     again = bench("run", "MLFC: 1x8 - MLP: 9x10", "-T", "5", "--set", "training.updates=20",

@@ -9,6 +9,8 @@ from rich.table import Table
 
 from bench import record
 from bench.cli import options
+from registry.errors import BenchError
+from registry.units import to_si
 
 
 @click.group("runs")
@@ -53,6 +55,34 @@ def show_command(key: str, results: Path) -> None:
     out.print_json(json.dumps(r.config))
     broken = record.verify(r)
     out.print(f"[red]altered since it was written: {', '.join(broken)}[/]" if broken else "files: as written")
+
+
+@runs_command.command("errors")
+@click.argument("key")
+@click.option("--at", default="1,10,40", show_default=True, metavar="STEPS", help="Prediction steps to print.")
+@click.option("--norm", type=click.Choice(("paper", "euclidean", "axis")), help="Only this norm.")
+@click.option("--si", is_flag=True, help="rad/s and rad instead of degrees.")
+@options.results
+def errors_command(key: str, at: str, norm: str | None, si: bool, results: Path) -> None:
+    """Mean error of a run at some prediction steps, and its sum over all of them."""
+    r = record.find(results / "runs", key)
+    horizon = r.summary["horizon"]
+    steps = [int(s) for s in at.split(",") if s.strip().isdigit() and 1 <= int(s) <= horizon]
+    if not steps:
+        raise BenchError(f"--at {at!r} names no step from 1 to {horizon}: write such as 1,10,{horizon}.")
+    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+    for name in ("quantity", "norm", "unit", *(f"h = {s}" for s in steps), f"sum 1..{horizon}"):
+        table.add_column(name, justify="left" if name in ("quantity", "norm", "unit") else "right")
+    means = r.steps[r.steps.statistic == "mean"]
+    for (quantity, kind, unit), rows in means.groupby(["quantity", "norm", "unit"], sort=False):
+        if norm in (None, kind):
+            shown, factor = to_si(unit) if si else (unit, 1.0)
+            values = rows.set_index("step")["value"] * factor
+            cells = [f"{values[s]:.4f}" for s in steps]
+            table.add_row(quantity, kind, shown, *cells, f"{values.sum():.2f}")
+    out = options.console()
+    out.print(f"[bold]{r.summary['spec']}[/], {r.summary['dataset']}, {r.summary['windows']['test']} test windows")
+    out.print(table)
 
 
 @runs_command.command("diff")

@@ -1,0 +1,97 @@
+"""Intervals and comparisons against scipy and against data whose truth is known."""
+
+import time
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from bench.stats import compare, interval
+
+EFFECT = 0.8
+
+
+def errors(
+    rng: np.random.Generator, trainings: int, recordings: int, of_recording: float, of_training: float, effect: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of two models, b's spread widely over recordings, a's ``effect`` times b's but for two crossed effects."""
+    shape = (trainings, recordings)
+    b = np.exp(rng.normal(2, 1, (1, recordings)) + rng.normal(0, 0.2, shape))
+    log_ratio = np.log(effect) + rng.normal(0, of_recording, shape[1:]) + rng.normal(0, of_training, (trainings, 1))
+    return b * np.exp(log_ratio + rng.normal(0, 0.1, shape)), b
+
+
+def test_interval_is_students() -> None:
+    values = [3.1, 2.7, 3.9, 3.3]
+    expected = scipy.stats.t.interval(0.9, 3, np.mean(values), scipy.stats.sem(values))
+    assert interval(values, 0.9) == pytest.approx(expected)
+    assert interval([3.0]) is None
+    assert interval([]) is None
+
+
+@pytest.mark.parametrize(("trainings", "recordings"), [(6, 1), (1, 6), (1, 200)])
+def test_one_source_of_spread_agrees_with_scipys_paired_test(trainings: int, recordings: int) -> None:
+    a, b = errors(np.random.default_rng(3), trainings, recordings, 0.2, 0.2, EFFECT)
+    found = compare(a, b)
+    expected = scipy.stats.ttest_rel(np.log(a).ravel(), np.log(b).ravel()).confidence_interval()
+    exact = recordings < 8
+    assert np.log([found.low, found.high]) == pytest.approx(list(expected), rel=1e-9 if exact else 0.05)
+    assert ("bootstrap" in found.basis) != exact
+
+
+@pytest.mark.parametrize(
+    ("trainings", "recordings", "of_recording", "of_training"),
+    [(3, 10, 0.2, 0.0), (3, 10, 0.05, 0.2), (5, 12, 0.1, 0.1), (3, 5, 0.2, 0.1), (1, 8, 0.2, 0.0), (3, 1, 0.0, 0.2)],
+)
+def test_the_truth_is_covered_as_often_as_promised(
+    trainings: int, recordings: int, of_recording: float, of_training: float
+) -> None:
+    rng, repeats = np.random.default_rng(0), 500
+    held = 0
+    for _ in range(repeats):
+        found = compare(*errors(rng, trainings, recordings, of_recording, of_training, EFFECT))
+        held += found.low <= EFFECT <= found.high
+    assert 0.92 <= held / repeats <= 0.985
+
+
+def test_a_reduction_of_the_smallest_visible_size_is_seen_four_times_in_five() -> None:
+    rng, layout = np.random.default_rng(0), (4, 15, 0.2, 0.02)
+    smallest = np.mean([compare(*errors(rng, *layout, 1.0)).smallest for _ in range(200)])
+    seen = np.mean([compare(*errors(rng, *layout, 1 - smallest)).verdict == "better" for _ in range(400)])
+    assert 0.7 <= seen <= 0.9
+
+
+def test_verdicts() -> None:
+    rng = np.random.default_rng(0)
+    half, b = errors(rng, 3, 10, 0.1, 0.02, 0.5)
+    assert compare(half, b).verdict == "better"
+    assert compare(b, half).verdict == "worse"
+    assert compare(b, half).ratio == pytest.approx(1 / compare(half, b).ratio)
+    assert not compare(half, b).alike
+    same, b = errors(rng, 3, 10, 0.1, 0.02, 1.0)
+    assert compare(same, b).verdict == "cannot tell"
+    assert compare(same, b).alike
+    noisy, b = errors(rng, 3, 3, 1.0, 0.5, 1.0)
+    assert compare(noisy, b).verdict == "cannot tell"
+    assert not compare(noisy, b).alike
+
+
+def test_one_training_has_an_interval_but_no_verdict() -> None:
+    found = compare(*errors(np.random.default_rng(0), 1, 10, 0.02, 0.0, 0.5))
+    assert found.high < 1
+    assert (found.verdict, found.alike) == ("cannot tell", False)
+    assert np.isnan(found.smallest)
+    lone = compare(np.array([[1.0]]), np.array([[2.0]]))
+    assert lone.ratio == pytest.approx(0.5)
+    assert (np.isnan(lone.low), lone.verdict) == (True, "cannot tell")
+    assert compare(np.empty((0, 4)), np.empty((0, 4))).verdict == "cannot tell"
+
+
+def test_a_comparison_repeats_exactly_and_is_quick() -> None:
+    a, b = errors(np.random.default_rng(0), 5, 54, 0.2, 0.1, EFFECT)
+    started = time.perf_counter()
+    first = compare(a, b)
+    assert time.perf_counter() - started < 0.2
+    assert compare(a, b) == first
+    with pytest.raises(ValueError, match="shape"):
+        compare(a, b[:4])
