@@ -71,7 +71,7 @@ def conclude(
     pairs = study.pairs if study else ()
     report.render_terminal(records, pairs, out)
     figures.per_step_figure(records, folder / "error_per_step.png")
-    (folder / "table.md").write_text(report.to_markdown(records, pairs, title, command))
+    (folder / "table.md").write_text(report.to_markdown(records, pairs, title, command, "error_per_step.png"))
     all_steps(records).to_parquet(folder / STEPS, index=False)
     files = [p for p in sorted(folder.iterdir()) if p.suffix in (".png", ".svg", ".md")]
     write_json(

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED as FIRST
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -204,6 +204,8 @@ def execute(
                 pending.pop(future)
                 for outcome in future.result():
                     finished(write(outcome, runs))
+    with suppress(OSError):
+        (runs / ".partial").rmdir()  # stays while another driver's checkpoints are in it
     return [RunRecord(runs / key) for key in todo.keys]
 
 

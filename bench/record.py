@@ -18,6 +18,7 @@ from typing import Any
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+import safetensors
 import safetensors.torch
 from torch import Tensor
 
@@ -129,12 +130,14 @@ def write(
             os.fsync(handle)
             os.close(handle)
         os.rename(draft, final)
-    except OSError as error:
+    except (OSError, safetensors.SafetensorError) as error:
         if draft is not None:
             shutil.rmtree(draft, ignore_errors=True)
         if final.exists():  # another process finished the same run first
             return RunRecord(final)
-        raise BenchError(f"The results folder {runs} cannot be written: {error.strerror or error}.") from error
+        raise BenchError(
+            f"The results folder {runs} cannot be written: {getattr(error, 'strerror', None) or error}."
+        ) from error
     return RunRecord(final)
 
 

@@ -109,6 +109,17 @@ def run_command(
     _conclude(out, records, found, title, results, tracker)
 
 
+def _portable(arguments: list[str]) -> list[str]:
+    """The command line without what belongs to this machine alone: where results go, how many processes."""
+    kept, skip = [], False
+    for argument in arguments:
+        local = argument.partition("=")[0] in ("--results", "--tracking", "--workers")
+        if not skip and not local and argument != "--no-track":
+            kept.append(argument)
+        skip = local and "=" not in argument
+    return kept
+
+
 def _check_target(target: str) -> None:
     """A single word that is neither a study nor a predictor gets the near names of both."""
     if ":" not in target and " " not in target.strip() and target not in PREDICTORS.names():
@@ -195,7 +206,7 @@ def _conclude(
     from bench import conclude
 
     folder = results / "studies" / conclude.slug(title)
-    command = shlex.join(["bench", *sys.argv[1:]])
+    command = shlex.join(["bench", *_portable(sys.argv[1:])])
     files = conclude.conclude(out, records, title, found, command, folder)
     tracker.attach(files)
     out.print(f"Figure and tables: {folder}")
