@@ -11,7 +11,6 @@ from torch import Tensor
 
 from bench.config import RunConfig
 from registry.contracts import Channel, Dataset, Loaded, Recording, Split
-from registry.core import DATASETS
 from registry.errors import BenchError, near
 
 OVERLAP = 50
@@ -119,7 +118,7 @@ def prepare(config: RunConfig) -> Prepared:
         joined = np.concatenate(starts) if starts else np.empty(0, int)
         if not len(joined):
             raise BenchError(
-                f"The {part} part of {DATASETS.name_of(type(config.dataset))} has no window of {config.tau} + "
+                f"The {part} part of {config.dataset.label} has no window of {config.tau} + "
                 f"{config.horizon} valid samples: shorten the horizon or give it other recordings."
             )
         return Windows(torch.from_numpy(joined), np.concatenate(which))

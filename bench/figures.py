@@ -155,7 +155,7 @@ def _title(quantity: str) -> str:
 def _styles(names: Sequence[str]) -> dict[str, tuple[str, tuple[float, ...], float]]:
     """Configuration → colour, dashes, line width."""
     networks = [s for s in names if not is_baseline(s)]
-    baselines = [s for s in names if is_baseline(s)]
+    baselines = sorted(s for s in names if is_baseline(s))
     styles = {s: (COLOURS[i % len(COLOURS)], DASHES[i % len(DASHES)], 1.5) for i, s in enumerate(networks)}
     return styles | {s: (*GREYS[i % len(GREYS)], 1.2) for i, s in enumerate(baselines)}
 

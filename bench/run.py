@@ -17,7 +17,6 @@ from bench import evaluate
 from bench.config import RunConfig, environment, run_key, to_json
 from bench.data import Prepared, digest, prepare
 from bench.train import Trained, train
-from registry.core import DATASETS
 
 STEP_COLUMNS = ["quantity", "norm", "unit", "step", "time_s", "statistic", "value"]
 WINDOW_COLUMNS = ["window", "recording", "step", "time_s", "channel", "unit", "measured", "predicted"]
@@ -63,7 +62,7 @@ def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float
         "key": run_key(config, digest(config.dataset), data.split),
         "spec": config.spec,
         "status": trained.status,
-        "dataset": DATASETS.name_of(type(config.dataset)),
+        "dataset": config.dataset.label,
         "dataset_digest": digest(config.dataset),
         "inputs": [c.name for c in data.input_channels],
         "outputs": [c.name for c in data.output_channels],

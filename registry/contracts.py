@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from registry.core import DATASETS
 from registry.errors import BenchError, near
 
 # --------------------------------------------------------------------------------------------- measurements
@@ -165,6 +166,11 @@ class Dataset(ABC):
     """The translational velocity signal."""
     input_hold: ClassVar[str] = "linear"
     """Inputs between samples: "linear" (measured) or "previous" (commands)."""
+
+    @property
+    def label(self) -> str:
+        """What tables and titles call the data: the registered name, unless the data have one of their own."""
+        return DATASETS.name_of(type(self))
 
     def load(self) -> Loaded:
         """Read, clean and check. Duplicated recordings are dropped and named in the findings.

@@ -18,7 +18,7 @@ from bench.config import RunConfig, changed
 from bench.notation import parse
 from bench.record import RunRecord
 from registry.contracts import Dataset
-from registry.core import DATASETS, PREDICTORS
+from registry.core import PREDICTORS
 from registry.errors import BenchError, near
 
 BASELINES = ("constant", "linear")
@@ -82,7 +82,7 @@ def run_command(
     chosen = choose(dataset or (found.default_dataset if found else "pelican_twin"), data_options)
     configs = found.runs(preset, chosen) if found else _one(target, chosen, seeds or 1)
     configs = _apply(configs, run_options)
-    title = f"{target} on {DATASETS.name_of(type(chosen))}" + (f" ({preset})" if found else "")
+    title = f"{target} on {chosen.label}" + (f" ({preset})" if found else "")
     runs = results / "runs"
     todo = engine.plan(configs, runs)
     models = sum(len(t.configs) for t in todo.tasks)

@@ -44,6 +44,11 @@ class Folder(Dataset):
     source: ClassVar[str] = "the user's own files"
 
     @property
+    def label(self) -> str:
+        """The name in the description."""
+        return self.description.name
+
+    @property
     def description(self) -> FolderDescription:
         """The checked dataset.toml, with its [physics], [processing] and [environment]."""
         return describe(Path(self.path))
