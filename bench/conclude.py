@@ -71,6 +71,8 @@ def conclude(
     pairs = study.pairs if study else ()
     report.render_terminal(records, pairs, out)
     figures.per_step_figure(records, folder / "error_per_step.png")
+    if study is None and records[0].finished:
+        figures.box_figure(records[0], folder / "error_distribution.png")
     (folder / "table.md").write_text(report.to_markdown(records, pairs, title, command, "error_per_step.png"))
     all_steps(records).to_parquet(folder / STEPS, index=False)
     files = [p for p in sorted(folder.iterdir()) if p.suffix in (".png", ".svg", ".md")]
