@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED as FIRST
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -201,8 +202,15 @@ def execute(
             done, _ = wait(pending, timeout=0.5, return_when=FIRST)
             _drain(ticks, tick)
             for future in done:
-                pending.pop(future)
-                for outcome in future.result():
+                task = pending.pop(future)
+                try:
+                    outcomes = future.result()
+                except BrokenProcessPool:
+                    raise BenchError(
+                        f"A worker process died while training {task.name} (out of memory?): what was finished is "
+                        "kept, start again, with fewer --workers if it happens twice."
+                    ) from None
+                for outcome in outcomes:
                     finished(write(outcome, runs))
     with suppress(OSError):
         (runs / ".partial").rmdir()  # stays while another driver's checkpoints are in it
