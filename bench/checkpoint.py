@@ -25,7 +25,7 @@ class Checkpoint:
                 {k: t.contiguous() for k, t in tensors.items()}, draft, {"state": json.dumps(state)}
             )
             os.replace(draft, self.path)
-        except OSError:
+        except (OSError, safetensors.SafetensorError):
             draft.unlink(missing_ok=True)
 
     def load(self) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
@@ -35,7 +35,3 @@ class Checkpoint:
                 return {k: f.get_tensor(k) for k in f.keys()}, json.loads(f.metadata()["state"])  # noqa: SIM118
         except (OSError, safetensors.SafetensorError, KeyError, TypeError, ValueError):
             return None
-
-    def remove(self) -> None:
-        """The run is done."""
-        self.path.unlink(missing_ok=True)

@@ -11,6 +11,7 @@ import pandas as pd
 
 from bench.record import RunRecord, write_json
 from bench.study import Study
+from registry.errors import BenchError
 
 STEPS = "steps.parquet"
 PUBLISHED = ("key", "spec", "dataset", "outputs", "horizon", "seed", "status", "weights", "updates", "metrics")
@@ -67,7 +68,10 @@ def conclude(
     """
     from bench import figures, report
 
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BenchError(f"The results folder {folder} cannot be written: {error.strerror or error}.") from error
     pairs = study.pairs if study else ()
     report.render_terminal(records, pairs, out)
     figures.per_step_figure(records, folder / "error_per_step.png")

@@ -165,7 +165,7 @@ def changed(config: RunConfig, assignments: Mapping[str, str]) -> RunConfig:
     for path, text in assignments.items():
         part, _, name = path.rpartition(".")
         holder = plain if not part else plain.get(part)
-        if holder is None or not isinstance(holder, dict) or name not in holder or isinstance(holder[name], dict):
+        if holder is None or not isinstance(holder, dict) or isinstance(holder.get(name), dict | None):
             paths = [k for k, v in plain.items() if not isinstance(v, dict)]
             paths += [f"{k}.{o}" for k, v in plain.items() if isinstance(v, dict) for o in v if o != "name"]
             raise BenchError(f"There is no option {path!r}: {near(path, paths)}")

@@ -13,6 +13,8 @@ from bench.config import RunConfig
 from registry.contracts import Channel, Dataset, Loaded, Recording, Split
 from registry.errors import BenchError, near
 
+GRID = 10
+"""Prediction starts lie on one grid whatever the history, so that runs of different τ are judged on the same ones."""
 OVERLAP = 50
 """Consecutive samples that two recordings must share to be called overlapping."""
 
@@ -112,7 +114,7 @@ def prepare(config: RunConfig) -> Prepared:
         starts, which = [], []
         for i, r in enumerate(recordings):
             if r.name in names:
-                found = window_starts(valid[i], length, stride)
+                found = window_starts(valid[i], length, stride, (GRID - config.tau) % stride)
                 starts.append(found + offsets[i])
                 which.append(np.full(len(found), i))
         joined = np.concatenate(starts) if starts else np.empty(0, int)
@@ -147,12 +149,12 @@ def prepare(config: RunConfig) -> Prepared:
     )
 
 
-def window_starts(valid: np.ndarray, length: int, stride: int) -> np.ndarray:
-    """Starts of windows of ``length`` samples that touch no invalid one, ``stride`` apart; (W,) int."""
+def window_starts(valid: np.ndarray, length: int, stride: int, first: int = 0) -> np.ndarray:
+    """Starts, ``stride`` apart from ``first``, of windows of ``length`` samples that touch no invalid one; (W,) int."""
     if len(valid) < length:
         return np.empty(0, dtype=int)
     bad = np.concatenate([[0], np.cumsum(~valid)])
-    starts = np.arange(0, len(valid) - length + 1, stride)
+    starts = np.arange(first, len(valid) - length + 1, stride)
     return starts[bad[starts + length] == bad[starts]]
 
 
@@ -211,6 +213,7 @@ def refuse_overlap(recordings: Sequence[Recording], parts: dict[str, tuple[str, 
         for second in sides[a + 1 :]:
             for name in parts[second]:
                 shared = np.isin(hashes[name], known)
+                shared[1:] &= hashes[name][1:] != hashes[name][:-1]  # a vehicle at rest resembles any other at rest
                 run = np.convolve(shared, np.ones(OVERLAP), "valid") if len(shared) >= OVERLAP else np.zeros(0)
                 if not (run > OVERLAP - 0.5).any():
                     continue

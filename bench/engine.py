@@ -201,7 +201,8 @@ def execute(
                 pending[executor.submit(_work, plain, runs / ".partial" / task.checkpoint, weight)] = task
             done, _ = wait(pending, timeout=0.5, return_when=FIRST)
             _drain(ticks, tick)
-            for future in done:
+            failed = [f for f in done if f.exception()]
+            for future in sorted(done, key=failed.__contains__):  # what is good is kept before anything is raised
                 task = pending.pop(future)
                 try:
                     outcomes = future.result()
@@ -212,6 +213,7 @@ def execute(
                     ) from None
                 for outcome in outcomes:
                     finished(write(outcome, runs))
+                (runs / ".partial" / task.checkpoint).unlink(missing_ok=True)
     with suppress(OSError):
         (runs / ".partial").rmdir()  # stays while another driver's checkpoints are in it
     return [RunRecord(runs / key) for key in todo.keys]

@@ -9,11 +9,11 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pandas as pd
 import pyarrow as pa
@@ -24,6 +24,7 @@ from torch import Tensor
 
 from registry.errors import BenchError, near
 
+T = TypeVar("T")
 TABLES = ("steps", "curve", "windows")
 
 
@@ -36,39 +37,49 @@ class RunRecord:
     @cached_property
     def summary(self) -> dict[str, Any]:
         """``record.json``: key, spec, status, dataset, channels, metrics, counts, environment, file digests."""
-        summary: dict[str, Any] = json.loads((self.folder / "record.json").read_text())
-        return summary
+        return self._json("record.json")
 
     @cached_property
     def config(self) -> dict[str, Any]:
         """``config.json``: the run's configuration in full."""
-        config: dict[str, Any] = json.loads((self.folder / "config.json").read_text())
-        return config
+        return self._json("config.json")
 
     @cached_property
     def provenance(self) -> dict[str, Any]:
         """``provenance.json``: times, host, versions; not part of the comparison."""
-        provenance: dict[str, Any] = json.loads((self.folder / "provenance.json").read_text())
-        return provenance
+        return self._json("provenance.json")
 
     @cached_property
     def steps(self) -> pd.DataFrame:
         """Error of every prediction step: quantity, norm, unit, step, time_s, statistic, value."""
-        return pd.read_parquet(self.folder / "steps.parquet")
+        return self._read("steps.parquet", pd.read_parquet)
 
     @cached_property
     def curve(self) -> pd.DataFrame:
         """Learning curve: update, train_loss, validation_loss (scaled units)."""
-        return pd.read_parquet(self.folder / "curve.parquet")
+        return self._read("curve.parquet", pd.read_parquet)
 
     @cached_property
     def windows(self) -> pd.DataFrame:
         """Predictions of a few windows: window, recording, step, time_s, channel, unit, measured, predicted."""
-        return pd.read_parquet(self.folder / "windows.parquet")
+        return self._read("windows.parquet", pd.read_parquet)
 
     def weights(self) -> dict[str, Tensor]:
         """Weights and scalers of the best update."""
-        return safetensors.torch.load_file(self.folder / "model.safetensors")
+        return self._read("model.safetensors", safetensors.torch.load_file)
+
+    def _json(self, name: str) -> dict[str, Any]:
+        return self._read(name, lambda path: dict(json.loads(path.read_text())))
+
+    def _read(self, name: str, reader: Callable[[Path], T]) -> T:
+        path = self.folder / name
+        try:
+            return reader(path)
+        except (OSError, ValueError, TypeError, pa.ArrowException, safetensors.SafetensorError) as error:
+            raise BenchError(
+                f"{path} is damaged or missing: `bench runs prune` removes the run, then the command that made it "
+                "makes it again."
+            ) from error
 
     @property
     def key(self) -> str:
@@ -111,7 +122,7 @@ def write(
         BenchError: the results folder cannot be written (read-only, disk full); nothing is left behind.
     """
     final = runs / summary["key"]
-    if final.exists():
+    if exists(runs, final.name):
         return RunRecord(final)
     draft: Path | None = None
     try:
@@ -129,15 +140,18 @@ def write(
             handle = os.open(path, os.O_RDONLY)
             os.fsync(handle)
             os.close(handle)
+        if final.exists() and not exists(runs, final.name):  # damaged from outside
+            os.rename(final, runs / f".damaged-{final.name}-{os.getpid()}")
         os.rename(draft, final)
     except (OSError, safetensors.SafetensorError) as error:
-        if draft is not None:
-            shutil.rmtree(draft, ignore_errors=True)
-        if final.exists():  # another process finished the same run first
+        if exists(runs, final.name):  # another process finished the same run first
             return RunRecord(final)
         raise BenchError(
             f"The results folder {runs} cannot be written: {getattr(error, 'strerror', None) or error}."
         ) from error
+    finally:
+        if draft is not None:
+            shutil.rmtree(draft, ignore_errors=True)
     return RunRecord(final)
 
 
@@ -173,7 +187,16 @@ def find(runs: Path, prefix: str) -> RunRecord:
 
 def verify(record: RunRecord) -> list[str]:
     """Names of files that do not have the content they were recorded with."""
-    return [name for name, digest in record.summary["files"].items() if sha256(record.folder / name) != digest]
+    try:
+        files = record.summary["files"]
+    except (BenchError, KeyError):
+        return ["record.json"]
+
+    def same(name: str, digest: str) -> bool:
+        path = record.folder / name
+        return path.is_file() and sha256(path) == digest
+
+    return [name for name, digest in files.items() if not same(name, digest)]
 
 
 def differences(a: RunRecord, b: RunRecord) -> list[str]:

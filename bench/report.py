@@ -66,13 +66,15 @@ def _beside_baselines(records: Sequence[RunRecord]) -> Iterator[str]:
             rows = comparisons(at, [(n, base) for n in networks])
             if len(rows):
                 rows = _summed(rows[rows.phase == "whole horizon"])
-                said = []
+                output = rows.output.iloc[0]
+                said = [f"diverged: {r.a}" for r in rows.itertuples() if math.isnan(r.ratio)]
+                rows = rows[rows.ratio.notna()]
                 for verdict, meaning in words.items():
                     chosen = [
                         f"{r.a} ({r.ratio:.2f} times its error)" for r in rows.itertuples() if r.verdict == verdict
                     ]
                     said += [f"{meaning}: {', '.join(chosen)}"] if chosen else []
-                yield f"T = {horizon}, {rows.output.iloc[0]}, beside the baseline `{base}`: {'; '.join(said)}."
+                yield f"T = {horizon}, {output}, beside the baseline `{base}`: {'; '.join(said)}."
 
 
 # ------------------------------------------------------------------------------------------------- rendering

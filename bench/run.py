@@ -16,6 +16,7 @@ from torch import Tensor
 from bench import evaluate
 from bench.config import RunConfig, environment, run_key, to_json
 from bench.data import Prepared, digest, prepare
+from bench.seeds import derive
 from bench.train import Trained, train
 
 STEP_COLUMNS = ["quantity", "norm", "unit", "step", "time_s", "statistic", "value"]
@@ -53,6 +54,7 @@ def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float
     steps, windows = pd.DataFrame(columns=STEP_COLUMNS), pd.DataFrame(columns=WINDOW_COLUMNS)
     metrics: dict[str, float | None] = {}
     if trained.status == "finished":
+        torch.manual_seed(derive(config.seed, "test"))  # a random washout start
         measured, predicted = evaluate.predict(trained.model, data, data.test.starts.numpy())
         errors = measured - predicted
         metrics = evaluate.metrics(errors, data.output_channels)

@@ -35,7 +35,10 @@ def studies() -> dict[str, Study]:
     """All studies, by name; third parties add theirs through the entry-point group of the same name."""
     found: dict[str, Study] = {}
     for point in entry_points(group="multistep_bench.studies"):
-        study: Study = point.load()
+        try:
+            study: Study = point.load()
+        except Exception as error:
+            raise BenchError(f"The study {point.name!r} ({point.value}) fails to import: {error}.") from error
         if study.name in found:
             raise BenchError(f"Two studies are called {study.name!r}: rename the one of {point.value}.")
         found[study.name] = study

@@ -82,7 +82,8 @@ def train(
         configs: equal but for seed and predicted channels.
         data: what each run trains on.
         progress: called with the number of updates done since the last call, summed over models.
-        checkpoint: folder for the state at every look at the validation part; a second call goes on from there.
+        checkpoint: file for the state at every look at the validation part; a second call goes on from there. It is
+            the caller's to remove once the outcome is safe.
     """
     models = [build_scaled(c, d) for c, d in zip(configs, data, strict=True)]
     if configs[0].predictor.training != "gradient":
@@ -171,8 +172,6 @@ class _Group:
                     self._save()
                 progress((min(o.evaluate_every, self.update % o.evaluate_every or o.evaluate_every)) * len(self.runs))
         progress((o.updates - self.update) * len(self.runs))
-        if self.checkpoint:
-            self.checkpoint.remove()
         return [self._trained(i) for i in range(len(self.runs))]
 
     def _step(self, active: list[int]) -> None:
@@ -211,6 +210,7 @@ class _Group:
         o = self.options
         since = (self.update - 1) % o.evaluate_every + 1
         self.models[0].eval()
+        torch.manual_seed(derive(self.runs[0].config.seed, f"validation/{self.update}"))  # a random washout start
         for i in active:
             run = self.runs[i]
             if run.ended:

@@ -6,6 +6,7 @@ command-line help, the run key, the tracked parameters and the default search sp
 
 import dataclasses
 import importlib
+import math
 import pkgutil
 from collections.abc import Callable, Iterator
 from dataclasses import MISSING, Field, dataclass, field
@@ -55,6 +56,8 @@ def check_options(entry: Any, label: str) -> None:
         right = kind is None or isinstance(value, int if kind is int else (int, float) if kind is float else kind)
         if not right or (isinstance(value, bool) and kind is not bool and kind is not None):
             raise BenchError(f"{label}.{f.name} must be of type {kind.__name__ if kind else '?'}, not {value!r}.")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise BenchError(f"{label}.{f.name} = {value!r} must be a finite number.")
         choices, low, high = meta.get("choices") or (), meta.get("low"), meta.get("high")
         if choices and value not in choices:
             raise BenchError(f"{label}.{f.name} = {value!r}: choose one of {', '.join(map(str, choices))}.")

@@ -37,6 +37,26 @@ def test_windows_touch_no_invalid_sample() -> None:
     assert window_starts(valid[:7], 8, 1).size == 0
 
 
+def test_every_history_is_judged_from_the_same_starts() -> None:
+    """k0, the last sample of history, is the same whatever τ (but where a longer history has no room)."""
+    k0 = {}
+    for tau in (4, 10, 23):
+        predictor, initializer = parse(f"LSTM: 1x5 - MLP: 6x{tau}")
+        data = prepare(replace(CONFIG, predictor=predictor, initializer=initializer))
+        k0[tau] = set((data.test.starts + tau - 1).tolist())
+    assert k0[10] <= k0[4] and k0[23] <= k0[10] and len(k0[23]) > len(k0[4]) - 8
+
+
+def test_vehicles_at_rest_are_not_taken_for_overlapping_recordings() -> None:
+    rng = np.random.default_rng(0)
+    flights = []
+    for name in ("a", "b", "c"):
+        flight = recording(name, rng.normal(size=300))
+        flight.inputs[:80], flight.outputs[:80] = 0.0, 0.0
+        flights.append(flight)
+    prepare(replace(CONFIG, dataset=Parts(*flights)))
+
+
 def test_windows_stay_inside_their_recording_and_part() -> None:
     data = prepare(CONFIG)
     ends = np.cumsum([400] * 5)

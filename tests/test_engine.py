@@ -87,6 +87,54 @@ def test_interrupted_training_goes_on_bit_for_bit(tmp_path: Path, monkeypatch: p
     assert not (tmp_path / "b" / ".partial").exists()
 
 
+def test_a_random_washout_goes_on_bit_for_bit(tmp_path: Path) -> None:
+    base = runs("LSTM: 1x8 - Washout: 10", 1)[0]
+    config = replace(base, initializer=replace(base.initializer, start="random"))  # type: ignore[type-var]
+    (whole,) = engine.execute(engine.plan([config], tmp_path / "a"), tmp_path / "a")
+
+    def stop(cost: float) -> None:
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        engine.execute(engine.plan([config], tmp_path / "b"), tmp_path / "b", tick=_after(2, stop))
+    (again,) = engine.execute(engine.plan([config], tmp_path / "b"), tmp_path / "b")
+    assert record.differences(whole, again) == []
+
+
+def test_a_damaged_record_is_one_sentence_and_made_again(tmp_path: Path) -> None:
+    config = runs("MLFC: 1x5 - MLP: 5x10", 1)[0]
+    (done,) = engine.execute(engine.plan([config], tmp_path), tmp_path)
+    before = {p.name: p.read_bytes() for p in done.folder.iterdir()}
+    (done.folder / "steps.parquet").write_bytes(b"torn")
+    with pytest.raises(BenchError, match=r"steps\.parquet is damaged"):
+        _ = record.RunRecord(done.folder).steps
+    assert record.verify(record.RunRecord(done.folder)) == ["steps.parquet"]
+    (done.folder / "record.json").unlink()
+    (again,) = engine.execute(engine.plan([config], tmp_path), tmp_path)
+    after = {p.name: p.read_bytes() for p in again.folder.iterdir()}
+    before.pop("provenance.json"), after.pop("provenance.json")
+    assert before == after
+
+
+def test_a_full_disk_leaves_finished_records_and_no_draft(tmp_path: Path) -> None:
+    """RLIMIT_FSIZE stands in for a disk that is full while a record is written."""
+    code = (
+        "import resource, signal, sys; sys.path.insert(0, sys.argv[2]); from pathlib import Path\n"
+        "from test_engine import runs; from bench import engine; from registry.errors import BenchError\n"
+        "folder = Path(sys.argv[1]); a, b = runs('MLFC: 1x5 - MLP: 5x10', 2)\n"
+        "engine.execute(engine.plan([a], folder), folder)\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
+        "try: engine.execute(engine.plan([a, b], folder), folder)\n"
+        "except BenchError as error: print(error); sys.exit(2)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path), str(Path(__file__).parent)], capture_output=True, text=True
+    )
+    assert done.returncode == 2 and "cannot be written" in done.stdout, done.stderr
+    (left,) = record.all_records(tmp_path)
+    assert record.verify(left) == [] and not list(tmp_path.glob(".draft-*"))
+
+
 def _after(count: int, action):  # type: ignore[no-untyped-def]
     left = [count]
 

@@ -85,7 +85,9 @@ def test_options_are_checked_for_type_and_range() -> None:
         (Entry(size=10), r"entry\.size = 10 must be from 1 to 9 m\."),
         (Entry(size=2.5), "type int"),  # type: ignore[arg-type]
         (Entry(size=True), "type int"),
-        (Entry(rate=float("nan")), "at least 0"),
+        (Entry(rate=float("nan")), "finite"),
+        (Entry(rate=float("inf")), "finite"),
+        (Entry(rate=-1.0), "at least 0"),
         (Entry(kind="c"), "choose one of a, b"),
     ):
         with pytest.raises(BenchError, match=says):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.markup import escape
 
 from bench import engine, study
 from bench.cli import options
@@ -80,14 +81,16 @@ def run_command(
     if found is None:
         _check_target(target)
     chosen = choose(dataset or (found.default_dataset if found else "pelican_twin"), data_options)
-    configs = found.runs(preset, chosen) if found else _one(target, chosen, seeds or 1)
-    configs = _apply(configs, run_options)
-    title = f"{target} on {chosen.label}" + (f" ({preset})" if found else "")
+    configs = _apply(found.runs(preset, chosen) if found else _one(target, chosen, seeds or 1), run_options)
+    if found is None:
+        configs += _apply(_baselines(configs[0]), run_options, strict=False)
+    asked = ", ".join(f"{k} {v}" for k, v in sorted({**run_options, **data_options}.items()) if k != "path")
+    title = f"{target} on {chosen.label}" + (f" ({preset})" if found else "") + (f", {asked}" if asked else "")
     runs = results / "runs"
     todo = engine.plan(configs, runs)
     models = sum(len(t.configs) for t in todo.tasks)
     workers = workers or min(os.cpu_count() or 1, max(1, sum(t.updates > 200 for t in todo.tasks)))
-    out.print(f"[bold]{title}[/]: {len(todo.keys)} runs, {len(todo.done)} already recorded, {models} to do.")
+    out.print(f"[bold]{escape(title)}[/]: {len(todo.keys)} runs, {len(todo.done)} already recorded, {models} to do.")
     if dry_run:
         for task in todo.tasks:
             out.print(f"  {task.name}, {task.updates} updates")
@@ -129,20 +132,20 @@ def _check_target(target: str) -> None:
 
 
 def _one(spec: str, dataset: Dataset, seeds: int) -> list[RunConfig]:
-    """Runs of one configuration, and the honest baselines beside it."""
+    """One configuration, as many times as there are seeds."""
     predictor, initializer = parse(spec)
-    base = RunConfig(predictor, initializer, dataset)
-    stochastic = predictor.training == "gradient"
-    made = [replace(base, seed=s) for s in range(seeds if stochastic else 1)]
-    for name in BASELINES:
-        other = RunConfig(parse(name)[0], None, dataset, history=base.tau)
-        if other.predictor != predictor:
-            made.append(other)
-    return made
+    count = seeds if predictor.training == "gradient" else 1
+    return [replace(RunConfig(predictor, initializer, dataset), seed=s) for s in range(count)]
 
 
-def _apply(configs: list[RunConfig], assignments: dict[str, str]) -> list[RunConfig]:
-    """Set options on every run that has them; one that no run has is an error."""
+def _baselines(beside: RunConfig) -> list[RunConfig]:
+    """The honest baselines, with the history of the run that they are judged beside."""
+    made = [RunConfig(parse(name)[0], None, beside.dataset, history=beside.tau) for name in BASELINES]
+    return [b for b in made if type(b.predictor) is not type(beside.predictor)]
+
+
+def _apply(configs: list[RunConfig], assignments: dict[str, str], strict: bool = True) -> list[RunConfig]:
+    """Set options on every run that has them; if ``strict``, one that no run has is an error."""
     for name, value in assignments.items():
         applied, problem, any_fits = [], None, False
         for config in configs:
@@ -154,7 +157,7 @@ def _apply(configs: list[RunConfig], assignments: dict[str, str]) -> list[RunCon
                     raise
                 applied.append(config)
                 problem = problem or error
-        if not any_fits and problem:
+        if strict and not any_fits and problem:
             raise problem
         configs = applied
     return configs
@@ -209,6 +212,9 @@ def _conclude(
     command = shlex.join(["bench", *_portable(sys.argv[1:])])
     files = conclude.conclude(out, records, title, found, command, folder)
     tracker.attach(files)
-    out.print(f"Figure and tables: {folder}")
+    out.print(f"Figure and tables: {escape(str(folder))}")
     if tracker.uri:
-        out.print(f"Browse all runs: [bold]bench ui --results {results}[/] (opens on the chart of “{title}”)")
+        out.print(
+            f"Browse all runs: [bold]bench ui --results {escape(str(results))}[/] "
+            f"(opens on the chart of “{escape(title)}”)"
+        )

@@ -67,7 +67,7 @@ def errors_command(key: str, at: str, norm: str | None, si: bool, results: Path)
     """Mean error of a run at some prediction steps, and its sum over all of them."""
     r = record.find(results / "runs", key)
     horizon = r.summary["horizon"]
-    steps = [int(s) for s in at.split(",") if s.strip().isdigit() and 1 <= int(s) <= horizon]
+    steps = [int(s) for s in at.split(",") if s.strip().isdecimal() and 1 <= int(s) <= horizon]
     if not steps:
         raise BenchError(f"--at {at!r} names no step from 1 to {horizon}: write such as 1,10,{horizon}.")
     table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
@@ -119,7 +119,7 @@ def _flat(nested: object, prefix: str = "") -> dict[str, object]:
 def prune_command(results: Path, diverged: bool, yes: bool) -> None:
     """Remove what a kill left behind: drafts, checkpoints of groups, records whose files were altered."""
     runs = results / "runs"
-    doomed = [*runs.glob(".draft-*"), *runs.glob(".partial")]
+    doomed = [*runs.glob(".draft-*"), *runs.glob(".damaged-*"), *runs.glob(".partial")]
     doomed += [r.folder for r in record.all_records(runs) if record.verify(r) or (diverged and not r.finished)]
     if not doomed:
         click.echo("Nothing to remove.")
