@@ -152,7 +152,7 @@ def test_records_are_the_same_from_other_processes(tmp_path: Path) -> None:
     for results, workers in ((ours, "1"), (theirs, "2")):
         _bench("run", "washout_vs_mlp", "--preset", "smoke", "--no-track", "--workers", workers, results=results)
     first = list(record.all_records(ours / "runs"))
-    assert len(first) == 30
+    assert len(first) == 42
     for a in first:
         assert record.differences(a, record.RunRecord(theirs / "runs" / a.key)) == []
 
@@ -176,10 +176,10 @@ def test_a_study_killed_half_way_ends_in_equal_records(tmp_path: Path) -> None:
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     left = {r.key: r.provenance["finished_ms"] for r in record.all_records(killed / "runs")}
-    assert 4 <= len(left) < 30
+    assert 4 <= len(left) < 42
     _bench(*args, results=killed)
     records = list(record.all_records(whole / "runs"))
-    assert len(records) == 30
+    assert len(records) == 42
     for a in records:
         b = record.RunRecord(killed / "runs" / a.key)
         assert record.differences(a, b) == []

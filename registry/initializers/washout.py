@@ -48,3 +48,15 @@ class Washout(InitializerEntry):
     def build(self, predictor: Predictor, n_inputs: int, n_outputs: int) -> Initializer:
         """See `InitializerEntry.build`."""
         return WashoutInitializer(self)
+
+
+@INITIALIZERS.register("Washout own")
+@dataclass(frozen=True)
+class WashoutOwn(Washout):
+    """Washout in which the network feeds its own outputs back, not the measured ones.
+
+    The paper does not say which of the two it means; measured outputs are known during washout, so that one is
+    called `Washout` here.
+    """
+
+    feedback: str = option("own", "outputs fed back during washout", choices=("own",))
