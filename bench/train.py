@@ -129,15 +129,12 @@ class _Group:
 
     def _named(self, theta: Tensor) -> dict[str, Tensor]:
         """(M, P) → named weights (M, …)."""
-        pieces = theta.split([*(s.numel() for s in self.shapes.values()), self.spare(theta)], -1)
+        sizes = [s.numel() for s in self.shapes.values()]
+        pieces = theta.split([*sizes, theta.shape[-1] - sum(sizes)], -1)  # the last one is padding
         return {
             n: w.unflatten(-1, s) if s else w.squeeze(-1)
             for (n, s), w in zip(self.shapes.items(), pieces[:-1], strict=True)
         }
-
-    def spare(self, theta: Tensor) -> int:
-        """Padding at the end of a row."""
-        return theta.shape[-1] - sum(s.numel() for s in self.shapes.values())
 
     def _validation(self, i: int) -> tuple[Tensor, ...]:
         return self.scaled[i].gather(self.scaled[i].validation.every(self.options.validation_windows).starts)
@@ -167,10 +164,11 @@ class _Group:
             self._step(active)
             self.update += 1
             if self.update % o.evaluate_every == 0 or self.update == o.updates:
-                self._look(active)
+                since = (self.update - 1) % o.evaluate_every + 1
+                self._look(active, since)
                 if self.checkpoint:
                     self._save()
-                progress((min(o.evaluate_every, self.update % o.evaluate_every or o.evaluate_every)) * len(self.runs))
+                progress(since * len(self.runs))
         progress((o.updates - self.update) * len(self.runs))
         return [self._trained(i) for i in range(len(self.runs))]
 
@@ -205,10 +203,11 @@ class _Group:
         fall = 0.5 * (1 + math.cos(math.pi * self.update / o.updates))
         return o.learning_rate * (o.final_rate + (1 - o.final_rate) * fall)
 
-    def _look(self, active: list[int]) -> None:
-        """Cost of free runs on the validation part; keep the best weights, end a run that has stopped improving."""
-        o = self.options
-        since = (self.update - 1) % o.evaluate_every + 1
+    def _look(self, active: list[int], since: int) -> None:
+        """Cost of free runs on the validation part, ``since`` updates after the last look.
+
+        Keeps the best weights and ends a run that has stopped improving.
+        """
         self.models[0].eval()
         torch.manual_seed(derive(self.runs[0].config.seed, f"validation/{self.update}"))  # a random washout start
         for i in active:
@@ -227,7 +226,7 @@ class _Group:
                 self.best[i] = self.theta[i]
             else:
                 run.stale += 1
-                if run.stale >= o.patience:
+                if run.stale >= self.options.patience:
                     run.ended, run.ended_at = "finished", self.update
         self.train_cost.zero_()
 

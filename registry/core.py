@@ -8,8 +8,8 @@ import dataclasses
 import importlib
 import math
 import pkgutil
-from collections.abc import Callable, Iterator
-from dataclasses import MISSING, Field, dataclass, field
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, field
 from importlib.metadata import entry_points
 from typing import Any, TypeVar
 
@@ -69,11 +69,6 @@ def check_options(entry: Any, label: str) -> None:
                 else (f"at least {low}" if low is not None else f"at most {high}")
             )
             raise BenchError(f"{label}.{f.name} = {value!r} must be {span} {meta.get('unit', '')}".rstrip() + ".")
-
-
-def options_of(entry: type) -> Iterator[Field[Any]]:
-    """The fields of an entry's dataclass, in order."""
-    yield from dataclasses.fields(entry)
 
 
 @dataclass(eq=False)

@@ -3,6 +3,7 @@
 import os
 import shlex
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -103,11 +104,8 @@ def run_command(
             tracker([record])
 
         records = engine.execute(todo, runs, workers, progress.tick, finished, lambda t: progress.start(t.name))
-        spent = progress
-    import time
-
     if models:
-        out.print(f"{models} runs in {clock(time.monotonic() - spent.started)} with {workers} process(es).")
+        out.print(f"{models} runs in {clock(time.monotonic() - progress.started)} with {workers} process(es).")
     tracker([r for r in records if r.key in todo.done])
     _conclude(out, records, found, title, results, tracker)
 

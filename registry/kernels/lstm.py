@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from registry.kernels.pointwise import pad16, pad_batch, sigmoid_grad, tanh_, tanh_grad
+from registry.kernels.pointwise import dropout_mask, pad16, pad_batch, sigmoid_grad, tanh_, tanh_grad
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,8 @@ def lstm(
     batch, t = inputs.shape[1:3]
     inputs, fed, hidden, cell = (pad_batch(x) for x in (inputs, fed, hidden, cell))
     forced = None if forced is None else pad_batch(forced)
-    mask = None
-    if dropout > 0:
-        shape = (len(layers), t, inputs.shape[0], layers[0].recurrent.shape[-1], inputs.shape[1])
-        keep = torch.full(shape, 1 - dropout, dtype=inputs.dtype, device=inputs.device)
-        mask = torch.bernoulli(keep).div_(1 - dropout)
+    models, padded, size = inputs.shape[0], inputs.shape[1], layers[0].recurrent.shape[-1]
+    mask = dropout_mask(dropout, inputs, len(layers), t, models, size, padded)
     run: tuple[Tensor, Tensor, Tensor] = _LSTM.apply(
         inputs, fed, hidden, cell, forced, mask, output_weight, output_bias, *flat
     )

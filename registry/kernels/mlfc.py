@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from registry.kernels.pointwise import pad16, pad_batch, tanh_, tanh_grad
+from registry.kernels.pointwise import dropout_mask, pad16, pad_batch, tanh_, tanh_grad
 
 
 def mlfc(
@@ -40,11 +40,7 @@ def mlfc(
     batch, t = inputs.shape[1:3]
     inputs, fed, hidden = (pad_batch(x) for x in (inputs, fed, hidden))
     forced = None if forced is None else pad_batch(forced)
-    mask = None
-    if dropout > 0:
-        shape = (t, inputs.shape[0], hidden.shape[-1], inputs.shape[1])
-        keep = torch.full(shape, 1 - dropout, dtype=inputs.dtype, device=inputs.device)
-        mask = torch.bernoulli(keep).div_(1 - dropout)
+    mask = dropout_mask(dropout, inputs, t, inputs.shape[0], hidden.shape[-1], inputs.shape[1])
     run: tuple[Tensor, Tensor] = _MLFC.apply(inputs, fed, hidden, forced, mask, readout, *layers)
     outputs, hidden = run
     return outputs[:, :batch], hidden[:, :batch]

@@ -24,6 +24,14 @@ def pad_batch(x: Tensor) -> Tensor:
     return x if not spare else torch.cat([x, x.new_zeros(x.shape[0], spare, *x.shape[2:])], 1)
 
 
+def dropout_mask(dropout: float, like: Tensor, *shape: int) -> Tensor | None:
+    """Zeros with probability ``dropout``, else 1 / (1 − dropout); None for no dropout."""
+    if dropout == 0:
+        return None
+    keep = torch.full(shape, 1 - dropout, dtype=like.dtype, device=like.device)
+    return torch.bernoulli(keep).div_(1 - dropout)
+
+
 def pad16(n: int) -> int:
     """The next multiple of 16: whole vector registers, and products whose bits do not depend on the batch."""
     return (n + 15) // 16 * 16
