@@ -14,8 +14,11 @@ from torch import Tensor
 
 from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
+from registry.units import SIGNALS, exponents
 
 DT = 0.01
+_EXTRAS = {"battery": (3.9, -2.0), "time": (20.0, 1.0)}
+"""At the start of the trajectory, and their time derivatives."""
 
 
 class EffectConformance:
@@ -24,13 +27,15 @@ class EffectConformance:
     effect: ClassVar[type[Effect]]
     others: ClassVar[tuple[Effect, ...]] = ()
     """Effects that must be in the model beside it (`Effect.requires`)."""
+    extras: ClassVar[tuple[str, ...]] = ()
+    """Signals beside the driving one that it looks at, "battery" or "time"."""
     visible_after: ClassVar[int] = 5
     """Steps within which a typical effect shows."""
 
     def model(self, *effects: Effect, **constants: Any) -> PhysicsModel:
         """The first physics model that the effect fits, with effects; override for a system of your own."""
         name = (self.effect.systems or ("quadrotor",))[0]
-        made: PhysicsModel = PHYSICS.get(name)(effects=(*effects, *self.others), **constants)
+        made: PhysicsModel = PHYSICS.get(name)(effects=(*effects, *self.others), extras=self.extras, **constants)
         return made
 
     def trajectory(self) -> tuple[Tensor, Tensor]:
@@ -42,7 +47,10 @@ class EffectConformance:
         state[6:10] /= state[6:10].norm()
         driven_by_rotors = model.input_signals[0].startswith("rotor")
         noise = torch.rand(self.visible_after + 1, 4, generator=generator, dtype=torch.float64)
-        return state, 450 + 100 * noise if driven_by_rotors else noise - 0.5
+        inputs = 450 + 100 * noise if driven_by_rotors else noise - 0.5
+        time = DT * torch.arange(len(inputs), dtype=torch.float64)
+        extras = [_EXTRAS[name][0] + _EXTRAS[name][1] * time for name in self.extras]
+        return state, torch.cat([inputs, *(e.unsqueeze(-1) for e in extras)], dim=-1)
 
     def final(self, *effects: Effect, **constants: Any) -> Tensor:
         """The state (s,) at the end of the trajectory."""
@@ -50,16 +58,27 @@ class EffectConformance:
         return self.model(*effects, **constants).simulate(state, inputs, DT)[-1]
 
     def test_is_described(self) -> None:
-        """Registered, with equation, and each parameter with unit, typical value within its bounds."""
-        assert EFFECTS.get(EFFECTS.name_of(self.effect)) is self.effect
-        assert self.effect.equation
+        """Registered, with an equation, the signals that show it, a manoeuvre, and values from which to search."""
+        effect, neutral = self.effect, self.effect.neutral()
+        assert EFFECTS.get(EFFECTS.name_of(effect)) is effect
+        assert effect.equation and effect.manoeuvre, "say how to see it"
+        assert effect.needs or issubclass(effect, InputEffect), "name the signals without which it cannot be seen"
+        assert set(effect.needs) <= set(SIGNALS), "needs: a signal that nobody knows"
+        assert all(EFFECTS.get(name) for name in effect.requires) and all(PHYSICS.get(name) for name in effect.systems)
+        for name, values in effect.screen.items():
+            p = next(p for p in neutral.parameters() if p.name == name)
+            assert values and all(_within(v, p.low, p.high) for v in values), f"screen: {name} out of its bounds"
+
+    def test_parameters_are_described(self) -> None:
+        """Each with a unit of SI and an explanation; neutral and typical value within the bounds."""
         parameters = self.effect.neutral().parameters()
         assert len(parameters) == len(dataclasses.fields(self.effect)) > 0
         for p in parameters:
             assert p.unit and p.about, f"{p.name} lacks unit or explanation"
-            for value in (p.neutral, p.typical):
-                assert p.low is None or value >= p.low
-                assert p.high is None or value <= p.high
+            exponents(p.unit)
+            assert _within(p.neutral, p.low, p.high) and _within(p.typical, p.low, p.high), (
+                f"{p.name} out of its bounds"
+            )
 
     def test_neutral_is_no_effect(self) -> None:
         """The neutral values leave every step as it was, with measured and with held inputs."""
@@ -88,6 +107,8 @@ class EffectConformance:
     def test_gradients(self) -> None:
         """Exact gradients with respect to state, inputs and parameters."""
         state, inputs = self.trajectory()
+        if not issubclass(self.effect, InputEffect):
+            inputs = inputs[:3]
         names = [p.name for p in self.effect.neutral().parameters()]
         # Off the nodes of a piecewise linear interpolation, where a numerical gradient means nothing.
         shift = 1.137 if issubclass(self.effect, InputEffect) else 1.0
@@ -104,3 +125,16 @@ class EffectConformance:
         relative = [(v.detach() / s).requires_grad_() for v, s in zip(values, scale, strict=True)]
         first, driven = state.clone().requires_grad_(), (inputs / 100).requires_grad_()
         assert torch.autograd.gradcheck(run, (first, driven, *relative), eps=1e-6, atol=1e-5, rtol=1e-4)
+
+    def test_neutral_has_gradients(self) -> None:
+        """Finite ones: a fit starts there."""
+        neutral = {p.name: torch.tensor(p.neutral, dtype=torch.float64) for p in self.effect.neutral().parameters()}
+        for value in neutral.values():
+            value.requires_grad_()
+        self.final(self.effect(**neutral)).sum().backward()
+        for name, value in neutral.items():
+            assert value.grad is None or value.grad.isfinite(), f"{name} has no gradient at its neutral value"
+
+
+def _within(value: float, low: float | None, high: float | None) -> bool:
+    return (low is None or value >= low) and (high is None or value <= high)

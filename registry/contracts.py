@@ -10,7 +10,7 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -166,6 +166,12 @@ class Dataset(ABC):
     """The translational velocity signal."""
     input_hold: ClassVar[str] = "linear"
     """Inputs between samples: "linear" (measured) or "previous" (commands)."""
+    physics: ClassVar[dict[str, Any]] = {}
+    """Nominal constants of the recorded system, SI."""
+    uncertainty: ClassVar[dict[str, float]] = {}
+    """Relative 1σ of these constants, where it is not the model's default."""
+    processing: ClassVar[dict[str, Any]] = {}
+    """What was done to the recordings, as [processing] of a dataset.toml says it."""
 
     @property
     def label(self) -> str:

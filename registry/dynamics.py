@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Self
 
 import torch
@@ -81,8 +82,32 @@ def _parameters(entry: Any) -> Iterator[Parameter]:
 
 
 def tensor(value: Any, like: Tensor) -> Tensor:
-    """A constant (number, nested tuple or tensor) as a tensor of the type and device of ``like``."""
+    """A constant (number, nested tuple or tensor) as a tensor of the type and device of ``like``: to read only."""
+    if isinstance(value, (float, tuple)):
+        return _fixed(value, like.dtype, like.device)
     return torch.as_tensor(value, dtype=like.dtype, device=like.device)
+
+
+@lru_cache(maxsize=1024)
+def _fixed(value: float | tuple[Any, ...], dtype: torch.dtype, device: torch.device) -> Tensor:
+    # Made once: in a free run the same few numbers are asked for at every instant. Not as an inference tensor, which
+    # could not take part in a later backward pass.
+    with torch.inference_mode(False):
+        return torch.as_tensor(value, dtype=dtype, device=device)
+
+
+def vector(values: Sequence[Any], like: Tensor) -> Tensor:
+    """Constants (numbers, or tensors (…)) side by side (…, len) in a tensor of the type and device of ``like``."""
+    if any(isinstance(v, Tensor) for v in values):
+        return torch.stack(torch.broadcast_tensors(*(tensor(v, like) for v in values)), dim=-1)
+    return tensor(tuple(values), like)
+
+
+def cross(a: Tensor, b: Tensor) -> Tensor:
+    """a × b over the last dimension (…, 3), with broadcasting."""
+    ax, ay, az = a.unbind(-1)
+    bx, by, bz = b.unbind(-1)
+    return torch.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], dim=-1)
 
 
 # --------------------------------------------------------------------------------------------------- effects
@@ -105,9 +130,26 @@ class Motion:
     air_velocity: Tensor
     """Rᵀ(v − wind): velocity through the air in the body frame [m/s]."""
     inputs: Tensor
-    """(…, m) what acts on the body now."""
+    """(…, m) what acts on the body now, such as rotor speeds [rad/s]."""
     input_rates: Tensor
     """(…, m) its time derivative."""
+    thrust: Tensor
+    """(…, rotors) of each rotor along body z [N], after the effects that scale it."""
+    extras: dict[str, Tensor] = field(default_factory=dict)
+    """Other signals that were measured, such as the battery's voltage (…); see `PhysicsModel.extras`."""
+    internal: Tensor | None = None
+    """(…, internal_size) of the effect that looks, if it is an `InternalEffect`."""
+
+    @cached_property
+    def total_thrust(self) -> Tensor:
+        """(…) sum over the rotors [N]."""
+        return self.thrust.sum(-1)
+
+    @cached_property
+    def hub_velocity(self) -> Tensor:
+        """(…, rotors, 3) of each hub through the air, body frame [m/s]: v_i = v_b + ω_b × r_i."""
+        arms = tensor(self.model.rotor_positions, self.air_velocity)
+        return self.air_velocity.unsqueeze(-2) + cross(self.body_rates.unsqueeze(-2), arms)
 
 
 @dataclass(frozen=True)
@@ -122,6 +164,12 @@ class Effect(ABC):
     """Ids of effects one of which must be in the model (a model can bring them itself, `provides`)."""
     systems: ClassVar[tuple[str, ...]] = ()
     """Physics models the effect fits; empty: all."""
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {}
+    """Of parameters that the effect is not linear in: values from which a search for them starts."""
+    manoeuvre: ClassVar[str] = ""
+    """What to do so that the effect shows and can be told from others, as a phrase that follows "to see it, "."""
+    internal_size: ClassVar[int] = 0
+    """Number of states of its own."""
 
     def parameters(self) -> list[Parameter]:
         """The parameters, in order."""
@@ -146,12 +194,58 @@ class LoadEffect(Effect):
         """Force (…, 3) [N] and torque about the centre of gravity (…, 3) [N m], body frame."""
 
 
+class InternalEffect(LoadEffect):
+    """Adds a load that depends on states of its own, which start at zero."""
+
+    @abstractmethod
+    def internal_rate(self, motion: Motion, acceleration: Tensor) -> Tensor:
+        """Time derivative (…, internal_size) of ``motion.internal``.
+
+        Args:
+            motion: the motion now.
+            acceleration: (…, 3) of the body without this kind of effect, gravity included, world frame [m/s²].
+        """
+
+
 class HubEffect(Effect):
     """Adds a force at each rotor hub, and with it the torque r × F."""
 
     @abstractmethod
     def hub_force(self, motion: Motion) -> Tensor:
         """Forces (…, rotors, 3) [N], body frame."""
+
+
+class ThrustEffect(Effect):
+    """Scales the thrust of each rotor, for the body and for all other effects that it enters."""
+
+    @abstractmethod
+    def thrust_factor(self, motion: Motion) -> Tensor:
+        """Factor (…, rotors) or (…, 1) on ``motion.thrust``, which holds the factors of the effects before this one."""
+
+
+class TorqueEffect(Effect):
+    """Acts on the sum of all torques, before the moments of inertia turn it into angular acceleration."""
+
+    @abstractmethod
+    def net_torque(self, torque: Tensor) -> Tensor:
+        """What acts (…, 3) [N m] in place of the sum ``torque`` (…, 3), body frame."""
+
+
+class RateEffect(Effect):
+    """Adds to the time derivative of the state of any system."""
+
+    @abstractmethod
+    def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
+        """What it adds to dx/dt.
+
+        Args:
+            model: the system's model, for its constants.
+            state: (…, s + internal_size) the state proper and the effect's own states, which start at zero.
+            inputs: (…, m) what acts now.
+
+        Returns:
+            (…, s + internal_size): the addition to dx/dt, and the derivative of the own states.
+        """
 
 
 class WindEffect(Effect):
@@ -195,6 +289,26 @@ class InputEffect(Effect):
             The memory at its end and the segment (…, 3, m) that comes out.
         """
 
+    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """Pass a whole recording; an effect that can do it at once may, with the same result.
+
+        Args:
+            first: (…, m) the input until the recording begins.
+            segments: (…, K, 3, m) the input over each of K time steps.
+            dt: length of a step [s].
+            held: as for `act`.
+
+        Returns:
+            The memory (…, K + 1, memory_size) at every sample and the segments (…, K, 3, m) that come out.
+        """
+        memory, out = self.steady(first, dt), []
+        memories = [memory]
+        for k in range(segments.shape[-3]):
+            memory, segment = self.act(memory, segments[..., k, :, :], dt, held)
+            memories.append(memory)
+            out.append(segment)
+        return torch.stack(memories, dim=-2), torch.stack(out, dim=-3)
+
 
 # ---------------------------------------------------------------------------------------------------- models
 
@@ -203,7 +317,8 @@ class InputEffect(Effect):
 class PhysicsModel(ABC):
     """A continuous-time model dx/dt = f(x, u) and its integrator (4th-order Runge–Kutta).
 
-    The full state (…, s) is the state proper, `state_channels`, followed by the memories of the input effects.
+    The full state is the state proper, `state_channels`, followed by the own states of effects that have some, and
+    the memories of the input effects. The inputs (…, m) are the driving signal followed by `extras`.
     """
 
     effects: tuple[Effect, ...] = field(
@@ -216,6 +331,12 @@ class PhysicsModel(ABC):
             "help": "inputs between samples: linear (measured) or previous (commands)",
             "choices": ("linear", "previous"),
         },
+    )
+
+    extras: tuple[str, ...] = field(
+        default=(),
+        kw_only=True,
+        metadata={"help": "signals that follow the driving one in the inputs, such as battery or time"},
     )
 
     state_channels: ClassVar[tuple[Channel, ...]]
@@ -241,16 +362,16 @@ class PhysicsModel(ABC):
 
     @abstractmethod
     def derivative(self, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None) -> Tensor:
-        """Time derivative (…, s) of the state proper (…, s).
+        """Time derivative (…, s) of the state without memories (…, s).
 
         Args:
-            state: (…, s) without memories.
-            inputs: (…, m) what acts now (after the input effects).
+            state: (…, s) the state proper and the effects' own states, in the order of the effects.
+            inputs: (…, m) what acts now (after the input effects), and the extras.
             input_rates: (…, m) its time derivative; None: constant inputs.
         """
 
     def project(self, state: Tensor) -> Tensor:
-        """The state proper (…, s) put back on its manifold after a step, such as a quaternion to unit length."""
+        """The state (…, s) put back on its manifold after a step, such as a quaternion to unit length."""
         return state
 
     def parameters(self) -> list[Parameter]:
@@ -261,9 +382,48 @@ class PhysicsModel(ABC):
         """The effects between the given input and the acting one, in order."""
         return [e for e in self.effects if isinstance(e, InputEffect)]
 
+    @property
+    def internal_size(self) -> int:
+        """Number of states that the effects have of their own."""
+        return sum(e.internal_size for e in self.effects)
+
+    def extra(self, name: str, inputs: Tensor) -> Tensor | None:
+        """The extra signal (…) of that name within the inputs (…, m); None: it is not there."""
+        if name not in self.extras:
+            return None
+        return inputs[..., inputs.shape[-1] - len(self.extras) + self.extras.index(name)]
+
     def initial(self, state: Tensor, inputs: Tensor, dt: float) -> Tensor:
         """Full state from the state proper (…, s) and inputs (…, m) that have been steady until now."""
-        return torch.cat([state, *(e.steady(inputs, dt) for e in self.input_effects())], dim=-1)
+        driving = inputs[..., : inputs.shape[-1] - len(self.extras)]
+        own = state.new_zeros((*state.shape[:-1], self.internal_size))
+        return torch.cat([state, own, *(e.steady(driving, dt) for e in self.input_effects())], dim=-1)
+
+    def transmit(self, memory: Tensor, before: Tensor, after: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        """Pass one time step through the input effects.
+
+        Args:
+            memory: (…, size) their memories at t.
+            before: (…, m) inputs at t.
+            after: (…, m) inputs at t + dt; not looked at when inputs are held (but for the extras).
+            dt: [s].
+
+        Returns:
+            The memories at t + dt and the segment (…, 3, m) of the inputs that act at its start, middle and end.
+        """
+        held = self.input_hold == "previous"
+        segment = torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
+        effects = self.input_effects()
+        if not effects:
+            return memory, segment
+        driving, extras = segment.split([segment.shape[-1] - len(self.extras), len(self.extras)], dim=-1)
+        memories, at = [], 0
+        for effect in effects:
+            size = effect.memory_size(driving.shape[-1], dt)
+            changed, driving = effect.act(memory[..., at : at + size], driving, dt, held)
+            memories.append(changed)
+            at += size
+        return torch.cat(memories, dim=-1), torch.cat([driving, extras], dim=-1)
 
     def step(self, state: Tensor, before: Tensor, after: Tensor, dt: float) -> Tensor:
         """One time step of the full state.
@@ -277,15 +437,9 @@ class PhysicsModel(ABC):
         Returns:
             The full state (…, s) at t + dt.
         """
-        held = self.input_hold == "previous"
-        segment = torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
-        body = state[..., : len(self.state_channels)]
-        memories, at = [], len(self.state_channels)
-        for effect in self.input_effects():
-            size = effect.memory_size(before.shape[-1], dt)
-            memory, segment = effect.act(state[..., at : at + size], segment, dt, held)
-            memories.append(memory)
-            at += size
+        size = len(self.state_channels) + self.internal_size
+        body, memory = state[..., :size], state[..., size:]
+        memory, segment = self.transmit(memory, before, after, dt)
         u0, um, u1 = segment.unbind(-2)
         # The derivative of the parabola through the three: its Simpson integral is exactly u1 - u0.
         d0, dm, d1 = (4 * um - 3 * u0 - u1) / dt, (u1 - u0) / dt, (3 * u1 - 4 * um + u0) / dt
@@ -294,7 +448,7 @@ class PhysicsModel(ABC):
         k3 = self.derivative(body + dt / 2 * k2, um, dm)
         k4 = self.derivative(body + dt * k3, u1, d1)
         body = self.project(body + dt / 6 * (k1 + 2 * (k2 + k3) + k4))
-        return torch.cat([body, *memories], dim=-1) if memories else body
+        return torch.cat([body, memory], dim=-1) if memory.shape[-1] else body
 
     def simulate(self, state: Tensor, inputs: Tensor, dt: float) -> Tensor:
         """Free run.

@@ -46,6 +46,23 @@ def to_si(unit: str) -> tuple[str, float]:
     return _TO_SI[unit]
 
 
+def exponents(unit: str) -> dict[str, int]:
+    """The SI symbols of a compound unit and their powers: "N m s^2", "kg/rad", "1/s".
+
+    Raises:
+        BenchError: a symbol that is not in the table, or not of SI, or a power that is not a whole number.
+    """
+    found: dict[str, int] = {}
+    for place, part in enumerate(unit.split("/")):
+        for factor in part.split() or [""]:
+            symbol, caret, power = factor.partition("^")
+            if to_si(symbol)[0] != symbol or not (power.isdecimal() if caret else not power):
+                raise BenchError(f"The unit {unit!r} must be of SI, such as N m s^2 or kg/rad, not {factor!r}.")
+            if symbol != "1":
+                found[symbol] = found.get(symbol, 0) + (-1 if place else 1) * int(power or 1)
+    return found
+
+
 def display(si_unit: str, signal: str = "") -> tuple[str, float]:
     """The unit a report shows, as the paper does, and the factor from SI: rad/s → deg/s (not of rotors), rad → deg."""
     if signal.startswith("rotor"):
@@ -78,7 +95,13 @@ SIGNALS: dict[str, Signal] = {
     "battery": Signal("V", (), "supply voltage"),
     "force": Signal("N", (), "force on the driven part"),
     "voltage": Signal("V", (), "drive voltage"),
-    "level": Signal("V", (), "liquid level, as its sensor gives it"),
-    "displacement": Signal("m", (), "generalized position"),
+    "level": Signal("V", ("h",), "liquid level of the (lower) tank, as its sensor gives it"),
+    "upper_level": Signal("V", ("h",), "liquid level of the upper tank"),
+    "displacement": Signal("m", ("q",), "position along the one axis of motion"),
+    "speed": Signal("m/s", ("q",), "its time derivative"),
+    "angle": Signal("rad", ("theta",), "of a pendulum, from hanging at rest"),
+    "angle_rate": Signal("rad/s", ("theta",), "its time derivative"),
+    "van_der_pol": Signal("1", ("x", "y"), "states of the Van der Pol oscillator"),
+    "lorenz": Signal("1", ("x", "y", "z"), "states of the Lorenz system"),
     "wind": Signal("m/s", ("x", "y", "z"), "world frame"),
 }

@@ -19,10 +19,22 @@ LONGEST_DELAY = 0.2
 class MotorLag(InputEffect):
     """First-order lag of a motor (or servo), with its own time constant in each direction."""
 
-    tau_up: Any = constant(0.0, "time constant when rising", "s", low=0, typical=0.0125, source="RotorS, Pelican")
-    tau_down: Any = constant(0.0, "time constant when falling", "s", low=0, typical=0.025, source="RotorS, Pelican")
+    tau_up: Any = constant(
+        0.0, "time constant when rising", "s", low=0, high=0.5, typical=0.0125, source="RotorS, Pelican"
+    )
+    tau_down: Any = constant(
+        0.0, "time constant when falling", "s", low=0, high=0.5, typical=0.025, source="RotorS, Pelican"
+    )
     equation: ClassVar[str] = "dω/dt = (ω_cmd − ω)/τ, solved exactly"
     needs: ClassVar[tuple[str, ...]] = ("rotor_command",)
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {
+        "tau_up": (0.005, 0.0125, 0.025, 0.05, 0.1),
+        "tau_down": (0.005, 0.0125, 0.025, 0.05, 0.1),
+    }
+    manoeuvre: ClassVar[str] = (
+        "give steps up and down of the command, logged at 200 Hz or more: a lag answers at once and settles "
+        "exponentially, a delay answers late and whole"
+    )
 
     def memory_size(self, inputs: int, dt: float) -> int:
         """One speed an input."""
@@ -53,8 +65,15 @@ class InputDelay(InputEffect):
     Between samples the delayed input is interpolated; of held inputs this is the mean over a step.
     """
 
-    delay: Any = constant(0.0, "T_d", "s", low=0, high=LONGEST_DELAY, typical=0.02)
+    delay: Any = constant(
+        0.0, "T_d", "s", low=0, high=LONGEST_DELAY, typical=0.02, source="order of magnitude for radio and controllers"
+    )
     equation: ClassVar[str] = "u(t) → u(t − T_d)"
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"delay": (0.005, 0.01, 0.02, 0.03, 0.045, 0.07, 0.1, 0.15)}
+    manoeuvre: ClassVar[str] = (
+        "give sharp doublets on every input, logged at 200 Hz or more: a delay shifts the whole answer, up and down "
+        "alike, a lag rounds it off; then compare the clocks of inputs and outputs"
+    )
 
     def memory_size(self, inputs: int, dt: float) -> int:
         """The samples that the longest delay reaches back to."""
@@ -75,3 +94,29 @@ class InputDelay(InputEffect):
         weight = (1 - (age.unsqueeze(-1) - index).abs()).clamp(min=0)  # (…, 3, count)
         delayed = (weight.unsqueeze(-1) * past.unsqueeze(-3)).sum(-2)
         return past[..., 1:-1, :].flatten(-2), delayed
+
+    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """Look a whole recording up at once; see `InputEffect.over`."""
+        steps, m = segments.shape[-3], segments.shape[-1]
+        slots = self.memory_size(1, dt)
+        starts, ends = segments[..., 0, :], segments[..., 2, :]
+        before = first.unsqueeze(-2).expand(*first.shape[:-1], slots, m)
+        past = torch.cat([before, starts], dim=-2)  # the sample k steps before the start of step i is slots + i − k
+        moments = tensor((0.0, 0.0, 0.0) if held else (0.0, 0.5, 1.0), segments)
+        age = tensor(self.delay, segments).unsqueeze(-1) / dt + 1 - moments  # (…, 3)
+        whole = age.floor().clamp(0, slots)
+        part = (age - whole).unsqueeze(-2).unsqueeze(-1)
+        at = torch.arange(steps, device=segments.device).unsqueeze(-1)
+
+        def aged(steps_back: Tensor) -> Tensor:
+            index = (at - steps_back.long().unsqueeze(-2) + 1 + slots).clamp(0, past.shape[-2] - 1)  # (…, K, 3)
+            index = index.expand(*segments.shape[:-3], steps, 3).flatten(-2).unsqueeze(-1)
+            looked_up = past.expand(*segments.shape[:-3], *past.shape[-2:]).gather(
+                -2, index.expand(*index.shape[:-1], m)
+            )
+            now = (steps_back == 0).unsqueeze(-2).unsqueeze(-1)
+            return torch.where(now, ends.unsqueeze(-2), looked_up.unflatten(-2, (steps, 3)))
+
+        delayed = (1 - part) * aged(whole) + part * aged(whole + 1)
+        windows = past.unfold(-2, slots, 1).flip(-1).transpose(-1, -2)  # (…, K + 1, slots, m)
+        return windows.flatten(-2), delayed

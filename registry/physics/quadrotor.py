@@ -1,23 +1,28 @@
 """The simple quadrotor: rigid body, thrust and reaction torque that go with the square of rotor speed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from registry.core import PHYSICS
-from registry.dynamics import Motion, constant, tensor
+from registry.dynamics import Motion, Parameter, constant, tensor
+from registry.errors import BenchError, near
 from registry.physics.rigid_body import RigidBody
 
 _ROTORS = "RotorS simulator, Pelican vehicle file"
 _CHOSEN = "chosen for the simulated twin"
+_PWM = "gym-pybullet-drones, Crazyflie 2: 0.2685 rpm a count + 4070.3 rpm"
 
 
 @PHYSICS.register("quadrotor")
 @dataclass(frozen=True)
 class Quadrotor(RigidBody):
-    """Rigid body driven by four rotor speeds: thrust k_f ω², torque r × T and s k_m ω², gravity."""
+    """Rigid body driven by four rotor speeds: thrust k_f ω², torque r × T and s k_m ω², gravity.
+
+    Driven by raw motor commands (``drive`` is pwm), the rotor speeds are ω = a u + b, not below zero.
+    """
 
     mass: Any = constant(1.0, "mass", "kg", low=0, source=_ROTORS)
     inertia: Any = constant((0.01, 0.01, 0.02), "principal moments of inertia", "kg m^2", source=_ROTORS)
@@ -34,23 +39,54 @@ class Quadrotor(RigidBody):
     )
     rotor_radius: Any = constant(0.127, "rotor radius", "m", low=0, source=_CHOSEN)
 
-    input_signals: ClassVar[tuple[str, ...]] = ("rotor_speed", "rotor_command")
+    air_density: Any = constant(1.2, "density of the air", "kg/m^3", low=0, uncertainty=0.0)
+    pwm_gain: Any = constant(
+        0.028117, "a: rotor speed over motor command", "rad/s/pwm", low=0, uncertainty=0.2, source=_PWM
+    )
+    pwm_offset: Any = constant(
+        426.24, "b: rotor speed to which the commands add", "rad/s", uncertainty=0.2, source=_PWM
+    )
+    drive: str = field(
+        default="rotor_speed",
+        kw_only=True,
+        metadata={"help": "the driving signal", "choices": ("rotor_speed", "rotor_command", "pwm")},
+    )
+
+    input_signals: ClassVar[tuple[str, ...]] = ("rotor_speed", "rotor_command", "pwm")
     equation: ClassVar[str] = (
         "m dv/dt = R Σ k_f ω_i² e3 − m g e3;  J dω_b/dt = Σ r_i × T_i e3 + s_i k_m ω_i² e3 − ω_b × J ω_b"
     )
 
-    def rotor_thrust(self, rotor_speed: Tensor) -> Tensor:
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.drive not in self.input_signals:
+            raise BenchError(f"drive = {self.drive!r}: {near(self.drive, self.input_signals)}")
+
+    def parameters(self) -> list[Parameter]:
+        """The constants, in order; those of the motor commands are fixed when none drive."""
+        listed = super().parameters()
+        if self.drive == "pwm":
+            return listed
+        return [replace(p, uncertainty=0.0) if p.name.startswith("pwm") else p for p in listed]
+
+    def actuate(self, driving: Tensor, rates: Tensor) -> tuple[Tensor, Tensor]:
+        """Rotor speeds (…, rotors) [rad/s] and their time derivative, from the driving signal and its own."""
+        if self.drive != "pwm":
+            return driving, rates
+        gain, offset = (tensor(c, driving).unsqueeze(-1) for c in (self.pwm_gain, self.pwm_offset))
+        return (gain * driving + offset).clamp(min=0), gain * rates
+
+    def rotor_thrust(self, inputs: Tensor) -> Tensor:
         """T_i = k_f ω_i² (…, rotors) [N] at rotor speeds (…, rotors) [rad/s]."""
-        return tensor(self.thrust_coefficient, rotor_speed).unsqueeze(-1) * rotor_speed * rotor_speed
+        return tensor(self.thrust_coefficient, inputs).unsqueeze(-1) * inputs * inputs
 
     def own_load(self, motion: Motion, internal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Force and torque of the rotors, body frame; see `RigidBody.own_load`."""
         speed = motion.inputs
-        thrust = self.rotor_thrust(speed)
+        thrust, total = motion.thrust, motion.total_thrust
         x, y, _ = tensor(self.rotor_positions, speed).unbind(-1)
         signs = tensor(self.rotor_directions, speed)
         reaction = signs * tensor(self.torque_coefficient, speed).unsqueeze(-1) * speed * speed
-        total = thrust.sum(-1)
         none = torch.zeros_like(total)
         force = torch.stack([none, none, total], dim=-1)
         torque = torch.stack([(y * thrust).sum(-1), -(x * thrust).sum(-1), reaction.sum(-1)], dim=-1)

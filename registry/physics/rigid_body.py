@@ -1,24 +1,31 @@
 """A rigid body that flies: the equations of motion that every aircraft model shares."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from registry.contracts import Channel
-from registry.dynamics import HubEffect, LoadEffect, ModelEffect, Motion, PhysicsModel, WindEffect, constant, tensor
+from registry.dynamics import (
+    HubEffect,
+    InternalEffect,
+    LoadEffect,
+    ModelEffect,
+    Motion,
+    PhysicsModel,
+    ThrustEffect,
+    TorqueEffect,
+    WindEffect,
+    constant,
+    cross,
+    tensor,
+    vector,
+)
 from registry.units import SIGNALS
 
 _POSE = ("position", "velocity", "attitude", "body_rates")
-
-
-def cross(a: Tensor, b: Tensor) -> Tensor:
-    """a × b over the last dimension (…, 3), with broadcasting."""
-    ax, ay, az = a.unbind(-1)
-    bx, by, bz = b.unbind(-1)
-    return torch.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], dim=-1)
 
 
 def rotation_matrix(quaternion: Tensor) -> Tensor:
@@ -47,6 +54,9 @@ class RigidBody(PhysicsModel):
     inertia: Any = constant((1.0, 1.0, 1.0), "principal moments of inertia", "kg m^2")
     gravity: Any = constant(9.81, "gravitational acceleration", "m/s^2", low=0, uncertainty=0.001)
     ground_z: Any = constant(0.0, "height of the ground", "m", uncertainty=0.0)
+    inertia_products: Any = constant(
+        (0.0, 0.0, 0.0), "entries J_xy, J_xz, J_yz of the inertia matrix", "kg m^2", uncertainty=0.0
+    )
 
     state_channels: ClassVar[tuple[Channel, ...]] = tuple(
         Channel(f"{s}.{axis}", SIGNALS[s].unit) for s in _POSE for axis in SIGNALS[s].axes
@@ -64,37 +74,113 @@ class RigidBody(PhysicsModel):
             Force (…, 3) [N] and torque (…, 3) [N m] in the body frame, and the derivative of ``internal``.
         """
 
+    def rotor_thrust(self, inputs: Tensor) -> Tensor:
+        """Thrust (…, rotors) [N] along body z that effects may scale, at what acts (…, m); here of no rotor."""
+        return inputs[..., :0]
+
+    def actuate(self, driving: Tensor, rates: Tensor) -> tuple[Tensor, Tensor]:
+        """What acts on the body (…, m) and its time derivative, from the driving signal and its own."""
+        return driving, rates
+
     def derivative(self, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None) -> Tensor:
         """Time derivative (…, s) of the state (…, s); see `PhysicsModel.derivative`."""
-        model: Any = self
+        motion, force, torque, own_rate, acceleration = self.unloaded(state, inputs, input_rates)
+        own_rates, at = [own_rate], len(self.state_channels)
+        swinging = [e for e in self.effects if isinstance(e, InternalEffect)]
+        for effect in swinging:
+            seen = replace(motion, internal=state[..., at : at + effect.internal_size])
+            more_force, more_torque = effect.load(seen)
+            force, torque = force + more_force, torque + more_torque
+            own_rates.append(effect.internal_rate(seen, acceleration))
+            at += effect.internal_size
+        if swinging:
+            acceleration = self._acceleration(motion, force)
         for effect in self.effects:
-            if isinstance(effect, ModelEffect):
-                model = effect.adapt(model)
-        position, velocity, attitude, rates, internal = state.split([3, 3, 4, 3, state.shape[-1] - 13], dim=-1)
-        rotation = rotation_matrix(attitude)
-        through_air = velocity
-        for effect in self.effects:
-            if isinstance(effect, WindEffect):
-                through_air = through_air - effect.wind(state)
-        air = (rotation * through_air.unsqueeze(-1)).sum(-2)
-        slopes = torch.zeros_like(inputs) if input_rates is None else input_rates
-        motion = Motion(model, position, velocity, rotation, rates, air, inputs, slopes)
+            if isinstance(effect, TorqueEffect):
+                torque = effect.net_torque(torque)
+        spin = motion.model.angular_acceleration(torque, motion.body_rates)
+        turning = quaternion_rate(state[..., 6:10], motion.body_rates)
+        return torch.cat([motion.velocity, acceleration, turning, spin, *own_rates], dim=-1)
+
+    def unloaded(
+        self, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None
+    ) -> tuple[Motion, Tensor, Tensor, Tensor, Tensor]:
+        """The motion and what acts without the effects that have states of their own.
+
+        Args:
+            state: (…, s), of which the effects' own states are not looked at.
+            inputs: (…, m).
+            input_rates: (…, m).
+
+        Returns:
+            The motion, force (…, 3) [N] and torque (…, 3) [N m] in the body frame, the derivative of the model's states
+            beyond pose and velocities, and the acceleration (…, 3) [m/s²] in the world frame, gravity included.
+        """
+        position, velocity, attitude, rates, internal = state[..., : len(self.state_channels)].split(
+            [3, 3, 4, 3, len(self.state_channels) - 13], dim=-1
+        )
+        motion = self._motion(position, velocity, rotation_matrix(attitude), rates, inputs, input_rates)
+        model = motion.model
         force, torque, internal_rate = model.own_load(motion, internal)
         for effect in self.effects:
             if isinstance(effect, HubEffect):
                 hub = effect.hub_force(motion)
                 force = force + hub.sum(-2)
                 torque = torque + cross(tensor(model.rotor_positions, state), hub).sum(-2)
-            elif isinstance(effect, LoadEffect):
+            elif isinstance(effect, LoadEffect) and not isinstance(effect, InternalEffect):
                 more_force, more_torque = effect.load(motion)
                 force, torque = force + more_force, torque + more_torque
-        inertia = tensor(model.inertia, state)
-        acceleration = (rotation * force.unsqueeze(-2)).sum(-1) / tensor(model.mass, state).unsqueeze(-1)
-        weight = tensor((0.0, 0.0, 1.0), state) * tensor(model.gravity, state).unsqueeze(-1)
-        spin = (torque - cross(rates, inertia * rates)) / inertia
-        return torch.cat(
-            [velocity, acceleration - weight, quaternion_rate(attitude, rates), spin, internal_rate], dim=-1
-        )
+        return motion, force, torque, internal_rate, self._acceleration(motion, force)
+
+    def _acceleration(self, motion: Motion, force: Tensor) -> Tensor:
+        mass, gravity = (tensor(c, force).unsqueeze(-1) for c in (motion.model.mass, motion.model.gravity))
+        weight = tensor((0.0, 0.0, 1.0), force) * gravity
+        return (motion.rotation * force.unsqueeze(-2)).sum(-1) / mass - weight
+
+    def _motion(
+        self,
+        position: Tensor,
+        velocity: Tensor,
+        rotation: Tensor,
+        rates: Tensor,
+        inputs: Tensor,
+        input_rates: Tensor | None,
+    ) -> Motion:
+        """What the effects see, with the model's constants, the air and the thrust as effects change them."""
+        model: Any = self
+        for effect in self.effects:
+            if isinstance(effect, ModelEffect):
+                # Without its effects, for the constants only: they need not be checked again at every instant.
+                model = effect.adapt(replace(model, effects=()) if model is self else model)
+        through_air = velocity
+        for effect in self.effects:
+            if isinstance(effect, WindEffect):
+                through_air = through_air - effect.wind(velocity)
+        air = (rotation * through_air.unsqueeze(-1)).sum(-2)
+        drives = inputs.shape[-1] - len(self.extras)
+        extras = {name: inputs[..., drives + i] for i, name in enumerate(self.extras)}
+        slopes = torch.zeros_like(inputs) if input_rates is None else input_rates
+        acting, slopes = model.actuate(inputs[..., :drives], slopes[..., :drives])
+        thrust = model.rotor_thrust(acting)
+        motion = Motion(model, position, velocity, rotation, rates, air, acting, slopes, thrust, extras)
+        for effect in self.effects:
+            if isinstance(effect, ThrustEffect):
+                motion = replace(motion, thrust=motion.thrust * effect.thrust_factor(motion))
+        return motion
+
+    def angular_acceleration(self, torque: Tensor, rates: Tensor) -> Tensor:
+        """J⁻¹ (τ − ω × Jω) (…, 3) [rad/s²], body frame, at torque (…, 3) [N m] and body rates (…, 3)."""
+        principal, products = tensor(self.inertia, torque), self.inertia_products
+        if isinstance(products, tuple) and not any(isinstance(p, Tensor) or p for p in products):
+            return (torque - cross(rates, principal * rates)) / principal
+        xy, xz, yz = tensor(products, torque).unbind(-1) if isinstance(products, Tensor) else products
+        xx, yy, zz = principal.unbind(-1)
+        inertia = vector((xx, xy, xz, xy, yy, yz, xz, yz, zz), torque).unflatten(-1, (3, 3))
+        torque = torque - cross(rates, (inertia * rates.unsqueeze(-2)).sum(-1))
+        # Cramer's rule: the cross products of the rows are the columns of J⁻¹ times its determinant.
+        cofactors = cross(inertia[..., (1, 2, 0), :], inertia[..., (2, 0, 1), :])
+        determinant = (inertia[..., 0, :] * cofactors[..., 0, :]).sum(-1, keepdim=True)
+        return (cofactors * torque.unsqueeze(-1)).sum(-2) / determinant
 
     def project(self, state: Tensor) -> Tensor:
         """The state (…, s) with its quaternion at unit length."""

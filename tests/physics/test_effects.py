@@ -9,10 +9,18 @@ import torch
 
 from registry.conformance import EffectConformance
 from registry.core import EFFECTS
+from registry.dynamics import InputEffect
 from registry.effects.actuation import InputDelay, MotorLag
-from registry.effects.air import LinearDrag, Wind
+from registry.effects.air import LinearDrag, ParasiticDrag, Wind
+from registry.effects.blade import BladeFlapping, InflowThrustLoss, TranslationalLift, VortexRingState
+from registry.effects.mass import CogOffset, InertiaProducts, Mass
 from registry.effects.rotor import GroundEffect, RotorDrag, RotorGyroscopicTorque, RotorReactionTorque
+from registry.effects.suspended_load import SuspendedLoad
+from registry.effects.thrust import BatterySag, RotorMisalignment, ThrustScale, UnequalRotors
+from registry.effects.torque import RotationalDamping, TorqueBias, TorqueScale
+from registry.errors import BenchError
 from registry.physics.quadrotor import Quadrotor
+from registry.units import exponents
 
 F64 = torch.float64
 
@@ -50,9 +58,102 @@ class TestInputDelay(EffectConformance):
     effect = InputDelay
 
 
-def test_every_effect_is_tested_here():
-    tested = {c.effect for c in EffectConformance.__subclasses__()}
-    assert {EFFECTS.get(n) for n in EFFECTS.names()} <= tested
+class TestParasiticDrag(EffectConformance):
+    effect = ParasiticDrag
+
+
+class TestBladeFlapping(EffectConformance):
+    effect = BladeFlapping
+
+
+class TestTranslationalLift(EffectConformance):
+    effect = TranslationalLift
+
+
+class TestInflowThrustLoss(EffectConformance):
+    effect = InflowThrustLoss
+
+
+class TestVortexRingState(EffectConformance):
+    effect = VortexRingState
+
+    def trajectory(self):
+        state, inputs = super().trajectory()
+        state[5] = -5.0  # a climb, as the others fly it, does not show it
+        return state, inputs
+
+
+class TestThrustScale(EffectConformance):
+    effect = ThrustScale
+
+
+class TestUnequalRotors(EffectConformance):
+    effect = UnequalRotors
+
+
+class TestBatterySag(EffectConformance):
+    effect = BatterySag
+    extras = ("time", "battery")
+
+
+class TestBatterySagWithTimeAlone(EffectConformance):
+    effect = BatterySag
+    extras = ("time",)
+
+
+class TestRotorMisalignment(EffectConformance):
+    effect = RotorMisalignment
+
+
+class TestMass(EffectConformance):
+    effect = Mass
+
+
+class TestInertiaProducts(EffectConformance):
+    effect = InertiaProducts
+
+
+class TestCogOffset(EffectConformance):
+    effect = CogOffset
+
+
+class TestRotationalDamping(EffectConformance):
+    effect = RotationalDamping
+
+
+class TestTorqueScale(EffectConformance):
+    effect = TorqueScale
+
+
+class TestTorqueBias(EffectConformance):
+    effect = TorqueBias
+
+
+class TestSuspendedLoad(EffectConformance):
+    effect = SuspendedLoad
+
+
+def of_the_quadrotor():
+    return [e for e in map(EFFECTS.get, EFFECTS.names()) if not e.systems or "quadrotor" in e.systems]
+
+
+def test_every_effect_of_the_quadrotor_is_tested_here():
+    assert set(of_the_quadrotor()) <= {getattr(c, "effect", None) for c in EffectConformance.__subclasses__()}
+
+
+@pytest.mark.parametrize("effect", of_the_quadrotor(), ids=EFFECTS.name_of)
+def test_a_fit_can_start_at_rest_on_the_ground(effect):
+    """Bounds on both sides, and finite gradients at neutral values where velocities, rates and thrust are zero."""
+    values = {p.name: torch.tensor(p.neutral, dtype=F64, requires_grad=True) for p in effect.neutral().parameters()}
+    assert all(p.high is not None for p in effect.neutral().parameters() if p.uncertainty > 0)
+    others = (LinearDrag(0.4, 0.4, 0.4),) if effect.requires else ()
+    extras = ("battery",) if effect is BatterySag else ()
+    state = torch.zeros(13, dtype=F64)
+    state[9] = 1
+    inputs = torch.zeros(3, 4 + len(extras), dtype=F64, requires_grad=True)
+    model = Quadrotor(effects=(effect(**values), *others), extras=extras)
+    model.simulate(state.requires_grad_(), inputs, 0.01).sum().backward()
+    assert all(v.grad is None or v.grad.isfinite().all() for v in (state, inputs, *values.values()))
 
 
 def added(effect, *, position=(0, 0, 9.0), velocity=(0, 0, 0), rates=(0, 0, 0), speeds=(400.0,) * 4, slopes=(0,) * 4):
@@ -135,3 +236,64 @@ def test_input_delay_is_fractional():
     pulse = torch.zeros(10, 1, dtype=F64)
     pulse[3] = 1.0  # held over the step from 3 to 4: with 1.25 samples of delay, .75 of it in the next
     assert acting(InputDelay(delay=0.0125), pulse, "previous") == pytest.approx([0, 0, 0, 0, 0.75, 0.25, 0, 0, 0])
+
+
+def test_thrust_that_effects_change_is_what_others_see():
+    weak = UnequalRotors(eps_1=-0.4, eps_2=-0.4, eps_3=-0.4, eps_4=-0.4)
+    for effect in (GroundEffect(c=5.0), RotorMisalignment(a_x=0.1, a_y=0.2), CogOffset(x=0.01, y=0.02)):
+        alone = added(effect, position=(0, 0, 0.2))
+        both = added((weak, effect), position=(0, 0, 0.2)) - added(weak, position=(0, 0, 0.2))
+        assert both == pytest.approx(0.6 * alone, abs=1e-12) and np.abs(alone).max() > 0.1
+
+
+def test_battery_sag_asks_for_a_signal():
+    with pytest.raises(BenchError, match="battery_sag needs a model with extras"):
+        added(BatterySag(slope=0.1))
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.1])
+def test_a_suspended_load_swings_at_its_frequency(zeta):
+    """Small swings under a free body: θ = θ0 e^(−ζωt) cos(…), with ω² = (g/l)(1 + m_l/m) of a pendulum on a cart."""
+    m, m_l, length, dt = 1.0, 0.25, 0.7, 0.01
+    hover = math.sqrt(9.81 * m / (4 * 9.9865e-6))
+    model = Quadrotor(effects=(SuspendedLoad(m_l=m_l, l=length, zeta=zeta),))
+    state, inputs = torch.zeros(13, dtype=F64), torch.full((201, 4), hover, dtype=F64)
+    state[8], state[9] = math.sin(0.6), math.cos(0.6)  # any heading
+    full = model.initial(state, inputs[0], dt)
+    full[13:15] = torch.tensor([0.02, -0.01])
+    path = [full := model.step(full, inputs[0], inputs[0], dt) for _ in range(200)]
+    omega = math.sqrt(9.81 / length * (1 + m_l / m))
+    t, damped = np.arange(1, 201) * dt, omega * math.sqrt(1 - zeta**2)
+    decay = np.exp(-zeta * omega * t)
+    swing = decay * (np.cos(damped * t) + zeta * omega / damped * np.sin(damped * t))
+    found = torch.stack(path).numpy()
+    assert found[:, 13] == pytest.approx(0.02 * swing, abs=1e-7)
+    assert found[:, 14] == pytest.approx(-0.01 * swing, abs=1e-7)
+    # The body's momentum is what the load's pull has given it: m v = ∫ m_l g θ dt.
+    speed = 0.02 * m_l * 9.81 / m * np.sin(omega * t) / omega
+    assert zeta or found[:, 3] == pytest.approx(speed, abs=1e-7)
+
+
+def test_units_of_parameters_are_read():
+    assert exponents("N m s^2") == {"N": 1, "m": 1, "s": 2} and exponents("1/V") == {"V": -1} and exponents("1") == {}
+    assert exponents("rad/s/pwm") == {"rad": 1, "s": -1, "pwm": -1}
+    for wrong in ("deg/s", "N m2", "kg m^", "furlong", ""):
+        with pytest.raises(BenchError):
+            exponents(wrong)
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("delay", [0.0, 0.0137, 0.02, 0.2, torch.tensor([[0.01], [0.033]], dtype=F64)])
+def test_a_delay_of_a_whole_recording_at_once_is_that_of_its_steps(held, delay):
+    u = torch.randn(3, 40, 2, generator=torch.Generator().manual_seed(0), dtype=F64)
+    before, after = u[:, :-1], u[:, 1:]
+    segments = torch.stack([before] * 3 if held else [before, (before + after) / 2, after], dim=-2)
+    if isinstance(delay, torch.Tensor):
+        segments = segments.expand(2, *segments.shape)
+    first = segments[..., 0, 0, :]
+    for at_once, stepped in zip(
+        InputDelay(delay).over(first, segments, 0.01, held),
+        InputEffect.over(InputDelay(delay), first, segments, 0.01, held),
+        strict=True,
+    ):
+        torch.testing.assert_close(at_once, stepped, rtol=1e-13, atol=1e-13)

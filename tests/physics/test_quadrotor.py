@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from registry.core import PHYSICS
 from registry.effects.air import Wind
-from registry.effects.rotor import RotorDrag
+from registry.effects.rotor import RotorDrag, RotorReactionTorque
 from registry.errors import BenchError
 from registry.physics.helicopter import Helicopter
 from registry.physics.quadrotor import Quadrotor
@@ -49,14 +49,16 @@ def test_agrees_with_an_independent_integration_over_the_long_horizon():
     assert np.linalg.norm(exact[15:]) > 1, "the case must turn"
 
 
-def test_a_free_body_keeps_energy_and_angular_momentum():
+@pytest.mark.parametrize("products", [(0.0, 0.0, 0.0), (0.002, -0.003, 0.004)])
+def test_a_free_body_keeps_energy_and_angular_momentum(products):
     inertia = (0.01, 0.02, 0.025)
-    model = Quadrotor(inertia=inertia, gravity=0.0)
+    model = Quadrotor(inertia=inertia, inertia_products=products, gravity=0.0)
     state = torch.tensor([0, 0, 0, 1, 2, 3, 0.1, 0.2, 0.3, 0.9, 3.0, 0.2, -2.0], dtype=F64)
     states = model.simulate(model.project(state), torch.zeros(501, 4, dtype=F64), 0.004)[[0, -1]].numpy()
-    J = np.array(inertia)
-    energy = [0.5 * (s[3:6] @ s[3:6] + (J * s[10:]) @ s[10:]) for s in states]
-    spin = [Rotation.from_quat(s[6:10]).apply(J * s[10:]) for s in states]
+    xy, xz, yz = products
+    J = np.array([[inertia[0], xy, xz], [xy, inertia[1], yz], [xz, yz, inertia[2]]])
+    energy = [0.5 * (s[3:6] @ s[3:6] + J @ s[10:] @ s[10:]) for s in states]
+    spin = [Rotation.from_quat(s[6:10]).apply(J @ s[10:]) for s in states]
     assert abs(energy[1] - energy[0]) < 1e-9 * energy[0]
     assert np.abs(spin[1] - spin[0]).max() < 1e-9
     assert np.abs(states[1][10:] - states[0][10:]).max() > 0.5, "the body must tumble"
@@ -101,8 +103,38 @@ def test_helicopter_sticks_move_what_they_should(stick, state, sign):
 
 
 def test_an_effect_that_does_not_fit_is_refused():
-    with pytest.raises(BenchError, match="wind needs another one in the model: rotor_drag, linear_drag"):
+    with pytest.raises(
+        BenchError, match="wind needs another one in the model: rotor_drag, linear_drag, parasitic_drag"
+    ):
         Quadrotor(effects=(Wind(w_x=1.0),))
     with pytest.raises(BenchError, match="rotor_drag does not fit helicopter"):
         Helicopter(effects=(RotorDrag(),))
     assert Quadrotor(effects=(Wind(), RotorDrag())) and Helicopter(effects=(Wind(),))
+
+
+def test_motor_commands_drive_through_their_map():
+    state = torch.tensor([0, 0, 1, 1, 0, 0, 0.1, 0, 0, 0.995, 0.3, 0, 0], dtype=F64)
+    pwm, slopes = torch.tensor([0.0, 4000, 9000, 12000], dtype=F64), torch.tensor([0.0, 50, -70, 90], dtype=F64)
+    spinning, drag = RotorReactionTorque(rotor_inertia=1e-4), RotorDrag(k_d=1e-4)
+    driven = Quadrotor(drive="pwm", pwm_gain=0.05, pwm_offset=-40.0, effects=(spinning, drag))
+    speeds = torch.tensor([0.0, 160, 410, 560], dtype=F64)  # .05 u − 40, not below zero
+    expected = Quadrotor(effects=(spinning, drag)).derivative(state, speeds, slopes * 0.05)
+    torch.testing.assert_close(driven.derivative(state, pwm, slopes), expected)
+
+
+def test_the_map_of_motor_commands_is_fitted_only_where_it_acts():
+    fixed = {p.name for p in Quadrotor().parameters() if p.uncertainty == 0}
+    assert {"pwm_gain", "pwm_offset"} <= fixed
+    assert not {p.name for p in Quadrotor(drive="pwm").parameters() if p.uncertainty == 0} & {"pwm_gain", "pwm_offset"}
+    with pytest.raises(BenchError, match="drive = 'pvm': did you mean pwm"):
+        Quadrotor(drive="pvm")
+
+
+def test_fixed_constants_take_part_in_gradients_after_inference():
+    state, speeds = torch.zeros(13, dtype=F64), torch.full((4,), 500.0, dtype=F64)
+    state[9] = 1
+    model = Quadrotor(mass=1.25, thrust_coefficient=9.1e-6)
+    with torch.inference_mode():
+        model.derivative(state, speeds)
+    model.derivative(state, speeds.requires_grad_())[5].backward()
+    assert speeds.grad == pytest.approx(2 * 9.1e-6 * 500 / 1.25)

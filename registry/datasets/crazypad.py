@@ -1,0 +1,141 @@
+"""CrazyPAD: hops of a Crazyflie 2.1 with small weights taped near its motors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Split
+from registry.core import DATASETS, option
+from registry.datasets.cleaning import airborne, extent, resample, runs
+from registry.datasets.locate import locate
+from registry.datasets.usd_log import read_usd_log
+from registry.errors import BenchError
+from registry.units import to_si
+
+RATE = 100.0
+LONGEST = 0.03
+"""Missing samples are bridged up to this distance between two logged ones [s]."""
+GROUND, MARGIN = 0.25, 20
+"""Flight is above this height [m], and this many samples away from take-off and landing."""
+FULL = 65535.0
+"""Largest motor command."""
+_MIX = np.array([[-1, 1, 1], [-1, -1, -1], [1, -1, 1], [1, 1, -1]])
+"""Signs of roll, pitch and yaw command in motors 1–4 (front-right, rear-right, rear-left, front-left)."""
+_POSITION = [f"stateEstimate.{axis}" for axis in "xyz"]
+_RATES = [f"controller.r_{axis}" for axis in ("roll", "pitch", "yaw")]
+_COMMANDS = [f"controller.cmd_{axis}" for axis in ("roll", "pitch", "yaw")]
+_ARM = 0.046 / 2**0.5
+
+
+@DATASETS.register("crazypad")
+@dataclass(frozen=True)
+class Crazypad(Dataset):
+    """Crazyflie 2.1, two vehicles (E8, E9) with and without taped weights, 100 Hz, 20 logs of two hops each.
+
+    Position [m] is the on-board estimate, body rates [rad/s] the gyroscope, the vertical specific force [m/s²] the
+    accelerometer. The motor commands (0–65535) are put together from the logged thrust, roll, pitch and yaw commands
+    as the firmware does, before it makes up for the battery's voltage. Neither velocity nor attitude was logged.
+    """
+
+    vehicle: str = option("all", "which vehicle", choices=("all", "E8", "E9"))
+    weight: str = option(
+        "all",
+        "which flights",
+        choices=("all", "normal", "W1_near_M3", "W3_near_M3", "W1_near_M4", "W1_near_M3_M4"),
+    )
+
+    source: ClassVar[str] = (
+        "CrazyPAD (Crazyflie Propeller Anomaly Data), https://github.com/AerialRoboticsUUST/CrazyPAD, MIT, "
+        "commit 5448265"
+    )
+    inputs: ClassVar[tuple[str, ...]] = ("pwm",)
+    # Bitcraze, Crazyflie 2.1: arm of 46 mm; gym-pybullet-drones, cf2x.urdf: mass, k_f and k_m per rpm², radius.
+    physics: ClassVar[dict[str, Any]] = {
+        "mass": 0.027,
+        "inertia": (1.43e-5, 1.43e-5, 2.89e-5),
+        "thrust_coefficient": 3.16e-10 * (30 / np.pi) ** 2,
+        "torque_coefficient": 7.94e-12 * (30 / np.pi) ** 2,
+        "rotor_positions": ((_ARM, -_ARM, 0.0), (-_ARM, -_ARM, 0.0), (-_ARM, _ARM, 0.0), (_ARM, _ARM, 0.0)),
+        "rotor_directions": (-1.0, 1.0, -1.0, 1.0),
+        "rotor_radius": 0.0231348,
+    }
+    uncertainty: ClassVar[dict[str, float]] = {
+        "mass": 0.2,
+        "inertia": 0.3,
+        "thrust_coefficient": 0.2,
+        "torque_coefficient": 0.5,
+    }
+
+    def read(self) -> Loaded:
+        """See `Dataset.read`."""
+        files = locate(
+            "crazypad_mass_prop",
+            "controller_data/*/E?_log[0-9][0-9]",
+            "https://github.com/AerialRoboticsUUST/CrazyPAD (data/controller_data at 5448265)",
+            "normal_flight/E9_log00 has SHA-256 358100a9845755841fa0ab1febc8238e8d0a6515ff387b5b6a2bba0c3aaeb904",
+        )
+        recordings, findings = [], []
+        for file in files:
+            weight = file.parent.name.removeprefix("add_weight_").removesuffix("_flight")
+            vehicle, _, number = file.name.partition("_log")
+            if self.vehicle in ("all", vehicle) and self.weight in ("all", weight):
+                flight, found = _flight(file, f"{vehicle}_{weight}_{number}")
+                recordings += flight
+                findings += found
+        if not recordings:
+            raise BenchError(f"crazypad holds no flight of vehicle {self.vehicle} with weight {self.weight}.")
+        return Loaded(tuple(recordings), tuple(findings))
+
+    def split(self, names: Sequence[str]) -> Split:
+        """Of each vehicle and weight the last flight tests and the one before validates (our choice)."""
+        kinds: dict[str, list[str]] = {}
+        for name in sorted(names):
+            kinds.setdefault(name.rpartition("_")[0], []).append(name)
+        test = tuple(flights[-1] for flights in kinds.values() if len(flights) > 1)
+        validation = tuple(flights[-2] for flights in kinds.values() if len(flights) > 2)
+        return Split(tuple(n for n in names if n not in test and n not in validation), validation, test)
+
+
+def _flight(file: Path, name: str) -> tuple[list[Recording], list[Finding]]:
+    t, log = read_usd_log(file)
+    wanted = [*_POSITION, *_RATES, *_COMMANDS, "controller.actuatorThrust", "controller.accelz"]
+    for variable in wanted:
+        if variable not in log:
+            raise BenchError(f"{file} has no variable {variable}: download it again.")
+    table = np.column_stack([log[variable] for variable in wanted])
+    good = np.isfinite(table).all(axis=1) & (np.diff(t, prepend=-np.inf) > 0)
+    if good.sum() < RATE:
+        return [], [Finding(name, "short", len(t), "less than 1 s of usable samples: left out")]
+    t = t - t[0]
+    grid = np.arange(t[good][0], t[good][-1] + 1e-6, 1 / RATE)
+    x, valid = resample(t[good], table[good], grid, LONGEST)
+    position, rates, commands, thrust = x[:, :3], x[:, 3:6] * (1, -1, 1), x[:, 6:9], x[:, 9]
+    pwm = np.clip(thrust[:, None] + (commands * (0.5, 0.5, 1.0)) @ _MIX.T, 0, FULL)
+    running = thrust > 0
+    flying = airborne(np.where(running, position[:, 2], -np.inf), GROUND, MARGIN)
+    valid &= flying
+    part = extent(valid)
+    findings = [Finding(name, "trimmed", len(grid) - (part.stop - part.start), "samples on the ground cut off")]
+    for start, stop in runs(~valid[part]):
+        at, end = part.start + start, part.start + stop
+        reason = (
+            f"motors off for {(~running[at:end]).sum() / RATE:.2f} s of them" if not running[at:end].all() else "low"
+        )
+        detail = f"{(stop - start) / RATE:.2f} s from {at / RATE:.2f} s between two hops ({reason}), masked"
+        findings.append(Finding(name, "gap", stop - start, detail))
+    full = int(((pwm >= FULL) | (pwm <= 0))[valid].sum())
+    if full:
+        findings.append(Finding(name, "saturated", full, "motor commands at 0 or 65535, kept"))
+    if part.stop - part.start < RATE:
+        return [], [*findings, Finding(name, "short", len(grid), "less than 1 s of flight: left out")]
+    outputs = np.column_stack([position, rates, x[:, 10] * to_si("g")[1]])[part]
+    channels = (
+        *(Channel(f"position.{axis}", "m") for axis in "xyz"),
+        *(Channel(f"body_rates.{axis}", "rad/s") for axis in "pqr"),
+        Channel("specific_force.z", "m/s^2"),
+    )
+    motors = tuple(Channel(f"pwm.{i}", "pwm") for i in range(1, 5))
+    return [Recording(name, RATE, pwm[part], outputs, motors, channels, valid[part])], findings

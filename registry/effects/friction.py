@@ -1,0 +1,127 @@
+"""Forces on a moving mass that go with its velocity, or with nothing.
+
+A sign is smoothed, sign v → tanh(v / 1 mm/s), so that gradients are finite and the integrator sees no jump.
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from registry.core import EFFECTS
+from registry.dynamics import RateEffect, constant, tensor
+
+STICKING = 1e-3
+"""Speed [m/s] over which the sign of a velocity changes."""
+MECHANICAL = ("mass_on_rail", "oscillator", "pendulum", "falling_body", "projectile")
+_EMPS = "order of magnitude of EMPS"
+
+
+def sign(speed: Tensor) -> Tensor:
+    """The smoothed sign of speeds of any shape [m/s]."""
+    return torch.tanh(speed / STICKING)
+
+
+def scaled(parameter: Any, like: Tensor) -> Tensor:
+    """A parameter, () or of batch shape (…), to multiply ``like`` (…, n)."""
+    return tensor(parameter, like).unsqueeze(-1)
+
+
+class ForceEffect(RateEffect):
+    """Adds a force along the path of a mechanical system."""
+
+    needs: ClassVar[tuple[str, ...]] = ("speed",)
+    systems: ClassVar[tuple[str, ...]] = MECHANICAL
+
+    @abstractmethod
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        """Force (…, n) [N] at displacements (…, n) [m] and speeds (…, n) [m/s]."""
+
+    def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
+        """What the force adds to dx/dt (…, 2n); see `RateEffect.rate`."""
+        added: Tensor = model.push(self.force(model.displacement(state), model.speed(state)))
+        return added
+
+
+@EFFECTS.register("viscous_friction")
+@dataclass(frozen=True)
+class ViscousFriction(ForceEffect):
+    """Friction in proportion to speed, as of a lubricated bearing."""
+
+    f_v: Any = constant(0.0, "F_v", "N s/m", low=0, high=1e4, typical=200.0, source=_EMPS)
+    equation: ClassVar[str] = "F = −F_v dq/dt"
+    manoeuvre: ClassVar[str] = "move at several constant speeds, slow and fast"
+
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        """See `ForceEffect.force`."""
+        return -scaled(self.f_v, speed) * speed
+
+
+@EFFECTS.register("coulomb_friction")
+@dataclass(frozen=True)
+class CoulombFriction(ForceEffect):
+    """Dry friction: the same at every speed, against the motion."""
+
+    f_c: Any = constant(0.0, "F_c", "N", low=0, high=1e3, typical=20.0, source=_EMPS)
+    equation: ClassVar[str] = "F = −F_c sign dq/dt"
+    manoeuvre: ClassVar[str] = "move slowly in both directions, with reversals"
+    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator", "pendulum", "falling_body")
+
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        """See `ForceEffect.force`."""
+        return -scaled(self.f_c, speed) * sign(speed)
+
+
+@EFFECTS.register("stribeck_friction")
+@dataclass(frozen=True)
+class StribeckFriction(ForceEffect):
+    """Dry friction that is larger at the lowest speeds (F_s) than beyond them (F_c)."""
+
+    f_c: Any = constant(0.0, "F_c: beyond the lowest speeds", "N", low=0, high=1e3, typical=20.0, source=_EMPS)
+    f_s: Any = constant(0.0, "F_s: at the lowest speeds", "N", low=0, high=1e3, typical=30.0)
+    v_s: Any = constant(
+        0.01, "v_s: speed over which one gives way to the other", "m/s", low=1e-4, high=10, typical=0.01
+    )
+    equation: ClassVar[str] = "F = −[F_c + (F_s − F_c) exp(−(dq/dt / v_s)²)] sign dq/dt"
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"v_s": (0.003, 0.01, 0.03, 0.1)}
+    manoeuvre: ClassVar[str] = "creep through standstill in both directions, and move faster for comparison"
+    systems: ClassVar[tuple[str, ...]] = CoulombFriction.systems
+
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        """See `ForceEffect.force`."""
+        f_c, f_s, v_s = (scaled(p, speed) for p in (self.f_c, self.f_s, self.v_s))
+        return -(f_c + (f_s - f_c) * torch.exp(-((speed / v_s) ** 2))) * sign(speed)
+
+
+@EFFECTS.register("offset_force")
+@dataclass(frozen=True)
+class OffsetForce(ForceEffect):
+    """A constant force, such as of a slope, a spring that is always pressed or an amplifier's offset."""
+
+    f_0: Any = constant(0.0, "F_0", "N", low=-1e3, high=1e3, typical=3.0, source=_EMPS)
+    equation: ClassVar[str] = "F = F_0"
+    needs: ClassVar[tuple[str, ...]] = ("displacement",)
+    manoeuvre: ClassVar[str] = "make the same motion in both directions"
+    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator", "pendulum")
+
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        """See `ForceEffect.force`."""
+        return scaled(self.f_0, speed).expand(speed.shape)
+
+
+@EFFECTS.register("quadratic_drag")
+@dataclass(frozen=True)
+class QuadraticDrag(ForceEffect):
+    """Drag of a blunt body in air or water."""
+
+    c: Any = constant(0.0, "c: half of density, drag coefficient and area", "kg/m", low=0, high=1e3, typical=0.5)
+    equation: ClassVar[str] = "F = −c ‖v‖ v"
+    manoeuvre: ClassVar[str] = "move at several constant speeds, slow and fast"
+
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        """See `ForceEffect.force`."""
+        # The root of a sum that never is zero: at rest the norm has no gradient.
+        norm = ((speed * speed).sum(-1, keepdim=True) + 1e-16).sqrt()
+        return -scaled(self.c, speed) * norm * speed

@@ -1,0 +1,77 @@
+"""Effects that remember which way they came."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from registry.core import EFFECTS
+from registry.dynamics import InputEffect, RateEffect, constant, tensor
+from registry.effects.friction import scaled
+
+_BENCHMARK = "Noël and Schoukens, Hysteretic benchmark with a dynamic nonlinearity (2016)"
+
+
+@EFFECTS.register("backlash")
+@dataclass(frozen=True)
+class Backlash(InputEffect):
+    """Play between drive and load, as of worn gears: after a reversal nothing moves until it is crossed."""
+
+    width: Any = constant(0.0, "w: half of the play", "V", low=0, high=10, typical=0.2)
+    equation: ClassVar[str] = "u_k → max(u_k − w, min(u_k + w, what came out before))"
+    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "tanks")
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"width": (0.05, 0.2, 0.5, 1.0)}
+    manoeuvre: ClassVar[str] = "reverse the drive many times, with small and with large amplitude"
+
+    def memory_size(self, inputs: int, dt: float) -> int:
+        """What came out last, one an input."""
+        return inputs
+
+    def steady(self, inputs: Tensor, dt: float) -> Tensor:
+        """In the middle of the play (…, m)."""
+        return inputs
+
+    def act(self, memory: Tensor, segment: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """The play operator at start, middle and end; see `InputEffect.act`."""
+        width, out = scaled(self.width, segment), []
+        for drive in segment.unbind(-2):
+            memory = torch.maximum(drive - width, torch.minimum(drive + width, memory))
+            out.append(memory)
+        return memory, torch.stack(out, dim=-2)
+
+
+@EFFECTS.register("bouc_wen")
+@dataclass(frozen=True)
+class BoucWen(RateEffect):
+    """A hysteretic force z beside the spring (Bouc and Wen), a state of its own that starts at zero."""
+
+    alpha: Any = constant(
+        0.0, "α: stiffness at small amplitude", "N/m", low=0, high=1e6, typical=5e4, source=_BENCHMARK
+    )
+    beta: Any = constant(0.0, "β: sets the height of the loop", "1/m", low=0, high=1e5, typical=1e3, source=_BENCHMARK)
+    gamma: Any = constant(0.8, "γ: shape", "1", low=-10, high=10, typical=0.8, source=_BENCHMARK)
+    delta: Any = constant(-1.1, "δ: shape", "1", low=-10, high=10, typical=-1.1, source=_BENCHMARK)
+    nu: Any = constant(1.0, "ν: sharpness of the knee", "1", low=1, high=4, typical=1.0, source=_BENCHMARK)
+    equation: ClassVar[str] = "F = −z;  dz/dt = α dq/dt − β (γ |dq/dt| |z|^(ν−1) z + δ dq/dt |z|^ν)"
+    needs: ClassVar[tuple[str, ...]] = ("displacement", "speed")
+    systems: ClassVar[tuple[str, ...]] = ("oscillator",)
+    internal_size: ClassVar[int] = 1
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {
+        "beta": (1e2, 1e3, 1e4),
+        "gamma": (0.5, 1.0),
+        "delta": (-1.0, 0.5),
+        "nu": (1.0, 2.0),
+    }
+    manoeuvre: ClassVar[str] = "swing slowly with several amplitudes, and reverse"
+
+    def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
+        """What z adds to dx/dt and dz/dt (…, 3); see `RateEffect.rate`."""
+        z = state[..., 2]
+        speed = model.speed(state)[..., 0]
+        alpha, beta, gamma, delta, nu = (tensor(p, z) for p in (self.alpha, self.beta, self.gamma, self.delta, self.nu))
+        # Never zero: there, powers of |z| have no gradient.
+        size = (z * z + 1e-12).sqrt()
+        loop = gamma * speed.abs() * size ** (nu - 1) * z + delta * speed * size**nu
+        own = alpha * speed - beta * loop
+        return torch.cat([model.push(-z.unsqueeze(-1)), own.unsqueeze(-1)], dim=-1)

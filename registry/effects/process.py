@@ -1,0 +1,117 @@
+"""What tanks, valves, amplifiers and process lines do beyond the simple model."""
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from registry.core import EFFECTS
+from registry.dynamics import InputEffect, RateEffect, constant, tensor
+from registry.effects.actuation import InputDelay
+from registry.effects.friction import scaled
+
+LONGEST_LINE = 60.0
+"""Upper bound of a transport delay [s]."""
+
+
+@EFFECTS.register("overflow")
+@dataclass(frozen=True)
+class Overflow(RateEffect):
+    """Both tanks overflow at their rims; a part of what leaves the upper one falls into the lower."""
+
+    k: Any = constant(0.0, "k: outflow over the height above the rim", "1/s", low=0, high=0.6, typical=0.2)
+    upper_rim: Any = constant(10.0, "H_1", "V", low=0, high=100, typical=8.0)
+    lower_rim: Any = constant(10.0, "H_2", "V", low=0, high=100, typical=9.0)
+    share: Any = constant(
+        0.5, "c: part of the upper overflow that falls into the lower tank", "1", low=0, high=1, typical=0.5
+    )
+    equation: ClassVar[str] = "dh_1/dt = … − k (h_1 − H_1)⁺;  dh_2/dt = … + c k (h_1 − H_1)⁺ − k (h_2 − H_2)⁺"
+    needs: ClassVar[tuple[str, ...]] = ("level",)
+    systems: ClassVar[tuple[str, ...]] = ("tanks",)
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {
+        "upper_rim": (5.0, 10.0, 20.0),
+        "lower_rim": (9.0, 9.8),
+        "share": (0.2, 0.8),
+    }
+    manoeuvre: ClassVar[str] = "pump until both tanks overflow for a while, and let them run empty"
+
+    def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
+        """What the overflow adds to dh/dt (…, 2) [V/s]; see `RateEffect.rate`."""
+        k, upper_rim, lower_rim, share = (
+            tensor(p, state) for p in (self.k, self.upper_rim, self.lower_rim, self.share)
+        )
+        upper, lower = state.unbind(-1)
+        first, second = k * (upper - upper_rim).clamp(min=0), k * (lower - lower_rim).clamp(min=0)
+        return torch.stack([-first, share * first - second], dim=-1)
+
+
+@EFFECTS.register("transport_delay")
+@dataclass(frozen=True)
+class TransportDelay(InputDelay):
+    """What enters a line comes out of it later, any fraction of a sample; as `input_delay`, but far longer."""
+
+    delay: Any = constant(0.0, "T_d", "s", low=0, high=LONGEST_LINE, typical=8.0)
+    equation: ClassVar[str] = "u(t) → u(t − T_d)"
+    systems: ClassVar[tuple[str, ...]] = ("tanks",)
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"delay": (4.0, 8.0, 16.0, 32.0)}
+    manoeuvre: ClassVar[str] = "change the drive in steps, with long holds between"
+
+    def memory_size(self, inputs: int, dt: float) -> int:
+        """The samples that the longest delay reaches back to."""
+        return inputs * (math.ceil(LONGEST_LINE / dt - 1e-9) + 1)
+
+
+class StaticInputEffect(InputEffect):
+    """An effect on the drive that has no memory."""
+
+    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "tanks")
+
+    def memory_size(self, inputs: int, dt: float) -> int:
+        """None."""
+        return 0
+
+    def steady(self, inputs: Tensor, dt: float) -> Tensor:
+        """Nothing (…, 0)."""
+        return inputs[..., :0]
+
+    def act(self, memory: Tensor, segment: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """Sample by sample; see `InputEffect.act`."""
+        return memory, self.passed(segment)
+
+    @abstractmethod
+    def passed(self, drive: Tensor) -> Tensor:
+        """The drive (…, 3, m) that comes out of the one that goes in."""
+
+
+@EFFECTS.register("dead_zone")
+@dataclass(frozen=True)
+class DeadZone(StaticInputEffect):
+    """The drive does nothing until it exceeds a threshold, as of a valve with overlap."""
+
+    width: Any = constant(0.0, "w: threshold", "V", low=0, high=10, typical=0.3)
+    equation: ClassVar[str] = "u → u − w sign u where |u| > w, else 0"
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"width": (0.05, 0.2, 0.5, 1.0)}
+    manoeuvre: ClassVar[str] = "drive with small amplitude about zero, and with large"
+
+    def passed(self, drive: Tensor) -> Tensor:
+        """See `StaticInputEffect.passed`."""
+        width = scaled(self.width, drive).unsqueeze(-1)
+        return torch.sign(drive) * (drive.abs() - width).clamp(min=0)
+
+
+@EFFECTS.register("saturation")
+@dataclass(frozen=True)
+class Saturation(StaticInputEffect):
+    """The drive goes no further than a limit, as of an amplifier. The parameter is one over the limit."""
+
+    inverse: Any = constant(0.0, "1/U: one over the limit", "1/V", low=0, high=10, typical=0.4)
+    equation: ClassVar[str] = "u → max(−U, min(U, u))"
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"inverse": (0.1, 0.2, 0.4, 0.8)}
+    manoeuvre: ClassVar[str] = "drive with amplitudes up to the largest that is allowed"
+
+    def passed(self, drive: Tensor) -> Tensor:
+        """See `StaticInputEffect.passed`."""
+        return drive / (drive.abs() * scaled(self.inverse, drive).unsqueeze(-1)).clamp(min=1)

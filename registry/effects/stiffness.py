@@ -1,0 +1,90 @@
+"""Forces on a moving mass that go with its position, and the joint that the drive works through."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from registry.core import EFFECTS
+from registry.dynamics import InputEffect, constant
+from registry.effects.friction import ForceEffect, scaled
+
+
+@EFFECTS.register("cubic_stiffness")
+@dataclass(frozen=True)
+class CubicStiffness(ForceEffect):
+    """A spring that hardens (or softens) with its deflection."""
+
+    k_3: Any = constant(0.0, "k₃", "N/m^3", low=-1e6, high=1e6, typical=3.4, source="least squares on silverbox")
+    equation: ClassVar[str] = "F = −k₃ q³"
+    needs: ClassVar[tuple[str, ...]] = ("displacement",)
+    systems: ClassVar[tuple[str, ...]] = ("oscillator", "mass_on_rail")
+    manoeuvre: ClassVar[str] = "swing with small and with large amplitude"
+
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        """See `ForceEffect.force`."""
+        return -scaled(self.k_3, displacement) * displacement**3
+
+
+@EFFECTS.register("cogging")
+@dataclass(frozen=True)
+class Cogging(ForceEffect):
+    """Force of a permanent-magnet motor's teeth, periodic in the position."""
+
+    a: Any = constant(0.0, "sine part", "N", low=-1e3, high=1e3, typical=2.0)
+    b: Any = constant(0.0, "cosine part", "N", low=-1e3, high=1e3, typical=1.0)
+    pitch: Any = constant(0.02, "λ: travel of a period", "m", low=1e-3, high=1, typical=0.02)
+    equation: ClassVar[str] = "F = a sin(2π q/λ) + b cos(2π q/λ)"
+    needs: ClassVar[tuple[str, ...]] = ("displacement",)
+    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail",)
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"pitch": (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03, 0.04)}
+    manoeuvre: ClassVar[str] = "travel slowly and evenly over many periods of the magnets"
+
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        """See `ForceEffect.force`."""
+        phase = 2 * math.pi * displacement / scaled(self.pitch, displacement)
+        return scaled(self.a, phase) * torch.sin(phase) + scaled(self.b, phase) * torch.cos(phase)
+
+
+@EFFECTS.register("joint_elasticity")
+@dataclass(frozen=True)
+class JointElasticity(InputEffect):
+    """A spring and damper between motor and load: the drive reaches the load through a resonance.
+
+    The resonance is that of the motor against the load; what the load's own friction gives back to the motor is left
+    out. The motor's inertia is part of the mass.
+    """
+
+    period: Any = constant(0.0, "T = 1/ω of the resonance", "s", low=0, high=1.0, typical=0.01)
+    damping: Any = constant(0.1, "ζ: damping ratio", "1", low=1e-3, high=0.9, typical=0.1)
+    equation: ClassVar[str] = "T² d²F/dt² + 2 ζ T dF/dt + F = u, solved exactly"
+    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator")
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"period": (0.002, 0.005, 0.01, 0.03), "damping": (0.05, 0.3)}
+    manoeuvre: ClassVar[str] = "start and stop abruptly, or sweep the drive through the resonance"
+
+    def memory_size(self, inputs: int, dt: float) -> int:
+        """Each input's F and T dF/dt."""
+        return 2 * inputs
+
+    def steady(self, inputs: Tensor, dt: float) -> Tensor:
+        """The force equals the drive (…, m) and does not change."""
+        return torch.cat([inputs, torch.zeros_like(inputs)], dim=-1)
+
+    def act(self, memory: Tensor, segment: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """Exact for a drive that is linear over each half step; see `InputEffect.act`."""
+        period, zeta = scaled(self.period, segment), scaled(self.damping, segment)
+        force, slope = memory.chunk(2, dim=-1)
+        time = dt / 2 / period.clamp(min=1e-9)  # in units of T
+        root = (1 - zeta * zeta).sqrt()
+        decay, cosine, sine = torch.exp(-zeta * time), torch.cos(root * time), torch.sin(root * time) / root
+        first = torch.where(period > 0, force, segment[..., 0, :])
+        out = [first]
+        for start, end in ((segment[..., 0, :], segment[..., 1, :]), (segment[..., 1, :], segment[..., 2, :])):
+            ramp = (end - start) / (dt / 2) * period  # the rise in T, which the force follows 2 ζ later
+            away, rising = force - start + 2 * zeta * ramp, slope - ramp
+            force = end - 2 * zeta * ramp + decay * (away * cosine + (rising + zeta * away) * sine)
+            slope = ramp + decay * (rising * cosine - (away + zeta * rising) * sine)
+            out.append(force)
+        return torch.cat([force, slope], dim=-1), torch.stack(out, dim=-2)

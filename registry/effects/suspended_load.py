@@ -1,0 +1,57 @@
+"""A load that swings under the vehicle."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from registry.core import EFFECTS
+from registry.dynamics import InternalEffect, Motion, constant, tensor
+
+
+@EFFECTS.register("suspended_load")
+@dataclass(frozen=True)
+class SuspendedLoad(InternalEffect):
+    """A load on a rope, as a pendulum of small swings along each horizontal axis of the world.
+
+    Its own states are the angles (x, y) [rad] and their time derivatives. Its weight is not counted: that is `mass`.
+    """
+
+    m_l: Any = constant(0.0, "mass of the load", "kg", low=0, high=2, typical=0.1, source="order of magnitude")
+    l: Any = constant(  # noqa: E741 - the symbol of the equation
+        0.6, "length of the rope", "m", low=0.05, high=10, typical=0.6, source="swings at .5 to .8 Hz"
+    )
+    zeta: Any = constant(0.0, "ζ: damping ratio", "1", low=0, high=1, typical=0.02, source="order of magnitude")
+    equation: ClassVar[str] = "θ̈ = −ω²θ − a/l − 2ζω θ̇,  ω² = (g/l)(1 + m_l/m),  a of the body without it;  F = m_l g θ"
+    needs: ClassVar[tuple[str, ...]] = ("velocity", "attitude")
+    systems: ClassVar[tuple[str, ...]] = ("quadrotor", "helicopter")
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"l": (0.25, 0.4, 0.6, 0.9, 1.4, 2.2), "zeta": (0.02, 0.15)}
+    manoeuvre: ClassVar[str] = (
+        "stop sharply from forward and from sideways flight and hover for ten seconds, with two settings of the "
+        "controller: the swing keeps its frequency, a mode of the controller does not"
+    )
+    internal_size: ClassVar[int] = 4
+
+    def load(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        """Force (…, 3) [N], body frame; no torque."""
+        angle, _ = _swing(motion)
+        weight = tensor(self.m_l, angle) * tensor(motion.model.gravity, angle)
+        force = (motion.rotation[..., :2, :] * (weight.unsqueeze(-1) * angle).unsqueeze(-1)).sum(-2)
+        return force, tensor((0.0, 0.0, 0.0), force)
+
+    def internal_rate(self, motion: Motion, acceleration: Tensor) -> Tensor:
+        """Time derivative (…, 4) of angles and angular rates; see `InternalEffect.internal_rate`."""
+        angle, rate = _swing(motion)
+        m_l, length, zeta = (tensor(p, angle).unsqueeze(-1) for p in (self.m_l, self.l, self.zeta))
+        mass, gravity = (tensor(p, angle).unsqueeze(-1) for p in (motion.model.mass, motion.model.gravity))
+        stiffness = gravity / length * (1 + m_l / mass)
+        pull = acceleration[..., :2] / length
+        return torch.cat([rate, -stiffness * angle - pull - 2 * zeta * stiffness.sqrt() * rate], dim=-1)
+
+
+def _swing(motion: Motion) -> tuple[Tensor, Tensor]:
+    """Angles (…, 2) [rad] and their time derivatives (…, 2)."""
+    assert motion.internal is not None
+    angle, rate = motion.internal.split(2, dim=-1)
+    return angle, rate

@@ -1,0 +1,119 @@
+"""Thrust that is not what k_f and the rotor speed say, or does not point along body z."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from torch import Tensor
+
+from registry.core import EFFECTS
+from registry.dynamics import LoadEffect, Motion, ThrustEffect, constant, tensor, vector
+from registry.errors import BenchError
+
+_MAGNITUDE = "order of magnitude"
+
+
+@EFFECTS.register("thrust_scale")
+@dataclass(frozen=True)
+class ThrustScale(ThrustEffect):
+    """All rotors lift more, or less, than their coefficient says."""
+
+    eps: Any = constant(0.0, "relative error of k_f", "1", low=-0.5, high=0.5, typical=0.1)
+    equation: ClassVar[str] = "k_f → k_f (1 + ε), in force and torque"
+    needs: ClassVar[tuple[str, ...]] = ("velocity", "attitude")
+    systems: ClassVar[tuple[str, ...]] = ("quadrotor",)
+    manoeuvre: ClassVar[str] = (
+        "roll and pitch fast besides hover and hard climbs, with a fresh and with a flat battery: a wrong thrust "
+        "coefficient changes the torques too, a wrong mass does not; or weigh the vehicle"
+    )
+
+    def thrust_factor(self, motion: Motion) -> Tensor:
+        """One factor (…, 1) for all rotors."""
+        return (1 + tensor(self.eps, motion.thrust)).unsqueeze(-1)
+
+
+@EFFECTS.register("unequal_rotors")
+@dataclass(frozen=True)
+class UnequalRotors(ThrustEffect):
+    """Each rotor lifts more, or less, than the common coefficient says; such as one with a chipped blade."""
+
+    eps_1: Any = constant(0.0, "relative error of rotor 1", "1", low=-0.5, high=0.5, typical=0.05, source=_MAGNITUDE)
+    eps_2: Any = constant(0.0, "relative error of rotor 2", "1", low=-0.5, high=0.5, typical=-0.05, source=_MAGNITUDE)
+    eps_3: Any = constant(0.0, "relative error of rotor 3", "1", low=-0.5, high=0.5, typical=0.05, source=_MAGNITUDE)
+    eps_4: Any = constant(0.0, "relative error of rotor 4", "1", low=-0.5, high=0.5, typical=0.05, source=_MAGNITUDE)
+    equation: ClassVar[str] = "k_f,i = k_f (1 + ε_i), in force and torque"
+    needs: ClassVar[tuple[str, ...]] = ("body_rates", "velocity", "attitude")
+    systems: ClassVar[tuple[str, ...]] = ("quadrotor",)
+    manoeuvre: ClassVar[str] = (
+        "give doublets in roll, pitch and yaw at high and at low thrust, so that each rotor speeds up while others "
+        "slow down: what follows the speed of one rotor is neither a displaced centre of gravity nor a constant torque"
+    )
+
+    def thrust_factor(self, motion: Motion) -> Tensor:
+        """Factors (…, 4)."""
+        return 1 + vector((self.eps_1, self.eps_2, self.eps_3, self.eps_4), motion.thrust)
+
+
+@EFFECTS.register("battery_sag")
+@dataclass(frozen=True)
+class BatterySag(ThrustEffect):
+    """Thrust follows the voltage of the battery or, where that is not measured, falls with the time of flight.
+
+    The slope acts in a model with the signal battery, the rate in one that has only time.
+    """
+
+    slope: Any = constant(0.0, "relative gain over voltage", "1/V", low=-2, high=2, typical=0.1, source=_MAGNITUDE)
+    rate: Any = constant(0.0, "relative loss over time", "1/s", low=-0.05, high=0.05, typical=1e-3, source=_MAGNITUDE)
+    reference: Any = constant(
+        3.7,
+        "V_ref: voltage at which k_f holds, not fitted",
+        "V",
+        low=0,
+        typical=3.7,
+        uncertainty=0.0,
+        source="one lithium-polymer cell, nominal",
+    )
+    equation: ClassVar[str] = "T → T (1 + slope (V − V_ref));  without a voltage signal, T → T (1 − rate t)"
+    needs: ClassVar[tuple[str, ...]] = ("velocity", "attitude")
+    systems: ClassVar[tuple[str, ...]] = ("quadrotor",)
+    manoeuvre: ClassVar[str] = (
+        "log the voltage and fly the same with a full and with a nearly empty battery: the error of the thrust changes "
+        "between them, that of a wrong mass or thrust coefficient does not"
+    )
+
+    def thrust_factor(self, motion: Motion) -> Tensor:
+        """One factor (…, 1) for all rotors.
+
+        Raises:
+            BenchError: the model has neither of the signals.
+        """
+        if "battery" in motion.extras:
+            volts = motion.extras["battery"]
+            change = tensor(self.slope, volts) * (volts - tensor(self.reference, volts))
+        elif "time" in motion.extras:
+            time = motion.extras["time"]
+            change = -tensor(self.rate, time) * time
+        else:
+            raise BenchError('battery_sag needs a model with extras=("battery",) or extras=("time",).')
+        return (1 + change).unsqueeze(-1)
+
+
+@EFFECTS.register("rotor_misalignment")
+@dataclass(frozen=True)
+class RotorMisalignment(LoadEffect):
+    """The thrust leans away from body z, as if all rotors were mounted with a tilt."""
+
+    a_x: Any = constant(0.0, "tilt about body x", "rad", low=-0.3, high=0.3, typical=0.02, source=_MAGNITUDE)
+    a_y: Any = constant(0.0, "tilt about body y", "rad", low=-0.3, high=0.3, typical=0.02, source=_MAGNITUDE)
+    equation: ClassVar[str] = "F_xy = T (a_y, −a_x),  T = Σ T_i"
+    needs: ClassVar[tuple[str, ...]] = ("velocity", "attitude")
+    systems: ClassVar[tuple[str, ...]] = ("quadrotor",)
+    manoeuvre: ClassVar[str] = (
+        "hover and climb hard at several headings: this force turns with the body and grows with the thrust, that of "
+        "the wind stays with the world"
+    )
+
+    def load(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        """Force (…, 3) [N], body frame; no torque."""
+        thrust = motion.total_thrust
+        lean = vector((self.a_y, self.a_x, 0.0), thrust) * tensor((1.0, -1.0, 0.0), thrust)
+        return lean * thrust.unsqueeze(-1), tensor((0.0, 0.0, 0.0), thrust)

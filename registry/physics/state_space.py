@@ -1,0 +1,68 @@
+"""Systems of which an effect adds to dx/dt: any of them, and those that move by forces."""
+
+from abc import abstractmethod
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from registry.dynamics import ModelEffect, PhysicsModel, RateEffect, tensor
+
+
+class StateSpace(PhysicsModel):
+    """dx/dt = own rate + what the effects add."""
+
+    @abstractmethod
+    def own_rate(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """dx/dt (…, s) without effects, at the state proper (…, s) and the driving inputs (…, m)."""
+
+    def derivative(self, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None) -> Tensor:
+        """Time derivative (…, s) of the state (…, s); see `PhysicsModel.derivative`."""
+        model: Any = self
+        for effect in self.effects:
+            if isinstance(effect, ModelEffect):
+                model = effect.adapt(model)
+        size = at = len(self.state_channels)
+        proper, driving = state[..., :size], inputs[..., : inputs.shape[-1] - len(self.extras)]
+        rate, own = model.own_rate(proper, driving), []
+        for effect in self.effects:
+            if isinstance(effect, RateEffect):
+                seen = torch.cat([proper, state[..., at : at + effect.internal_size]], dim=-1)
+                added = effect.rate(model, seen, driving)
+                rate = rate + added[..., :size]
+                own.append(added[..., size:])
+                at += effect.internal_size
+        return torch.cat([rate, *own], dim=-1)
+
+
+class Mechanical(StateSpace):
+    """A mass that forces move. The state is n coordinates, then their n velocities."""
+
+    mass: Any
+
+    @abstractmethod
+    def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """Forces (…, n) [N] without effects, at the state proper (…, 2n) and the driving inputs (…, m)."""
+
+    def lever(self, like: Tensor) -> Tensor:
+        """Metres of path over the unit of the coordinates, () or of batch shape."""
+        return like.new_ones(())
+
+    def displacement(self, state: Tensor) -> Tensor:
+        """Path (…, n) [m] at the state (…, 2n + own states of an effect)."""
+        return state[..., : len(self.state_channels) // 2] * self.lever(state).unsqueeze(-1)
+
+    def speed(self, state: Tensor) -> Tensor:
+        """Velocity (…, n) [m/s] along the path."""
+        size = len(self.state_channels)
+        return state[..., size // 2 : size] * self.lever(state).unsqueeze(-1)
+
+    def push(self, force: Tensor) -> Tensor:
+        """What forces (…, n) [N] along the path add to dx/dt (…, 2n)."""
+        inertia = (tensor(self.mass, force) * self.lever(force)).unsqueeze(-1)
+        return torch.cat([torch.zeros_like(force), force / inertia], dim=-1)
+
+    def own_rate(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """Velocities, and accelerations by the own forces (…, 2n); see `StateSpace.own_rate`."""
+        velocity = state[..., state.shape[-1] // 2 :]
+        return torch.cat([velocity, torch.zeros_like(velocity)], dim=-1) + self.push(self.own_force(state, inputs))
