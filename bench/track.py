@@ -10,7 +10,7 @@ import math
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +28,7 @@ from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 from sqlalchemy.exc import SQLAlchemyError
 
+from bench.diagnose.diagnosis import ByGroup
 from bench.record import RunRecord
 from registry.errors import BenchError
 
@@ -36,6 +37,9 @@ CHARTED = ("mean", "median", "q95")
 
 VIEW = "bench"
 """Name of the view that is stored with every experiment and that a chart link opens."""
+
+SECTIONS = {"error_mean": True, "error_median": False, "error_q95": False, "learning": True, "Model metrics": True}
+"""Of a study's chart page, and whether they are open."""
 
 _METRICS_PER_CALL = 1000
 _PARAMS_PER_CALL = 100
@@ -119,6 +123,65 @@ def attach(tracking_uri: str, experiment: str, study: str, files: Iterable[Path]
         return str(run.info.run_id)
 
 
+def diagnosis_experiment(dataset: str) -> str:
+    """Name of the experiment that holds the extensions of a model of ``dataset``."""
+    return f"diagnosis: {dataset}"
+
+
+def log_extension(
+    tracking_uri: str,
+    dataset: str,
+    effects: Sequence[str],
+    errors: Mapping[int, ByGroup],
+    floor: ByGroup,
+    parameters: Mapping[str, float],
+    files: Iterable[Path] = (),
+) -> str:
+    """Log a model with effects as a run that draws how the error fell; a run of the same effects is replaced.
+
+    Args:
+        tracking_uri: ``sqlite:///…`` or ``http(s)://…``.
+        dataset: names the experiment.
+        effects: ids, in the order in which they were added.
+        errors: held-out errors by number of effects, those of fewer effects before it included.
+        floor: errors that noise alone would give, drawn beside.
+        parameters: fitted values, by "effect.parameter".
+        files: kept as artifacts, such as the model.toml.
+
+    Returns:
+        The run's id.
+
+    Raises:
+        TrackingError: the server or the database cannot be used.
+    """
+    with _tracking(tracking_uri) as client:
+        sections = {"falling_error": True, "Model metrics": True}
+        experiment_id = _experiment(client, tracking_uri, diagnosis_experiment(dataset), sections)
+        label = ", ".join(effects)
+        earlier = _find(client, experiment_id, "effects", label)
+        if earlier is not None:
+            client.delete_run(earlier.info.run_id)
+        tags = {"effects": label, "dataset": dataset, "added": effects[-1] if effects else ""}
+        run = client.create_run(experiment_id, tags=tags, run_name=f"{len(effects)}: {label or 'no effect'}")
+        run_id, now = str(run.info.run_id), int(run.info.start_time)
+        logged = []
+        for step, by_group in errors.items():
+            for group, error in by_group.items():
+                name = _plain(f"falling_error/{group} {_unit(error.unit)}").rstrip()
+                values = {name: error.rmse, f"{name} floor": floor[group].rmse}
+                logged += [Metric(k, v, now, step) for k, v in values.items() if math.isfinite(v)]
+        last = errors[max(errors)]
+        for group, error in last.items():
+            if math.isfinite(error.rmse) and floor[group].rmse > 0:
+                logged.append(Metric(_plain(f"{group} over floor"), error.rmse / floor[group].rmse, now, 0))
+        logged.append(Metric("effects", len(effects), now, 0))
+        client.log_batch(run_id, metrics=logged, params=[Param(_plain(k), f"{v:.9g}") for k, v in parameters.items()])
+        for file in files:
+            client.log_artifact(run_id, str(file))
+        client.set_terminated(run_id)
+        return run_id
+
+
 def find_experiment(tracking_uri: str, name: str | None = None) -> str | None:
     """The id of the experiment of that name, or of the one last written to; None if there is none.
 
@@ -149,7 +212,7 @@ def _tracking(uri: str) -> Iterator[MlflowClient]:
         ) from error
 
 
-def _experiment(client: MlflowClient, uri: str, name: str) -> str:
+def _experiment(client: MlflowClient, uri: str, name: str, sections: Mapping[str, bool] = SECTIONS) -> str:
     found = client.get_experiment_by_name(name)
     if found is not None and found.lifecycle_stage == "deleted":
         client.restore_experiment(found.experiment_id)
@@ -157,25 +220,18 @@ def _experiment(client: MlflowClient, uri: str, name: str) -> str:
         return str(found.experiment_id)
     # A database has no server in front of it that would place artifacts.
     location = (artifact_root(uri) / _plain(name)).as_uri() if uri.startswith("sqlite:///") else None
-    tags = {f"mlflow.sharedViewState.{VIEW}": json.dumps(_view())}
+    tags = {f"mlflow.sharedViewState.{VIEW}": json.dumps(_view(sections))}
     return str(client.create_experiment(name, artifact_location=location, tags=tags))
 
 
-def _view() -> dict[str, Any]:
+def _view(sections: Mapping[str, bool]) -> dict[str, Any]:
     """How the chart page opens: all runs (MLflow draws ten), mean errors first, charts wide enough to be read."""
-    open_first = {
-        "error_mean": True,
-        "error_median": False,
-        "error_q95": False,
-        "learning": True,
-        "Model metrics": True,
-    }
     fixed = {"isReordered": False, "isGenerated": True, "deleted": False, "columns": 2, "cardHeight": 360}
     return {
         "runsHiddenMode": "SHOW_ALL",
         "compareRunCharts": [],  # MLflow fills each section with the metrics of that prefix
         "compareRunSections": [
-            {"uuid": name, "name": name, "display": shown, **fixed} for name, shown in open_first.items()
+            {"uuid": name, "name": name, "display": shown, **fixed} for name, shown in sections.items()
         ],
         "isAccordionReordered": False,
         "orderByKey": "attributes.start_time",

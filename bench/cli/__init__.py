@@ -18,8 +18,14 @@ class Main(click.Group):
         ("data", "bench.cli.data"),
         ("runs", "bench.cli.runs"),
         ("predict", "bench.cli.predict"),
+        ("compare", "bench.cli.diagnose"),
+        ("locate", "bench.cli.diagnose"),
+        ("discover", "bench.cli.diagnose"),
+        ("extend", "bench.cli.diagnose"),
+        ("diagnose", "bench.cli.diagnose"),
         ("ui", "bench.cli.track"),
         ("sync", "bench.cli.track"),
+        ("score-discovery", "bench.cli.score"),
     )
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -33,7 +39,7 @@ class Main(click.Group):
         module = dict(self.COMMANDS).get(name)
         if module is None:
             return None
-        command: click.Command = getattr(importlib.import_module(module), f"{name}_command")
+        command: click.Command = getattr(importlib.import_module(module), f"{name.replace('-', '_')}_command")
         return command
 
     def resolve_command(
@@ -57,6 +63,16 @@ def cli() -> None:
     bench run "LSTM: 1x50 - MLP: 60x10"          one configuration
     bench list studies                           what else there is
     bench ui                                     the results in the MLflow UI
+
+    Find the physics that a model misses, with your own logs:
+
+    \b
+    bench data init flights/                     describe a folder of logs (`bench data import` reads ULog and bags)
+    bench diagnose flights/                      all four steps: a story, a page, a better model
+    bench compare flights/                       1  how far is the model off, beside the noise floor?
+    bench locate flights/                        2  where?
+    bench discover flights/                      3  which effect is missing?
+    bench extend flights/ --add rotor_drag       4  add it, watch the error fall; then discover again
     """
 
 

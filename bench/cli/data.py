@@ -45,6 +45,33 @@ def init_command(folder: Path) -> None:
     click.echo(f"Wrote {target}. Complete the lines marked TODO, then: bench data check {folder}")
 
 
+@data_command.command("import")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
+@click.option(
+    "-o", "--out", "folder", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder to write."
+)
+@click.option(
+    "--rate",
+    metavar="HZ",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Common sample rate; default: that of the slowest signal, 100 Hz at most.",
+)
+def import_command(files: tuple[Path, ...], folder: Path, rate: float | None) -> None:
+    """PX4 ULogs and ROS 1 or 2 bags as CSV files with a drafted dataset.toml.
+
+    All signals on one clock, SI, world z up, body x forward, y left, z up (PX4's NED and FRD are converted).
+
+    \b
+    bench data import flight1.ulg flight2.ulg -o flights/
+    bench data import run.bag -o flights/ --rate 200
+    """
+    from registry.datasets.importing import convert
+
+    for sentence in convert(files, folder, rate):
+        click.echo(sentence)
+    click.echo(f"Wrote {folder}. Complete the lines marked TODO in its dataset.toml, then: bench data check {folder}")
+
+
 @data_command.command("check")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
 def check_command(folder: Path) -> None:

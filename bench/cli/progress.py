@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 EVERY = 20.0
@@ -84,3 +85,22 @@ def meter(console: Console, total: float, runs: int) -> Iterator[Meter]:
             runs,
             lambda m: bar.update(task, completed=m.done, description=m.current, runs=f"{m.finished}/{m.runs} runs"),
         )
+
+
+@contextmanager
+def announcer(console: Console) -> Iterator[Callable[[str], None]]:
+    """A function that says what is being done: a spinner on a terminal, a line now and then elsewhere."""
+    started = time.monotonic()
+    if not console.is_terminal:
+        last = [started]
+
+        def line(what: str) -> None:
+            now = time.monotonic()
+            if now - last[0] >= EVERY:
+                last[0] = now
+                console.print(f"{clock(now - started)}: {what}", highlight=False, markup=False)
+
+        yield line
+        return
+    with console.status("reading") as status:
+        yield lambda what: status.update(f"{escape(what)}  [dim]{clock(time.monotonic() - started)}[/]")

@@ -60,8 +60,8 @@ class Folder(Dataset):
 
     @property
     def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The signal that drives the system."""
-        return (self.description.input,)
+        """The signal that drives the system; none where nothing does."""
+        return (self.description.input,) if self.description.input else ()
 
     @property
     def input_hold(self) -> str:  # type: ignore[override]
@@ -148,8 +148,8 @@ def _recording(file: Path, description: FolderDescription) -> Recording:
             x["velocity"] = rotate(x["attitude"], x["velocity"])
         if "body_rates" in x and "euler_rates" not in x:
             x["euler_rates"] = euler_rates_from_body(euler_from_quaternion(x["attitude"]), x["body_rates"])
-    inputs = {description.input: x.pop(description.input)}
-    valid = np.ones(len(inputs[description.input]), dtype=bool)
+    valid = np.ones(len(next(iter(x.values()))), dtype=bool)
+    inputs = {description.input: x.pop(description.input)} if description.input else {}
     return recording(_name(file), description.rate, inputs, x, valid)
 
 

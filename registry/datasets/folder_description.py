@@ -11,8 +11,8 @@ from registry.units import SIGNALS, to_si
 
 FILE = "dataset.toml"
 CONVENTIONS = {"euler_zyx": 3, "quaternion_xyzw": 4, "quaternion_wxyz": 4}
-_REQUIRED = ("name", "system", "rate_hz", "files", "time", "input", "signals")
-_OPTIONAL = ("input_hold", "physics", "processing", "environment")
+_REQUIRED = ("name", "system", "rate_hz", "files", "time", "signals")
+_OPTIONAL = ("input", "input_hold", "physics", "processing", "environment")
 _ENVIRONMENT = ("gravity", "ground_z", "air_density")
 
 
@@ -39,6 +39,7 @@ class FolderDescription:
     files: str
     time: str
     input: str
+    """The signal that drives the system; empty: it is not driven."""
     input_hold: str
     signals: dict[str, SignalColumns]
     physics: dict[str, Any] = field(default_factory=dict)
@@ -66,7 +67,7 @@ def describe(folder: Path) -> FolderDescription:
     for key in _REQUIRED:
         if key not in table:
             raise BenchError(f"{path} has no key {key!r}: add it.")
-    for key in ("name", "system", "files", "time", "input"):
+    for key in ("name", "system", "files", "time"):
         if not isinstance(table[key], str) or not table[key]:
             raise BenchError(f"{path}: {key} must be a text, not {table[key]!r}.")
     rate = table["rate_hz"]
@@ -75,16 +76,20 @@ def describe(folder: Path) -> FolderDescription:
     hold = table.get("input_hold", "linear")
     if hold not in ("linear", "previous"):
         raise BenchError(f"{path}: input_hold = {hold!r}: choose linear or previous.")
-    for key in ("signals", *_OPTIONAL[1:]):
+    for key in ("signals", *_OPTIONAL[2:]):
         if not isinstance(table.get(key, {}), dict):
             raise BenchError(f"{path}: {key} must be a table, [{key}].")
     signals = {name: _signal(path, name, entry) for name, entry in table["signals"].items()}
     model = PHYSICS.get(table["system"])
-    accepted = model.input_signals
-    if table["input"] not in signals:
-        raise BenchError(f"{path}: input = {table['input']!r} is none of its signals: {near(table['input'], signals)}")
-    if table["input"] not in accepted:
-        raise BenchError(f"{path}: {table['system']} cannot be driven by {table['input']}: {near('', accepted)}")
+    accepted, drive = model.input_signals, table.get("input", "")
+    if accepted and not drive:
+        raise BenchError(
+            f"{path} has no key 'input': add the signal that drives {table['system']}: {near('', accepted)}"
+        )
+    if drive and drive not in signals:
+        raise BenchError(f"{path}: input = {drive!r} is none of its signals: {near(str(drive), signals)}")
+    if drive and drive not in accepted:
+        raise BenchError(f"{path}: {table['system']} cannot be driven by {drive}: {near('', accepted)}")
     twice = [c for c in {c for s in signals.values() for c in s.columns} if _uses(signals, c) > 1]
     if twice:
         raise BenchError(f"{path}: column {min(twice)!r} is used twice.")
@@ -108,7 +113,7 @@ def describe(folder: Path) -> FolderDescription:
         float(rate),
         table["files"],
         table["time"],
-        table["input"],
+        drive,
         hold,
         signals,
         physics,

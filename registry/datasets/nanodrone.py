@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -32,6 +32,8 @@ ARMS = np.array([[1, -1], [-1, -1], [-1, 1], [1, 1]])
 """Where the rotors are (forward, left): front-right, rear-right, rear-left, front-left."""
 _STATE = ["x", "y", "z", "vx", "vy", "vz", "qx", "qy", "qz", "qw", "wx", "wy", "wz", "ax", "ay", "az", "Vbat"]
 _MOTORS = [f"m{i}_erpm" for i in range(1, 5)]
+_ARM = 0.0353
+"""Of the hubs, along x and y [m]."""
 _CLOCKS = ["ros_timestamp_x", "ros_timestamp_y"]
 
 
@@ -63,6 +65,17 @@ class Nanodrone(Dataset):
         "no licence stated"
     )
     inputs: ClassVar[tuple[str, ...]] = ("rotor_speed",)
+    physics: ClassVar[dict[str, Any]] = {
+        "mass": 0.045,
+        "inertia": (1.43e-5, 1.43e-5, 2.89e-5),  # of another Crazyflie: not published for this one
+        "thrust_coefficient": 3.72e-8,
+        "torque_coefficient": 7.74e-12,
+        "rotor_positions": ((_ARM, -_ARM, 0.0), (-_ARM, -_ARM, 0.0), (-_ARM, _ARM, 0.0), (_ARM, _ARM, 0.0)),
+        "rotor_directions": (-1.0, 1.0, -1.0, 1.0),
+        "rotor_radius": 0.0275,
+    }
+    uncertainty: ClassVar[dict[str, float]] = {"inertia": 0.7, "torque_coefficient": 2.0, "thrust_coefficient": 0.05}
+    """The inertia is another vehicle's, and the published torque coefficient is far too small for the yaw."""
 
     def __post_init__(self) -> None:
         if self.smoothing and (self.smoothing < 5 or self.smoothing % 2 == 0):

@@ -95,9 +95,9 @@ class RigidBody(PhysicsModel):
             at += effect.internal_size
         if swinging:
             acceleration = self._acceleration(motion, force)
-        for effect in self.effects:
-            if isinstance(effect, TorqueEffect):
-                torque = effect.net_torque(torque)
+        for last in self.effects:
+            if isinstance(last, TorqueEffect):
+                torque = last.net_torque(torque)
         spin = motion.model.angular_acceleration(torque, motion.body_rates)
         turning = quaternion_rate(state[..., 6:10], motion.body_rates)
         return torch.cat([motion.velocity, acceleration, turning, spin, *own_rates], dim=-1)

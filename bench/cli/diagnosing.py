@@ -1,0 +1,170 @@
+"""What the diagnosing commands share: measurements and models in, tables, files and MLflow runs out."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.table import Table
+
+from registry.core import DATASETS, EFFECTS
+from registry.errors import BenchError
+
+if TYPE_CHECKING:
+    from bench.diagnose.diagnosis import DataProblem
+    from bench.diagnose.extend import Extension
+    from bench.diagnose.subject import Subject
+    from registry.dynamics import PhysicsModel
+
+
+# ------------------------------------------------------------------------------------------------- what goes in
+
+
+def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Subject, PhysicsModel | None]":
+    """The measurements with the nominal model, and the model in the file if one was given."""
+    from bench.diagnose import model_file as files
+    from bench.diagnose.subject import load
+
+    if not Path(source).is_dir() and source not in DATASETS.names():
+        hint = "" if Path(source).exists() else " (it does not exist)"
+        raise BenchError(
+            f"{source}{hint} is neither a folder with a dataset.toml nor a data set: `bench list datasets` has them, "
+            "`bench data init FOLDER` drafts a dataset.toml."
+        )
+    subject = load(source, system)
+    if model_file is None:
+        return subject, None
+    model = files.read(model_file, type(subject.model))
+    # How inputs are given is a matter of the data, not of the file.
+    given = {
+        n: getattr(subject.model, n) for n in ("extras", "input_hold", "drive") if n in {f.name for f in fields(model)}
+    }
+    return subject, replace(model, **given)
+
+
+def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None:
+    """Ids of the effects to choose from; None: all of them."""
+    check_effects((*catalogue, *without))
+    if not catalogue and not without:
+        return None
+    return [n for n in (catalogue or EFFECTS.names()) if n not in without]
+
+
+def check_effects(names: Sequence[str]) -> None:
+    """Raise `BenchError` where the catalogue has no effect of such a name."""
+    for name in names:
+        EFFECTS.get(name)
+
+
+def folder_for(source: str, out: Path | None) -> Path:
+    """Where files are written: ``out``, or beside the data."""
+    if out is not None:
+        return out
+    return Path(source) / "diagnosis" if Path(source).is_dir() else Path("diagnosis") / source
+
+
+# ------------------------------------------------------------------------------------------------ what comes out
+
+
+def say_problems(subject: "Subject") -> None:
+    """Say what is wrong with the data before a step that would take it for physics."""
+    from bench.diagnose.problems import problems
+
+    found: Sequence[DataProblem] = problems(subject).problems
+    for p in found[:4]:
+        where = "" if p.rows is None else f", samples {p.rows[0]} to {p.rows[1]}"
+        click.echo(f"data problem: {p.recording}{where}: {p.signal}: {p.kind}: {p.detail}", err=True)
+    if len(found) > 4:
+        click.echo(f"data problem: and {len(found) - 4} more; `bench diagnose` lists them.", err=True)
+
+
+def show_extension(console: Any, done: "Extension") -> None:
+    """Print the held-out error, effect by effect, and the fitted numbers."""
+    groups = done.comparison.groups
+    rows = table("held-out error", *(f"{g.name} [{g.unit}]".replace("[", "\\[") for g in groups))
+    for stage in done.stages:
+        added = stage.name in {e.id for e in done.effects}
+        rows.add_row(f"+ {stage.name}" if added else stage.name, *(f"{stage.error[g.name]:.3g}" for g in groups))
+    console.print(rows)
+    for e in done.effects:
+        values = ", ".join(
+            f"{n} = {p.value:.4g} {p.unit} ({p.low:.4g} to {p.high:.4g})" for n, p in e.parameters.items()
+        )
+        console.print(f"  {e.id}: {values}", highlight=False)
+
+
+def track_extension(
+    subject: "Subject",
+    start: "PhysicsModel",
+    done: "Extension",
+    tracking: str | None,
+    results: Path,
+    model_file: Path,
+) -> None:
+    """One MLflow run for every effect added."""
+    from bench import track
+
+    held = [EFFECTS.name_of(type(e)) for e in start.effects]
+    comparison, added = done.comparison, [e.id for e in done.effects]
+    chain = {len(held): comparison.error("calibrated")}
+    if held:
+        chain[0] = comparison.error("nominal")
+    uri = tracking or track.default_uri(results)
+    for i, effect in enumerate(done.effects):
+        chain[len(held) + i + 1] = effect.error_after
+        parameters = {f"{e.id}.{n}": p.value for e in done.effects[: i + 1] for n, p in e.parameters.items()}
+        try:
+            last = i == len(added) - 1
+            track.log_extension(
+                uri,
+                subject.name,
+                (*held, *added[: i + 1]),
+                {step: chain[step] for step in sorted(chain)},
+                comparison.error("floor"),
+                parameters,
+                (model_file,) if last else (),
+            )
+        except track.TrackingError as error:
+            click.echo(f"bench: {error}", err=True)
+            return
+    click.echo(f"MLflow: experiment {track.diagnosis_experiment(subject.name)!r}; `bench ui` draws the falling error.")
+
+
+def table(first: str, *others: str) -> Table:
+    """A table with these columns, numbers to the right."""
+    made = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+    made.add_column(first)
+    for name in others:
+        made.add_column(name, justify="right")
+    return made
+
+
+def print_notes(out: Any, notes: Sequence[str]) -> None:
+    """Print sentences about how figures came about."""
+    for note in notes:
+        out.print(note, style="dim", highlight=False, markup=False)
+
+
+def write_json(path: Path | None, what: dict[str, Any]) -> None:
+    """Write values as JSON, null for numbers that do not exist; None: nothing is asked for."""
+    from bench.diagnose.diagnosis import write_text
+
+    if path is not None:
+        write_text(path, json.dumps(_finite(what), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def say_next(command: str, why: str) -> None:
+    """Print what to type next."""
+    click.echo(f"Next, {why}: {command}")
+
+
+def _finite(value: Any) -> Any:
+    """``value`` with None for every number that is not finite, in all its parts."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,35 @@
+"""Find the missing physics: compare a model with measurements, see where it fails, learn what is missing, add it.
+
+    from bench.diagnose import compare, discover, extend, load, locate
+
+    subject = load("my_flights")
+    print(compare(subject, {}).error("nominal"))
+    print(locate(subject, subject.model).regions)
+    print([f.id for f in discover(subject).found])
+    print(extend(subject, subject.model, ["rotor_drag"]).effects)
+
+`diagnose` does all of it.
+"""
+
+from bench.diagnose.compare import Comparison, compare
+from bench.diagnose.diagnose import diagnose
+from bench.diagnose.diagnosis import Diagnosis
+from bench.diagnose.discover import Discovery, discover
+from bench.diagnose.extend import Extension, extend
+from bench.diagnose.locate import Location, locate
+from bench.diagnose.subject import Subject, load
+
+__all__ = [
+    "Comparison",
+    "Diagnosis",
+    "Discovery",
+    "Extension",
+    "Location",
+    "Subject",
+    "compare",
+    "diagnose",
+    "discover",
+    "extend",
+    "load",
+    "locate",
+]

@@ -1,0 +1,200 @@
+"""Step 1: models against measurements, as free runs from many measured states, beside the noise floor."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.diagnose.diagnosis import LINES as DRAWN
+from bench.diagnose.diagnosis import ByGroup, Curves, GroupError, Line
+from bench.diagnose.free_run import Group, default_steps, errors, free_run, groups, measured_windows, starts
+from bench.diagnose.noise import Noise, floor, noise_of, reach
+from bench.diagnose.subject import Log, Subject
+from bench.stats import ENOUGH
+from registry.dynamics import PhysicsModel
+from registry.errors import BenchError
+
+WINDOWS = 500
+"""Free runs a model, about: the mean is then known far better than recordings differ."""
+HORIZONS = 10
+"""Points of a curve."""
+DRAWS = 1000
+"""Of the bootstrap."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Root mean square errors of free runs, by model, output group, horizon and recording; SI."""
+
+    recordings: tuple[str, ...]
+    horizon_s: tuple[float, ...]
+    groups: tuple[Group, ...]
+    lines: dict[str, dict[str, Line]]
+    """By model ("nominal", those given, "floor"), then by group."""
+    starts: int
+    """Free runs a model."""
+    every_s: float
+    """From one start to the next [s]."""
+    basis: str
+    """What the intervals rest on."""
+    noise: Noise
+    """That the floor was made with."""
+
+    @property
+    def curves(self) -> dict[str, Curves]:
+        """What the page draws, by group."""
+        return {
+            g.name: Curves(g.unit, self.horizon_s, {n: self.lines[n][g.name] for n in DRAWN if n in self.lines})
+            for g in self.groups
+        }
+
+    def error(self, model: str) -> ByGroup:
+        """Error of a model, or of the "floor", at the last horizon."""
+        of = self.lines[model]
+        return {g.name: GroupError(self.horizon_s[-1], of[g.name].rmse[-1], g.unit) for g in self.groups}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was done, in sentences."""
+        what = f"{self.starts} free runs of {self.horizon_s[-1]:.3g} s a model, one every {self.every_s:.2g} s"
+        return (f"{what}; intervals: {self.basis}.", *self.noise.notes)
+
+
+def compare(
+    subject: Subject,
+    models: Mapping[str, PhysicsModel],
+    names: Sequence[str] | None = None,
+    horizon_s: float | None = None,
+    noise: Noise | None = None,
+) -> Comparison:
+    """Run models free from many measured states and compare with what was measured.
+
+    Args:
+        subject: measurements; its own model is the line "nominal" unless ``models`` holds one of that name.
+        models: by name of their line, the best one last: it is taken for exact where the floor is made.
+        names: recordings; default: those held out.
+        horizon_s: longest horizon [s]; default `free_run.default_steps`.
+        noise: default `noise.noise_of`.
+
+    Raises:
+        BenchError: no recording is long enough.
+    """
+    noise = noise or noise_of(subject)
+    models = {"nominal": subject.model} | dict(models)
+    logs = subject.of(subject.held_out if names is None else names)
+    rate = logs[0].rate if logs else math.nan
+    steps = default_steps(rate) if horizon_s is None else max(1, round(horizon_s * rate))
+    margin = reach(noise.smoothing)
+    every = max(1, sum(map(len, logs)) // WINDOWS)
+    found = [starts(log, steps + 2 * margin, every) + margin for log in logs]
+    kept = [(log, at) for log, at in zip(logs, found, strict=True) if len(at)]
+    if not kept:
+        raise BenchError(
+            f"No recording to compare with has {steps + 2 * margin + 1} valid samples in a row: "
+            f"give a shorter horizon than {steps / rate:.3g} s, or longer recordings."
+        )
+    logs, at = tuple(log for log, _ in kept), [a for _, a in kept]
+    judged = groups(subject.model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
+    ends = np.unique(np.round(np.linspace(0, steps, HORIZONS + 1)[1:]).astype(int))
+    squared = {}
+    with torch.no_grad():
+        measured = measured_windows(logs, at, steps)
+        for name, model in models.items():
+            squared[name] = _finite(errors(free_run(model, logs, at, steps), measured, judged)[:, ends])
+        for model in reversed(models.values()):
+            squared["floor"] = _finite(floor(model, logs, at, steps, noise, judged)[:, ends])
+            if np.isfinite(squared["floor"]).all():
+                break
+    units, basis = _units(logs, at, every, steps, squared[next(reversed(models))])
+    recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
+    draws = _draws(units, recording, len(logs) >= ENOUGH)
+    lines = {name: _lines(e, judged, logs, recording, units, draws) for name, e in squared.items()}
+    return Comparison(
+        tuple(log.name for log in logs),
+        tuple(float(k / rate) for k in ends),
+        tuple(judged),
+        lines,
+        len(recording),
+        every / rate,
+        basis,
+        noise,
+    )
+
+
+def _finite(squared: Tensor) -> np.ndarray:
+    """Squared errors with inf for whatever is no number: that run diverged."""
+    return np.nan_to_num(squared.numpy(), nan=np.inf, posinf=np.inf)
+
+
+def _units(
+    logs: Sequence[Log], at: Sequence[np.ndarray], every: int, steps: int, squared: np.ndarray
+) -> tuple[np.ndarray, str]:
+    """The unit of repetition (W,) that each window belongs to, and what it is in words."""
+    recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
+    if len(logs) >= ENOUGH:
+        return recording, f"95 %, bootstrap over {len(logs)} recordings"
+    # Two windows that overlap are not independent, nor are two that are nearer than errors are alike.
+    length = max(2 * steps, 2 * every * _alike(squared[:, -1], recording))
+    block = np.concatenate([a // length for a in at])
+    unit = np.unique(np.stack([recording, block]), axis=1, return_inverse=True)[1]
+    words = "recording" if len(logs) == 1 else "recordings"
+    return unit, (
+        f"95 %, bootstrap over blocks of {length / logs[0].rate:.2g} s within {len(logs)} {words} (too few to be "
+        "drawn themselves: another recording can differ more)"
+    )
+
+
+def _alike(squared: np.ndarray, recording: np.ndarray) -> int:
+    """Windows until the autocorrelation of their error (W, groups) falls below 1/e."""
+    level = np.log(np.maximum(np.minimum(squared, 1e30), 1e-30)).mean(1)
+    series = [level[recording == r] - level.mean() for r in np.unique(recording)]
+    power = sum(float(x @ x) for x in series)
+    for lag in range(1, min(map(len, series)) // 4):
+        if sum(float(x[:-lag] @ x[lag:]) for x in series) < power / math.e:
+            return lag
+    return 1
+
+
+def _draws(unit: np.ndarray, recording: np.ndarray, over_recordings: bool) -> np.ndarray:
+    """How often each unit is drawn (DRAWS, units): within its recording, or of all where recordings are the units."""
+    generator, count = np.random.default_rng(0), int(unit.max()) + 1
+    of = np.zeros(count, dtype=int)
+    of[unit] = 0 if over_recordings else recording
+    out = np.zeros((DRAWS, count))
+    for stratum in np.unique(of):
+        among = np.flatnonzero(of == stratum)
+        out[:, among] = generator.multinomial(len(among), np.full(len(among), 1 / len(among)), size=DRAWS)
+    return out
+
+
+def _lines(
+    squared: np.ndarray,
+    judged: Sequence[Group],
+    logs: Sequence[Log],
+    recording: np.ndarray,
+    unit: np.ndarray,
+    draws: np.ndarray,
+) -> dict[str, Line]:
+    """By group, the line of squared errors (W, horizons, groups)."""
+    usable = np.where(np.isfinite(squared), squared, 0.0)
+    diverged = ~np.isfinite(squared).all(0)  # (H, G)
+    sums = np.zeros((draws.shape[1], *squared.shape[1:]))
+    np.add.at(sums, unit, usable)
+    means = np.tensordot(draws, sums, axes=1) / (draws @ np.bincount(unit))[:, None, None]
+    low, high = np.sqrt(np.quantile(means, [0.025, 0.975], axis=0))
+    rmse = np.sqrt(usable.mean(0))
+    for of in (rmse, low, high):
+        of[diverged] = np.inf
+    single = {log.name: np.sqrt(squared[recording == i].mean(0)) for i, log in enumerate(logs)}
+    return {
+        g.name: Line(
+            tuple(rmse[:, i].tolist()),
+            tuple(low[:, i].tolist()),
+            tuple(high[:, i].tolist()),
+            {name: tuple(own[:, i].tolist()) for name, own in single.items()},
+        )
+        for i, g in enumerate(judged)
+    }

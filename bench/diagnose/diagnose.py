@@ -1,0 +1,208 @@
+"""All four steps in one: compare, locate, discover, extend."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from bench.diagnose.compare import compare
+from bench.diagnose.diagnosis import (
+    ByGroup,
+    Calibration,
+    Candidate,
+    DataProblem,
+    Diagnosis,
+    Errors,
+    Evidence,
+    Stage,
+    Unexplained,
+)
+from bench.diagnose.discover import Discovery, discover
+from bench.diagnose.extend import extend, pooled
+from bench.diagnose.locate import Location, locate
+from bench.diagnose.noise import noise_of
+from bench.diagnose.problems import problems
+from bench.diagnose.subject import Subject, load
+from registry.contracts import Dataset
+from registry.dynamics import PhysicsModel
+
+HIGH = 2.0
+"""Squared error over the noise floor's from which something is missing although it follows no signal."""
+
+Tick = Callable[[str], None]
+
+
+def silent(what: str) -> None:
+    """Say nothing of what is being done."""
+
+
+def diagnose(
+    source: str | Path | Dataset | Subject,
+    system: str | None = None,
+    model: PhysicsModel | None = None,
+    tick: Tick = silent,
+    catalogue: Sequence[str] | None = None,
+    horizon_s: float | None = None,
+    brief: bool = False,
+) -> tuple[Diagnosis, PhysicsModel]:
+    """Compare a model with measurements, say where it fails and what is missing, add that and fit it.
+
+    Args:
+        source: a folder with a dataset.toml, the name of a registered data set, or measurements already read.
+        system: a registered physics model or "path/to/file.py:Class"; default: what the data name.
+        model: to start from; default: nominal constants without effects.
+        tick: called with what is being done.
+        catalogue: ids of the effects to choose from; default: all that are registered.
+        horizon_s: longest horizon of the comparisons [s].
+        brief: whether to leave out where the error is.
+
+    Returns:
+        The diagnosis and the extended model.
+
+    Raises:
+        BenchError: data or model cannot be read, or do not fit each other.
+    """
+    tick("read")
+    subject = source if isinstance(source, Subject) else load(source, system, model)
+    named_as = subject.name if isinstance(source, (Subject, Dataset)) else str(source)
+    tick("check the data")
+    checked = problems(subject)
+    if checked.problems:
+        return _broken(subject, named_as, checked.problems), subject.model
+    tick("noise")
+    noise = noise_of(subject)
+    found = discover(subject, catalogue, tick, noise)
+    rivals = {f.id: f.rivals for f in found.found}
+    names = [f.id for f in found.found]
+    tick("extend")
+    if names:
+        known = {f.id: f.effect for f in found.found}
+        extension = extend(subject, subject.model, names, tick, noise, rivals, known, horizon_s)
+        model = extension.model
+        comparison, stages, effects = extension.comparison, extension.stages, extension.effects
+    else:
+        model, effects = found.calibrated, ()
+        comparison = compare(subject, {"calibrated": model}, noise=noise, horizon_s=horizon_s)
+        stages = tuple(Stage(n, {g: e.rmse for g, e in comparison.error(n).items()}) for n in comparison.lines)
+    nowhere = Location((), (), (), float("nan"), {}, ())
+    if not brief:
+        tick("locate")
+    location = nowhere if brief else locate(subject, found.calibrated, after=model if names else None, noise=noise)
+    best = "extended" if names else "calibrated"
+    nominal, after, floor = (comparison.error(n) for n in ("nominal", best, "floor"))
+    verdict = _verdict(found, _excess(after, floor))
+    axes = [g for g, ratio in _excess(after, floor).items() if ratio > HIGH]
+    return (
+        Diagnosis(
+            subject.name,
+            subject.system,
+            verdict,
+            floor,
+            Errors(nominal, comparison.error("calibrated"), after),
+            effects,
+            _unexplained(subject, found, nominal, after, floor, axes),
+            location.regions,
+            (),
+            Evidence(
+                named_as,
+                len(subject.logs),
+                sum(len(log) / log.rate for log in subject.logs),
+                subject.held_out,
+                comparison.curves,
+                stages,
+                _ranking(found),
+                _calibration(subject, found),
+                location.residuals,
+                location.windows,
+                _hypothesis(found),
+                (*comparison.notes, *location.notes, *found.notes, *_warnings(found, checked.suspicions)),
+            ),
+        ),
+        model,
+    )
+
+
+def _excess(error: ByGroup, floor: ByGroup) -> dict[str, float]:
+    """By group, squared error over that of the noise floor."""
+    return {g: (e.rmse / max(floor[g].rmse, 1e-300)) ** 2 for g, e in error.items()}
+
+
+def _verdict(found: Discovery, excess: dict[str, float]) -> str:
+    """The first that holds."""
+    if any(not f.rivals for f in found.found):
+        return "named"
+    if found.found:
+        return "tie"
+    # What follows no signal at all, such as gusts, shows in the error only.
+    return "unknown_effect" if found.traces or max(excess.values(), default=0.0) > HIGH else "nothing"
+
+
+def _broken(subject: Subject, source: str, found: Sequence[DataProblem]) -> Diagnosis:
+    """What is said when the data must be mended first."""
+    nothing: ByGroup = {}
+    return Diagnosis(
+        subject.name,
+        subject.system,
+        "data_problem",
+        nothing,
+        Errors(nothing, nothing, nothing),
+        (),
+        Unexplained(float("nan")),
+        (),
+        tuple(found),
+        Evidence(source, len(subject.logs), sum(len(log) / log.rate for log in subject.logs), subject.held_out),
+    )
+
+
+def _unexplained(
+    subject: Subject, found: Discovery, nominal: ByGroup, after: ByGroup, floor: ByGroup, high: Sequence[str]
+) -> Unexplained:
+    scale = {g: max(e.rmse, 1e-300) for g, e in nominal.items()}
+    above = pooled(nominal, scale) - pooled(floor, scale)
+    share = max(0.0, (pooled(after, scale) - pooled(floor, scale)) / above) if above > 0 else float("nan")
+    # The traces that make nine tenths of what is left.
+    left = sum(t.gain for t in found.traces)
+    axes: list[str] = []
+    signals: list[str] = []
+    so_far = 0.0
+    for trace in found.traces:
+        if so_far > 0.9 * left:
+            break
+        so_far += trace.gain
+        axes.append(trace.axis)
+        drive = getattr(subject.model, "drive", "input")
+        parts = (p for part in trace.signal.split(" × ") for p in (part,))
+        signals += [drive if p == "input" else p for p in parts]
+    return Unexplained(share, tuple(dict.fromkeys(axes or high)), tuple(dict.fromkeys(signals)))
+
+
+def _ranking(found: Discovery) -> tuple[tuple[Candidate, ...], ...]:
+    return tuple(tuple(Candidate(c.id, c.gain, c.low, c.high, c.text, c.why) for c in one) for one in found.rounds)
+
+
+def _calibration(subject: Subject, found: Discovery) -> tuple[Calibration, ...]:
+    out = []
+    nominal = {p.name: p.value for p in subject.model.parameters()}
+    for x in found.constants:
+        e = x.entry
+        given = nominal[e.name] if e.component is None else nominal[e.name][e.component]
+        out.append(Calibration(e.label, float(given), x.value, e.unit, (x.value - float(given)) / e.scale))
+    return tuple(out)
+
+
+def _hypothesis(found: Discovery) -> str:
+    """The first terms of what is left, as a formula offered for thought."""
+    if not found.traces:
+        return ""
+    first = [t for t in found.traces if t.gain > 0.1 * found.traces[0].gain][:3]
+    said = "; ".join(f"{t.axis} goes with {t.text}" for t in first)
+    alike = f" The catalogue's nearest imitation is {', '.join(found.imitators)}." if found.imitators else ""
+    return f"{said}.{alike}"
+
+
+def _warnings(found: Discovery, suspicions: Sequence[DataProblem]) -> tuple[str, ...]:
+    out = [s.detail for s in suspicions]
+    if any(f.id in ("input_delay", "transport_delay") for f in found.found) or suspicions:
+        out.append(
+            "A constant delay of the input and a clock of the states that runs ahead of that of the inputs look the "
+            "same: check how the log was put together (data problem: time shift) before input_delay goes into a model."
+        )
+    return tuple(dict.fromkeys(out))

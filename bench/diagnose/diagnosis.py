@@ -1,0 +1,291 @@
+"""What a diagnosis says: the contract that `schema.json` describes, and the evidence that the page shows."""
+
+import json
+import math
+import os
+import tempfile
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from registry.errors import BenchError
+
+VERDICTS = ("named", "tie", "nothing", "unknown_effect", "data_problem")
+LINES = ("nominal", "calibrated", "extended", "floor")
+"""The four lines of every comparison, in the order of drawing."""
+
+
+# ------------------------------------------------------------------------------------------------ the contract
+
+
+@dataclass(frozen=True)
+class GroupError:
+    """Root mean square error of one output group at one horizon of a free run on held-out recordings."""
+
+    horizon_s: float
+    rmse: float
+    """SI; not finite where the free run diverged."""
+    unit: str
+
+
+ByGroup = dict[str, GroupError]
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Held-out errors of the three models."""
+
+    nominal: ByGroup
+    calibrated: ByGroup
+    extended: ByGroup
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A fitted parameter, SI, with its 95 % interval (NaN: there is none)."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect in the extended model, in the order in which effects were added."""
+
+    id: str
+    parameters: dict[str, ParameterEstimate]
+    share_explained: float
+    """(E²_before − E²_after) / (E²_nominal − E²_floor), pooled over scaled outputs."""
+    error_before: ByGroup
+    error_after: ByGroup
+    indistinguishable_from: tuple[str, ...] = ()
+    """Ids that explain these data as well; empty: the effect stands alone."""
+    separate_by: str = ""
+    """A sentence: the manoeuvre that would separate them."""
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """What the extended model leaves above the floor."""
+
+    share: float
+    """Of E² above the floor."""
+    axes: tuple[str, ...] = ()
+    """Channels in which something systematic is left, such as "velocity.z"."""
+    follows: tuple[str, ...] = ()
+    """Signals that it follows."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """Where the error is."""
+
+    region: str
+    """In physical terms, such as "speed > 2.8 m/s"."""
+    share_of_error: float
+    share_of_time: float
+    recordings: tuple[str, ...]
+    """Those in which the region is met."""
+
+
+@dataclass(frozen=True)
+class DataProblem:
+    """Something that is wrong with a recording, not with the model."""
+
+    recording: str
+    signal: str
+    kind: str
+    """Such as "spike", "frozen", "time shift", "swapped sign", "clock"."""
+    rows: tuple[int, int] | None
+    """First and last, as in the file (the header of a CSV is row 1); None: all of them."""
+    detail: str
+    """One sentence with figures and units."""
+
+
+# ------------------------------------------------------------------------------------------------ the evidence
+
+
+@dataclass(frozen=True)
+class Line:
+    """Error of one model at every horizon, SI: over all held-out recordings, its 95 % interval, and one by one."""
+
+    rmse: tuple[float, ...]
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    recordings: dict[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Error of one output group against the horizon; the keys of ``lines`` are among `LINES`."""
+
+    unit: str
+    horizon_s: tuple[float, ...]
+    lines: dict[str, Line]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of the waterfall: "nominal", "calibrated", the id of the effect added, or "floor"."""
+
+    name: str
+    error: dict[str, float]
+    """By output group, SI, at the horizon of `Diagnosis.error`."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect that was tried in a round."""
+
+    id: str
+    gain: float
+    """Share of the error above the floor that it explains, with its 95 % interval."""
+    low: float
+    high: float
+    parameters: str = ""
+    """Its fitted values as text."""
+    why: str = ""
+    """A sentence: why it lost; empty for the one taken."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A base constant before and after calibration."""
+
+    constant: str
+    nominal: float
+    calibrated: float
+    unit: str
+    sigma: float
+    """By how many of its stated uncertainties it moved."""
+
+
+@dataclass(frozen=True)
+class ResidualMap:
+    """A residual against a signal, SI: all samples (thinned as you like) and means in bins of the signal."""
+
+    x_signal: str
+    x_unit: str
+    y_quantity: str
+    y_unit: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    """Of the calibrated model, before any effect."""
+    centres: tuple[float, ...]
+    before: tuple[float, ...]
+    after: tuple[float, ...] = ()
+    region: str = ""
+    """The region of `Diagnosis.where` that it belongs to."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of a recording and what the models make of it: N samples of c channels, SI."""
+
+    recording: str
+    start_s: float
+    group: str
+    unit: str
+    channels: tuple[str, ...]
+    t: tuple[float, ...]
+    """(N,) [s] from the start of the window."""
+    measured: tuple[tuple[float, ...], ...]
+    """(c, N), as the other two."""
+    nominal: tuple[tuple[float, ...], ...]
+    extended: tuple[tuple[float, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the page shows beyond the contract. Every part may be missing."""
+
+    source: str = ""
+    """The data as the user named them: what follows `bench diagnose`."""
+    recordings: int = 0
+    seconds: float = 0.0
+    """Of all recordings together."""
+    held_out: tuple[str, ...] = ()
+    curves: dict[str, Curves] = field(default_factory=dict)
+    waterfall: tuple[Stage, ...] = ()
+    ranking: tuple[tuple[Candidate, ...], ...] = ()
+    """One tuple a round, best first."""
+    calibration: tuple[Calibration, ...] = ()
+    residuals: tuple[ResidualMap, ...] = ()
+    windows: tuple[Window, ...] = ()
+    hypothesis: str = ""
+    """A symbolic form of what is left, offered as a hypothesis."""
+    notes: tuple[str, ...] = ()
+    """Sentences: what was estimated, what was assumed, what the data cannot show."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The answer of `bench diagnose`."""
+
+    dataset: str
+    system: str
+    verdict: str
+    """One of `VERDICTS`."""
+    noise_floor: ByGroup
+    error: Errors
+    effects: tuple[NamedEffect, ...]
+    unexplained: Unexplained
+    where: tuple[Region, ...]
+    data_problems: tuple[DataProblem, ...]
+    evidence: Evidence = field(default_factory=Evidence, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.verdict not in VERDICTS:
+            raise ValueError(f"verdict {self.verdict!r} is none of {', '.join(VERDICTS)}")
+
+    def to_json(self) -> dict[str, Any]:
+        """The contract as JSON values, without the evidence; a number that does not exist is None."""
+        contract = asdict(self)
+        del contract["evidence"]
+        finite: dict[str, Any] = _finite(contract)
+        return finite
+
+    def write(self, path: Path) -> None:
+        """Write `to_json` to ``path``, whole or not at all.
+
+        Raises:
+            BenchError: the file cannot be written.
+        """
+        write_text(path, json.dumps(self.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of `Diagnosis.to_json`."""
+    text = Path(__file__).with_name("schema.json").read_text(encoding="utf-8")
+    read: dict[str, Any] = json.loads(text)
+    return read
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all; its folder is made.
+
+    Raises:
+        BenchError: the file cannot be written.
+    """
+    draft = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, draft = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8", errors="replace", newline="\n") as file:
+            file.write(text)
+        os.chmod(draft, 0o644)  # mkstemp's own is for its owner alone
+        os.replace(draft, path)
+    except OSError as error:
+        if draft is not None:
+            Path(draft).unlink(missing_ok=True)
+        raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,182 @@
+"""Step 4: add effects to a model, fit all of it, and show the error on recordings not fitted."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.diagnose.choose import updated
+from bench.diagnose.compare import Comparison, compare
+from bench.diagnose.diagnosis import ByGroup, NamedEffect, ParameterEstimate, Stage
+from bench.diagnose.discover import close
+from bench.diagnose.noise import Noise, noise_of
+from bench.diagnose.search import Search
+from bench.diagnose.shoot import shoot
+from bench.diagnose.subject import Subject
+from bench.diagnose.verify import Estimate, estimates
+from registry.core import EFFECTS
+from registry.dynamics import Effect, PhysicsModel
+from registry.errors import BenchError
+
+WORTH = 0.97
+"""Mean squared error of the free runs, relative, below which shooting's fit is taken for the weak form's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """A model with effects added, and its errors."""
+
+    model: PhysicsModel
+    effects: tuple[NamedEffect, ...]
+    """The added ones, in order."""
+    comparison: Comparison
+    """Lines "nominal", "calibrated", "+ id" after each effect, "extended" and "floor"."""
+    stages: tuple[Stage, ...]
+    constants: tuple[Estimate, ...]
+
+
+def fitted(
+    subject: Subject,
+    model: PhysicsModel,
+    noise: Noise | None = None,
+    tick: Callable[[str], None] = lambda what: None,
+    through_simulator: bool = True,
+) -> tuple[PhysicsModel, list[Estimate]]:
+    """Constants within their uncertainty and all effects of ``model``, fitted on the training recordings.
+
+    The weak form first, which needs no good start; then, with ``through_simulator``, multi-step shooting, whose numbers
+    are taken where they predict better.
+
+    Raises:
+        BenchError: the recordings are too short.
+    """
+    search = Search(subject, (), tick, noise)
+    found: list[Estimate] = []
+    for _ in range(6):
+        views = search.views(search.look(model, broad=False), search.smoothing)
+        view = min(views, key=lambda v: v.subsets.fit().prior)
+        fit = view.subsets.fit()
+        before, model = model, updated(view, fit)
+        found = estimates(view, fit)
+        if close(before, model, subject):
+            break
+    if not through_simulator:
+        return model, found
+    tick("shooting")
+    shot = shoot(model, subject, subject.training, tick)
+    if shot.after < WORTH * shot.before:
+        by_name = {(e.owner, e.label): e.value for e in shot.free}
+        spread = {(e.owner, e.label): s for e, s in zip(shot.free, np.sqrt(np.diag(shot.covariance)), strict=True)}
+        moved = []
+        for x in found:
+            key = (x.entry.owner, x.entry.label)
+            value = by_name.get(key, x.value)
+            # Two estimates that differ are worth no more than their difference.
+            half = max((x.high - x.low) / 2, 1.96 * spread.get(key, 0.0), abs(value - x.value))
+            moved.append(
+                replace(x, value=value, low=max(value - half, x.entry.low), high=min(value + half, x.entry.high))
+            )
+        return shot.model, moved
+    return model, found
+
+
+def extend(
+    subject: Subject,
+    model: PhysicsModel,
+    add: Sequence[str],
+    tick: Callable[[str], None] = lambda what: None,
+    noise: Noise | None = None,
+    rivals: Mapping[str, tuple[str, ...]] | None = None,
+    known: Mapping[str, Effect] | None = None,
+    horizon_s: float | None = None,
+) -> Extension:
+    """Add effects to ``model`` one after another and fit all numbers again.
+
+    Args:
+        subject: measurements, and the nominal model.
+        model: with the effects it has so far.
+        add: ids of effects.
+        tick: called with what is being done.
+        noise: default `noise.noise_of`.
+        rivals: by id, effects that explain the data as well.
+        known: by id, an effect with parameters from which to start; default: the best of its search grid.
+        horizon_s: longest horizon of the comparison [s].
+
+    Raises:
+        BenchError: an effect that the catalogue or the system does not have, or the model has already.
+    """
+    noise = noise or noise_of(subject)
+    held = [EFFECTS.name_of(type(e)) for e in model.effects]
+    for name in add:
+        if name in held:
+            raise BenchError(f"The model has {name} already.")
+        kind = EFFECTS.get(name)
+        if kind.systems and subject.system not in kind.systems:
+            raise BenchError(f"The effect {name} does not fit {subject.system}: it is for {', '.join(kind.systems)}.")
+    calibrated, found = fitted(subject, model, noise, tick, through_simulator=not add)
+    chain, lines = [calibrated], {"calibrated": calibrated}
+    for i, name in enumerate(add):
+        tick(name)
+        start = (known or {}).get(name) or _starting_point(subject, chain[-1], name, noise, tick)
+        grown = replace(chain[-1], effects=(*chain[-1].effects, start))
+        done, found = fitted(subject, grown, noise, tick, through_simulator=i == len(add) - 1)
+        chain.append(done)
+        lines["extended" if i == len(add) - 1 else f"+ {name}"] = done
+    comparison = compare(subject, lines, noise=noise, horizon_s=horizon_s)
+    order = ["calibrated", *(n for n in lines if n != "calibrated")]
+    scale = _scales(subject, comparison)
+    above = pooled(comparison.error("nominal"), scale) - pooled(comparison.error("floor"), scale)
+    effects, stages = [], [_stage("nominal", comparison.error("nominal"))]
+    stages.append(_stage("calibrated", comparison.error("calibrated")))
+    for i, name in enumerate(add):
+        before, after = comparison.error(order[i]), comparison.error(order[i + 1])
+        stages.append(_stage(name, after))
+        of = [x for x in found if x.entry.owner == len(model.effects) + i]
+        numbers = {x.entry.label: ParameterEstimate(x.value, x.low, x.high, x.entry.unit) for x in of}
+        alike = (rivals or {}).get(name, ())
+        share = (pooled(before, scale) - pooled(after, scale)) / above if above > 0 else float("nan")
+        effects.append(NamedEffect(name, numbers, share, before, after, alike, _separate(name, alike)))
+    stages.append(_stage("floor", comparison.error("floor")))
+    constants = tuple(x for x in found if x.entry.constant)
+    return Extension(chain[-1], tuple(effects), comparison, tuple(stages), constants)
+
+
+def _starting_point(
+    subject: Subject, model: PhysicsModel, name: str, noise: Noise, tick: Callable[[str], None]
+) -> Effect:
+    """The effect with parameters from which a fit starts: the best of its search grid in the weak form."""
+    search = Search(subject, (name,), tick, noise)
+    look = search.look(model, broad=False)
+    if not look.linear.starts:
+        # It was asked for although its signals are missing: from typical values.
+        typical: Effect = EFFECTS.get(name).typical()
+        return typical
+    view = search.views(look, search.smoothing)[0]
+    best = min((view.subsets.fit([s]) for s in view.linear.starts), key=lambda f: f.loss)
+    return next(iter(best.effects(len(view.linear.own)).values()))
+
+
+def pooled(error: ByGroup, scale: dict[str, float]) -> float:
+    """Squared error over scaled outputs."""
+    return float(sum((e.rmse / scale[g]) ** 2 for g, e in error.items()))
+
+
+def _scales(subject: Subject, comparison: Comparison) -> dict[str, float]:
+    """By group, how much it varies over the held-out recordings."""
+    out = {}
+    for g in comparison.groups:
+        x = np.concatenate([log.states.numpy()[:, list(g.at)] for log in subject.of(comparison.recordings)])
+        out[g.name] = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean())) or 1.0
+    return out
+
+
+def _stage(name: str, error: ByGroup) -> Stage:
+    return Stage(name, {g: e.rmse for g, e in error.items()})
+
+
+def _separate(name: str, rivals: Sequence[str]) -> str:
+    """What to fly or do so that an effect and its rivals part."""
+    if not rivals:
+        return ""
+    phrase: str = EFFECTS.get(name).manoeuvre or EFFECTS.get(rivals[0]).manoeuvre
+    return f"To tell {name} from {', '.join(rivals)}: {phrase}." if phrase else ""

@@ -1,0 +1,266 @@
+"""Step 2: where the error of a model is, in terms of what the system does."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from bench.diagnose.conditions import Condition, conditions
+from bench.diagnose.diagnosis import Region, ResidualMap, Window
+from bench.diagnose.free_run import Group, default_steps, errors, free_run, groups, measured_windows, starts
+from bench.diagnose.noise import Noise, floor, noise_of, reach
+from bench.diagnose.residuals import residual_maps
+from bench.diagnose.subject import Log, Subject
+from bench.diagnose.weak import Stack
+from registry.dynamics import PhysicsModel
+from registry.errors import BenchError
+from registry.physics.rigid_body import RigidBody
+from registry.units import display
+
+SHORT = 0.4
+"""Share of the default horizon over which errors are located: long enough to stand out, short enough to be local."""
+WINDOWS = 4000
+"""Free runs, about."""
+OVERLAP = 4
+"""Windows that hold the same sample, at most."""
+VISIBLE = 0.1
+"""Squared error above the floor, as a share of the floor's, from which it is located."""
+SIGNIFICANT = 4.0
+"""And how many standard errors of the floor it must be above it."""
+APART = 0.1
+"""Least difference between a region's share of error and of time."""
+EXACT = 1e-4
+"""Of a signal's standard deviation: errors below it are not looked at, where there is no noise."""
+FAVOUR = 1.3
+"""By what factor an interval must tell more than one threshold."""
+RATIO = 1.25
+"""Least ratio of them."""
+NEW = 0.1
+"""Least share of the error that a region holds and no better one does."""
+MOST = 6
+"""Regions."""
+FEWEST = 5
+"""Windows of a recording from which a region is met in it."""
+ALSO = 0.1
+"""Of the mean error in a region: what a recording must have there to count, so that one spike is no region."""
+WORST = 3
+"""Windows shown."""
+QUANTILES = np.linspace(0.05, 0.95, 19)
+
+
+@dataclass(frozen=True, eq=False)
+class Location:
+    """Where the error is."""
+
+    regions: tuple[Region, ...]
+    """Best first; none where the error is at the floor, or is everywhere."""
+    residuals: tuple[ResidualMap, ...]
+    windows: tuple[Window, ...]
+    horizon_s: float
+    """Of the free runs whose errors were located [s]."""
+    above_floor: dict[str, float]
+    """By output group: squared error above the floor at that horizon, over the floor's."""
+    notes: tuple[str, ...]
+
+
+def locate(
+    subject: Subject,
+    model: PhysicsModel,
+    names: Sequence[str] | None = None,
+    after: PhysicsModel | None = None,
+    noise: Noise | None = None,
+) -> Location:
+    """Say in which conditions a model errs.
+
+    Args:
+        subject: measurements.
+        model: whose error is located.
+        names: recordings; default: all.
+        after: a better model, shown beside it.
+        noise: default `noise.noise_of`.
+
+    Raises:
+        BenchError: no recording is long enough.
+    """
+    noise = noise or noise_of(subject)
+    logs = list(subject.logs if names is None else subject.of(names))
+    stack = Stack.of(logs)
+    steps = max(1, round(SHORT * default_steps(logs[0].rate)))
+    judged, variance = _judged(model, logs)
+    with torch.no_grad():
+        at = _starts(logs, steps, reach(noise.smoothing), WINDOWS)
+        squared = errors(free_run(model, logs, at, steps), measured_windows(logs, at, steps), judged)[:, -1].numpy()
+        chance = floor(model, logs, at, steps, noise, judged)[:, -1].numpy()
+        diverged = 1e3 * float(squared[np.isfinite(squared)].max(initial=1.0))
+        squared = np.nan_to_num(squared, nan=diverged, posinf=diverged)
+        chance = np.where(np.isfinite(chance), chance, 0.0)
+        # Beside its floor every group counts alike: a pose is known to millimetres, a velocity is not.
+        least = np.maximum(chance.mean(0), EXACT**2 * variance)
+        ratio = (squared - chance.mean(0)) / least
+        above = {g.name: float(ratio[:, i].mean()) for i, g in enumerate(judged)}
+        # Both means vary; windows that overlap count once.
+        error = np.sqrt(2 * OVERLAP / len(chance)) * chance.std(0) / least
+        visible = ratio.mean(0) > np.maximum(VISIBLE, SIGNIFICANT * error)
+        recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
+        found: list[tuple[Region, Condition]] = []
+        where = conditions(model, stack)
+        if visible.any():
+            score = ratio[:, visible].sum(1)
+            values = [np.concatenate([c.means(i, k, steps + 1) for i, k in enumerate(at)]) for c in where]
+            found = _regions(where, values, score, recording, [log.name for log in logs])
+        regions = tuple(region for region, _ in found)
+        named = {condition.name: region.region for region, condition in reversed(found)}
+        maps = residual_maps(model, after, stack, where, noise, steps, named)
+        worst = judged[int(np.argmax(ratio.mean(0)))]
+        shown = _worst(model, after, logs, worst, reach(noise.smoothing))
+    notes = []
+    if not regions:
+        notes.append(
+            "The error is no larger than noise and smoothing make it."
+            if not visible.any()
+            else "The error is spread over all that the system does: no condition stands out in several recordings."
+        )
+    return Location(regions, maps, shown, steps / logs[0].rate, above, tuple(notes))
+
+
+def _judged(model: PhysicsModel, logs: Sequence[Log]) -> tuple[list[Group], np.ndarray]:
+    """Groups whose errors are pooled, and the variance of each; a pose only sums up what its rates do wrong."""
+    found = groups(model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
+    rates = [g for g in found if g.name in ("velocity", "body_rates")]
+    found = rates if rates and isinstance(model, RigidBody) else found
+    states = torch.cat([log.states[log.valid] for log in logs])
+    return found, np.array([float(states[:, list(g.at)].var(0).sum()) or 1.0 for g in found])
+
+
+def _starts(logs: Sequence[Log], steps: int, margin: int, count: int) -> list[np.ndarray]:
+    every = max(1, steps // OVERLAP, sum(map(len, logs)) // count)
+    at = [starts(log, steps + 2 * margin, every) + margin for log in logs]
+    if not any(map(len, at)):
+        raise BenchError(
+            f"No recording has {steps + 2 * margin + 1} valid samples in a row, which a free run of "
+            f"{steps / logs[0].rate:.3g} s needs: give longer recordings."
+        )
+    return at
+
+
+# --------------------------------------------------------------------------------------------------- the regions
+
+
+def _regions(
+    where: Sequence[Condition], values: Sequence[np.ndarray], score: np.ndarray, recording: np.ndarray, names: list[str]
+) -> list[tuple[Region, Condition]]:
+    """Regions with more of the error than of the time, most telling first, none that better ones hold already."""
+    candidates = []
+    for condition, x in zip(where, values, strict=True):
+        best = _best(condition, x, score)
+        if best is not None:
+            gain, text, inside = best
+            met = _met(inside, score, recording)
+            if len(met) >= min(2, len(names)):
+                candidates.append((gain, text, inside, met, condition))
+    candidates.sort(key=lambda c: -c[0])
+    chosen: list[tuple[Region, Condition]] = []
+    taken = np.zeros(len(score), dtype=bool)
+    for _, text, inside, met, condition in candidates:
+        if score[inside & ~taken].sum() < NEW * score.sum():
+            continue
+        share = min(1.0, float(score[inside].sum() / score.sum()))
+        recordings = tuple(names[i] for i in met)
+        chosen.append((Region(text, share, float(inside.mean()), recordings), condition))
+        taken |= inside
+        if len(chosen) == MOST:
+            break
+    return chosen
+
+
+def _best(condition: Condition, x: np.ndarray, score: np.ndarray) -> tuple[float, str, np.ndarray] | None:
+    """The threshold, or the interval where that says much more, that tells most about where the error is.
+
+    What it tells is the information that it gives: s ln(s/t) + (1 − s) ln((1 − s)/(1 − t)) at the shares s and t.
+    """
+    unit, factor = display(condition.unit, condition.name)
+    shown = x * factor
+    spread = float(np.subtract(*np.quantile(shown, [0.95, 0.05])))
+    if not spread > 0:
+        return None
+    step = 10 ** math.floor(math.log10(spread / 10))  # as many digits as anyone would say
+    cuts = np.unique(np.round(np.quantile(shown, QUANTILES) / step) * step)
+    order = np.argsort(shown)
+    place = np.concatenate([[0], np.searchsorted(shown[order], cuts), [len(x)]])
+    error = (np.concatenate([[0.0], np.cumsum(score[order])]) / score.sum())[place]
+    low, high = np.triu_indices(len(place), 1)
+    share, time = error[high] - error[low], (place[high] - place[low]) / len(x)
+    s, t = np.clip(share, 1e-9, 1 - 1e-9), np.clip(time, 1e-9, 1 - 1e-9)
+    told = s * np.log(s / t) + (1 - s) * np.log((1 - s) / (1 - t))
+    interval = (low > 0) & (high < len(place) - 1)
+    told = np.where((share - time > APART) & (share > RATIO * time), told, 0.0) / np.where(interval, FAVOUR, 1.0)
+    best = int(np.argmax(told))
+    if not told[best] > 0:
+        return None
+    digits = max(0, -round(math.log10(step)))
+    ends = [f"{v + 0.0:.{digits}f}".replace("-", "−") for v in cuts]
+    i, j, suffix = int(low[best]), int(high[best]), "" if unit == "1" else f" {unit}".replace("^2", "²")
+    if interval[best]:
+        text = f"{condition.name} from {ends[i - 1]} to {ends[j - 1]}{suffix}"
+    else:
+        text = f"{condition.name} < {ends[j - 1]}{suffix}" if i == 0 else f"{condition.name} > {ends[i - 1]}{suffix}"
+    inside = np.zeros(len(x), dtype=bool)
+    inside[order[place[i] : place[j]]] = True
+    return float(told[best]), text, inside
+
+
+def _met(inside: np.ndarray, score: np.ndarray, recording: np.ndarray) -> list[int]:
+    """Recordings in which the region is met and holds more of the error than of the time."""
+    met, usual = [], score[inside].mean()
+    for r in np.unique(recording):
+        own = recording == r
+        here, total = own & inside, score[own].sum()
+        if here.sum() < FEWEST or score[here].mean() < ALSO * usual:
+            continue
+        if score[here].sum() > total * here.sum() / own.sum():
+            met.append(int(r))
+    return met
+
+
+# --------------------------------------------------------------------------------------------- the worst windows
+
+
+def _worst(
+    model: PhysicsModel, after: PhysicsModel | None, logs: Sequence[Log], group: Group, margin: int
+) -> tuple[Window, ...]:
+    """The windows of the default horizon in which a group errs most, of different recordings where there are."""
+    steps = default_steps(logs[0].rate)
+    at = [starts(log, steps + margin, max(1, steps // 2), margin) for log in logs]
+    if not any(map(len, at)):
+        return ()
+    measured, nominal = measured_windows(logs, at, steps), free_run(model, logs, at, steps)
+    better = None if after is None else free_run(after, logs, at, steps)
+    squared = np.nan_to_num(errors(nominal, measured, [group])[..., 0].mean(1).numpy(), nan=np.inf)
+    recording, first = np.repeat(np.arange(len(logs)), [len(a) for a in at]), np.concatenate(at)
+    chosen: list[int] = []
+    for once_each in (True, False):
+        for w in np.argsort(-squared):
+            apart = all(recording[w] != recording[c] or (not once_each and abs(w - c) > 2) for c in chosen)
+            if apart and len(chosen) < WORST and int(w) not in chosen:
+                chosen.append(int(w))
+    channels, dt = [model.state_channels[i] for i in group.at], logs[0].dt
+
+    def rows(states: torch.Tensor, w: int) -> tuple[tuple[float, ...], ...]:
+        return tuple(tuple(states[w, :, i].tolist()) for i in group.at)
+
+    return tuple(
+        Window(
+            logs[recording[w]].name,
+            float(first[w] * dt),
+            group.name,
+            channels[0].unit,
+            tuple(c.name for c in channels),
+            tuple((np.arange(steps + 1) * dt).tolist()),
+            rows(measured, w),
+            rows(nominal, w),
+            () if better is None else rows(better, w),
+        )
+        for w in chosen
+    )

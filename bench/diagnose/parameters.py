@@ -1,0 +1,142 @@
+"""The numbers of a model that may be fitted, as one vector: its constants within their uncertainty, its effects'."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from registry.dynamics import Effect, Parameter, PhysicsModel
+
+WITHIN = 3.0
+"""A constant is calibrated within so many of its 1σ: one further off is a wrong constant, which is an effect."""
+_PROBE = 1e-3
+"""Step of a one-sided difference, in scales of the parameter."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One number of a model."""
+
+    owner: int
+    """−1: the base model; else the effect's place in ``model.effects``."""
+    name: str
+    component: int | None
+    """Within a vector constant such as the inertia."""
+    unit: str
+    value: float
+    scale: float
+    """Of a constant its 1σ, of an effect's parameter a typical value."""
+    low: float
+    high: float
+    neutral: float = 0.0
+    """Of an effect's parameter: the value that makes it no effect."""
+
+    @property
+    def constant(self) -> bool:
+        """Whether it belongs to the base model, and so has a prior."""
+        return self.owner < 0
+
+    @property
+    def label(self) -> str:
+        """Such as "inertia[2]"."""
+        return self.name if self.component is None else f"{self.name}[{self.component}]"
+
+
+def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: PhysicsModel | None = None) -> list[Entry]:
+    """The constants that have an uncertainty, then every effect's parameters.
+
+    Args:
+        model: its present values.
+        uncertainty: relative 1σ of constants, where it is not the model's own.
+        nominal: the model whose constants the uncertainties are relative to; default ``model``.
+    """
+    found = []
+    reference = {p.name: p.value for p in (nominal or model).parameters()}
+    for p in model.parameters():
+        spread = uncertainty.get(p.name, p.uncertainty)
+        if spread <= 0:
+            continue
+        values, base = _flat(p.value), _flat(reference[p.name])
+        for i, (v, b) in enumerate(zip(values, base, strict=True)):
+            if b != 0:
+                component, scale = None if np.ndim(p.value) == 0 else i, abs(b) * spread
+                low, high = _bounds(p)
+                low, high = max(low, b - WITHIN * scale), min(high, b + WITHIN * scale)
+                found.append(Entry(-1, p.name, component, p.unit, v, scale, low, high))
+    for i, effect in enumerate(model.effects):
+        found += effect_entries(effect, i)
+    return found
+
+
+def effect_entries(effect: Effect, owner: int) -> list[Entry]:
+    """An effect's parameters that can be fitted."""
+    return [
+        Entry(owner, p.name, None, p.unit, float(p.value), _scale(p), *_bounds(p), float(p.neutral))
+        for p in effect.parameters()
+        if p.uncertainty > 0
+    ]
+
+
+def with_values(model: PhysicsModel, where: Sequence[Entry], values: np.ndarray | Tensor) -> PhysicsModel:
+    """The model with numbers replaced.
+
+    Args:
+        where: P entries.
+        values: (P,) for numbers, or a tensor (B, P): parameters become tensors (B, 1, 1), for B models at once.
+    """
+    changes: dict[int, dict[str, Any]] = {}
+    for j, entry in enumerate(where):
+        value: Any = values[..., j]
+        value = value[:, None, None] if isinstance(value, Tensor) and value.dim() else float(value)
+        owner: Any = model if entry.owner < 0 else model.effects[entry.owner]
+        fields = changes.setdefault(entry.owner, {})
+        if entry.component is None:
+            fields[entry.name] = value
+        else:
+            vector = fields.get(entry.name, list(_flat(getattr(owner, entry.name))))
+            vector[entry.component] = value
+            fields[entry.name] = vector
+    for fields in changes.values():
+        for name, value in fields.items():
+            if isinstance(value, list):
+                fields[name] = _joined(value)
+    effects = list(model.effects)
+    for i, fields in changes.items():
+        if i >= 0:
+            effects[i] = dataclasses.replace(effects[i], **fields)
+    return dataclasses.replace(model, effects=tuple(effects), **changes.get(-1, {}))
+
+
+def probes(where: Sequence[Entry]) -> tuple[Tensor, np.ndarray]:
+    """Values (P + 1, P) for a Jacobian by one-sided differences, and the steps (P,): the first row is where it is."""
+    at = np.array([e.value for e in where])
+    steps = np.array([e.scale * _PROBE if e.value + e.scale * _PROBE <= e.high else -e.scale * _PROBE for e in where])
+    return torch.from_numpy(np.concatenate([at[None], at + np.diag(steps)])), steps
+
+
+def _joined(vector: list[Any]) -> Any:
+    batch = next((v.shape for v in vector if isinstance(v, Tensor)), None)
+    if batch is None:
+        return tuple(vector)
+    filled = [v if isinstance(v, Tensor) else torch.full(batch, v, dtype=torch.float64) for v in vector]
+    return torch.stack(filled, dim=-1)
+
+
+def _flat(value: Any) -> list[float]:
+    """A number or a flat vector as a list; a nested one (rotor positions) is not fitted."""
+    if np.ndim(value) == 0:
+        return [float(value)]
+    return [float(v) for v in value] if np.ndim(value) == 1 else []
+
+
+def _scale(p: Parameter) -> float:
+    typical = abs(float(p.typical or 0.0))
+    return typical or 1.0
+
+
+def _bounds(p: Parameter) -> tuple[float, float]:
+    return (-np.inf if p.low is None else p.low), (np.inf if p.high is None else p.high)

@@ -1,0 +1,238 @@
+"""A model and all its rivals on the training recordings, linearised, whitened, ready to choose from."""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from bench.diagnose.generic import Dictionary, Term, dictionary, follow
+from bench.diagnose.linearise import Directions, Rows, directions
+from bench.diagnose.noise import Noise, noise_of
+from bench.diagnose.parameters import entries
+from bench.diagnose.regression import ridge, whitening
+from bench.diagnose.smoothing import Smoothing
+from bench.diagnose.subject import Log, Subject
+from bench.diagnose.subset import Subsets
+from bench.diagnose.weak import Stack, TestFunctions
+from registry.core import EFFECTS
+from registry.dynamics import Effect, PhysicsModel
+
+HOP = 0.06
+"""From one test function to the next [s] where the motion is slower; a test function is two hops long."""
+FINE = 6
+"""Samples from one test function to the next that are enough."""
+LONGEST = 40_000
+"""Samples that are looked at; more would make it slower and no surer."""
+TELLING = 12
+"""Columns at most that are fitted before what is left is called noise."""
+MEMORY = 8
+"""Order of the autoregression that whitens a residual [hops]."""
+_OF_INPUT = ("input", "input_rate")
+"""Signals of the dictionary that noise of the inputs is in."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A model linearised on the training recordings, whitened, with normal equations to choose from."""
+
+    linear: Directions
+    dictionary: tuple[Term, ...]
+    rows: Rows
+    subsets: Subsets
+    grams: tuple[np.ndarray, ...]
+    """A recording: of all columns, dictionary included."""
+    reach: tuple[frozenset[int], ...]
+    """A dictionary term: the channels that it acts on."""
+    explained: float
+    """Squared whitened residual that the effects of the model explain already."""
+
+    @property
+    def floor(self) -> float:
+        """What noise leaves: one a row."""
+        return float(self.subsets.normal.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A model linearised on the training recordings, and again with the inputs' noise added once more."""
+
+    linear: Directions
+    moved: Directions | None
+    dictionary: Dictionary | None
+    noisy_dictionary: Dictionary | None
+
+
+class Search:
+    """The steps of a discovery on one subject."""
+
+    def __init__(
+        self,
+        subject: Subject,
+        catalogue: Sequence[str] | None,
+        tick: Callable[[str], None],
+        noise: Noise | None = None,
+    ) -> None:
+        self.subject, self.catalogue, self.tick = subject, catalogue, tick
+        logs = subject.of(subject.training)
+        # Where the motion is slow against the sampling, a few samples a test function are enough.
+        stride = max(1, hop_of(Stack.of(shortened(logs))) // FINE)
+        self.stack = Stack.of(shortened(logs, stride))
+        self.hop = hop_of(self.stack)
+        noise = noise or noise_of(subject)
+        filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
+        of_group = {c.group: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
+        self.smoothing = of_group
+        self.nominal = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
+        drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
+        sigma = input_noise(self.stack, drives)
+        if subject.model.input_hold == "previous":
+            sigma = sigma * 0.0  # commands are known
+        generator = np.random.default_rng(0)
+        noisy = self.stack.inputs + torch.from_numpy(generator.normal(size=self.stack.inputs.shape) * sigma)
+        self.noisy = replace(self.stack, inputs=noisy) if sigma.any() else None
+
+    def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> "Look":
+        """Linearise ``model`` with every candidate.
+
+        Args:
+            model: with the effects found so far.
+            only: of effects that are costly to try, those worth it; default all.
+            broad: whether a dictionary of signals is looked at too; not needed near the right model, where the
+                candidates leave only noise.
+        """
+        candidates = admissible(self.subject, model, self.catalogue)
+        if only is not None:
+            candidates = [(n, k) for n, k in candidates if n in only or not k.screen]
+        nominal, spread = self.subject.model, self.subject.uncertainty
+        linear = directions(model, nominal, spread, self.stack, candidates, self.tick)
+        words = dictionary(model, self.stack, linear.channels) if broad else None
+        if self.noisy is None:
+            return Look(linear, None, words, None)
+        # The costly candidates look at the inputs' past, where noise averages out.
+        quick = [(n, k) for n, k in candidates if not k.screen]
+        moved = linear.moved(directions(model, nominal, spread, self.noisy, quick))
+        return Look(linear, moved, words, dictionary(model, self.noisy, linear.channels) if broad else None)
+
+    def views(self, look: "Look", smoothing: dict[str, Smoothing], explained: float = 0.0) -> list[View]:
+        """Normal equations of a look through test functions: with the inputs' noise taken off, and as they are."""
+        linear = look.linear
+        tests = self.tests(linear.model, linear.channels, smoothing, self.hop)
+        rows = linear.project(tests, look.dictionary)
+        filters = noise_filters(rows, len(linear.own))
+        whitened = rows.whitened(filters)
+        count, width = len(linear.columns), rows.width
+        noises: list[np.ndarray | None] = [None]
+        words = () if look.dictionary is None else look.dictionary.terms
+        if look.moved is not None:
+            noisy = [*range(count), *(count + i for i, t in enumerate(words) if t.signal in _OF_INPUT), width]
+            again = look.moved.project(tests, look.noisy_dictionary)
+            some = rows.some(noisy).noise(again.some(noisy), filters)
+            noise = np.zeros((len(filters), width + 1, width + 1))
+            noise[np.ix_(range(len(filters)), noisy, noisy)] = some
+            noises = [noise, None]
+        reach = () if look.dictionary is None else look.dictionary.reach
+        kept = [*range(count), width]
+        first = rows.some(kept)
+        plain = rows.folds(filters) if words else []
+        out = []
+        for off in noises:
+            normal = first.normal(filters, None if off is None else off[:, kept][..., kept])
+            grams = plain
+            if off is not None:
+                share = sum(x.shape[1] for x in whitened) / max(1, len(plain))
+                grams = [g - share * off.sum(0) for g in plain]
+            subsets = Subsets(linear, normal, self.nominal)
+            out.append(View(linear, tuple(words), rows, subsets, tuple(grams), reach, explained))
+        return out
+
+    def tests(
+        self, model: PhysicsModel, channels: Sequence[int], smoothing: dict[str, Smoothing], hop: int
+    ) -> TestFunctions:
+        """Test functions for these channels."""
+        groups = [model.state_channels[c].group for c in channels]
+        return TestFunctions.over(self.stack.logs, hop, [smoothing.get(g, Smoothing()) for g in groups])
+
+
+_ROLES = {"displacement": {"angle", "position"}, "speed": {"angle_rate", "velocity"}}
+"""Signals of other systems that are what a mechanical effect needs."""
+
+
+def admissible(
+    subject: Subject, model: PhysicsModel, catalogue: Sequence[str] | None
+) -> list[tuple[str, type[Effect]]]:
+    """Effects of the catalogue that fit the system, whose signals were measured and that the model lacks.
+
+    Raises:
+        BenchError: an id that is not in the catalogue.
+    """
+    measured = set(subject.signals) | set(model.extras)
+    drive = set(type(model).input_signals) & measured
+    if drive & {"rotor_command", "pwm"}:
+        measured.add("rotor_speed")  # a command stands for the speed that it asks for
+    measured |= {role for role, signals in _ROLES.items() if measured & signals}
+    held = {EFFECTS.name_of(type(e)) for e in model.effects} | set(model.provides)
+    found = []
+    for name in EFFECTS.names() if catalogue is None else catalogue:
+        kind: type[Effect] = EFFECTS.get(name)
+        fits = not kind.systems or subject.system in kind.systems
+        commanded = "rotor_command" not in kind.needs or getattr(model, "drive", "") == "rotor_command"
+        supported = not kind.requires or set(kind.requires) & held
+        if fits and commanded and supported and name not in held and set(kind.needs) <= measured:
+            found.append((name, kind))
+    return found
+
+
+def shortened(logs: Sequence[Log], stride: int = 1) -> list[Log]:
+    """The middle of each log, every ``stride``-th sample, so that all together have no more than `LONGEST`."""
+    share = min(1.0, LONGEST * stride / sum(map(len, logs)))
+    out = []
+    for log in logs:
+        first = int(len(log) * (1 - share) / 2)
+        part = slice(first, first + max(1, int(len(log) * share)), stride)
+        # A sample that is left out must not hide that it is not valid.
+        gaps = torch.from_numpy(
+            np.minimum.reduceat(log.valid[part.start : part.stop].numpy(), np.arange(0, part.stop - first, stride))
+        )
+        out.append(replace(log, rate=log.rate / stride, states=log.states[part], inputs=log.inputs[part], valid=gaps))
+    return out
+
+
+def hop_of(stack: Stack) -> int:
+    """Samples between test functions: short against the motion, long against the sampling."""
+    x = stack.states.numpy()
+    power = (np.abs(np.fft.rfft(x - x.mean(1, keepdims=True), axis=1)) ** 2).sum(0)
+    share = np.cumsum(power, axis=0) / np.maximum(power.sum(0), 1e-300)
+    moving = np.flatnonzero(power.sum(0) > 0)
+    fastest = max((int(np.searchsorted(share[:, c], 0.95)) for c in moving), default=1) / x.shape[1]  # cycles a sample
+    return int(np.clip(round(0.15 / max(fastest, 1e-6)), 2, max(2, round(HOP / stack.dt))))
+
+
+def input_noise(stack: Stack, drives: int) -> np.ndarray:
+    """1σ (m,) of white noise in each input channel, from third differences; an upper bound where inputs are lively."""
+    u = stack.inputs.numpy()
+    sigma = np.diff(u, n=3, axis=1).std((0, 1)) / np.sqrt(20.0) if u.shape[1] > 3 else np.zeros(u.shape[-1])
+    sigma[drives:] = 0.0
+    return sigma
+
+
+def noise_filters(rows: Rows, own: int) -> list[np.ndarray]:
+    """Whitening filters, a channel each, of what is left when the model's numbers and the most telling columns fit.
+
+    Few columns, each worth its place on recordings not fitted: many would explain slow disturbances by chance, and what
+    is left would be taken for all the noise there is.
+    """
+    spread = [
+        max(float(np.concatenate([x[-1, :, c] for x in rows.columns]).std()), 1e-300) for c in range(rows.channels)
+    ]
+    filters = [np.array([1 / s]) for s in spread]
+    for _ in range(2):
+        grams = rows.folds(filters)
+        columns = [*range(own), *(c for c, _ in follow(grams, list(range(own)), own, TELLING))]
+        total = np.asarray(sum(grams))[np.ix_([*columns, -1], [*columns, -1])]
+        beta = np.zeros(rows.width)
+        beta[columns] = ridge(total, 1e-9)
+        left = rows.residuals(beta)
+        order = min(MEMORY, max(1, min(map(len, left)) // 20))
+        filters = [whitening([r[:, c] for r in left], order) for c in range(rows.channels)]
+    return filters

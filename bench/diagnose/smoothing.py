@@ -1,0 +1,85 @@
+"""The linear filter that measured states went through, as data show it or as their owner states it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import savgol_coeffs
+
+from registry.errors import BenchError, near
+
+KINDS = ("none", "savgol", "mean")
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """A symmetric moving filter over ``window`` samples.
+
+    Velocities and rates are mostly not measured but read from the same local polynomial as the pose: ``derived``.
+    """
+
+    kind: str = "none"
+    window: int = 1
+    order: int = 0
+    """Of the local polynomial (savgol)."""
+    derived: bool = False
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise BenchError(f"smoothing: kind = {self.kind!r}: {near(str(self.kind), KINDS)}")
+        if self.kind != "none" and (self.window < 3 or self.window % 2 == 0):
+            raise BenchError(f"smoothing: window = {self.window!r} must be an odd number of samples, 3 or more.")
+        if self.kind == "savgol" and not 0 < self.order < self.window:
+            raise BenchError(f"smoothing: order = {self.order!r} must lie between 1 and window − 1.")
+
+    def kernel(self) -> np.ndarray:
+        """Weights (w,) with which increments of the true signal enter those of the smoothed one; they sum to 1.
+
+        A signal that is the derivative of a smoothed one is an average of true increments too: the derivative
+        weights d_j on the pose are, summed by parts, weights on its mean velocity over the sampling intervals.
+        """
+        if self.kind == "none":
+            # A derived signal is at least a central difference of its pose.
+            return np.array([0.25, 0.5, 0.25]) if self.derived else np.ones(1)
+        if not self.derived:
+            if self.kind == "mean":
+                return np.full(self.window, 1 / self.window)
+            return np.asarray(savgol_coeffs(self.window, self.order))
+        if self.kind == "mean":  # a central difference of the moving mean
+            weights = np.convolve(np.full(self.window, 1 / self.window), [0.5, 0.5])
+        else:
+            slopes = savgol_coeffs(self.window, self.order, deriv=1, use="dot")
+            weights = np.cumsum(slopes[::-1])[:-1]
+        return np.convolve(weights, [0.5, 0.5])
+
+    def coarser(self, stride: int) -> "Smoothing":
+        """About the same filter where only every ``stride``-th sample is kept."""
+        if stride == 1 or self.kind == "none":
+            return self
+        window = 2 * round((self.window / stride - 1) / 2) + 1
+        return replace(self, window=window) if window > max(self.order, 1) else Smoothing(derived=False)
+
+    def __str__(self) -> str:
+        """As a report says it."""
+        what = {
+            "none": "no smoothing",
+            "mean": f"a moving mean over {self.window} samples",
+            "savgol": f"Savitzky–Golay over {self.window} samples, order {self.order}",
+        }[self.kind]
+        return what + (", rates read from the pose" if self.derived else "")
+
+
+def stated(processing: dict[str, object]) -> Smoothing | None:
+    """The filter that a description's [processing] states, or None.
+
+    Raises:
+        BenchError: a filter of an unknown kind or impossible size.
+    """
+    table = processing.get("smoothing")
+    if table is None:
+        return None
+    if not isinstance(table, dict) or set(table) - {"kind", "window", "order"}:
+        raise BenchError('[processing] smoothing must be written {kind = "savgol", window = 9, order = 3}.')
+    window, order = table.get("window", 1), table.get("order", 3)
+    if not isinstance(window, int) or not isinstance(order, int):
+        raise BenchError("[processing] smoothing: window and order are whole numbers of samples.")
+    return Smoothing(str(table.get("kind", "savgol")), window, order, derived=True)

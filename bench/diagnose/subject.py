@@ -1,0 +1,250 @@
+"""What is diagnosed: a physics model and measurements of the same system."""
+
+import dataclasses
+import importlib.util
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.diagnose.smoothing import Smoothing, stated
+from registry.contracts import Dataset, Recording
+from registry.core import DATASETS, PHYSICS
+from registry.datasets.folder import Folder
+from registry.dynamics import PhysicsModel
+from registry.errors import BenchError
+
+HELD_OUT = 1 / 3
+"""Share of the recordings that only test."""
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One recording as the model sees it. Everything float64, SI."""
+
+    name: str
+    rate: float
+    """[Hz]."""
+    states: Tensor
+    """(N, s): the model's state channels; 0 where one was not measured."""
+    measured: tuple[bool, ...]
+    """(s,): whether a state channel was measured."""
+    inputs: Tensor
+    """(N, m): the driving signal, then the model's extras."""
+    valid: Tensor
+    """(N,) bool."""
+    recording: Recording
+
+    @property
+    def dt(self) -> float:
+        """Sampling period [s]."""
+        return 1 / self.rate
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A model and measurements to compare it with."""
+
+    name: str
+    model: PhysicsModel
+    """With nominal constants."""
+    logs: tuple[Log, ...]
+    training: tuple[str, ...]
+    """Names of the recordings that may be fitted."""
+    held_out: tuple[str, ...]
+    """Names of the recordings that only test."""
+    smoothing: Smoothing | None = None
+    """As stated; None: to be estimated."""
+    noise: dict[str, float] = field(default_factory=dict)
+    """1σ before smoothing, by signal, SI, as stated."""
+    uncertainty: dict[str, float] = field(default_factory=dict)
+    """Relative 1σ of the model's constants where it differs from the model's own."""
+    signals: tuple[str, ...] = ()
+    """Signals that were measured in every recording."""
+
+    def of(self, names: Sequence[str]) -> tuple[Log, ...]:
+        """The logs of these names, in order."""
+        by_name = {log.name: log for log in self.logs}
+        return tuple(by_name[n] for n in names)
+
+    @property
+    def system(self) -> str:
+        """Registered name of the model, or its class."""
+        try:
+            return PHYSICS.name_of(type(self.model))
+        except (BenchError, KeyError):
+            return type(self.model).__name__
+
+
+def load(source: str | Path | Dataset, system: str | None = None, model: PhysicsModel | None = None) -> Subject:
+    """Read measurements and the physics model of their system.
+
+    Args:
+        source: a folder with a dataset.toml, the name of a registered data set, or a data set.
+        system: a registered physics model, or "path/to/file.py:Class"; default: what the data name.
+        model: the model itself, such as one read from a model.toml, in place of the nominal one.
+
+    Raises:
+        BenchError: data or model cannot be read, or do not fit each other.
+    """
+    dataset = source if isinstance(source, Dataset) else _dataset(source)
+    constants, processing, uncertainty, drive = _described(dataset)
+    kind = physics_class(system or dataset.system)
+    loaded = dataset.load()
+    recordings = loaded.recordings
+    signals = set.intersection(*({c.group for c in r.channels} for r in recordings))
+    if model is None:
+        known = {f.name for f in dataclasses.fields(kind)}
+        given = {k: _tuples(v) for k, v in constants.items() if k in known}
+        if "drive" in known and drive in kind.input_signals:
+            given["drive"] = drive
+        extras = ("battery",) if "battery" in signals - {drive} and _columns(recordings[0], "battery") == 1 else ()
+        model = kind(**given, input_hold=dataset.input_hold, extras=(*extras, "time"))
+    if (drive or type(model).input_signals) and drive not in type(model).input_signals:
+        raise BenchError(
+            f"{dataset.label} is driven by {drive!r}, which {type(model).__name__} does not accept: "
+            f"it accepts {', '.join(type(model).input_signals) or 'no input'}."
+        )
+    names = [r.name for r in recordings]
+    training, held_out = partition(dataset, names)
+    return Subject(
+        dataset.label,
+        model,
+        tuple(log_of(r, model, drive) for r in recordings),
+        training,
+        held_out,
+        stated(processing),
+        {k: float(v) for k, v in dict(processing.get("noise", {})).items()},
+        uncertainty,
+        tuple(sorted(signals)),
+    )
+
+
+def partition(dataset: Dataset, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Recordings to fit and recordings that only test: the published split where there is one.
+
+    Raises:
+        BenchError: fewer than two recordings.
+    """
+    if len(names) < 2:
+        raise BenchError(
+            f"{dataset.label} holds one recording, and what is learnt from one must be tested on another: "
+            "add a recording, or cut this one into several files."
+        )
+    if not isinstance(dataset, Folder):
+        split = dataset.split(names)
+        return (*split.train, *split.validation), split.test
+    ordered, n = sorted(names), max(1, round(len(names) * HELD_OUT))
+    # Spread over the session, so that neither part is all of one kind of flight or of one state of the battery.
+    test = {ordered[round((i + 0.5) * len(ordered) / n - 0.5)] for i in range(n)}
+    return tuple(x for x in ordered if x not in test), tuple(x for x in ordered if x in test)
+
+
+def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
+    """A recording in the order of the model's states and inputs.
+
+    Raises:
+        BenchError: a signal that the model needs was not measured.
+    """
+    by_name = {c.name: i for i, c in enumerate(recording.channels)}
+    columns = np.concatenate([recording.inputs, recording.outputs], axis=1).astype(np.float64)
+    picks = [by_name.get(c.name) for c in model.state_channels]
+    if all(p is None for p in picks):
+        raise BenchError(
+            f"Recording {recording.name} holds none of the states of the model: "
+            f"{', '.join(dict.fromkeys(c.group for c in model.state_channels))}."
+        )
+    zeros = np.zeros(len(recording))
+    states = np.stack([zeros if p is None else columns[:, p] for p in picks], axis=1)
+    driving = recording.pick([drive])[0] if type(model).input_signals else columns[:, :0]
+    extras = [
+        np.arange(len(recording)) / recording.rate if name == "time" else recording.pick([name])[0][:, 0]
+        for name in model.extras
+    ]
+    inputs = np.concatenate([driving, *(e[:, None] for e in extras)], axis=1)
+    if "attitude" in {c.group for c in model.state_channels}:
+        at = [i for i, c in enumerate(model.state_channels) if c.group == "attitude"]
+        states[:, at] = _continuous(states[:, at])
+    return Log(
+        recording.name,
+        recording.rate,
+        torch.from_numpy(states),
+        tuple(p is not None for p in picks),
+        torch.from_numpy(np.ascontiguousarray(inputs, dtype=np.float64)),
+        torch.from_numpy(recording.valid.copy()),
+        recording,
+    )
+
+
+def physics_class(system: str) -> Any:
+    """A physics model's class by registered name, or from "path/to/file.py:Class" (which runs that file).
+
+    Raises:
+        BenchError: no such model, file or class.
+    """
+    path, colon, name = system.rpartition(":")
+    if not colon or not path.endswith(".py"):
+        return PHYSICS.get(system)
+    file = Path(path)
+    if not file.is_file():
+        raise BenchError(f"--system {system}: the file {file} does not exist.")
+    module_name = f"_system_{file.stem}"
+    spec = importlib.util.spec_from_file_location(module_name, file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise BenchError(f"--system {system}: {file} fails with {type(error).__name__}: {error}.") from error
+    kind = getattr(module, name, None)
+    if not (isinstance(kind, type) and issubclass(kind, PhysicsModel)):
+        raise BenchError(f"--system {system}: {file} has no class {name} that derives from PhysicsModel.")
+    return kind
+
+
+def _dataset(source: str | Path) -> Dataset:
+    if isinstance(source, str) and source in DATASETS.names() and not Path(source).is_dir():
+        made: Dataset = DATASETS.get(source)()
+        return made
+    if not Path(source).is_dir():
+        raise BenchError(
+            f"{source} is neither a folder nor a data set: give a folder with a dataset.toml, "
+            f"or one of {', '.join(DATASETS.names())}."
+        )
+    return Folder(path=str(source))
+
+
+def _described(dataset: Dataset) -> tuple[dict[str, Any], dict[str, Any], dict[str, float], str]:
+    """Nominal constants, processing, uncertainty and the driving signal that a data set states."""
+    if isinstance(dataset, Folder):
+        description = dataset.description
+        physics = dict(description.physics)
+        uncertainty = {k: float(v) for k, v in physics.pop("uncertainty", {}).items()}
+        return {**physics, **description.environment}, description.processing, uncertainty, description.input
+    physics = dict(dataset.physics)
+    drive = dataset.inputs[0] if dataset.inputs else ""
+    return physics, dict(dataset.processing), dict(dataset.uncertainty), drive
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, (list, tuple)) else float(value)
+
+
+def _columns(recording: Recording, signal: str) -> int:
+    return sum(c.group == signal for c in recording.channels)
+
+
+def _continuous(quaternions: np.ndarray) -> np.ndarray:
+    """Unit quaternions (N, 4) without jumps between q and −q."""
+    flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(1) < 0, -1.0, 1.0))
+    out: np.ndarray = quaternions * np.concatenate([[1.0], flips])[:, None]
+    return out

@@ -1,0 +1,177 @@
+"""What speaks against a choice: a better neighbour, a rival that does as well, something left that it only imitates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from bench.diagnose.choose import DISTINCT, MOST, RELEVANT, accepted, sound
+from bench.diagnose.generic import follow
+from bench.diagnose.parameters import Entry
+from bench.diagnose.regression import ridge
+from bench.diagnose.search import View
+from bench.diagnose.subset import Fit, t_value
+from registry.core import EFFECTS
+
+BEATEN = 0.02
+"""Share of all that is explained by which free terms must do better before an effect counts as their imitation."""
+BESIDE = 0.3
+"""Share of its gain that an effect must keep beside such terms, or it is their imitation."""
+LEFT = 0.15
+"""What a dictionary of signals may still explain, as a share of what noise leaves, before something is missing."""
+SAME = ({"rotor_gyroscopic_torque", "rotor_reaction_torque"},)
+"""Effects that share a constant: not rivals of each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """One number of a model with its 95 % interval."""
+
+    entry: Entry
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Something systematic that is left."""
+
+    axis: str
+    signal: str
+    text: str
+    gain: float
+    """Squared whitened residual that it saves on recordings not fitted, as a share of what noise leaves."""
+    column: int
+    """In the view that it was found in."""
+
+
+def estimates(view: View, fit: Fit) -> list[Estimate]:
+    """Numbers of the model with 95 % intervals."""
+    own = view.linear.own
+    spread = np.sqrt(np.maximum(np.diag(view.subsets.covariance(fit)), 0.0))
+    blocks = len(view.subsets.normal.fold)
+    reach = float(student.ppf(0.975, max(2, blocks - 1)))
+    out = []
+    for e, b, s in zip(own, fit.beta, spread, strict=False):
+        value = float(np.clip(e.value + b, e.low, e.high))
+        out.append(Estimate(e, value, max(value - reach * s, e.low), min(value + reach * s, e.high)))
+    return out
+
+
+def neighbour(view: View, known: int) -> Fit | None:
+    """A set one step from the model's that is better: an effect more, less or exchanged; None: there is none."""
+    subsets, starts = view.subsets, view.linear.starts
+    here = subsets.fit()
+    places = range(known, len(view.linear.model.effects))
+    numbers = estimates(view, here)
+    for i in places:
+        less = subsets.fit(drop=[i])
+        if not accepted(view, less, here, drop=[i]) or not any(_told(x) for x in numbers if x.entry.owner == i):
+            return less
+    options = [f for s in starts for i in places if sound(view, f := subsets.fit([s], drop=[i]))]
+    best = min(options, key=subsets.cost, default=None)
+    if best is not None and subsets.cost(best) < subsets.cost(here) - 6.0:
+        difference = (subsets.losses(here) - subsets.losses(best)).sum(1)
+        sure = t_value(difference) > DISTINCT and difference.sum() > RELEVANT * view.explained
+        if sure or best.parameters < here.parameters:
+            return best
+    for more in sorted((subsets.fit([s]) for s in starts), key=subsets.cost)[:3]:
+        if len(places) < MOST and sound(view, more) and accepted(view, here, more):
+            return more
+    return None
+
+
+def _told(x: Estimate) -> bool:
+    """Whether an effect's parameter is known to differ from no effect, and is not merely pushed to its bound."""
+    e = x.entry
+    return not x.low <= e.neutral <= x.high and e.low < x.value < e.high
+
+
+def left_over(view: View, kept: list[int], dropped: Sequence[int] = ()) -> tuple[list[Trace], float]:
+    """What the residual of a fit follows, and the loss that all of it saves on recordings not fitted."""
+    own = view.linear.own
+    kept = [c for c in kept if c >= len(own) or own[c].owner not in dropped]
+    grams = view.grams
+    if dropped:  # the residual without these effects
+        shift = np.zeros(grams[0].shape[0])
+        for c, e in enumerate(own):
+            if e.owner in dropped:
+                shift[c] = e.value - e.neutral
+        grams = tuple(_shifted(g, shift) for g in grams)
+    first = len(view.linear.columns)
+    found = follow(list(grams), kept, first)
+    traces = []
+    for column, gain in found:
+        term = view.dictionary[column - first]
+        traces.append(Trace(term.axis, term.signal, term.text, gain / view.floor, column))
+    return traces, sum(g for _, g in found)
+
+
+def _shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Normal equations whose last column, the residual, has ``shift`` times the others added."""
+    change = np.eye(len(gram))
+    change[:, -1] += shift
+    out: np.ndarray = change.T @ gram @ change
+    return out
+
+
+def needed(view: View, place: int, left: float) -> bool:
+    """Whether an effect explains its share as well as as many free terms of the dictionary do where it acts.
+
+    An effect of the catalogue that imitates one outside it is beaten by the terms that are closer to the truth.
+
+    Args:
+        view: a model with the effect.
+        place: of the effect in ``model.effects``.
+        left: squared whitened residual that the dictionary can still explain.
+    """
+    own, subsets = view.linear.own, view.subsets
+    gains = (subsets.losses(subsets.fit(drop=[place])) - subsets.losses(subsets.fit())).sum(0)
+    if gains.sum() < left:
+        return False  # crumbs of something larger that is not understood
+    acting = {int(c) for c in np.flatnonzero(gains > 0.1 * gains.sum())}
+    shift = np.zeros(view.grams[0].shape[0])
+    mine = [c for c, e in enumerate(own) if e.owner == place]
+    for c in mine:
+        shift[c] = own[c].value - own[c].neutral
+    rest = [c for c in range(len(own)) if c not in mine]
+    first = len(view.linear.columns)
+    allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
+    without_it = [_shifted(g, shift) for g in view.grams]
+    terms = [column for column, _ in follow(without_it, rest, first, len(mine), allowed)]
+
+    def loss(gram: np.ndarray, index: list[int]) -> float:
+        some = gram[np.ix_([*index, -1], [*index, -1])]
+        vector = np.append(-ridge(some, 1e-9), 1.0)
+        return float(vector @ some @ vector)
+
+    by_terms = loss(np.asarray(sum(without_it)), [*rest, *terms])
+    by_effect = loss(np.asarray(sum(view.grams)), list(range(len(own))))
+    if by_terms > by_effect - max(LEFT * view.floor, BEATEN * view.explained):
+        return True
+    # The terms may have found something else that is left: then the effect still has its own share beside them.
+    beside = by_terms - loss(np.asarray(sum(view.grams)), [*range(len(own)), *terms])
+    return beside > BESIDE * (loss(np.asarray(sum(without_it)), rest) - by_effect)
+
+
+def rivals(view: View, place: int) -> tuple[str, ...]:
+    """Effects that would explain the data as well as the one in this place of the model."""
+    subsets = view.subsets
+    here = subsets.fit()
+    mine = EFFECTS.name_of(type(view.linear.model.effects[place]))
+    level = subsets.losses(here).sum(1)
+    best: dict[str, float] = {}
+    alone = subsets.cost(subsets.fit(drop=[place]))
+    for s in view.linear.starts:
+        if any({mine, s.id} <= same for same in SAME):
+            continue
+        other = subsets.fit([s], drop=[place])
+        difference = subsets.losses(other).sum(1) - level
+        spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
+        margin = subsets.cost(other) - subsets.cost(here)
+        # Six in twice the log odds is 20 to 1.
+        if margin < 6.0 + DISTINCT * spread and alone - subsets.cost(other) > 0.5 * (alone - subsets.cost(here)):
+            best[s.id] = min(best.get(s.id, np.inf), margin)
+    return tuple(sorted(best, key=lambda k: best[k]))

@@ -1,0 +1,87 @@
+"""One case diagnosed, and what is right about the answer."""
+
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bench.diagnose.diagnose import diagnose
+from bench.diagnose.diagnosis import ByGroup, Diagnosis
+from bench.score.case import UNCERTAINTY, Case, fly_and_faults, nominal
+from bench.score.logs import subject
+from registry.core import EFFECTS
+
+INERTIA = {"rotor_gyroscopic_torque", "rotor_reaction_torque"}
+"""They share a constant: either, or both, is right where the truth is the rotor inertia."""
+
+
+MEASURED = ("single", "pair", "triple", "tie")
+"""Conditions in which errors are asked for, and not the verdict alone."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was said of a case."""
+
+    id: str
+    condition: str
+    vehicle: str
+    style: str
+    noise: str
+    truth: dict[str, dict[str, float]]
+    verdict: str
+    named: dict[str, dict[str, tuple[float, float, float]]]
+    """Effects in the extended model: by parameter value, low, high."""
+    rivals: dict[str, tuple[str, ...]]
+    follows: tuple[str, ...]
+    error: dict[str, dict[str, float]]
+    """By line (nominal, calibrated, extended, floor) and group, at the longest horizon, SI."""
+    problems: tuple[tuple[str, str, str, tuple[int, int] | None, str], ...] = ()
+    """Recording, signal, kind, rows (first and last; None: all), detail."""
+    faults: tuple[tuple[str, str, str, tuple[int, int]], ...] = ()
+    """The true ones: recording, signal, kind, rows (first and last)."""
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+def attempt(case: Case, cache: Path) -> Answer:
+    """Fly a case (or take its flights from the cache) and diagnose it."""
+    columns, faults = fly_and_faults(case, cache)
+    names = [n for n in EFFECTS.names() if n not in case.catalogue_without]
+    uncertainty = dict(UNCERTAINTY)
+    who = subject(case.id, columns, nominal(case), uncertainty, {k: dict(v) for k, v in case.known.items()}, case.drive)
+    began = time.perf_counter()
+    said, _ = diagnose(who, catalogue=names, brief=case.condition not in MEASURED)
+    return answer(case, said, faults, time.perf_counter() - began)
+
+
+def answer(case: Case, said: Diagnosis, faults: Any, seconds: float) -> Answer:
+    """What a diagnosis says of a case, as plain values."""
+
+    def plain(errors: ByGroup) -> dict[str, float]:
+        return {g: e.rmse for g, e in errors.items()}
+
+    lines = {k: plain(getattr(said.error, k)) for k in ("nominal", "calibrated", "extended")}
+    return Answer(
+        case.id,
+        case.condition,
+        case.vehicle,
+        case.style,
+        case.noise,
+        {k: dict(v) for k, v in case.effects.items()},
+        said.verdict,
+        {e.id: {n: (p.value, p.low, p.high) for n, p in e.parameters.items()} for e in said.effects},
+        {e.id: e.indistinguishable_from for e in said.effects},
+        said.unexplained.follows,
+        {**lines, "floor": plain(said.noise_floor)},
+        tuple((p.recording, p.signal, p.kind, p.rows, p.detail) for p in said.data_problems),
+        tuple((f"flight_{f.recording + 1}", f.signal, f.kind, (f.rows[0], f.rows[1] - 1)) for f in faults),
+        said.evidence.notes,
+        seconds,
+    )
+
+
+def to_json(one: Answer) -> dict[str, Any]:
+    """As JSON values."""
+    return asdict(one)

@@ -1,0 +1,128 @@
+"""The JSON of a diagnosis against its schema, and the story on the terminal."""
+
+import io
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import samples
+from rich.console import Console
+
+from bench.diagnose import story, words
+from bench.diagnose.diagnosis import Diagnosis, ParameterEstimate, schema
+from registry.errors import BenchError
+
+VALIDATOR = jsonschema.Draft202012Validator(schema())
+
+
+def told(diagnosis: Diagnosis, width: int = 100) -> str:
+    out = io.StringIO()
+    story.tell(diagnosis, Console(file=out, width=width, highlight=False))
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("verdict", samples.ALL)
+def test_every_verdict_is_valid_json_of_the_schema(verdict: str, tmp_path: Path) -> None:
+    path = tmp_path / "new" / "diagnosis.json"
+    samples.ALL[verdict]().write(path)
+    read = json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda c: pytest.fail(f"{c} is no JSON"))
+    VALIDATOR.check_schema(VALIDATOR.schema)
+    VALIDATOR.validate(read)
+    assert read["verdict"] == verdict and "evidence" not in read
+    assert [p.name for p in path.parent.iterdir()] == ["diagnosis.json"]
+
+
+def test_numbers_that_do_not_exist_are_null() -> None:
+    read = samples.diverged().to_json()
+    VALIDATOR.validate(read)
+    assert read["error"]["nominal"]["position"] == {"horizon_s": 0.5, "rmse": None, "unit": "m"}
+    assert read["effects"][0]["parameters"]["k_d"] == {"value": 1.187e-4, "low": None, "high": None, "unit": "kg/rad"}
+
+
+def _without(*path: Any) -> Any:
+    def change(d: Any) -> None:
+        for key in path[:-1]:
+            d = d[key]
+        del d[path[-1]]
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _without("unexplained"),
+        _without("effects", 0, "parameters", "k_d", "low"),
+        _without("error", "extended"),
+        lambda d: d.update(verdict="maybe"),
+        lambda d: d.update(evidence={}),
+        lambda d: d["data_problems"][0].update(rows=[3]),
+        lambda d: d["effects"].clear(),
+        lambda d: [e.update(indistinguishable_from=["wind"]) for e in d["effects"]],
+        lambda d: d.update(verdict="nothing"),
+    ],
+)
+def test_schema_refuses_what_is_no_diagnosis(change: Any) -> None:
+    read = samples.named().to_json()
+    change(read)
+    with pytest.raises(jsonschema.ValidationError):
+        VALIDATOR.validate(read)
+
+
+def test_a_file_that_cannot_be_written_is_one_sentence_and_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "diagnosis.json").mkdir()
+    with pytest.raises(BenchError, match=r"diagnosis\.json cannot be written"):
+        samples.named().write(tmp_path / "diagnosis.json")
+    assert [p.name for p in tmp_path.iterdir()] == ["diagnosis.json"]
+
+
+@pytest.mark.parametrize("verdict", samples.ALL)
+def test_the_story_is_short_and_says_the_verdict(verdict: str) -> None:
+    diagnosis = samples.ALL[verdict]()
+    text = told(diagnosis)
+    assert len(text.splitlines()) <= story.LINES and all(len(line) <= 100 for line in text.splitlines())
+    flat = " ".join(text.split())
+    for said in {
+        "named": ["rotor drag and rotor reaction torque", "1.152×10⁻⁴ to 1.224×10⁻⁴", "81.0 → 9.40 mm", "96 %"],
+        "tie": ["rotor drag or linear drag", "heavier payload"],
+        "nothing": ["No effect", "mass by 12 % (12.4 σ)"],
+        "unknown_effect": ["not in the catalogue", "acts on velocity z", "follows position x", "93 %"],
+        "data_problem": ["frozen", "flight_03", "body rates r", "rows 1202 to 1466", "velocity x, all rows"],
+    }[verdict]:
+        assert said in flat
+
+
+def test_the_story_stays_short_when_there_is_much_to_say() -> None:
+    d = samples.named()
+    many = replace(d, effects=d.effects * 5, where=d.where * 5, data_problems=d.data_problems * 9)
+    assert len(told(many, width=60).splitlines()) <= story.LINES
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0, 9.995, 0.00099951, 99999.0, -2.5e-7, 1.234e-4, 123456.0, 0.1, -0.0314])
+def test_a_shown_number_is_the_number(value: float) -> None:
+    text = words.number(value)
+    plain = text.translate(str.maketrans("−⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "--0123456789"))
+    mantissa, _, exponent = plain.partition("×10")
+    assert float(mantissa) * 10.0 ** int(exponent or 0) == pytest.approx(value, rel=0.0051)
+    assert len(re.sub(r"^0+", "", mantissa.lstrip("-").replace(".", ""))) <= 6
+    assert words.number(math.nan) == words.NOTHING
+
+
+@pytest.mark.parametrize(
+    ("name", "estimate", "said"),
+    [
+        ("a_x", ParameterEstimate(0.026180, 0.024435, 0.027925, "rad"), "1.50 deg (1.40 to 1.60)"),
+        ("delay", ParameterEstimate(0.0123, 0.0119, 0.0127, "s"), "12.30 ms (11.90 to 12.70)"),
+        ("c", ParameterEstimate(1.0, math.nan, math.nan, "1"), "1.00"),
+        ("k", ParameterEstimate(1.187e-4, 1.15e-4, 1.22e-4, "kg/m"), "1.187×10⁻⁴ kg/m (1.150×10⁻⁴ to 1.220×10⁻⁴)"),
+    ],
+)  # fmt: skip
+def test_an_estimate_has_the_digits_and_the_unit_that_a_reader_wants(
+    name: str, estimate: ParameterEstimate, said: str
+) -> None:
+    assert words.estimate(name, estimate) == said

@@ -1,0 +1,97 @@
+"""Discovery on the problems that others published, and on flights of a simulator that shares no code with this one."""
+
+import numpy as np
+import pytest
+from undriven import undriven
+
+from bench.diagnose import diagnose, extend
+from registry.core import EFFECTS
+from registry.errors import BenchError
+
+RNG = np.random.default_rng(1)
+NEAR, FAR = RNG.uniform(-2, 2, (6, 2)).tolist(), RNG.uniform(-8, 8, (6, 3)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("system", "effect", "value", "starts", "dt", "samples"),
+    [
+        ("van_der_pol", "van_der_pol.dy.y3", 0.01, NEAR, 0.01, 2000),
+        ("lorenz", "lorenz.dx.y3", 0.01, FAR, 0.005, 2000),
+        ("pendulum", "viscous_friction", 0.1, NEAR, 0.02, 1000),
+    ],
+)
+def test_a_small_hidden_term_is_found_and_nothing_else(system, effect, value, starts, dt, samples):
+    kind = EFFECTS.get(effect)
+    name = kind.neutral().parameters()[0].name
+    said, model = diagnose(undriven(system, [kind(**{name: value})], starts, dt, samples, 1e-3), brief=True)
+    assert (said.verdict, [e.id for e in said.effects]) == ("named", [effect])
+    found = said.effects[0].parameters[name]
+    assert found.value == pytest.approx(value, rel=0.02)
+    assert found.low <= value <= found.high
+    for group, error in said.error.extended.items():
+        assert error.rmse < 1.5 * said.noise_floor[group].rmse < 0.5 * said.error.nominal[group].rmse
+    assert len(model.effects) == 1
+
+
+def test_a_model_that_lacks_nothing_is_left_alone():
+    said, model = diagnose(undriven("van_der_pol", [], NEAR, 0.01, 2000, 1e-3), brief=True)
+    assert (said.verdict, said.effects, model.effects) == ("nothing", (), ())
+
+
+def test_a_term_outside_the_catalogue_is_called_unknown_and_followed():
+
+    kind = EFFECTS.get("viscous_friction")
+    parameter = kind.neutral().parameters()[0].name
+    subject = undriven("pendulum", [kind(**{parameter: 0.3})], NEAR, 0.02, 1000, 1e-3)
+    catalogue = ["coulomb_friction", "offset_force"]
+    said, _ = diagnose(subject, catalogue=catalogue, brief=True)
+    assert said.verdict == "unknown_effect" and not said.effects
+    assert said.unexplained.share > 0.5 and said.unexplained.axes
+
+
+def test_an_effect_is_not_added_twice():
+    kind = EFFECTS.get("viscous_friction")
+    subject = undriven("pendulum", [kind(0.1)], NEAR[:3], 0.02, 400, 1e-3)
+    first = extend(subject, subject.model, ["viscous_friction"])
+    with pytest.raises(BenchError, match="already"):
+        extend(subject, first.model, ["viscous_friction"])
+
+
+flights = pytest.importorskip("bench.score.cases", reason="needs RotorPy: pip install .[score]")
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("flights")
+
+
+def diagnosed(case, cache, **options):
+    from bench.score.attempt import attempt
+
+    return attempt(case, cache, **options)
+
+
+def test_two_effects_of_a_flight_are_found_with_their_parameters(cache):
+    effects = {"rotor_drag": {"k_d": 1.2e-4}, "cog_offset": {"x": 0.003, "y": -0.002}}
+    case = flights.Case("both", effects=effects, recordings=4, seconds=12.0, condition="pair", flight_seed=77)
+    answer = diagnosed(case, cache)
+    assert answer.verdict == "named" and set(answer.named) == set(effects)
+    for effect, parameters in effects.items():
+        for name, value in parameters.items():
+            assert answer.named[effect][name][0] == pytest.approx(value, rel=0.05)
+    for group, error in answer.error["extended"].items():
+        assert error < 1.2 * answer.error["floor"][group] < 0.2 * answer.error["nominal"][group]
+
+
+def test_a_flight_without_a_hidden_effect_gets_none(cache):
+    case = flights.Case("none", recordings=4, seconds=12.0, condition="nothing", style="gentle", flight_seed=78)
+    answer = diagnosed(case, cache)
+    assert (answer.verdict, answer.named) == ("nothing", {})
+
+
+def test_a_force_that_goes_with_the_place_is_followed_there(cache):
+    force = {"position_force": {"axis": 1.0, "amplitude": 0.4, "wavelength": 2.2}}
+    case = flights.Case("place", effects=force, recordings=4, seconds=12.0, condition="unknown", flight_seed=79)
+    answer = diagnosed(case, cache)
+    assert (answer.verdict, answer.named) == ("unknown_effect", {})
+    assert answer.follows[0] == "position"

@@ -1,0 +1,118 @@
+"""The HTML page: whole, offline, and safe against names that are markup."""
+
+import dataclasses
+import re
+from functools import lru_cache
+from html.parser import HTMLParser
+from typing import Any
+
+import pytest
+import samples
+
+from bench.diagnose import page, words
+from bench.diagnose.diagnosis import LINES, VERDICTS
+
+
+class Parsed(HTMLParser):
+    """Tags, attributes and text as a browser sees them."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str]] = []
+        self.pieces: list[str] = []
+        self.feed(source)
+        self.text = " ".join(" ".join(self.pieces).split())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.attributes += [(name, value or "") for name, value in attrs]
+
+    def handle_data(self, data: str) -> None:
+        self.pieces.append(data)
+
+
+def hostile(value: Any, evil: str) -> Any:
+    """The same with every text (and key) ending in markup; verdicts and the four models stay."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        changed = {f.name: hostile(getattr(value, f.name), evil) for f in dataclasses.fields(value)}
+        return dataclasses.replace(value, **changed)
+    if isinstance(value, dict):
+        return {hostile(k, evil): hostile(v, evil) for k, v in value.items()}
+    if isinstance(value, tuple):
+        return tuple(hostile(v, evil) for v in value)
+    return value + evil if isinstance(value, str) and value not in (*LINES, *VERDICTS) else value
+
+
+@lru_cache
+def rendered(verdict: str) -> str:
+    return page.render(samples.ALL[verdict]())
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_page_says_the_verdict_and_needs_nothing_from_outside(verdict: str) -> None:
+    diagnosis, source = samples.ALL[verdict](), rendered(verdict)
+    parsed = Parsed(source)
+    assert words.headline(diagnosis) in parsed.text and words.explanation(diagnosis) in parsed.text
+    assert not {"script", "link", "iframe", "object", "embed", "base"} & set(parsed.tags)
+    addresses = [v for n, v in parsed.attributes if n in ("href", "src", "xlink:href", "action", "srcset", "data")]
+    assert all(a.startswith(("#", "data:image/png;base64,")) for a in addresses)
+    assert all(u.startswith("#") for u in re.findall(r"url\(['\"]?([^)]*)", source)) and "@import" not in source
+    outside = {u for u in re.findall(r"https?://[^\"'\s<>)]*", source) if not u.startswith("http://www.w3.org/")}
+    assert not outside
+    links = {v[1:] for n, v in parsed.attributes if n == "href"}
+    anchors = [v for n, v in parsed.attributes if n == "id" and v in links]
+    assert links == set(anchors) and len(anchors) == len(links)
+
+
+def test_the_same_diagnosis_gives_the_same_page() -> None:
+    assert page.render(samples.unknown_effect()) == rendered("unknown_effect")
+
+
+@pytest.mark.parametrize("verdict", ["named", "data_problem"])
+def test_markup_in_names_stays_text(verdict: str) -> None:
+    diagnosis = samples.ALL[verdict]()
+    evil = '<script>alert(1)</script>" onmouseover="alert(2)"$\\frac{'
+    parsed = Parsed(page.render(hostile(diagnosis, evil)))
+    assert "script" not in parsed.tags and not [n for n, _ in parsed.attributes if n.startswith("on")]
+    assert diagnosis.dataset + evil in parsed.text
+    if diagnosis.evidence.windows:
+        assert "alert(1)</script>" in " ".join(p for p in parsed.pieces if p.startswith("x<script>"))  # in a drawing
+
+
+def test_named_page_shows_every_part_with_the_units_of_a_reader() -> None:
+    parsed = Parsed(rendered("named"))
+    for said in (
+        "17.8 → 3.50 deg/s",  # 0.31 and 0.061 rad/s
+        "81.0 → 9.40 mm",
+        "RMSE [deg/s]",
+        "velocity x [m/s]",
+        "acceleration x [m/s²]",
+        "61 % of the error",
+        "Round 3: none is taken",
+        "It ignores the rotor speed",
+        "rows 1204 to 1206",
+        "Nothing systematic is left",
+        "1.2 σ",
+        "flight_11",
+        "bench extend flights/hummingbird --add rotor_reaction_torque",
+    ):
+        assert said in parsed.text, said
+
+
+@pytest.mark.parametrize(
+    ("verdict", "said", "not_said"),
+    [
+        ("tie", ["To separate them: Fly at the same speed"], ["Nothing was"]),
+        ("nothing", ["None is taken", "gentle: speeds stay below"], ["Effect by effect", "extended model"]),
+        ("unknown_effect", ["A hypothesis, not a finding", "follows position x"], ["Effect by effect"]),
+        ("data_problem", ["rows 1202 to 1466", "bench diagnose 'flights/tuesday 3'"], ["What is left", "runs free"]),
+    ],
+)  # fmt: skip
+def test_each_verdict_shows_what_it_has_and_no_more(verdict: str, said: list[str], not_said: list[str]) -> None:
+    text = Parsed(rendered(verdict)).text
+    assert all(s in text for s in said) and not any(s in text for s in not_said)
+
+
+def test_a_model_that_ran_away_is_called_diverged() -> None:
+    assert "diverged → 9.40 mm" in Parsed(page.render(samples.diverged())).text

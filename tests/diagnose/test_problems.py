@@ -1,0 +1,222 @@
+"""Faults put into flights whose motion, attitude and rotor speeds follow from a path by flatness, not from a model."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.signal import savgol_filter
+from scipy.spatial.transform import Rotation
+
+from bench.diagnose.diagnosis import DataProblem
+from bench.diagnose.problems import Checked, problems
+from bench.diagnose.subject import Subject, load, log_of
+from bench.score.corrupt import KINDS, Columns, time_shift
+from bench.score.logs import subject
+from registry.datasets.signals import recording
+from registry.physics.oscillator import Oscillator
+
+DT = 0.01
+MASS, INERTIA, K_F, K_M, ARM = 0.5, np.array([3.65e-3, 3.68e-3, 7.03e-3]), 5.57e-6, 1.36e-7, 0.12
+HUBS = np.array([[ARM, ARM, 0], [ARM, -ARM, 0], [-ARM, -ARM, 0], [-ARM, ARM, 0]])
+SPINS = np.array([1.0, -1.0, 1.0, -1.0])
+NOMINAL = {
+    "mass": MASS,
+    "inertia": INERTIA.tolist(),
+    "thrust_coefficient": K_F,
+    "torque_coefficient": K_M,
+    "rotor_positions": HUBS.tolist(),
+    "rotor_directions": SPINS.tolist(),
+    "rotor_radius": 0.1,
+}
+SIGNAL = {"t": "time"}
+KIND = {"swapped_sign": "swapped sign", "clock_jump": "clock jump", "clock_rate": "clock rate"}
+
+
+def flight(seed: int, vigour: float = 1.0, noise: float = 1.0, seconds: float = 16.0) -> Columns:
+    """A log of a flight along sums of sines: inverse dynamics, then noise and a Savitzky–Golay filter."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds / DT)) * DT
+    fine = np.arange(-200, 10 * len(t) + 200) * DT / 10
+    h = fine[1] - fine[0]
+    path = np.zeros((len(fine), 3))
+    for low, high, speed in ((0.5, 1.5, 1.2), (1.5, 3.0, 0.8), (4.0, 7.0, 0.25)):
+        w = rng.uniform(low, high, 3)
+        path += vigour * speed / w * np.sin(fine[:, None] * w + rng.uniform(0, 6.3, 3))
+    yaw = vigour * 0.5 * np.sin(1.3 * fine + rng.uniform(0, 6.3))
+    velocity = np.gradient(path, h, axis=0)
+    pull = np.gradient(velocity, h, axis=0) + np.array([0, 0, 9.81])
+    up = pull / np.linalg.norm(pull, axis=1, keepdims=True)
+    side = np.cross(up, np.stack([np.cos(yaw), np.sin(yaw), 0 * yaw], axis=1))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    attitude = Rotation.from_matrix(np.stack([np.cross(side, up), side, up], axis=2))
+    turning = (attitude[:-2].inv() * attitude[2:]).as_rotvec() / (2 * h)
+    rates = np.concatenate([turning[:1], turning, turning[-1:]])
+    torque = INERTIA * np.gradient(rates, h, axis=0) + np.cross(rates, INERTIA * rates)
+    wrench = np.column_stack([MASS * np.linalg.norm(pull, axis=1), torque])
+    mixer = np.stack([np.ones(4), HUBS[:, 1], -HUBS[:, 0], SPINS * K_M / K_F])
+    speed = np.sqrt(np.maximum(np.linalg.solve(mixer, wrench.T).T / K_F, 0))
+    at = slice(200, -200, 10)
+    position = path[at] + rng.normal(0, 4e-4 * noise, (len(t), 3))
+    wobble = Rotation.from_rotvec(rng.normal(0, 5e-4 * noise, (len(t), 3)))
+    quaternion = (attitude[at] * wobble).as_quat()
+    flips = np.cumprod(np.where((quaternion[1:] * quaternion[:-1]).sum(1) < 0, -1.0, 1.0))
+    quaternion[1:] *= flips[:, None]
+    smooth, slope = (savgol_filter(quaternion, 9, 3, deriv=d, delta=DT, axis=0) for d in (0, 1))
+    length = np.linalg.norm(smooth, axis=1, keepdims=True)
+    v, w, dv, dw = smooth[:, :3], smooth[:, 3:], slope[:, :3], slope[:, 3:]
+    return {
+        "t": t,
+        "position": savgol_filter(position, 9, 3, axis=0),
+        "attitude": smooth / length,
+        "velocity": savgol_filter(position, 9, 3, deriv=1, delta=DT, axis=0),
+        "body_rates": 2 * (w * dv - dw * v - np.cross(v, dv)) / length**2,
+        "rotor_speed": speed[at] * (1 + rng.normal(0, 0.001 * noise, (len(t), 4))),
+        "rotor_command": speed[at],
+    }
+
+
+def made(logs: list[Columns], **constants: object) -> Subject:
+    return subject("flights", logs, NOMINAL | constants, {}, {})
+
+
+def flights(seed: int, count: int = 4, **how: float) -> list[Columns]:
+    return [flight(100 * seed + i, **how) for i in range(count)]
+
+
+def right(p: DataProblem, recording_number: int, signal: str, rows: tuple[int, int], kind: str) -> bool:
+    """Whether a problem names the fault, rows to within two samples at either end."""
+    assert p.rows is not None
+    near = abs(p.rows[0] - rows[0]) <= 2 and abs(p.rows[1] - (rows[1] - 1)) <= 2
+    return (p.recording, p.signal, p.kind, near) == (f"flight_{recording_number + 1}", signal, kind, True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_fault_is_found_where_it_is_and_nothing_else(kind: str) -> None:
+    for seed in range(6):
+        rng, logs = np.random.default_rng(seed), flights(seed % 2, noise=(0.3, 1.0, 2.0)[seed % 3])
+        which = int(rng.integers(len(logs)))
+        logs[which], fault = KINDS[kind](rng, logs[which], which)
+        found = problems(made(logs, mass=MASS * (1.1 if seed % 2 else 1.0))).problems
+        expected = (which, SIGNAL.get(fault.signal, fault.signal), fault.rows, KIND.get(kind, kind))
+        assert len(found) == 1, (seed, fault, found)
+        assert right(found[0], *expected), (seed, fault, found)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {},
+        {"mass": 1.3 * MASS},
+        {"thrust_coefficient": 0.8 * K_F},
+        {"inertia": (0.6 * INERTIA).tolist()},
+        {"torque_coefficient": 5 * K_M},
+    ],
+)
+def test_a_wrong_model_is_no_fault_of_the_data(wrong: dict[str, object]) -> None:
+    for seed, (vigour, noise) in enumerate(((1.0, 0.3), (0.05, 2.0), (1.4, 2.0), (0.0, 1.0))):
+        assert problems(made(flights(seed, vigour=vigour, noise=noise), **wrong)) == Checked((), ()), (vigour, noise)
+
+
+def _swap(log: Columns) -> None:
+    log["velocity"][:, [0, 1]] = log["velocity"][:, [1, 0]]
+
+
+def _clip(log: Columns) -> None:
+    log["body_rates"][:, 1] = np.clip(log["body_rates"][:, 1], -0.8, 0.8)
+
+
+def _stretch(log: Columns) -> None:
+    log["attitude"][300:320] *= 1.1
+
+
+def _degrees(log: Columns) -> None:
+    log["body_rates"] *= 180 / np.pi
+
+
+def _absent(log: Columns) -> None:
+    log["position"][70, 2] = np.nan
+
+
+def _against_thrust(log: Columns) -> None:
+    for signal in ("position", "velocity"):
+        log[signal][:, 0] *= -1
+
+
+@pytest.mark.parametrize(
+    ("spoil", "signal", "kind", "says"),
+    [
+        (_swap, "velocity", "swapped axes", "position.x changes as velocity says of axis y"),
+        (_clip, "body_rates", "clipped", "body_rates.q stands at"),
+        (_stretch, "attitude", "quaternion", "one has length 1.1"),
+        (_degrees, "body_rates", "unit", "degrees for radians"),
+        (_absent, "position", "not finite", "1 samples"),
+        (_against_thrust, "velocity", "swapped sign", "velocity.x changes against what the model says"),
+    ],
+)
+def test_other_faults_are_named(spoil: Callable[[Columns], None], signal: str, kind: str, says: str) -> None:
+    logs = flights(3)
+    spoil(logs[1])
+    found = problems(made(logs)).problems
+    assert {(p.recording, p.signal, p.kind) for p in found} == {("flight_2", signal, kind)}
+    assert says in found[0].detail
+
+
+def test_a_shift_of_all_recordings_is_a_suspicion_and_of_one_a_fault() -> None:
+    logs = flights(4, count=5, noise=0.1)
+    shifted = [time_shift(log, i)[0] for i, log in enumerate(logs)]
+    stopping, suspected = problems(made(shifted))
+    assert not stopping
+    (suspicion,) = suspected
+    assert suspicion.kind == "time shift" and "input_delay" in suspicion.detail
+    logs[2], _ = time_shift(logs[2], 2, 0.02)
+    (fault,) = problems(made(logs)).problems
+    assert (fault.recording, fault.signal, fault.kind) == ("flight_3", "rotor_speed", "time shift")
+    assert "-2.0 samples" in fault.detail or "-1.9 samples" in fault.detail
+
+
+def test_what_a_sensor_does_all_the_time_does_not_stop_the_analysis() -> None:
+    """Blemishes of all sizes are the sensor's nature; one that is far larger than all of them is a fault."""
+    logs, rng = flights(5), np.random.default_rng(0)
+    for log in logs:
+        log["position"] += 4e-4 * rng.standard_t(1.5, size=log["position"].shape)
+    stopping, minor = problems(made(logs))
+    assert not stopping
+    assert [(p.signal, p.kind) for p in minor] == [("position", "spike")]
+    logs[0]["position"][800, 0] += 5.0
+    assert [p.rows for p in problems(made(logs)).problems] == [(800, 800)]
+
+
+def test_any_system_whose_state_holds_its_own_rate_is_checked() -> None:
+    rng, t = np.random.default_rng(0), np.arange(3000) * 1e-3
+    x = 0.1 * np.sin(9 * t) + 0.02 * np.sin(40 * t)
+    v = 0.9 * np.cos(9 * t) + 0.8 * np.cos(40 * t)
+    a = -8.1 * np.sin(9 * t) - 32 * np.sin(40 * t)
+    model = Oscillator()
+    force = (a + 0.5 * v + 100 * x)[:, None]
+
+    def checked(displacement: np.ndarray, speed: np.ndarray) -> list[tuple[str, str, object]]:
+        signals = {"displacement": displacement[:, None], "speed": speed[:, None]}
+        made = recording("swing", 1000.0, {"force": force}, signals, np.ones(len(t), dtype=bool))
+        one = Subject("swing", model, (log_of(made, model, "force"),), ("swing",), ("swing",))
+        return [(p.signal, p.kind, p.rows) for p in problems(one).problems]
+
+    noisy = x + rng.normal(0, 1e-6, len(t)), v + rng.normal(0, 1e-3, len(t))
+    assert checked(*noisy) == []
+    assert checked(noisy[0], -noisy[1]) == [("speed", "swapped sign", (0, 2999))]
+    noisy[1][1500] += 0.5
+    assert checked(*noisy) == [("speed", "spike", (1500, 1500))]
+
+
+def test_six_flights_of_25_seconds_take_less_than_a_second() -> None:
+    subject = made(flights(6, count=6, seconds=25.0))
+    problems(subject)
+    start = time.process_time()
+    problems(subject)
+    assert time.process_time() - start < 1.0
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["emps", "silverbox", "cascaded_tanks", "nanodrone", "nanobench", "crazypad"])
+def test_cleaned_recordings_raise_no_alarm(name: str, bench_data: None) -> None:
+    assert problems(load(name)).problems == ()

@@ -1,0 +1,52 @@
+"""Bounded least squares against SciPy, whitening against a process whose filter is known."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from bench.diagnose.regression import Normal, bounded, filtered, whitening
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_bounded_least_squares_is_that_of_scipy(seed):
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(60, 7)) @ rng.normal(size=(7, 7))
+    y = rng.normal(size=60) + a @ rng.normal(size=7)
+    low, high = np.full(7, -np.inf), np.full(7, np.inf)
+    low[rng.choice(7, 3, replace=False)] = 0.0
+    high[rng.choice(7, 2, replace=False)] = 0.2
+    expected = lsq_linear(a, y, (low, high), tol=1e-14).x
+    np.testing.assert_allclose(bounded(a.T @ a, a.T @ y, low, high), expected, atol=1e-6)
+
+
+def test_a_coefficient_between_equal_bounds_stays_there():
+    gram, moment = np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([1.0, 5.0])
+    beta = bounded(gram, moment, np.array([1.0, -np.inf]), np.array([1.0, np.inf]))
+    np.testing.assert_allclose(beta, [1.0, 2.0])
+
+
+def test_whitening_finds_the_process():
+    rng = np.random.default_rng(0)
+    noise, series = rng.normal(size=40_000) * 0.5, np.zeros(40_000)
+    for k in range(2, len(series)):
+        series[k] = 1.2 * series[k - 1] - 0.5 * series[k - 2] + noise[k]
+    coefficients = whitening([series[:20_000], series[20_000:]], 4)
+    np.testing.assert_allclose(coefficients / coefficients[0], [1, -1.2, 0.5, 0, 0], atol=0.03)
+    white = filtered(series, coefficients)
+    assert white.std() == pytest.approx(1, abs=0.02)
+    assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.02
+
+
+def test_normal_equations_hold_a_part_out():
+    rng = np.random.default_rng(1)
+    x, y = rng.normal(size=(30, 2)), rng.normal(size=30)
+    rows = np.column_stack([x, y]).reshape(3, 10, 3)
+    normal = Normal(np.stack([r.T @ r for r in rows])[:, None], np.array([0, 1, 2]), np.full(3, 10))
+    free = np.full(2, np.inf)
+    beta, misfit = normal.fit([0, 1], np.zeros(2), np.zeros(2), -free, free, without=1)
+    kept = np.r_[0:10, 20:30]
+    expected = np.linalg.lstsq(x[kept], y[kept], rcond=None)[0]
+    np.testing.assert_allclose(beta, expected, rtol=1e-6)
+    assert misfit == pytest.approx(((y[kept] - x[kept] @ expected) ** 2).sum(), rel=1e-6)
+    held_out = ((y[10:20] - x[10:20] @ expected) ** 2).sum()
+    assert normal.losses([0, 1], beta)[1, 0] == pytest.approx(held_out, rel=1e-6)

@@ -1,0 +1,240 @@
+"""Hand-made answers, counted by hand."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rotorpy")
+
+from bench.score.case import Case
+from bench.score.judge import Judged
+from bench.score.show import markdown
+from bench.score.table import bounds, table
+
+ERRORS = {
+    "nominal": {"velocity": 1.0, "body_rates": 2.0},
+    "calibrated": {"velocity": 0.9, "body_rates": 1.8},
+    "extended": {"velocity": 0.12, "body_rates": 0.24},
+    "floor": {"velocity": 0.1, "body_rates": 0.2},
+}
+
+
+def case(name: str, condition: str = "single", **fields: Any) -> Case:
+    return Case(name, condition=condition, **fields)
+
+
+def said(verdict: str, *named: str, shares: dict[str, float] | None = None, **fields: Any) -> dict[str, Any]:
+    extra = {"shares": shares or {}, "distance": fields.pop("distance", {})}
+    given = fields.pop("values", {})
+    empty: dict[str, Any] = {"rivals": {}, "follows": [], "problems": [], "faults": [], "notes": [], "error": ERRORS}
+    return {**empty, "verdict": verdict, "named": {n: given.get(n, {}) for n in named}, "extra": extra, **fields}
+
+
+def judged(one: Case, answer: dict[str, Any]) -> Judged:
+    return Judged(one, answer, answer["extra"]["shares"])
+
+
+DRAG = case("1-single-drag", effects={"rotor_drag": {"k_d": 2.0}})
+PAIR = case("1-pair", "pair", effects={"rotor_drag": {"k_d": 2.0}, "mass": {"delta": 0.1}})
+BOTH = {"rotor_drag": 0.8, "mass": 0.2}
+
+
+# ------------------------------------------------------------------------------------------------ one answer
+
+
+def test_a_set_is_exact_when_all_visible_effects_and_no_other_are_named() -> None:
+    assert judged(PAIR, said("named", "mass", "rotor_drag", shares=BOTH)).exact
+    assert not judged(PAIR, said("named", "rotor_drag", shares=BOTH)).exact
+    assert not judged(PAIR, said("named", "mass", "rotor_drag", "wind", shares=BOTH)).exact
+    assert not judged(PAIR, said("named", "mass", "linear_drag", shares=BOTH)).exact
+    faint = {"rotor_drag": 0.97, "mass": 0.03}  # may be named, need not be
+    assert judged(PAIR, said("named", "rotor_drag", shares=faint)).exact
+    assert judged(PAIR, said("named", "rotor_drag", "mass", shares=faint)).exact
+    assert not judged(PAIR, said("named", "mass", shares=faint)).exact
+    assert not judged(PAIR, said("nothing", shares=BOTH)).exact
+
+
+def test_a_tie_is_right_only_with_the_truth_inside_and_no_further_apart_than_the_noise() -> None:
+    def tie(named: str, rival: str, distance: dict[str, float]) -> Judged:
+        answer = said("tie", named, shares={"rotor_drag": 1.0}, rivals={named: [rival]}, distance=distance)
+        return judged(DRAG, answer)
+
+    assert tie("linear_drag", "rotor_drag", {"linear_drag": 0.4}).exact
+    assert tie("rotor_drag", "linear_drag", {"rotor_drag": 0.4}).exact
+    assert not tie("linear_drag", "rotor_drag", {"linear_drag": 1.2}).exact
+    assert not tie("rotor_drag", "linear_drag", {"rotor_drag": 1.2}).exact
+    assert not tie("linear_drag", "rotor_drag", {}).exact
+    assert not tie("linear_drag", "parasitic_drag", {"linear_drag": 0.4}).exact
+
+
+@pytest.mark.parametrize(
+    "named",
+    [("rotor_gyroscopic_torque",), ("rotor_reaction_torque",), ("rotor_reaction_torque", "rotor_gyroscopic_torque")],
+)
+def test_either_effect_of_the_rotors_inertia_or_both_is_right(named: tuple[str, ...]) -> None:
+    spin = case("1-single-spin", effects={"rotor_gyroscopic_torque": {"rotor_inertia": 4.0}})
+    values = {n: {"rotor_inertia": [4.4, 4.2, 4.6]} for n in named}
+    one = judged(spin, said("named", *named, shares={"rotor_gyroscopic_torque": 0.5}, values=values))
+    assert one.exact and one.first and not one.names_wrongly
+    assert [e.error for e in one.estimates] == [pytest.approx(0.1)]
+    assert not judged(spin, said("named", *named, "mass", shares={"rotor_gyroscopic_torque": 0.5})).exact
+
+
+def test_what_is_left_is_counted_from_the_floor_to_the_nominal_error() -> None:
+    one = judged(DRAG, said("named", "rotor_drag"))
+    assert one.remaining == pytest.approx((0.12 - 0.1) / 0.9)
+    worse = {**ERRORS, "extended": {"velocity": 1.1, "body_rates": 2.2}}
+    assert judged(DRAG, said("named", "rotor_drag", error=worse)).remaining == pytest.approx(1.0 / 0.9)
+    assert judged(DRAG, said("error", error={})).remaining == math.inf
+
+
+FAULT = ["flight_2", "body_rates", "spike", [500, 501]]
+
+
+@pytest.mark.parametrize(
+    ("problems", "recording", "sensor", "rows"),
+    [
+        ([["flight_2", "body_rates.q", "spike", [498, 503], ""]], True, True, True),
+        ([["flight_2", "body_rates", "spike", [700, 701], ""]], True, True, False),
+        ([["flight_2", "body_rates", "spike", [0, 1999], ""]], True, True, False),
+        ([["flight_2", "body_rates", "spike", None, ""]], True, True, False),
+        ([["flight_2", "velocity", "spike", [500, 501], ""]], True, False, False),
+        ([["flight_3", "body_rates", "spike", [500, 501], ""]], False, False, False),
+        ([["flight_2", "body_rates", "spike", [500, 501], ""], ["flight_3", "t", "x", None, ""]], False, False, False),
+        ([], False, False, False),
+    ],
+)
+def test_a_fault_is_found_by_recording_signal_and_rows(
+    problems: list[Any], recording: bool, sensor: bool, rows: bool
+) -> None:
+    one = judged(case("1-c", "corrupted"), said("data_problem", problems=problems, faults=[FAULT]))
+    assert (one.recording, one.sensor, one.rows) == (recording, sensor, rows)
+
+
+def test_a_fault_of_a_whole_recording_needs_no_rows_and_its_clock_is_called_time() -> None:
+    whole = {"faults": [["flight_1", "t", "clock_rate", [0, 1999]]]}
+    for rows in (None, [0, 1990]):
+        problems = [["flight_1", "time", "clock rate", rows, ""]]
+        assert judged(case("1-c", "corrupted"), said("data_problem", problems=problems, **whole)).rows
+    part = [["flight_1", "time", "clock rate", [0, 400], ""]]
+    assert not judged(case("1-c", "corrupted"), said("data_problem", problems=part, **whole)).rows
+
+
+def test_a_shifted_clock_is_a_delay_or_a_data_problem_that_mentions_the_other() -> None:
+    one = case("1-shifted-0", "shifted", corruption="time_shift")
+    assert judged(one, said("named", "input_delay", notes=["or a time shift of the log"])).shift
+    assert not judged(one, said("named", "input_delay")).shift
+    assert not judged(one, said("named", "input_delay", "mass", notes=["a time shift"])).shift
+    late = ["flight_1", "rotor_speed", "time shift", None, "looks like input_delay"]
+    assert judged(one, said("data_problem", problems=[late])).shift
+    assert not judged(one, said("data_problem", problems=[[*late[:4], ""]])).shift
+
+
+# -------------------------------------------------------------------------------------------------- the table
+
+
+def test_bounds_are_exact() -> None:
+    assert bounds(0, 300) == (0.0, pytest.approx(1 - 0.025 ** (1 / 300)))
+    assert bounds(10, 10) == (pytest.approx(0.025 ** (1 / 10)), 1.0)
+    assert bounds(3, 20) == (pytest.approx(0.0321, abs=1e-4), pytest.approx(0.3789, abs=1e-4))  # as tabulated
+
+
+def suite() -> tuple[list[Case], dict[tuple[str, str], dict[str, Any]]]:
+    """Three singles (one too faint), two pairs, four sets without an effect, two unknown effects, two ties."""
+    answers: dict[str, tuple[Case, dict[str, Any]]] = {}
+
+    def add(one: Case, answer: dict[str, Any]) -> None:
+        answers[one.id] = (one, answer)
+
+    full = {"rotor_drag": 1.0}
+    close = {**ERRORS, "extended": {"velocity": 0.11, "body_rates": 0.22}}
+    good = {"rotor_drag": {"k_d": [2.02, 1.9, 2.1]}}
+    poor = {"rotor_drag": {"k_d": [2.5, 2.4, 2.6]}, "mass": {"delta": [0.1, 0.09, 0.11]}}
+    add(replace(DRAG, id="1-s0"), said("named", "rotor_drag", shares=full, values=good, error=close))
+    far = {**ERRORS, "extended": {"velocity": 0.3, "body_rates": 0.6}}
+    add(replace(DRAG, id="1-s1"), said("named", "rotor_drag", "mass", shares=full, values=poor, error=far))
+    add(replace(DRAG, id="1-s2"), said("nothing", shares={"rotor_drag": 0.04}))
+    add(replace(PAIR, id="1-p0"), said("named", "rotor_drag", "mass", shares=BOTH, values=poor, error=close))
+    add(replace(PAIR, id="1-p1"), said("error", shares=BOTH, error={}, notes=["ValueError: oops"]))
+    none = {"condition": "nothing", "verdicts": ("nothing",)}
+    add(Case("1-nothing-white-00", **none), said("nothing"))  # type: ignore[arg-type]
+    add(Case("1-nothing-white-01", **none), said("named", "mass"))  # type: ignore[arg-type]
+    add(Case("1-nothing-gentle-00", **none), said("tie", "mass", rivals={"mass": ["thrust_scale"]}))  # type: ignore[arg-type]
+    gust = {"effects": {"gusts": {"sigma": 0.5}}, "verdicts": ("nothing", "unknown_effect")}
+    add(case("1-nothing-gusts-00", "gusts", **gust), said("unknown_effect", shares={"gusts": 0.9}))
+    lost = {"effects": {"rotor_drag": {"k_d": 2.0}}, "catalogue_without": ("rotor_drag",), "follows": ("velocity",)}
+    right = said("unknown_effect", shares=full, follows=["velocity", "position"])
+    add(case("1-u0", "unknown", **lost), right)
+    add(case("1-u1", "unknown", **lost), said("named", "linear_drag", shares=full, follows=["position"]))
+    tie = {"rivals": {"rotor_drag": ["linear_drag"]}, "shares": full}
+    add(replace(DRAG, id="1-t0", condition="tie"), said("tie", "rotor_drag", distance={"rotor_drag": 0.5}, **tie))
+    add(replace(DRAG, id="1-t1", condition="tie"), said("tie", "rotor_drag", distance={"rotor_drag": 3.0}, **tie))
+    found = {(name, "diagnosis"): answer for name, (_, answer) in answers.items()}
+    return [one for one, _ in answers.values()], found
+
+
+def figures() -> dict[str, tuple[str, bool | None]]:
+    counted = table(*suite())
+    return {x.text: (x.value.partition(" (")[0], x.met) for _, lines in counted.sections for x in lines}
+
+
+def test_the_table_is_the_one_counted_by_hand() -> None:
+    got = figures()
+    assert got["single effect: named first"] == ("2/2 = 100 %", True)
+    assert got["single effect: exact set"] == ("1/2 = 50 %", False)
+    assert got["pairs and triples: exact set"] == ("1/2 = 50 %", False)
+    assert got["a tie where the truth can be told"] == ("0/4 = 0 %", True)
+    # Rightly named: k_d 1 % and 25 % off twice, delta 0 %; the median of 1, 25, 25, 0 is 13.
+    assert got["parameter error, median"] == ("13 % of 4 parameters", False)
+    assert got["95 % interval holds the truth"] == ("2/4 = 50 %", False)
+    assert got["at most 5 % of the error above the floor left"] == ("2/4 = 50 %", False)
+    assert got["worse than the nominal model"] == ("1/4 = 25 %", False)
+    assert got["a name without an effect (≥ 300 sets)"] == ("2/4 = 50 %", False)
+    assert got["… white"][0] == "1/2 = 50 %"
+    assert got["… gentle"][0] == "1/1 = 100 %"
+    assert got["… gusts"][0] == "0/1 = 0 %"
+    assert got["the answer that counts, without an effect"][0] == "2/4 = 50 %"
+    assert got["not in the catalogue: said so"] == ("1/2 = 50 %", False)
+    assert got["not in the catalogue: wrongly named"] == ("1/2 = 50 %", False)
+    assert got["not in the catalogue: the signal it follows"] == ("1/2 = 50 %", False)
+    assert got["a tie with the truth inside, no further apart than the noise"] == ("1/2 = 50 %", False)
+
+
+def test_few_sets_without_a_name_prove_nothing() -> None:
+    cases, found = suite()
+    one = [c for c in cases if c.id == "1-nothing-white-00"]
+    (line, *_) = dict(table(one, found).sections)["No effect, and effects that the catalogue lacks"]
+    assert line.value == "0/1 = 0 % (0 % to 97.5 %)" and line.met is None
+
+
+def test_every_wrong_answer_is_listed_and_no_other() -> None:
+    cases, found = suite()
+    counted = table(cases, found)
+    wrong = {"1-s1", "1-p1", "1-nothing-white-01", "1-nothing-gentle-00", "1-u1", "1-t1"}
+    assert {name for name, _, _ in counted.failures} == wrong
+    page = markdown(counted, "bench score-discovery")
+    assert "- `1-p1`: rotor_drag (80 % of the error), mass (20 % of the error) → error: ValueError: oops" in page
+    assert "`bench score-discovery`: 13 of 13 cases scored, 6 answered wrongly" in page
+
+
+def test_alternatives_are_counted_on_the_same_cases() -> None:
+    cases, found = suite()
+    close = {"velocity": 0.145, "body_rates": 0.29}  # .145 is the floor and 5 % of what is above it
+    found |= {
+        ("1-s0", "alternatives"): {"plain": {"named": {"rotor_drag": {"k_d": 2.2}}, "error": {**close}}},
+        ("1-s1", "alternatives"): {
+            "plain": {"named": {"rotor_drag": {"k_d": 2.0}}, "error": {"velocity": 1.0, "body_rates": 2.0}}
+        },
+        ("1-nothing-white-01", "alternatives"): {"plain": {"named": {}, "error": {}}},
+    }
+    counted = table(cases, found)
+    ours, plain = counted.methods
+    assert counted.compared == (2, 1)
+    assert (ours.singles, ours.false_names, ours.parameter) == (0.5, 1.0, pytest.approx(0.13))
+    assert (plain.singles, plain.false_names, plain.parameter) == (1.0, 0.0, pytest.approx(0.05))
+    assert plain.left == pytest.approx((0.05 + 1.0) / 2)
+    lines = {x.text: x.met for x in dict(counted.sections)["Against the alternatives"]}
+    assert lines["exact set, single effects"] is False and lines["false names"] is False
+    assert lines["held-out error above the floor, median left"] is True

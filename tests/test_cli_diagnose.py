@@ -1,0 +1,110 @@
+"""The commands that find missing physics: their help, one sentence for a mistake, and MLflow's falling error."""
+
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bench import track
+from bench.cli import cli
+from bench.diagnose.diagnosis import GroupError
+from registry.errors import BenchError
+
+COMMANDS = ("compare", "locate", "discover", "extend", "diagnose")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_teaches_with_examples(command: str) -> None:
+    shown = CliRunner().invoke(cli, [command, "--help"])
+    assert shown.exit_code == 0
+    assert shown.output.count(f"bench {command} ") >= 2  # beside the usage line
+    for option in ("--system", "--model", "--json"):
+        assert option in shown.output
+
+
+def test_the_overview_teaches_the_loop() -> None:
+    shown = CliRunner().invoke(cli, ["--help"]).output
+    at = [shown.index(f"bench {command} flights/") for command in COMMANDS[:4]]
+    assert at == sorted(at)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two recordings of a swing, described by a dataset.toml."""
+    data = tmp_path / "swing"
+    data.mkdir()
+    t = np.arange(400) / 100
+    for i in (1, 2):
+        x, v = np.sin(i * t), i * np.cos(i * t)
+        table = np.column_stack([t, x, v, (100 - i * i) * x + 0.5 * v])
+        np.savetxt(data / f"run_{i}.csv", table, delimiter=",", header="t,x,v,f", comments="")
+    (data / "dataset.toml").write_text(
+        'name = "swing"\nsystem = "oscillator"\nrate_hz = 100\nfiles = "*.csv"\ntime = "t"\ninput = "force"\n'
+        '[signals]\ndisplacement = {columns = ["x"], unit = "m"}\nspeed = {columns = ["v"], unit = "m/s"}\n'
+        'force = {columns = ["f"], unit = "N"}\n'
+    )
+    return data
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("nowhere",), "nowhere (it does not exist) is neither a folder with a dataset.toml nor a data set"),
+        (("{folder}/..",), "dataset.toml"),
+        (("{folder}", "--system", "oscilator"), "did you mean oscillator"),
+        (("{folder}", "--system", "mine.py:Swing"), "the file mine.py does not exist"),
+        (("{folder}", "--model", "absent.toml"), "absent.toml does not exist"),
+        (("{folder}", "--model", "{folder}/dataset.toml"), "dataset.toml"),
+        (("{folder}", "--system", "quadrotor"), "force"),
+    ],
+)
+def test_a_mistake_is_one_sentence(command: str, arguments: tuple[str, ...], says: str, folder: Path) -> None:
+    given = [a.format(folder=folder) for a in arguments] + (
+        ["--add", "viscous_friction"] if command == "extend" else []
+    )
+    before = sorted(folder.parent.rglob("*"))
+    done = CliRunner().invoke(cli, [command, *given])
+    assert isinstance(done.exception, BenchError), done.output
+    assert says in str(done.exception) and "\n" not in str(done.exception)
+    assert sorted(folder.parent.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("discover", "--catalogue", "viscous_frction"),
+        ("diagnose", "--without", "viscous_frction"),
+        ("extend", "--add", "viscous_frction"),
+    ],
+)
+def test_an_unknown_effect_names_the_near_ones(arguments: tuple[str, ...], folder: Path) -> None:
+    done = CliRunner().invoke(cli, [arguments[0], str(folder), *arguments[1:]])
+    assert isinstance(done.exception, BenchError) and "did you mean viscous_friction" in str(done.exception)
+
+
+def test_every_extension_is_a_run_that_draws_the_fall(tmp_path: Path) -> None:
+    uri = track.default_uri(tmp_path)
+
+    def by_group(x: float) -> dict[str, GroupError]:
+        return {"velocity": GroupError(0.5, x, "m/s")}
+
+    errors = {0: by_group(0.4), 1: by_group(0.2), 2: by_group(0.1)}
+    known = {"rotor_drag.k_d": 1.2e-4}
+    for _ in range(2):  # the same effects again replace the run
+        track.log_extension(uri, "swing", ["rotor_drag"], {s: errors[s] for s in (0, 1)}, by_group(0.05), known)
+    last = track.log_extension(uri, "swing", ["rotor_drag", "mass"], errors, by_group(0.05), known)
+    with sqlite3.connect(tmp_path / "mlflow.db") as database:
+
+        def rows(query: str, *values: str) -> list[tuple]:
+            return database.execute(query, values).fetchall()
+
+        assert rows("SELECT name FROM experiments WHERE name LIKE 'diagnosis%'") == [("diagnosis: swing",)]
+        alive = rows("SELECT name FROM runs WHERE lifecycle_stage = 'active' ORDER BY name")
+        assert alive == [("1: rotor_drag",), ("2: rotor_drag, mass",)]
+        curve = "SELECT step, value FROM metrics WHERE run_uuid = ? AND key = ? ORDER BY step"
+        assert rows(curve, last, "falling_error/velocity m per s") == [(0, 0.4), (1, 0.2), (2, 0.1)]
+        assert rows(curve, last, "velocity over floor") == [(0, 2.0)]
+        assert rows("SELECT value FROM params WHERE run_uuid = ?", last) == [("0.00012",)]

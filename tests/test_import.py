@@ -1,0 +1,217 @@
+"""ULogs written here byte by byte, and bags by rosbags' own writers, read back as folders of CSV files."""
+
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+from bench.cli.data import data_command
+from registry.datasets.folder import check
+from registry.datasets.importing import convert
+from registry.errors import BenchError
+
+pytest.importorskip("pyulog")
+pytest.importorskip("rosbags")
+
+FORMATS = {
+    "vehicle_local_position": "uint64_t timestamp;float x;float y;float z;float vx;float vy;float vz;bool xy_valid;",
+    "vehicle_attitude": "uint64_t timestamp;uint64_t timestamp_sample;float[4] q;",
+    "vehicle_angular_velocity": "uint64_t timestamp;float[3] xyz;",
+    "actuator_motors": "uint64_t timestamp;float[12] control;",
+    "battery_status": "uint64_t timestamp;float voltage_v;",
+}
+LAYOUTS = {
+    "vehicle_local_position": "<Q6f?",
+    "vehicle_attitude": "<QQ4f",
+    "vehicle_angular_velocity": "<Q3f",
+    "actuator_motors": "<Q12f",
+    "battery_status": "<Qf",
+}
+STILL = (1.0, 0.0, 0.0, 0.0)
+
+
+def message(kind: bytes, content: bytes) -> bytes:
+    return struct.pack("<H", len(content)) + kind + content
+
+
+def ulog(path: Path, rows: dict[str, list[tuple[float, ...]]]) -> None:
+    """A ULog of these topics, as https://docs.px4.io/main/en/dev_log/ulog_file_format.html has it."""
+    out = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+    for topic in rows:
+        out += message(b"F", f"{topic}:{FORMATS[topic]}".encode())
+    for number, topic in enumerate(rows):
+        out += message(b"A", struct.pack("<BH", 0, number) + topic.encode())
+    for number, (topic, data) in enumerate(rows.items()):
+        for row in data:
+            out += message(b"D", struct.pack("<H", number) + struct.pack(LAYOUTS[topic], *row))
+    path.write_bytes(out)
+
+
+def px4(seconds: float = 4.0, q: tuple[float, ...] = STILL, gap: tuple[float, float] = (9, 9)) -> dict[str, list]:
+    """Flying north at 2 m/s, sinking at 1 m/s, turning right at .3 rad/s about body z, at different rates."""
+
+    def times(rate: float) -> list[float]:
+        return [t for t in np.arange(0, seconds, 1 / rate) if not gap[0] < t < gap[1]]
+
+    return {
+        "vehicle_local_position": [(int(1e6 * t), 2 * t, 0.5, t, 2.0, 0.0, 1.0, True) for t in times(50)],
+        "vehicle_attitude": [(int(1e6 * t) + 700, int(1e6 * t), *q) for t in times(125)],
+        "vehicle_angular_velocity": [(int(1e6 * t), 0.1, 0.2, 0.3) for t in times(250)],
+        "actuator_motors": [(int(1e6 * t), t / 10, 0.5, 0.5 - t / 20, t / 9, *[np.nan] * 8) for t in times(100)],
+        "battery_status": [(int(1e6 * t), 16.0 - t / 10) for t in times(5)],
+    }
+
+
+def test_px4_axes_become_east_north_up_and_forward_left_up(tmp_path: Path) -> None:
+    ulog(tmp_path / "flight.ulg", px4())
+    convert([tmp_path / "flight.ulg"], tmp_path / "out")
+    (recording,) = check(tmp_path / "out").recordings
+    assert recording.rate == 50
+    t = np.arange(len(recording)) / recording.rate
+    expected = {
+        "position": np.stack([0 * t + 0.5, 2 * t, -t], axis=1),  # north is y, down is −z
+        "velocity": np.tile([0.0, 2.0, -1.0], (len(t), 1)),
+        "body_rates": np.tile([0.1, -0.2, -0.3], (len(t), 1)),  # turning right is negative about the z that is up
+        "battery": 16.0 - t[:, None] / 10,
+    }
+    for signal, values in expected.items():
+        np.testing.assert_allclose(recording.pick([signal])[0], values, atol=1e-5, err_msg=signal)
+    # Nose to the north, level: a quarter turn to the left from east.
+    turned = Rotation.from_quat(recording.pick(["attitude"])[0])
+    np.testing.assert_allclose(turned.apply([1, 0, 0]), np.tile([0, 1.0, 0], (len(t), 1)), atol=1e-6)
+    np.testing.assert_allclose(turned.apply([0, 0, 1]), np.tile([0, 0, 1.0], (len(t), 1)), atol=1e-6)
+    # Motor commands are held, unused outputs are left out.
+    assert [c.name for c in recording.input_channels] == [f"pwm.{i}" for i in (1, 2, 3, 4)]
+    np.testing.assert_allclose(recording.inputs[:, 0], t / 10, atol=1e-3)
+
+
+def test_px4_attitude_is_turned_as_vectors_are(tmp_path: Path) -> None:
+    """What the nose, the left wing and the roof point to, by hand: pitched up by 30° with the nose to the east."""
+    c, s = np.cos(np.deg2rad(15)), np.sin(np.deg2rad(15))
+    yaw, pitch = np.array([2**-0.5, 0, 0, 2**-0.5]), np.array([c, 0, s, 0])  # wxyz, NED: yaw 90°, then pitch 30°
+    w = yaw[0] * pitch[0] - yaw[1:] @ pitch[1:]
+    v = yaw[0] * pitch[1:] + pitch[0] * yaw[1:] + np.cross(yaw[1:], pitch[1:])
+    ulog(tmp_path / "flight.ulg", px4(q=(w, *v)))
+    convert([tmp_path / "flight.ulg"], tmp_path / "out")
+    turned = Rotation.from_quat(check(tmp_path / "out").recordings[0].pick(["attitude"])[0][0])
+    c, s = np.cos(np.deg2rad(30)), np.sin(np.deg2rad(30))
+    np.testing.assert_allclose(turned.apply(np.eye(3)), [[c, 0, s], [0, 1, 0], [-s, 0, c]], atol=1e-6)
+
+
+def test_a_gap_cuts_and_a_rate_is_kept(tmp_path: Path) -> None:
+    ulog(tmp_path / "flight.ulg", px4(seconds=8.0, gap=(3.0, 4.0)))
+    said = convert([tmp_path / "flight.ulg"], tmp_path / "out", rate=200)
+    recordings = check(tmp_path / "out").recordings
+    assert [(r.name, r.rate) for r in recordings] == [("flight_part1", 200), ("flight_part2", 200)]
+    assert [round(r.seconds) for r in recordings] == [3, 4]
+    assert "slower than 200 Hz" in " ".join(said)
+
+
+def bag(path: Path, version: int, actuators: str = "mav_msgs/msg/Actuators") -> Path:
+    """Circling at 1 rad/s on a circle of 2 m, nose along the path, as ROS odometry has it: twist in the body frame."""
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
+    definition = "std_msgs/Header header\nfloat64[] angles\nfloat64[] angular_velocities\nfloat64[] normalized\n"
+    store.register(get_types_from_msg(definition, actuators))
+    kind = store.types
+
+    def header(t: float) -> object:
+        stamp = kind["builtin_interfaces/msg/Time"](sec=int(t), nanosec=round(1e9 * (t % 1)))
+        sequence = {"seq": 0} if version == 1 else {}
+        return kind["std_msgs/msg/Header"](stamp=stamp, frame_id="map", **sequence)
+
+    def vector(*xyz: float, of: str = "Vector3") -> object:
+        return kind[f"geometry_msgs/msg/{of}"](*map(float, xyz))
+
+    def odometry(t: float) -> object:
+        yaw = t + np.pi / 2
+        turn = kind["geometry_msgs/msg/Quaternion"](0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
+        pose = kind["geometry_msgs/msg/Pose"](vector(2 * np.cos(t), 2 * np.sin(t), 1.0, of="Point"), turn)
+        twist = kind["geometry_msgs/msg/Twist"](vector(2.0, 0, 0), vector(0, 0, 1.0))
+        return kind["nav_msgs/msg/Odometry"](
+            header(t),
+            "base_link",
+            kind["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+            kind["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)),
+        )
+
+    def motors(t: float) -> object:
+        return kind[actuators](header(t), np.zeros(0), np.array([500.0, 510, 520, 530 + t]), np.zeros(0))
+
+    late = 0.3  # of the recorder, against the stamps
+    writer = Writer1(path) if version == 1 else Writer2(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
+    with writer:
+        topics = (("/odom", "nav_msgs/msg/Odometry", odometry), ("/motor_speed", actuators, motors))
+        for topic, type_name, build in topics:
+            connection = writer.add_connection(topic, type_name, typestore=store)
+            for t in np.arange(0.0, 5.0, 0.01):
+                built = build(t)
+                raw = store.serialize_ros1(built, type_name) if version == 1 else store.serialize_cdr(built, type_name)
+                writer.write(connection, round(1e9 * (t + late)), raw)
+    return path
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_bag_is_read_with_velocities_turned_into_the_world(version: int, tmp_path: Path) -> None:
+    file = bag(tmp_path / ("run.bag" if version == 1 else "run"), version)
+    convert([file], tmp_path / "out")
+    (recording,) = check(tmp_path / "out").recordings
+    assert recording.rate == 100 and recording.input_channels[0].group == "rotor_speed"
+    t = np.arange(len(recording)) / 100
+    velocity = np.stack([-2 * np.sin(t), 2 * np.cos(t), 0 * t], axis=1)
+    np.testing.assert_allclose(recording.pick(["velocity"])[0], velocity, atol=1e-6)
+    np.testing.assert_allclose(recording.pick(["body_rates"])[0], np.tile([0, 0, 1.0], (len(t), 1)), atol=1e-9)
+    np.testing.assert_allclose(recording.inputs[:, 3], 530 + t, atol=1e-6)
+
+
+def test_the_command_says_what_it_did_and_what_is_next(tmp_path: Path) -> None:
+    ulog(tmp_path / "flight.ulg", px4())
+    done = CliRunner().invoke(data_command, ["import", str(tmp_path / "flight.ulg"), "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "body_rates from vehicle_angular_velocity (250 Hz)" in done.output and "bench data check" in done.output
+    assert len(pd.read_csv(tmp_path / "out" / "flight.csv").columns) == 1 + 3 + 4 + 3 + 3 + 4 + 1
+
+
+def _no_motors(rows: dict[str, list]) -> dict[str, list]:
+    return {k: v for k, v in rows.items() if k != "actuator_motors"}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("a.ulg", b"no log", "cannot be read as a PX4 ULog"),
+        ("a.bag", b"no bag", "cannot be read as a ROS bag"),
+        ("a.txt", b"", "neither a PX4 ULog"),
+        ("absent.ulg", None, "does not exist"),
+        ("no_motors.ulg", _no_motors(px4()), "no motor signal"),
+        ("short.ulg", px4(seconds=1.0), "2 s in which all signals"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_nothing_is_written(
+    name: str, content: bytes | dict | None, says: str, tmp_path: Path
+) -> None:
+    if isinstance(content, dict):
+        ulog(tmp_path / name, content)
+    elif content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(BenchError, match=says):
+        convert([tmp_path / name], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_the_libraries_it_says_what_to_install(tmp_path: Path) -> None:
+    ulog(tmp_path / "flight.ulg", px4())
+    code = "import sys; sys.modules['pyulog'] = None; from bench.cli import main; main()"
+    arguments = ["data", "import", str(tmp_path / "flight.ulg"), "-o", str(tmp_path / "out")]
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and 'pip install "multistep-bench[import]"' in done.stderr
