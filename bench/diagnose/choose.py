@@ -18,6 +18,8 @@ MOST = 5
 SIGNIFICANT, SURE, PLAIN = 3.5, 2.0, 0.012
 """t over blocks of the held-out gain with which an effect is accepted, and what suffices where the gain is plain: this
 share of what noise leaves, which comes from few manoeuvres rather than by chance."""
+LARGE = 0.05
+"""Gain, as a share of what noise leaves, that is accepted if every recording not fitted confirms it."""
 VISIBLE = 0.01
 """Least gain of an effect, as a share of what noise leaves."""
 RELEVANT = 0.004
@@ -37,7 +39,7 @@ def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
 
     Sets are compared by loss and number of parameters; a larger one must gain on recordings not fitted.
     """
-    subsets, starts = view.subsets, view.linear.starts
+    subsets, starts = view.subsets, view.subsets.starts
     taken, fields = subsets.fit(), [[subsets.fit()]]
     among: Sequence[Start] = starts
     promising: dict[str, Start] = {}
@@ -116,6 +118,9 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
     # A large effect acts where the manoeuvre is, so its gains are as uneven as they are sure: their logarithm is not.
     levels = np.log(np.maximum(subsets.losses(smaller).sum(1), 1e-9) / np.maximum(subsets.losses(larger).sum(1), 1e-9))
     sure = max(t_value(saved), t_value(levels))
+    everywhere = all(saved[subsets.normal.fold == f].sum() > 0 for f in np.unique(subsets.normal.fold))
+    if everywhere and gained > LARGE * view.floor:
+        return True  # from few manoeuvres, but from some of every recording
     return bool(saved.sum() > 0) and (sure > SIGNIFICANT or (sure > SURE and gained > PLAIN * view.floor))
 
 

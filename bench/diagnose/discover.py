@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from bench.diagnose.choose import agreed, updated
+from bench.diagnose.choose import accepted, agreed, updated
 from bench.diagnose.noise import Noise
 from bench.diagnose.parameters import entries
 from bench.diagnose.search import Search, View
@@ -109,15 +109,16 @@ def discover(
             break
     subsets = view.subsets
     fit = subsets.fit()
-    traces, total = left_over(view, list(fit.columns))
+    traces, total = left_over(view)
     named = list(range(known, len(view.linear.model.effects)))
+    named = [i for i in named if accepted(view, subsets.fit(drop=[i]), fit, drop=[i])]
     if total > LEFT * view.floor:
         named = [i for i in named if needed(view, i, total)]
     imitators = [i for i in range(known, len(view.linear.model.effects)) if i not in named]
     names = [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
-    if imitators:
+    if imitators:  # and what was exchanged in the last step and is not worth its place
         fit = subsets.fit(drop=imitators)
-        traces, total = left_over(view, list(fit.columns), imitators)
+        traces, total = left_over(view, imitators)
     numbers = estimates(view, fit)
     alike = {i: rivals(view, i) for i in named} if not imitators else dict.fromkeys(named, ())
     model = without(updated(view, fit), imitators)

@@ -12,6 +12,7 @@ from bench.diagnose.parameters import Entry, effect_entries, entries, probes, wi
 from bench.diagnose.regression import Normal, filtered
 from bench.diagnose.weak import Stack, TestFunctions, mean_rates
 from registry.dynamics import Effect, PhysicsModel
+from registry.errors import BenchError
 
 UNSTABLE = 1e6
 """Rates, relative to the model's own, that no physical effect adds."""
@@ -55,11 +56,14 @@ class Directions:
     """(c, L, N − 1, channels)."""
     channels: tuple[int, ...]
     """State channels whose rates respond to any of it."""
+    removals: tuple[int, ...]
+    """An effect of the model: the column that takes it away."""
 
     def moved(self, noisy: "Directions") -> "Directions":
         """These directions with those of the same names as ``noisy`` has them."""
         columns = self.columns.copy()
-        columns[: len(self.own)] = noisy.columns[: len(self.own)]
+        same = len(self.own) + len(self.removals)
+        columns[:same] = noisy.columns[:same]
         by_id = {s.id: s for s in noisy.starts}
         for s in self.starts:
             if s.id in by_id:
@@ -178,6 +182,10 @@ def directions(
     columns = list((found[1:] - at) / steps[:, None, None, None])
     acts = [bool(np.abs(c).max() > 0) for c in columns]  # a model may have constants that this input does not use
     own, columns = ([x for x, a in zip(xs, acts, strict=True) if a] for xs in (own, columns))
+    removals = tuple(range(len(own), len(own) + len(model.effects)))
+    for i in range(len(model.effects)):
+        rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j != i or _needed_by(model, i)))
+        columns.append(mean_rates(rest, stack).numpy() - at)
     scale = float(np.abs(at).max()) or 1.0
     starts: list[Start] = []
     for name, kind in candidates:
@@ -204,7 +212,16 @@ def directions(
     measured = [i for i in range(at.shape[-1]) if all(log.measured[i] for log in stack.logs)]
     channels = [i for i in measured if any(np.abs(c[..., i]).max() > 0 for c in columns)]
     kept = np.stack([c[..., channels] for c in columns])
-    return Directions(model, stack, tuple(own), tuple(starts), at[..., channels], kept, tuple(channels))
+    return Directions(model, stack, tuple(own), tuple(starts), at[..., channels], kept, tuple(channels), removals)
+
+
+def _needed_by(model: PhysicsModel, place: int) -> bool:
+    """Whether another effect of the model cannot do without the one in this place."""
+    try:
+        replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j != place))
+    except BenchError:
+        return True
+    return False
 
 
 def _starting_points(kind: type[Effect]) -> list[Effect]:

@@ -26,6 +26,8 @@ LONGEST = 40_000
 """Samples that are looked at; more would make it slower and no surer."""
 TELLING = 12
 """Columns at most that are fitted before what is left is called noise."""
+BURIED = 0.3
+"""Share of noise of the inputs in what a column is made of from which the data say nothing about it."""
 MEMORY = 8
 """Order of the autoregression that whitens a residual [hops]."""
 _OF_INPUT = ("input", "input_rate")
@@ -46,6 +48,8 @@ class View:
     """A dictionary term: the channels that it acts on."""
     explained: float
     """Squared whitened residual that the effects of the model explain already."""
+    doubtful: frozenset[int]
+    """Channels in which the model's own numbers are buried in noise of the inputs."""
 
     @property
     def floor(self) -> float:
@@ -131,6 +135,14 @@ class Search:
             noise = np.zeros((len(filters), width + 1, width + 1))
             noise[np.ix_(range(len(filters)), noisy, noisy)] = some
             noises = [noise, None]
+        buried, doubtful = frozenset[int](), frozenset[int]()
+        if noises[0] is not None:
+            power = np.asarray(sum((x**2).sum((0, 1)) for x in whitened))[:count]
+            rest = sum(x.shape[1] for x in whitened) * noises[0].sum(0).diagonal()[:count]
+            buried = frozenset(np.flatnonzero(rest > BURIED * power).tolist())
+            by_channel = sum((x**2).sum(1) for x in whitened)  # (channels, c + 1)
+            hidden = [c for c in buried if c < len(linear.own)]
+            doubtful = frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
         reach = () if look.dictionary is None else look.dictionary.reach
         kept = [*range(count), width]
         first = rows.some(kept)
@@ -142,8 +154,8 @@ class Search:
             if off is not None:
                 share = sum(x.shape[1] for x in whitened) / max(1, len(plain))
                 grams = [g - share * off.sum(0) for g in plain]
-            subsets = Subsets(linear, normal, self.nominal)
-            out.append(View(linear, tuple(words), rows, subsets, tuple(grams), reach, explained))
+            subsets = Subsets(linear, normal, self.nominal, buried)
+            out.append(View(linear, tuple(words), rows, subsets, tuple(grams), reach, explained, doubtful))
         return out
 
     def tests(

@@ -1,6 +1,6 @@
 """Which effects together explain a residual: best subsets on normal equations, judged on recordings not fitted."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -50,15 +50,30 @@ class Fit:
 class Subsets:
     """Fits of subsets of the starts of a linearised model."""
 
-    def __init__(self, linear: Directions, normal: Normal, nominal: dict[str, float]) -> None:
-        """``nominal``: by label of a constant, the value that its prior is about."""
+    def __init__(
+        self, linear: Directions, normal: Normal, nominal: dict[str, float], buried: Collection[int] = ()
+    ) -> None:
+        """Prepare.
+
+        Args:
+            linear: the model and its rivals.
+            normal: their normal equations.
+            nominal: by label of a constant, the value that its prior is about.
+            buried: columns that are mostly noise of the inputs. A regression takes their coefficients too small, which
+                must not look like a weak motor: such a constant is left free here, and such an effect is not tried.
+        """
         self.linear, self.normal = linear, normal
+        self.starts = tuple(s for s in linear.starts if not set(s.columns) & set(buried))
         own: tuple[Entry, ...] = linear.own
         self.own = list(range(len(own)))
         self.prior = np.array([e.scale**-2 if e.constant else 0.0 for e in own])
         self.centre = np.array([nominal[e.label] - e.value if e.constant else 0.0 for e in own])
         self.low = np.array([e.low - e.value for e in own])
         self.high = np.array([e.high - e.value for e in own])
+        for i in set(buried) & set(self.own):
+            if own[i].constant:
+                self.prior[i] = 0.0
+                self.low[i], self.high[i] = -0.9 * abs(own[i].value), 9.0 * abs(own[i].value)
         self.penalty = float(np.log(max(normal.rows, 2)))
         """What a further parameter costs (Schwarz's criterion)."""
 
@@ -77,14 +92,14 @@ class Subsets:
             without: a fold that is not fitted.
             drop: places in ``model.effects`` of effects to do without.
         """
-        columns = [*self.own, *(c for s in starts for c in s.columns), *more]
+        taken = [self.linear.removals[i] for i in drop]
+        columns = [*self.own, *(c for s in starts for c in s.columns), *more, *taken]
         extra = len(columns) - len(self.own)
-        own_low, own_high = self.low.copy(), self.high.copy()
-        for i, e in enumerate(self.linear.own):
-            if e.owner in drop:
-                own_low[i] = own_high[i] = e.neutral - e.value
-        low = np.concatenate([own_low, *(s.low for s in starts), np.full(len(more), -np.inf)])
-        high = np.concatenate([own_high, *(s.high for s in starts), np.full(len(more), np.inf)])
+        fixed = np.array([e.owner in drop for e in self.linear.own], dtype=bool)
+        once = np.ones(len(taken))
+        low, high = np.where(fixed, 0.0, self.low), np.where(fixed, 0.0, self.high)
+        low = np.concatenate([low, *(s.low for s in starts), np.full(len(more), -np.inf), once])
+        high = np.concatenate([high, *(s.high for s in starts), np.full(len(more), np.inf), once])
         prior, centre = np.concatenate([self.prior, np.zeros(extra)]), np.concatenate([self.centre, np.zeros(extra)])
         beta, misfit = self.normal.fit(columns, prior, centre, low, high, without)
         count = sum(len(s.entries) for s in starts) + len(more)

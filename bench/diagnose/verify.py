@@ -18,6 +18,8 @@ BEATEN = 0.02
 """Share of all that is explained by which free terms must do better before an effect counts as their imitation."""
 BESIDE = 0.3
 """Share of its gain that an effect must keep beside such terms, or it is their imitation."""
+PLAINLY = 0.1
+"""Gain, as a share of what noise leaves, of an effect that is there although none of its parameters is known alone."""
 LEFT = 0.15
 """What a dictionary of signals may still explain, as a share of what noise leaves, before something is missing."""
 SAME = ({"rotor_gyroscopic_torque", "rotor_reaction_torque"},)
@@ -62,13 +64,15 @@ def estimates(view: View, fit: Fit) -> list[Estimate]:
 
 def neighbour(view: View, known: int) -> Fit | None:
     """A set one step from the model's that is better: an effect more, less or exchanged; None: there is none."""
-    subsets, starts = view.subsets, view.linear.starts
+    subsets, starts = view.subsets, view.subsets.starts
     here = subsets.fit()
     places = range(known, len(view.linear.model.effects))
     numbers = estimates(view, here)
     for i in places:
         less = subsets.fit(drop=[i])
-        if not accepted(view, less, here, drop=[i]) or not any(_told(x) for x in numbers if x.entry.owner == i):
+        # Parameters that share an uncertainty, such as the gains of all rotors, are known together only.
+        told = less.misfit - here.misfit > PLAINLY * view.floor or any(_told(x) for x in numbers if x.entry.owner == i)
+        if not told or not accepted(view, less, here, drop=[i]):
             return less
     options = [f for s in starts for i in places if sound(view, f := subsets.fit([s], drop=[i]))]
     best = min(options, key=subsets.cost, default=None)
@@ -89,19 +93,18 @@ def _told(x: Estimate) -> bool:
     return not x.low <= e.neutral <= x.high and e.low < x.value < e.high
 
 
-def left_over(view: View, kept: list[int], dropped: Sequence[int] = ()) -> tuple[list[Trace], float]:
+def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], float]:
     """What the residual of a fit follows, and the loss that all of it saves on recordings not fitted."""
     own = view.linear.own
-    kept = [c for c in kept if c >= len(own) or own[c].owner not in dropped]
+    kept = [c for c in range(len(own)) if own[c].owner not in dropped]
     grams = view.grams
     if dropped:  # the residual without these effects
         shift = np.zeros(grams[0].shape[0])
-        for c, e in enumerate(own):
-            if e.owner in dropped:
-                shift[c] = e.value - e.neutral
+        shift[[view.linear.removals[i] for i in dropped]] = -1.0
         grams = tuple(_shifted(g, shift) for g in grams)
     first = len(view.linear.columns)
-    found = follow(list(grams), kept, first)
+    allowed = [first + i for i, reach in enumerate(view.reach) if not reach <= view.doubtful]
+    found = follow(list(grams), kept, first, allowed=allowed)
     traces = []
     for column, gain in found:
         term = view.dictionary[column - first]
@@ -134,8 +137,7 @@ def needed(view: View, place: int, left: float) -> bool:
     acting = {int(c) for c in np.flatnonzero(gains > 0.1 * gains.sum())}
     shift = np.zeros(view.grams[0].shape[0])
     mine = [c for c, e in enumerate(own) if e.owner == place]
-    for c in mine:
-        shift[c] = own[c].value - own[c].neutral
+    shift[view.linear.removals[place]] = -1.0
     rest = [c for c in range(len(own)) if c not in mine]
     first = len(view.linear.columns)
     allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
@@ -164,7 +166,7 @@ def rivals(view: View, place: int) -> tuple[str, ...]:
     level = subsets.losses(here).sum(1)
     best: dict[str, float] = {}
     alone = subsets.cost(subsets.fit(drop=[place]))
-    for s in view.linear.starts:
+    for s in subsets.starts:
         if any({mine, s.id} <= same for same in SAME):
             continue
         other = subsets.fit([s], drop=[place])

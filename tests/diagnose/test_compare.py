@@ -1,6 +1,7 @@
 """Step 1: free runs of models against measurements, and the noise floor."""
 
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -78,7 +79,9 @@ def test_the_floor_of_a_linear_system_is_the_closed_form() -> None:
 def test_noise_and_filter_are_found_in_the_data_and_the_floor_is_the_error_of_the_true_model(
     how: Smoothing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.diagnose.compare.WINDOWS", 10**6)  # from every sample, for a sharp figure
+    monkeypatch.setattr(
+        sys.modules["bench.diagnose.compare"], "WINDOWS", 10**6
+    )  # from every sample, for a sharp figure
     states, force = flights()
     if how.derived:
         seen = smoothed(states, 0.004, how)[:, 10:-10]
