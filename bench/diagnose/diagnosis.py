@@ -99,7 +99,7 @@ class DataProblem:
     kind: str
     """Such as "spike", "frozen", "time shift", "swapped sign", "clock"."""
     rows: tuple[int, int] | None
-    """First and last, as in the file (the header of a CSV is row 1); None: all of them."""
+    """First and last sample of the recording, counted from 0; None: all of them."""
     detail: str
     """One sentence with figures and units."""
 

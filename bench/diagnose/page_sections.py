@@ -14,8 +14,11 @@ _METHOD = (
     "the noise floor: what measurement noise and smoothing alone would give.",
     "Base constants are calibrated within their stated uncertainty first, so that a wrong constant is not taken for a "
     "missing effect.",
-    "Each effect of the catalogue is then fitted to changes of the state over short windows; it is taken only if it "
-    "lowers the error on recordings left out of the fit, by more than simulated data without the effect would let it.",
+    "Sets of effects of the catalogue are then fitted to changes of the state over short windows, smoothed as the data "
+    "were, and compared by what they leave of the whitened residual and by their number of parameters; a larger set must "
+    "gain on recordings left out of the fit.",
+    "A dictionary of signals is tried on what is left: what it still explains is reported as unknown, and effects that "
+    "it explains better are not named.",
     "What is taken is fitted again together with the constants, by simulating forward and comparing with the "
     "measurement, and effects that explain the data equally well are reported as a tie.",
 )

@@ -87,11 +87,11 @@ def listed(items: Iterable[str], last: str = "and") -> str:
 
 
 def rows(problem: DataProblem) -> str:
-    """The rows of a data problem."""
+    """Where a data problem is, in samples from 0."""
     if problem.rows is None:
-        return "all rows"
+        return "all samples"
     first, end = problem.rows
-    return f"row {first}" if first == end else f"rows {first} to {end}"
+    return f"sample {first}" if first == end else f"samples {first} to {end}"
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def test_the_story_is_short_and_says_the_verdict(verdict: str) -> None:
         "tie": ["rotor drag or linear drag", "heavier payload"],
         "nothing": ["No effect", "mass by 12 % (12.4 σ)"],
         "unknown_effect": ["not in the catalogue", "acts on velocity z", "follows position x", "93 %"],
-        "data_problem": ["frozen", "flight_03", "body rates r", "rows 1202 to 1466", "velocity x, all rows"],
+        "data_problem": ["frozen", "flight_03", "body rates r", "samples 1202 to 1466", "velocity x, all samples"],
     }[verdict]:
         assert said in flat
 

@@ -91,7 +91,7 @@ def test_named_page_shows_every_part_with_the_units_of_a_reader() -> None:
         "61 % of the error",
         "Round 3: none is taken",
         "It ignores the rotor speed",
-        "rows 1204 to 1206",
+        "samples 1204 to 1206",
         "Nothing systematic is left",
         "1.2 σ",
         "flight_11",
@@ -106,7 +106,7 @@ def test_named_page_shows_every_part_with_the_units_of_a_reader() -> None:
         ("tie", ["To separate them: Fly at the same speed"], ["Nothing was"]),
         ("nothing", ["None is taken", "gentle: speeds stay below"], ["Effect by effect", "extended model"]),
         ("unknown_effect", ["A hypothesis, not a finding", "follows position x"], ["Effect by effect"]),
-        ("data_problem", ["rows 1202 to 1466", "bench diagnose 'flights/tuesday 3'"], ["What is left", "runs free"]),
+        ("data_problem", ["samples 1202 to 1466", "bench diagnose 'flights/tuesday 3'"], ["What is left", "runs free"]),
     ],
 )  # fmt: skip
 def test_each_verdict_shows_what_it_has_and_no_more(verdict: str, said: list[str], not_said: list[str]) -> None:
