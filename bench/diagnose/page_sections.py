@@ -15,8 +15,8 @@ _METHOD = (
     "Base constants are calibrated within their stated uncertainty first, so that a wrong constant is not taken for a "
     "missing effect.",
     "Sets of effects of the catalogue are then fitted to changes of the state over short windows, smoothed as the data "
-    "were, and compared by what they leave of the whitened residual and by their number of parameters; a larger set must "
-    "gain on recordings left out of the fit.",
+    "were, and compared by what they leave of the whitened residual and by their number of parameters; a larger set "
+    "must gain on recordings left out of the fit.",
     "A dictionary of signals is tried on what is left: what it still explains is reported as unknown, and effects that "
     "it explains better are not named.",
     "What is taken is fitted again together with the constants, by simulating forward and comparing with the "
