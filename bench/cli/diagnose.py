@@ -202,7 +202,6 @@ def discover_command(
         )
     for trace in found.traces[:3]:
         out.print(f"  left in {trace.axis}: follows {trace.signal}", highlight=False)
-    print_notes(out, found.notes)
     left = [{"axis": t.axis, "follows": t.signal} for t in found.traces]
     write_json(to_json, {"dataset": subject.name, "effects": effects, "unexplained": left})
     if found.found:

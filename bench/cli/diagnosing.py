@@ -1,7 +1,6 @@
 """What the diagnosing commands share: measurements and models in, tables, files and MLflow runs out."""
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -150,21 +149,12 @@ def print_notes(out: Any, notes: Sequence[str]) -> None:
 
 def write_json(path: Path | None, what: dict[str, Any]) -> None:
     """Write values as JSON, null for numbers that do not exist; None: nothing is asked for."""
-    from bench.diagnose.diagnosis import write_text
+    from bench.diagnose.diagnosis import finite, write_text
 
     if path is not None:
-        write_text(path, json.dumps(_finite(what), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+        write_text(path, json.dumps(finite(what), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def say_next(command: str, why: str) -> None:
     """Print what to type next."""
     click.echo(f"Next, {why}: {command}")
-
-
-def _finite(value: Any) -> Any:
-    """``value`` with None for every number that is not finite, in all its parts."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

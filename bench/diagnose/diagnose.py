@@ -113,7 +113,7 @@ def diagnose(
                 location.residuals,
                 location.windows,
                 _hypothesis(found),
-                (*comparison.notes, *location.notes, *found.notes, *_warnings(found, checked.suspicions)),
+                (*comparison.notes, *location.notes, *_warnings(found, checked.suspicions)),
             ),
         ),
         model,
@@ -169,8 +169,7 @@ def _unexplained(
         so_far += trace.gain
         axes.append(trace.axis)
         drive = getattr(subject.model, "drive", "input")
-        parts = (p for part in trace.signal.split(" × ") for p in (part,))
-        signals += [drive if p == "input" else p for p in parts]
+        signals += [drive if p == "input" else p for p in trace.signal.split(" × ")]
     return Unexplained(share, tuple(dict.fromkeys(axes or high)), tuple(dict.fromkeys(signals)))
 
 

@@ -244,8 +244,8 @@ class Diagnosis:
         """The contract as JSON values, without the evidence; a number that does not exist is None."""
         contract = asdict(self)
         del contract["evidence"]
-        finite: dict[str, Any] = _finite(contract)
-        return finite
+        values: dict[str, Any] = finite(contract)
+        return values
 
     def write(self, path: Path) -> None:
         """Write `to_json` to ``path``, whole or not at all.
@@ -283,9 +283,10 @@ def write_text(path: Path, text: str) -> None:
         raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """``value`` with None for every number that is not finite, in all its parts."""
     if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
+        return {k: finite(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
+        return [finite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -9,7 +9,6 @@ from bench.diagnose.choose import accepted, agreed, updated
 from bench.diagnose.noise import Noise
 from bench.diagnose.parameters import entries
 from bench.diagnose.search import Search, View
-from bench.diagnose.smoothing import Smoothing
 from bench.diagnose.subject import Subject
 from bench.diagnose.subset import Fit, t_value
 from bench.diagnose.verify import LEFT, Estimate, Trace, estimates, left_over, needed, neighbour, rivals
@@ -56,16 +55,9 @@ class Discovery:
     found: tuple[Found, ...]
     rounds: tuple[tuple[Loser, ...], ...]
     traces: tuple[Trace, ...]
-    explained: float
-    """Share of what was systematic that the found effects explain."""
     constants: tuple[Estimate, ...]
-    smoothing: tuple[Smoothing, ...]
-    """A channel."""
-    channels: tuple[int, ...]
-    """State channels that were looked at."""
     imitators: tuple[str, ...] = ()
     """Effects that would imitate what is left, and were not named."""
-    notes: tuple[str, ...] = ()
 
 
 def discover(
@@ -87,8 +79,7 @@ def discover(
     """
     search = Search(subject, catalogue, tick, noise)
     base = subject.model
-    smoothing = search.smoothing
-    view, fit, fields = agreed(search.views(search.look(base), smoothing))
+    view, fit, fields = agreed(search.views(search.look(base)))
     model = updated(view, fit)
     calibrated = updated(view, view.subsets.fit())
     rounds = tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
@@ -97,7 +88,7 @@ def discover(
     known = len(base.effects)
     for _ in range(4):
         tick("what is left")
-        views = search.views(search.look(model, shortlist), smoothing, everything)
+        views = search.views(search.look(model, shortlist), everything)
         view = min(views, key=lambda v: v.subsets.fit().prior)
         changed = neighbour(view, known)
         fit = view.subsets.fit() if changed is None else changed
@@ -132,17 +123,13 @@ def discover(
         )
         for i in named
     )
-    explained = 1 - max(fit.misfit - view.floor, 0.0) / everything if everything > 0 else 0.0
     return Discovery(
         calibrated,
         model,
         tuple(sorted(found, key=lambda f: -f.gain)),
         rounds,
         tuple(traces) if total > LEFT * view.floor else (),
-        explained,
         tuple(x for x in numbers if x.entry.constant),
-        tuple(smoothing.get(base.state_channels[c].group, Smoothing()) for c in view.linear.channels),
-        view.linear.channels,
         tuple(names[i] for i in imitators),
     )
 

@@ -53,7 +53,7 @@ def fitted(
     search = Search(subject, (), tick, noise)
     found: list[Estimate] = []
     for _ in range(6):
-        views = search.views(search.look(model, broad=False), search.smoothing)
+        views = search.views(search.look(model, broad=False))
         view = min(views, key=lambda v: v.subsets.fit().prior)
         fit = view.subsets.fit()
         before, model = model, updated(view, fit)
@@ -151,7 +151,7 @@ def _starting_point(
         # It was asked for although its signals are missing: from typical values.
         typical: Effect = EFFECTS.get(name).typical()
         return typical
-    view = search.views(look, search.smoothing)[0]
+    view = search.views(look)[0]
     best = min((view.subsets.fit([s]) for s in view.linear.starts), key=lambda f: f.loss)
     return next(iter(best.effects(len(view.linear.own)).values()))
 

@@ -11,7 +11,6 @@ from bench.diagnose.subject import Log
 from bench.diagnose.weak import Stack, how_many, memories, narrowed, own_states
 from registry.contracts import Channel
 from registry.dynamics import PhysicsModel
-from registry.units import SIGNALS
 
 LONGEST, FEWEST = 0.5, 20
 """Default horizon: half a second [s], and no fewer than this many samples."""
@@ -98,6 +97,11 @@ def measured_windows(logs: Sequence[Log], at: Sequence[np.ndarray], steps: int) 
     return windows([log.states for log in logs], at, steps)
 
 
+def between(a: Tensor, b: Tensor) -> Tensor:
+    """Vector part (…, 3) of the rotation between attitudes xyzw (…, 4): its axis times the sine of half the angle."""
+    return a[..., 3:] * b[..., :3] - b[..., 3:] * a[..., :3] + torch.linalg.cross(a[..., :3], b[..., :3])
+
+
 def errors(predicted: Tensor, measured: Tensor, of: Sequence[Group]) -> Tensor:
     """Squared error (…, T, groups): squared Euclidean norm over a group's axes, of an attitude the squared angle."""
     out = []
@@ -105,15 +109,8 @@ def errors(predicted: Tensor, measured: Tensor, of: Sequence[Group]) -> Tensor:
         at = list(group.at)
         a, b = predicted[..., at], measured[..., at]
         if group.name == "attitude":
-            vector = (
-                a[..., 3:] * b[..., :3] - b[..., 3:] * a[..., :3] + torch.linalg.cross(a[..., :3], b[..., :3])
-            ).norm(dim=-1)
+            vector = between(a, b).norm(dim=-1)
             out.append((2 * torch.atan2(vector, (a * b).sum(-1).abs())).square())
         else:
             out.append((a - b).square().sum(-1))
     return torch.stack(out, dim=-1)
-
-
-def title(group: str) -> str:
-    """The group's name as a reader says it."""
-    return group.replace("_", " ") if group in SIGNALS else group

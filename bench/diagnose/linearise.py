@@ -71,17 +71,6 @@ class Directions:
                     columns[mine] = noisy.columns[its]
         return replace(self, rates=noisy.rates, columns=columns)
 
-    def only(self, logs: Sequence[int]) -> "Directions":
-        """These directions on some of the recordings."""
-        some = list(logs)
-        stack = replace(
-            self.stack,
-            logs=tuple(self.stack.logs[i] for i in some),
-            states=self.stack.states[some],
-            inputs=self.stack.inputs[some],
-        )
-        return replace(self, stack=stack, rates=self.rates[some], columns=self.columns[:, some])
-
     def project(self, tests: TestFunctions, more: Dictionary | None = None) -> "Rows":
         """Rows of the weak form, with the terms of a dictionary as further columns."""
         dt, out = self.stack.dt, []

@@ -11,7 +11,6 @@ from bench.diagnose.linearise import Directions, Rows, directions
 from bench.diagnose.noise import Noise, noise_of
 from bench.diagnose.parameters import entries
 from bench.diagnose.regression import ridge, whitening
-from bench.diagnose.smoothing import Smoothing
 from bench.diagnose.subject import Log, Subject
 from bench.diagnose.subset import Subsets
 from bench.diagnose.weak import Stack, TestFunctions
@@ -40,7 +39,6 @@ class View:
 
     linear: Directions
     dictionary: tuple[Term, ...]
-    rows: Rows
     subsets: Subsets
     grams: tuple[np.ndarray, ...]
     """A recording: of all columns, dictionary included."""
@@ -85,8 +83,7 @@ class Search:
         self.hop = hop_of(self.stack)
         noise = noise or noise_of(subject)
         filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
-        of_group = {c.group: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
-        self.smoothing = of_group
+        self.smoothing = {c.group: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
         self.nominal = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
         drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
         sigma = input_noise(self.stack, drives)
@@ -96,7 +93,7 @@ class Search:
         noisy = self.stack.inputs + torch.from_numpy(generator.normal(size=self.stack.inputs.shape) * sigma)
         self.noisy = replace(self.stack, inputs=noisy) if sigma.any() else None
 
-    def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> "Look":
+    def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> Look:
         """Linearise ``model`` with every candidate.
 
         Args:
@@ -118,10 +115,11 @@ class Search:
         moved = linear.moved(directions(model, nominal, spread, self.noisy, quick))
         return Look(linear, moved, words, dictionary(model, self.noisy, linear.channels) if broad else None)
 
-    def views(self, look: "Look", smoothing: dict[str, Smoothing], explained: float = 0.0) -> list[View]:
+    def views(self, look: Look, explained: float = 0.0) -> list[View]:
         """Normal equations of a look through test functions: with the inputs' noise taken off, and as they are."""
         linear = look.linear
-        tests = self.tests(linear.model, linear.channels, smoothing, self.hop)
+        filters_of = [self.smoothing[linear.model.state_channels[c].group] for c in linear.channels]
+        tests = TestFunctions.over(self.stack.logs, self.hop, filters_of)
         rows = linear.project(tests, look.dictionary)
         filters = noise_filters(rows, len(linear.own))
         whitened = rows.whitened(filters)
@@ -155,15 +153,8 @@ class Search:
                 share = sum(x.shape[1] for x in whitened) / max(1, len(plain))
                 grams = [g - share * off.sum(0) for g in plain]
             subsets = Subsets(linear, normal, self.nominal, buried)
-            out.append(View(linear, tuple(words), rows, subsets, tuple(grams), reach, explained, doubtful))
+            out.append(View(linear, tuple(words), subsets, tuple(grams), reach, explained, doubtful))
         return out
-
-    def tests(
-        self, model: PhysicsModel, channels: Sequence[int], smoothing: dict[str, Smoothing], hop: int
-    ) -> TestFunctions:
-        """Test functions for these channels."""
-        groups = [model.state_channels[c].group for c in channels]
-        return TestFunctions.over(self.stack.logs, hop, [smoothing.get(g, Smoothing()) for g in groups])
 
 
 _ROLES = {"displacement": {"angle", "position"}, "speed": {"angle_rate", "velocity"}}

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from bench.diagnose.free_run import Group, default_steps, free_run, groups, measured_windows, starts
+from bench.diagnose.free_run import Group, between, default_steps, free_run, groups, measured_windows, starts
 from bench.diagnose.parameters import Entry, entries, probes, with_values
 from bench.diagnose.regression import bounded, equilibrium
-from bench.diagnose.subject import Log, Subject
+from bench.diagnose.subject import Subject
 from registry.dynamics import PhysicsModel
 
 WINDOWS = 160
@@ -92,20 +92,6 @@ def shoot(
     return Shot(best, start, last, tuple(current), np.linalg.pinv(gram))
 
 
-def level(model: PhysicsModel, logs: Sequence[Log]) -> dict[str, float]:
-    """Root mean square error by group at the default horizon, on these logs."""
-    steps = default_steps(logs[0].rate)
-    at = [starts(log, steps, max(steps // 2, 1)) for log in logs]
-    judged = groups(model.state_channels, logs[0].measured)
-    e = _errors(free_run(model, logs, at, steps)[:, -1:], measured_windows(logs, at, steps)[:, -1:], judged)
-    out, column = {}, 0
-    for g in judged:
-        width = 3 if g.name == "attitude" else len(g.at)
-        out[g.name] = float(np.sqrt((e[..., column : column + width] ** 2).sum(-1).mean()))
-        column += width
-    return out
-
-
 def _errors(predicted: torch.Tensor, measured: torch.Tensor, of: Sequence[Group]) -> np.ndarray:
     """(W, points, axes): differences, of an attitude the rotation vector; what diverged counts as a large error."""
     out = []
@@ -113,8 +99,7 @@ def _errors(predicted: torch.Tensor, measured: torch.Tensor, of: Sequence[Group]
         at = list(group.at)
         a, b = predicted[..., at], measured[..., at]
         if group.name == "attitude":
-            vector = a[..., 3:] * b[..., :3] - b[..., 3:] * a[..., :3] + torch.linalg.cross(a[..., :3], b[..., :3])
-            out.append(2 * vector * torch.sign((a * b).sum(-1, keepdim=True)))
+            out.append(2 * between(a, b) * torch.sign((a * b).sum(-1, keepdim=True)))
         else:
             out.append(a - b)
     found: np.ndarray = np.nan_to_num(torch.cat(out, dim=-1).numpy(), nan=1e6, posinf=1e6, neginf=-1e6)

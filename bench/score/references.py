@@ -3,7 +3,6 @@
 import numpy as np
 
 Array = np.ndarray
-STYLES = ("hover", "gentle", "aggressive")
 
 
 def _waves(rng: np.random.Generator, t: Array, speed: float, slow: float, fast: float) -> Array:
