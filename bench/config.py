@@ -43,7 +43,10 @@ class RunConfig:
     initializer: InitializerEntry | None
     dataset: Dataset
     inputs: tuple[str, ...] = option((), "signals that drive the predictor; empty: the data set's own")
-    outputs: tuple[str, ...] = option((), "signals or channels to predict; empty: the data set's rates")
+    outputs: tuple[str, ...] = option((), "signals or channels to predict; empty: what the predictor is for")
+    context: tuple[str, ...] = option(
+        (), "signals that are measured until the prediction starts and set initial states, such as attitude"
+    )
     horizon: int = option(40, "prediction length T", unit="samples", low=1, high=100000)
     history: int = option(10, "history τ of predictors without an initializer", unit="samples", low=1, high=10000)
     train_stride: int = option(1, "samples between the starts of training windows", low=1)
@@ -70,7 +73,13 @@ class RunConfig:
 
     def resolved(self) -> "RunConfig":
         """With the data set's own signals where none are named."""
-        return replace(self, inputs=self.inputs or self.dataset.inputs, outputs=self.outputs or (self.dataset.rates,))
+        inputs, outputs, context = self.predictor.signals(self.dataset)
+        return replace(
+            self,
+            inputs=self.inputs or inputs,
+            outputs=self.outputs or outputs,
+            context=self.context or context,
+        )
 
 
 _PARTS: dict[str, Registry] = {"predictor": PREDICTORS, "initializer": INITIALIZERS, "dataset": DATASETS}
@@ -144,6 +153,8 @@ def run_key(config: RunConfig, data_digest: str, split: Split) -> str:
         "split": [split.train, split.validation, split.test],
         "env": environment(),
     }
+    if files := config.predictor.content():
+        content["files"] = files
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 

@@ -59,8 +59,11 @@ class Prepared:
     """(N, m) all recordings joined."""
     outputs: Tensor
     """(N, n)."""
+    context: Tensor
+    """(N, c) what is measured during the history only."""
     input_channels: tuple[Channel, ...]
     output_channels: tuple[Channel, ...]
+    context_channels: tuple[Channel, ...]
     rate: float
     """Samples per second [Hz]."""
     tau: int
@@ -74,12 +77,16 @@ class Prepared:
     input_scale: tuple[Tensor, Tensor]
     """Mean and standard deviation of the training part, (m,) each."""
     output_scale: tuple[Tensor, Tensor]
+    context_scale: tuple[Tensor, Tensor]
 
     def gather(self, starts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """History inputs (B, τ, m) and outputs (B, τ, n), horizon inputs (B, T, m) and outputs (B, T, n), SI."""
+        """History inputs (B, τ, m) and outputs (B, τ, n + c), horizon inputs (B, T, m) and outputs (B, T, n), SI."""
         index = starts.unsqueeze(-1) + torch.arange(self.tau + self.horizon)
         u, y = self.inputs[index], self.outputs[index]
-        return u[:, : self.tau], y[:, : self.tau], u[:, self.tau :], y[:, self.tau :]
+        history = y[:, : self.tau]
+        if self.context_channels:
+            history = torch.cat([history, self.context[index[:, : self.tau]]], -1)
+        return u[:, : self.tau], history, u[:, self.tau :], y[:, self.tau :]
 
 
 def prepare(config: RunConfig) -> Prepared:
@@ -95,18 +102,15 @@ def prepare(config: RunConfig) -> Prepared:
     if odd:
         raise BenchError(f"Recording {odd[0]} is not at {rate:g} Hz like {recordings[0].name}: resample one of them.")
     split = choose_split(config)
-    picked_u = [r.pick(config.inputs) for r in recordings] if config.inputs else []
-    picked_y = [r.pick(config.outputs) for r in recordings]
-    u_channels = picked_u[0][1] if picked_u else ()
-    y_channels = picked_y[0][1]
-    both = {c.name for c in u_channels} & {c.name for c in y_channels}
+    (inputs, u_channels), (outputs, y_channels), (context, c_channels) = (
+        _pick(recordings, selectors) for selectors in (config.inputs, config.outputs, config.context)
+    )
+    both = {c.name for c in (*u_channels, *c_channels)} & {c.name for c in y_channels}
     if both:
         raise BenchError(f"{', '.join(sorted(both))} cannot be an input and an output at once.")
-    outputs = np.concatenate([y for y, _ in picked_y]).astype(np.float32)
-    inputs = np.concatenate([u for u, _ in picked_u]).astype(np.float32) if picked_u else outputs[:, :0]
-    valid = [r.valid & np.isfinite(y).all(1) for r, (y, _) in zip(recordings, picked_y, strict=True)]
-    if picked_u:
-        valid = [v & np.isfinite(u).all(1) for v, (u, _) in zip(valid, picked_u, strict=True)]
+    joined = np.concatenate([r.valid for r in recordings])
+    joined &= np.isfinite(inputs).all(1) & np.isfinite(outputs).all(1) & np.isfinite(context).all(1)
+    valid = np.split(joined, np.cumsum([len(r) for r in recordings])[:-1])
     offsets = np.cumsum([0, *(len(r) for r in recordings)])
     length = config.tau + config.horizon
 
@@ -134,8 +138,10 @@ def prepare(config: RunConfig) -> Prepared:
     return Prepared(
         inputs=torch.from_numpy(np.nan_to_num(inputs)),
         outputs=torch.from_numpy(np.nan_to_num(outputs)),
+        context=torch.from_numpy(np.nan_to_num(context)),
         input_channels=u_channels,
         output_channels=y_channels,
+        context_channels=c_channels,
         rate=rate,
         tau=config.tau,
         horizon=config.horizon,
@@ -146,7 +152,16 @@ def prepare(config: RunConfig) -> Prepared:
         split=split,
         input_scale=scale(inputs),
         output_scale=scale(outputs),
+        context_scale=scale(context),
     )
+
+
+def _pick(recordings: Sequence[Recording], selectors: Sequence[str]) -> tuple[np.ndarray, tuple[Channel, ...]]:
+    """The named signals of all recordings, joined (N, c) float32, and their channels."""
+    if not selectors:
+        return np.empty((sum(map(len, recordings)), 0), np.float32), ()
+    picked = [r.pick(selectors) for r in recordings]
+    return np.concatenate([values for values, _ in picked]).astype(np.float32), picked[0][1]
 
 
 def window_starts(valid: np.ndarray, length: int, stride: int, first: int = 0) -> np.ndarray:

@@ -17,12 +17,13 @@ QUANTILES = {"median": 0.5, "q05": 0.05, "q25": 0.25, "q75": 0.75, "q95": 0.95, 
 
 
 def predict(model: Model, data: Prepared, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Measured and predicted outputs (W, T, n) of the windows at ``starts``, SI."""
+    """Measured and predicted outputs (W, T, n') of the windows at ``starts``, SI, in the order of `Model.judged`."""
     measured, predicted = [], []
+    columns = [i for _, i in model.judged()]
     for chunk in torch.as_tensor(starts).split(CHUNK):
         u_history, y_history, u, y = data.gather(chunk)
-        predicted.append(model.predict(u_history, y_history, u).numpy())
-        measured.append(y.numpy())
+        predicted.append(model.judge(u_history, y_history, u, y).numpy())
+        measured.append(y[..., columns].numpy())
     return np.concatenate(measured), np.concatenate(predicted)
 
 
@@ -69,12 +70,13 @@ def norms(errors: np.ndarray, channels: tuple[Channel, ...]) -> Iterator[tuple[s
             yield channels[i].name, "axis", unit, e[..., j]
 
 
-def per_step(errors: np.ndarray, data: Prepared, recording: np.ndarray) -> pd.DataFrame:
+def per_step(errors: np.ndarray, channels: tuple[Channel, ...], data: Prepared, recording: np.ndarray) -> pd.DataFrame:
     """Long table of the error distribution at every step.
 
     Args:
-        errors: (W, T, n) measured − predicted, SI.
-        data: for channels, rate and names.
+        errors: (W, T, n') measured − predicted, SI.
+        channels: the n' that were predicted.
+        data: for rate and names.
         recording: (W,) index of each window's recording; "mean@NAME" rows hold the mean within one recording.
 
     Returns:
@@ -82,7 +84,7 @@ def per_step(errors: np.ndarray, data: Prepared, recording: np.ndarray) -> pd.Da
     """
     steps = np.arange(1, errors.shape[1] + 1)
     tables = []
-    for quantity, norm, unit, e in norms(errors, data.output_channels):
+    for quantity, norm, unit, e in norms(errors, channels):
         values = {"mean": e.mean(0, dtype=np.float64)}
         values |= dict(zip(QUANTILES, np.quantile(e, list(QUANTILES.values()), axis=0), strict=True))
         for i in np.unique(recording):
@@ -104,7 +106,9 @@ def per_step(errors: np.ndarray, data: Prepared, recording: np.ndarray) -> pd.Da
     return pd.concat(tables, ignore_index=True)
 
 
-def example_windows(measured: np.ndarray, predicted: np.ndarray, data: Prepared, count: int = 6) -> pd.DataFrame:
+def example_windows(
+    measured: np.ndarray, predicted: np.ndarray, channels: tuple[Channel, ...], data: Prepared, count: int = 6
+) -> pd.DataFrame:
     """Measured and predicted outputs of a few windows: evenly spread over the ranking by error, best to worst.
 
     Returns:
@@ -116,7 +120,7 @@ def example_windows(measured: np.ndarray, predicted: np.ndarray, data: Prepared,
     steps = np.arange(1, measured.shape[1] + 1)
     tables = []
     for w in picks:
-        for i, channel in enumerate(data.output_channels):
+        for i, channel in enumerate(channels):
             tables.append(
                 pd.DataFrame(
                     {

@@ -10,6 +10,7 @@ import torch
 from bench.config import from_json
 from bench.model import Model, build
 from bench.record import RunRecord
+from registry.contracts import Channel
 from registry.errors import BenchError
 
 
@@ -24,9 +25,18 @@ def load_model(record: RunRecord) -> Model:
             f"Run {record.key[:12]} diverged and has no model to use: choose another with `bench runs list`."
         )
     config = from_json(record.config)
-    model = build(config, len(record.summary["inputs"]), len(record.summary["outputs"]))
+    inputs, outputs, context = (
+        tuple(Channel(name, record.summary["units"][name]) for name in names) for names in signals(record)
+    )
+    model = build(config, inputs, outputs, context, record.summary["rate_hz"])
     model.load_state_dict(record.weights())
     return model.eval()
+
+
+def signals(record: RunRecord) -> tuple[list[str], list[str], list[str]]:
+    """Names of the inputs, the predicted outputs and the context of a run."""
+    s = record.summary
+    return s["inputs"], s["outputs"][: s.get("predicted")], s.get("context", [])
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -49,7 +59,7 @@ def predict_table(record: RunRecord, table: pd.DataFrame, source: str) -> pd.Dat
     Args:
         record: a finished run.
         table: one row a sample at the run's rate, one column a channel (SI, named as in the record). The first τ
-            rows need inputs and measured outputs, the others inputs only.
+            rows need inputs, measured outputs and context, the others inputs only.
         source: name of the table in error messages.
 
     Returns:
@@ -59,16 +69,16 @@ def predict_table(record: RunRecord, table: pd.DataFrame, source: str) -> pd.Dat
         BenchError: a missing column, a missing or non-numeric value, or too few rows.
     """
     summary = record.summary
-    tau, inputs, outputs = summary["history"], summary["inputs"], summary["outputs"]
-    absent = [c for c in (*inputs, *outputs) if c not in table.columns]
+    tau, (inputs, outputs, context) = summary["history"], signals(record)
+    absent = [c for c in (*inputs, *outputs, *context) if c not in table.columns]
     if absent:
         raise BenchError(
-            f"{source} has no column {absent[0]!r}; the run needs {', '.join([*inputs, *outputs])} in SI units."
+            f"{source} has no column {absent[0]!r}; the run needs {', '.join([*inputs, *outputs, *context])}, SI units."
         )
     if len(table) <= tau:
         raise BenchError(f"{source} has {len(table)} rows; {tau} of history and at least one more are needed.")
     u = _numbers(table[inputs], source)
-    y = _numbers(table[outputs].iloc[:tau], source)
+    y = _numbers(table[[*outputs, *context]].iloc[:tau], source)
     predicted = load_model(record).predict(u[None, :tau], y[None], u[None, tau:])[0].numpy()
     times = np.arange(1, len(predicted) + 1) / summary["rate_hz"]
     return pd.DataFrame({"time_s": times, **{c: predicted[:, i] for i, c in enumerate(outputs)}})

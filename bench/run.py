@@ -53,13 +53,14 @@ def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float
     config = config.resolved()
     steps, windows = pd.DataFrame(columns=STEP_COLUMNS), pd.DataFrame(columns=WINDOW_COLUMNS)
     metrics: dict[str, float | None] = {}
+    channels = tuple(c for c, _ in trained.model.judged())
     if trained.status == "finished":
         torch.manual_seed(derive(config.seed, "test"))  # a random washout start
         measured, predicted = evaluate.predict(trained.model, data, data.test.starts.numpy())
         errors = measured - predicted
-        metrics = evaluate.metrics(errors, data.output_channels)
-        steps = evaluate.per_step(errors, data, data.test.recording)
-        windows = evaluate.example_windows(measured, predicted, data)
+        metrics = evaluate.metrics(errors, channels)
+        steps = evaluate.per_step(errors, channels, data, data.test.recording)
+        windows = evaluate.example_windows(measured, predicted, channels, data)
     summary = {
         "key": run_key(config, digest(config.dataset), data.split),
         "spec": config.spec,
@@ -67,8 +68,10 @@ def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float
         "dataset": config.dataset.label,
         "dataset_digest": digest(config.dataset),
         "inputs": [c.name for c in data.input_channels],
-        "outputs": [c.name for c in data.output_channels],
-        "units": {c.name: c.unit for c in (*data.input_channels, *data.output_channels)},
+        "outputs": [c.name for c in channels],
+        "predicted": len(data.output_channels),
+        "context": [c.name for c in data.context_channels],
+        "units": {c.name: c.unit for c in (*data.input_channels, *channels, *data.context_channels)},
         "rate_hz": data.rate,
         "horizon": config.horizon,
         "history": config.tau,

@@ -63,7 +63,8 @@ def independent(config: RunConfig) -> bool:
     dropout, hidden = (getattr(config.predictor, o, 0) for o in ("dropout", "hidden"))
     sizes = (hidden, getattr(config.initializer, "hidden", hidden))
     return (
-        not dropout
+        config.predictor.side_by_side
+        and not dropout
         and getattr(config.initializer, "start", "zero") == "zero"
         and min(sizes) >= 8
         and config.training.batch % 32 == 0
@@ -96,7 +97,7 @@ def _closed_form(model: Model, data: Prepared) -> Trained:
     u_history, y_history, u, y = data.gather(data.train.every(20_000).starts)
     p = model.predictor
     scale_u, scale_y = p.input_scaler, p.output_scaler
-    p.fit(scale_u(u_history), scale_y(y_history), scale_u(u), scale_y(y))
+    p.fit(scale_u(u_history), p.scale_history(y_history), scale_u(u), scale_y(y))
     return Trained(model, "finished", 0, 0, None, [])
 
 
@@ -125,7 +126,8 @@ class _Group:
     def _scaled(model: Model, data: Prepared) -> Prepared:
         """The run's data in scaled units, once."""
         p = model.predictor
-        return replace(data, inputs=p.input_scaler(data.inputs), outputs=p.output_scaler(data.outputs))
+        context = data.context if p.context_scaler is None else p.context_scaler(data.context)
+        return replace(data, inputs=p.input_scaler(data.inputs), outputs=p.output_scaler(data.outputs), context=context)
 
     def _named(self, theta: Tensor) -> dict[str, Tensor]:
         """(M, P) → named weights (M, …)."""

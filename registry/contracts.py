@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -214,6 +214,56 @@ class Dataset(ABC):
 
 
 @dataclass(frozen=True)
+class Problem:
+    """What a model is to predict from what: all that a predictor or an initializer is built from."""
+
+    inputs: tuple[Channel, ...]
+    outputs: tuple[Channel, ...]
+    horizon: int
+    """Prediction length T [samples]."""
+    history: int
+    """Initialization length τ [samples]."""
+    context: tuple[Channel, ...] = ()
+    """Measured during the history only: they set initial states and are not predicted."""
+    rate: float = 100.0
+    """Samples per second [Hz]."""
+    system: str = "quadrotor"
+    """The registered physics model of what was recorded, its nominal constants, and what inputs do between samples."""
+    physics: Mapping[str, Any] = field(default_factory=dict)
+    input_hold: str = "linear"
+
+    @classmethod
+    def plain(cls, n_inputs: int, n_outputs: int, horizon: int, history: int, n_context: int = 0) -> Problem:
+        """A problem whose channels have no meaning."""
+
+        def channels(name: str, count: int) -> tuple[Channel, ...]:
+            return tuple(Channel(f"{name}.{i}", "1") for i in range(count))
+
+        named = channels("input", n_inputs), channels("output", n_outputs)
+        return cls(*named, horizon, history, channels("context", n_context))
+
+    @property
+    def n_inputs(self) -> int:
+        """m."""
+        return len(self.inputs)
+
+    @property
+    def n_outputs(self) -> int:
+        """n."""
+        return len(self.outputs)
+
+    @property
+    def n_context(self) -> int:
+        """c."""
+        return len(self.context)
+
+    @property
+    def n_measured(self) -> int:
+        """Columns m + n + c of a sample of the history."""
+        return self.n_inputs + self.n_outputs + self.n_context
+
+
+@dataclass(frozen=True)
 class StateLayout:
     """A predictor's state vector: [output states and delay-line buffers | hidden | cell]."""
 
@@ -226,9 +276,14 @@ class StateLayout:
         """Length s of the state."""
         return self.buffer + self.hidden + self.cell
 
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Lengths of the three pieces."""
+        return self.buffer, self.hidden, self.cell
+
     def split(self, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """(…, s) → buffers (…, s_b), hidden (…, s_h), cell (…, s_c)."""
-        b, h, c = state.split([self.buffer, self.hidden, self.cell], dim=-1)
+        b, h, c = state.split(self.sizes, dim=-1)
         return b, h, c
 
 
@@ -266,15 +321,27 @@ class Predictor(nn.Module, ABC):
     layout: StateLayout
     history: int = 1
     """Samples of history that `fill` needs."""
+    views: tuple[str, ...] = ()
+    """Names of further predictions that are judged beside the free run; see `view`."""
 
-    def __init__(self, n_inputs: int, n_outputs: int, horizon: int) -> None:
+    def __init__(self, problem: Problem) -> None:
         super().__init__()
-        self.n_inputs, self.n_outputs, self.horizon = n_inputs, n_outputs, horizon
-        self.input_scaler, self.output_scaler = Scaler(n_inputs), Scaler(n_outputs)
+        self.problem = problem
+        self.n_inputs, self.n_outputs, self.n_context = problem.n_inputs, problem.n_outputs, problem.n_context
+        self.horizon = problem.horizon
+        self.input_scaler, self.output_scaler = Scaler(self.n_inputs), Scaler(self.n_outputs)
+        self.context_scaler = Scaler(self.n_context) if self.n_context else None
+
+    def scale_history(self, outputs: Tensor) -> Tensor:
+        """SI history (…, τ, n + c), outputs then context → scaled."""
+        if self.context_scaler is None:
+            return self.output_scaler(outputs)
+        measured, context = outputs.split([self.n_outputs, self.n_context], -1)
+        return torch.cat([self.output_scaler(measured), self.context_scaler(context)], -1)
 
     @abstractmethod
     def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """Buffers (B, s_b) at k0 from the scaled measured history (B, τ, m), (B, τ, n)."""
+        """Buffers (B, s_b) at k0 from the scaled measured history (B, τ, m), (B, τ, n + c)."""
 
     @abstractmethod
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -289,6 +356,21 @@ class Predictor(nn.Module, ABC):
         Returns:
             outputs (B, T, n) and the state (B, s) at k0+T.
         """
+
+    def teach(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+        """What the training cost looks at (B, T, n), scaled: the free run, unless measured outputs (B, T, n) are fed.
+
+        Tests and validation always run free.
+        """
+        return self.rollout(inputs, state)[0]
+
+    def viewed(self, name: str) -> list[int]:
+        """The columns of the outputs that a view is about; all of them unless said."""
+        return list(range(self.n_outputs))
+
+    def view(self, name: str, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+        """A further prediction (B, T, len(viewed)), one of `views`, scaled, given what `rollout` and `teach` are."""
+        raise NotImplementedError(f"{type(self).__name__} has no view {name!r}")
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor | None:
         """ŷ_{k0} (B, n) as the output layer reads it from the state (B, s) and u_{k0} (B, m), scaled.
@@ -311,6 +393,22 @@ class Predictor(nn.Module, ABC):
         return sum(p.numel() for p in self.parameters())
 
 
+class Composite(Predictor):
+    """Several initialized networks that predict together; each has an initializer of its own."""
+
+    @abstractmethod
+    def parts(self) -> list[Predictor]:
+        """The networks, each with its own problem."""
+
+    @abstractmethod
+    def part_history(self, part: int, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
+        """Scaled history of a part, (B, τ, m_i) and (B, τ, n_i + c_i), from that of the whole."""
+
+    @abstractmethod
+    def join(self, states: Sequence[Tensor], inputs: Tensor, outputs: Tensor) -> Tensor:
+        """State (B, s) of the whole from those of its parts (B, s_i) and its own scaled history."""
+
+
 class Initializer(nn.Module, ABC):
     """Sets a predictor's state from a history of τ samples.
 
@@ -322,11 +420,11 @@ class Initializer(nn.Module, ABC):
 
     @abstractmethod
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """State (B, s) at k0 from the scaled history (B, τ, m), (B, τ, n)."""
+        """State (B, s) at k0 from the scaled history (B, τ, m), (B, τ, n + c)."""
 
     def forward(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """State (B, s) from the SI history (B, τ, m), (B, τ, n)."""
-        return self.initialize(predictor, predictor.input_scaler(inputs), predictor.output_scaler(outputs))
+        """State (B, s) from the SI history (B, τ, m), (B, τ, n + c)."""
+        return self.initialize(predictor, predictor.input_scaler(inputs), predictor.scale_history(outputs))
 
     def weight_count(self) -> int:
         """Number of trainable weights."""
@@ -343,8 +441,19 @@ class PredictorEntry(ABC):
     stateful: ClassVar[bool] = True
     """Whether an initializer is needed."""
 
+    side_by_side: ClassVar[bool] = True
+    """Whether several models of one shape are trained together."""
+
+    def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+        """Inputs, outputs and context where a run names none."""
+        return dataset.inputs, (dataset.rates,), ()
+
+    def content(self) -> str:
+        """Digest of the files that the options name, for the run key; empty: they name none."""
+        return ""
+
     @abstractmethod
-    def build(self, n_inputs: int, n_outputs: int, horizon: int, history: int) -> Predictor:
+    def build(self, problem: Problem) -> Predictor:
         """A fresh predictor; weights are drawn from torch's global generator."""
 
 
@@ -356,5 +465,5 @@ class InitializerEntry(ABC):
     """Whether the notation carries the size of a hidden layer (field ``hidden``)."""
 
     @abstractmethod
-    def build(self, predictor: Predictor, n_inputs: int, n_outputs: int) -> Initializer:
+    def build(self, predictor: Predictor, problem: Problem) -> Initializer:
         """A fresh initializer for ``predictor``."""

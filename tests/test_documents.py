@@ -9,6 +9,7 @@ import pytest
 import torch
 from diagnose.undriven import undriven
 
+from registry.contracts import Problem
 from registry.core import EFFECTS, PREDICTORS
 
 ROOT = Path(__file__).parent.parent
@@ -23,7 +24,7 @@ def test_the_predictor_of_the_contributing_guide_works(monkeypatch: pytest.Monke
     PREDICTORS.names()
     monkeypatch.setattr(PREDICTORS, "_entries", dict(PREDICTORS._entries))
     exec(compile(code, "drift.py", "exec"), {"__name__": "drift"})
-    predictor = PREDICTORS.get("drift")(fade=0.5).build(1, 1, 3, 10)
+    predictor = PREDICTORS.get("drift")(fade=0.5).build(Problem.plain(1, 1, 3, 10))
     state = predictor.fill(torch.zeros(1, 10, 1), torch.arange(10.0).reshape(1, 10, 1))
     assert predictor(torch.zeros(1, 3, 1), state).flatten().tolist() == [9.5, 9.75, 9.875]
 

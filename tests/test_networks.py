@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.func import functional_call
 
 from registry import INITIALIZERS, PREDICTORS
-from registry.contracts import Initializer, Predictor
+from registry.contracts import Initializer, Predictor, Problem
 from registry.cost import prediction_cost, state_initialization_cost
 
 TAU, HIDDEN = 10, 4
@@ -38,7 +38,7 @@ class Case:
     def build(self, **options: object) -> Predictor:
         torch.manual_seed(7)
         entry = PREDICTORS.get(self.name)(layers=self.layers, hidden=HIDDEN, **options)
-        predictor = entry.build(self.n_inputs, self.n_outputs, 12, TAU)
+        predictor = entry.build(Problem.plain(self.n_inputs, self.n_outputs, 12, TAU))
         return vivid(predictor)
 
     def oracle(self, predictor: Predictor):
@@ -185,17 +185,17 @@ def test_weight_counts() -> None:
         assert count("LSTM TDL", layers, m, n, h) == gates(d * (m + n)) + (layers - 1) * gates(h) + read_out
         layer = h * h + h * (m + n + (layers - 1) * h) + h  # A^l, B^l, b^l
         assert count("MLFC", layers, m, n, h) == layers * layer + n * layers * h + n * m + n
-    predictor = PREDICTORS.get("LSTM")(layers=2, hidden=h).build(m, n, 40, TAU)
+    predictor = PREDICTORS.get("LSTM")(layers=2, hidden=h).build(Problem.plain(m, n, 40, TAU))
     states = 2 * h + 2 * h
-    mlp = INITIALIZERS.get("MLP")(hidden=60, history=TAU).build(predictor, m, n)
+    mlp = INITIALIZERS.get("MLP")(hidden=60, history=TAU).build(predictor, predictor.problem)
     assert mlp.weight_count() == 60 * TAU * (m + n) + 60 + states * 60 + states
-    rnn = INITIALIZERS.get("RNN")(hidden=20, history=TAU).build(predictor, m, n)
+    rnn = INITIALIZERS.get("RNN")(hidden=20, history=TAU).build(predictor, predictor.problem)
     assert rnn.weight_count() == 4 * 20 * (m + n + 20 + 1) + 3 * 20 + states * 20 + states
-    assert INITIALIZERS.get("Washout")(history=TAU).build(predictor, m, n).weight_count() == 0
+    assert INITIALIZERS.get("Washout")(history=TAU).build(predictor, predictor.problem).weight_count() == 0
 
 
 def count(name: str, layers: int, m: int, n: int, h: int) -> int:
-    return PREDICTORS.get(name)(layers=layers, hidden=h).build(m, n, 40, TAU).weight_count()
+    return PREDICTORS.get(name)(layers=layers, hidden=h).build(Problem.plain(m, n, 40, TAU)).weight_count()
 
 
 # ---------------------------------------------------------------------------------------------- initializers
@@ -203,7 +203,7 @@ def count(name: str, layers: int, m: int, n: int, h: int) -> int:
 
 def initializer_for(name: str, predictor: Predictor, **options: object) -> Initializer:
     torch.manual_seed(8)
-    built = INITIALIZERS.get(name)(history=TAU, **options).build(predictor, predictor.n_inputs, predictor.n_outputs)
+    built = INITIALIZERS.get(name)(history=TAU, **options).build(predictor, predictor.problem)
     return vivid(built)
 
 
@@ -260,7 +260,7 @@ def test_state_cost_of_a_perfect_read_out_has_a_finite_gradient() -> None:
 def small(name: str, dropout: float = 0.0) -> Predictor:
     options = {"delays": 3} if name == "LSTM TDL" else {}
     entry = PREDICTORS.get(name)(layers=2, hidden=2, dropout=dropout, **options)
-    return vivid(entry.build(2, 1, 4, 4))
+    return vivid(entry.build(Problem.plain(2, 1, 4, 4)))
 
 
 class Rollout(nn.Module):
@@ -295,7 +295,7 @@ def test_rollout_gradient_is_the_finite_difference(name: str, measured: bool, dr
 @pytest.mark.parametrize("layers", [1, 2])
 def test_backward_leaves_the_gradient_it_is_given_alone(name: str, layers: int) -> None:
     """One model and one window: there a view of the incoming gradient is already contiguous."""
-    predictor = vivid(PREDICTORS.get(name)(layers=layers, hidden=3).build(2, 1, 4, TAU))
+    predictor = vivid(PREDICTORS.get(name)(layers=layers, hidden=3).build(Problem.plain(2, 1, 4, TAU)))
     stacked = {f"predictor.{n}": p[None] for n, p in predictor.named_parameters()}
     state = noise(1, 1, predictor.layout.size, seed=4).requires_grad_()
     ends = functional_call(Rollout(predictor), stacked, (noise(1, 1, 4, 2, seed=3), state, None))
@@ -327,7 +327,7 @@ class Pair(nn.Module):
 def test_gradient_through_the_initializer_is_the_finite_difference(name: str, how: str) -> None:
     predictor = small(name)
     options = {} if how == "Washout" else {"hidden": 2}
-    initializer = vivid(INITIALIZERS.get(how)(history=4, **options).build(predictor, 2, 1))
+    initializer = vivid(INITIALIZERS.get(how)(history=4, **options).build(predictor, predictor.problem))
     pair = Pair(predictor, initializer)
     names = [n for n, _ in pair.named_parameters()]
     u_past, y_past = noise(2, 4, 2, seed=1).requires_grad_(), noise(2, 4, 1, seed=2)
@@ -346,7 +346,7 @@ def test_gradient_through_the_initializer_is_the_finite_difference(name: str, ho
 @pytest.mark.parametrize("name", ["LSTM", "LSTM TDL", "MLFC"])
 def test_dropout_acts_in_training_only_and_is_repeatable(name: str) -> None:
     torch.manual_seed(0)
-    predictor = vivid(PREDICTORS.get(name)(layers=2, hidden=HIDDEN, dropout=0.3).build(3, 2, 12, TAU))
+    predictor = vivid(PREDICTORS.get(name)(layers=2, hidden=HIDDEN, dropout=0.3).build(Problem.plain(3, 2, 12, TAU)))
     u, state = noise(3, 12, 3, seed=3), noise(3, predictor.layout.size, seed=4)
     predictor.eval()
     want, _ = Case(name, 2).oracle(predictor)(u.numpy(), state.numpy())
@@ -372,9 +372,9 @@ def test_training_in_a_group_changes_no_bit(name: str, layers: int, how: str, hi
     pairs = []
     for seed in range(3):
         torch.manual_seed(seed)
-        predictor = PREDICTORS.get(name)(layers=layers, hidden=50).build(4, 1, 40, TAU)
+        predictor = PREDICTORS.get(name)(layers=layers, hidden=50).build(Problem.plain(4, 1, 40, TAU))
         initializer = INITIALIZERS.get(how)(history=TAU, **({} if hidden is None else {"hidden": hidden}))
-        pairs.append(Pair(predictor, initializer.build(predictor, 4, 1)))
+        pairs.append(Pair(predictor, initializer.build(predictor, predictor.problem)))
     shapes = [(TAU, 4), (TAU, 1), (40, 4), (40, 1)]
     data = [noise(3, batch, steps, width, seed=i).float() for i, (steps, width) in enumerate(shapes)]
 
@@ -403,7 +403,7 @@ def test_training_in_a_group_changes_no_bit(name: str, layers: int, how: str, hi
 
 
 def test_constant_keeps_the_last_measured_output() -> None:
-    predictor = PREDICTORS.get("constant")().build(3, 2, 12, TAU).double()
+    predictor = PREDICTORS.get("constant")().build(Problem.plain(3, 2, 12, TAU)).double()
     u, y = noise(4, TAU, 3, seed=1), noise(4, TAU, 2, seed=2)
     outputs, _ = predictor.rollout(noise(4, 12, 3, seed=3), predictor.fill(u, y))
     assert torch.equal(outputs, y[:, -1:].expand(4, 12, 2)) and predictor.weight_count() == 0
@@ -421,7 +421,7 @@ def driven(samples: int, steps: int, seed: int) -> tuple[Tensor, Tensor]:
 
 def test_linear_recovers_a_linear_system_and_is_causal() -> None:
     horizon, tau = 8, 4
-    predictor = PREDICTORS.get("linear")(ridge=1e-10).build(3, 2, horizon, tau).double()
+    predictor = PREDICTORS.get("linear")(ridge=1e-10).build(Problem.plain(3, 2, horizon, tau)).double()
     u, y = driven(400, tau + horizon, seed=30)
     predictor.fit(u[:, :tau], y[:, :tau], u[:, tau:], y[:, tau:])
     u, y = driven(20, tau + horizon, seed=40)

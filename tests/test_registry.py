@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from registry.contracts import Problem
 from registry.core import PREDICTORS, REGISTRIES, Registry, check_options, option
 from registry.errors import BenchError
 
@@ -43,7 +44,7 @@ def test_an_entry_point_adds_a_predictor(fresh: Registry, tmp_path: Path, monkey
     install(tmp_path, "foreign")
     monkeypatch.syspath_prepend(tmp_path)
     assert "foreign" in fresh.names()
-    assert fresh.get("Foreign")().build(1, 2, 3, 10).n_outputs == 2
+    assert fresh.get("Foreign")().build(Problem.plain(1, 2, 3, 10)).n_outputs == 2
 
 
 def test_a_name_that_is_taken_is_an_error(fresh: Registry, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

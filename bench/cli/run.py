@@ -138,7 +138,10 @@ def _one(spec: str, dataset: Dataset, seeds: int) -> list[RunConfig]:
 
 def _baselines(beside: RunConfig) -> list[RunConfig]:
     """The honest baselines, with the history of the run that they are judged beside."""
-    made = [RunConfig(parse(name)[0], None, beside.dataset, history=beside.tau) for name in BASELINES]
+    b = beside.resolved()
+    made = [
+        RunConfig(parse(name)[0], None, b.dataset, b.inputs, b.outputs, b.context, history=b.tau) for name in BASELINES
+    ]
     return [b for b in made if type(b.predictor) is not type(beside.predictor)]
 
 

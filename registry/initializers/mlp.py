@@ -6,7 +6,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from registry.contracts import Initializer, InitializerEntry, Predictor
+from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
 from registry.core import INITIALIZERS, option
 from registry.kernels.affine import affine
 from registry.predictors.weights import uniform
@@ -23,9 +23,9 @@ class MLPInitializer(Initializer):
 
     uses_state_cost: ClassVar[bool] = True
 
-    def __init__(self, entry: "MLP", predictor: Predictor, n_inputs: int, n_outputs: int) -> None:
+    def __init__(self, entry: "MLP", predictor: Predictor, problem: Problem) -> None:
         super().__init__()
-        width, states = entry.history * (n_inputs + n_outputs), predictor.layout.hidden + predictor.layout.cell
+        width, states = entry.history * problem.n_measured, predictor.layout.hidden + predictor.layout.cell
         self.history = entry.history
         self.hidden_weight = uniform(entry.hidden, width, fan_in=width, scale=entry.weight_scale)
         self.hidden_bias = nn.Parameter(torch.zeros(entry.hidden))
@@ -55,6 +55,6 @@ class MLP(InitializerEntry):
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
 
-    def build(self, predictor: Predictor, n_inputs: int, n_outputs: int) -> Initializer:
+    def build(self, predictor: Predictor, problem: Problem) -> Initializer:
         """See `InitializerEntry.build`."""
-        return MLPInitializer(self, predictor, n_inputs, n_outputs)
+        return MLPInitializer(self, predictor, problem)

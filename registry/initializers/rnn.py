@@ -6,7 +6,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from registry.contracts import Initializer, InitializerEntry, Predictor
+from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
 from registry.core import INITIALIZERS, option
 from registry.initializers.mlp import bounded
 from registry.kernels.affine import affine
@@ -20,11 +20,11 @@ class RNNInitializer(Initializer):
 
     uses_state_cost: ClassVar[bool] = True
 
-    def __init__(self, entry: "RNN", predictor: Predictor, n_inputs: int, n_outputs: int) -> None:
+    def __init__(self, entry: "RNN", predictor: Predictor, problem: Problem) -> None:
         super().__init__()
         states = predictor.layout.hidden + predictor.layout.cell
         self.history, self.hidden = entry.history, entry.hidden
-        weights = LSTMWeights(n_inputs + n_outputs, 1, entry.hidden, entry.weight_scale, entry.forget_bias)
+        weights = LSTMWeights(problem.n_measured, 1, entry.hidden, entry.weight_scale, entry.forget_bias)
         self.input_weight, self.recurrent_weight = weights.input_weight[0], weights.recurrent_weight[0]
         self.bias, self.peephole = weights.bias[0], weights.peephole[0]
         self.output_weight = uniform(states, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
@@ -59,6 +59,6 @@ class RNN(InitializerEntry):
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)
 
-    def build(self, predictor: Predictor, n_inputs: int, n_outputs: int) -> Initializer:
+    def build(self, predictor: Predictor, problem: Problem) -> Initializer:
         """See `InitializerEntry.build`."""
-        return RNNInitializer(self, predictor, n_inputs, n_outputs)
+        return RNNInitializer(self, predictor, problem)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from registry.contracts import Initializer, InitializerEntry, Predictor
+from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
 from registry.core import INITIALIZERS, option
 
 
@@ -26,7 +26,7 @@ class WashoutInitializer(Initializer):
             hidden, cell = hidden.uniform_(-1, 1), cell.uniform_(-1, 1)
         state = torch.cat([predictor.fill(inputs[..., :1, :], outputs[..., :1, :]), hidden, cell], -1)
         if inputs.shape[-2] > 1:
-            measured = outputs[..., 1:, :] if self.feedback == "measured" else None
+            measured = outputs[..., 1:, : predictor.n_outputs] if self.feedback == "measured" else None
             _, state = predictor.rollout(inputs[..., 1:, :], state, measured)
         return torch.cat([predictor.fill(inputs, outputs), state[..., layout.buffer :]], -1)
 
@@ -45,7 +45,7 @@ class Washout(InitializerEntry):
         "measured", "outputs fed back during washout: measured ones or the network's own", choices=("measured", "own")
     )
 
-    def build(self, predictor: Predictor, n_inputs: int, n_outputs: int) -> Initializer:
+    def build(self, predictor: Predictor, problem: Problem) -> Initializer:
         """See `InitializerEntry.build`."""
         return WashoutInitializer(self)
 

@@ -5,20 +5,20 @@ from typing import ClassVar
 
 from torch import Tensor
 
-from registry.contracts import Predictor, PredictorEntry, StateLayout
+from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS
 
 
 class ConstantPredictor(Predictor):
     """ŷ_k = y_{k0} for every k."""
 
-    def __init__(self, n_inputs: int, n_outputs: int, horizon: int) -> None:
-        super().__init__(n_inputs, n_outputs, horizon)
-        self.layout = StateLayout(n_outputs, 0, 0)
+    def __init__(self, problem: Problem) -> None:
+        super().__init__(problem)
+        self.layout = StateLayout(self.n_outputs, 0, 0)
 
     def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """The last measured output."""
-        return outputs[..., -1, :]
+        return outputs[..., -1, : self.n_outputs]
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`."""
@@ -34,6 +34,6 @@ class Constant(PredictorEntry):
     training: ClassVar[str] = "none"
     stateful: ClassVar[bool] = False
 
-    def build(self, n_inputs: int, n_outputs: int, horizon: int, history: int) -> Predictor:
+    def build(self, problem: Problem) -> Predictor:
         """See `PredictorEntry.build`."""
-        return ConstantPredictor(n_inputs, n_outputs, horizon)
+        return ConstantPredictor(problem)

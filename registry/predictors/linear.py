@@ -6,7 +6,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from registry.contracts import Predictor, PredictorEntry, StateLayout
+from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.errors import BenchError
 
@@ -18,12 +18,12 @@ class LinearPredictor(Predictor):
     matrix serves all steps: the factor of a leading block is the leading block of the factor.
     """
 
-    def __init__(self, n_inputs: int, n_outputs: int, horizon: int, history: int, ridge: float) -> None:
-        super().__init__(n_inputs, n_outputs, horizon)
-        self.history, self.ridge = history, ridge
-        self.layout = StateLayout(history * (n_inputs + n_outputs), 0, 0)
-        self.width = 1 + self.layout.buffer + horizon * n_inputs
-        self.register_buffer("coefficients", torch.zeros(horizon, self.width, n_outputs))
+    def __init__(self, problem: Problem, ridge: float) -> None:
+        super().__init__(problem)
+        self.history, self.ridge = problem.history, ridge
+        self.layout = StateLayout(self.history * problem.n_measured, 0, 0)
+        self.width = 1 + self.layout.buffer + self.horizon * self.n_inputs
+        self.register_buffer("coefficients", torch.zeros(self.horizon, self.width, self.n_outputs))
         self.coefficients: Tensor
 
     def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
@@ -41,7 +41,7 @@ class LinearPredictor(Predictor):
         return torch.einsum("bd,tdn->btn", x, w), state
 
     def fit(self, history_inputs: Tensor, history_outputs: Tensor, inputs: Tensor, outputs: Tensor) -> None:
-        """Ridge on scaled windows (W, τ, m), (W, τ, n), (W, T, m), (W, T, n), in float64 whatever they are."""
+        """Ridge on scaled windows (W, τ, m), (W, τ, n + c), (W, T, m), (W, T, n), in float64 whatever they are."""
         x = torch.cat([self.fill(history_inputs, history_outputs), inputs.flatten(1)], 1).double()
         x = torch.cat([torch.ones_like(x[:, :1]), x], 1)
         normal = x.mT @ x
@@ -72,6 +72,6 @@ class Linear(PredictorEntry):
 
     ridge: float = option(1e-3, "penalty on squared scaled coefficients, per sample", low=0.0, log=True, search=True)
 
-    def build(self, n_inputs: int, n_outputs: int, horizon: int, history: int) -> Predictor:
+    def build(self, problem: Problem) -> Predictor:
         """See `PredictorEntry.build`."""
-        return LinearPredictor(n_inputs, n_outputs, horizon, history, self.ridge)
+        return LinearPredictor(problem, self.ridge)

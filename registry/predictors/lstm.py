@@ -6,7 +6,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from registry.contracts import Predictor, PredictorEntry, StateLayout
+from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.kernels.affine import affine
 from registry.kernels.lstm import Layer, lstm
@@ -32,8 +32,9 @@ class LSTMWeights(nn.Module):
 class LSTMPredictor(Predictor):
     """Network of `LSTM` and `LSTM TDL`; ``delays`` taps of inputs and outputs enter the first layer."""
 
-    def __init__(self, entry: "LSTM", n_inputs: int, n_outputs: int, horizon: int) -> None:
-        super().__init__(n_inputs, n_outputs, horizon)
+    def __init__(self, entry: "LSTM", problem: Problem) -> None:
+        super().__init__(problem)
+        n_inputs, n_outputs = self.n_inputs, self.n_outputs
         self.layers, self.hidden, self.dropout = entry.layers, entry.hidden, entry.dropout
         self.delays = getattr(entry, "delays", 1)
         self.history = self.delays
@@ -50,7 +51,7 @@ class LSTMPredictor(Predictor):
     def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Newest first: u_{k0} .. u_{k0−D+2}, then y_{k0} .. y_{k0−D+1}; a short history repeats its first sample."""
         u = newest_first(inputs, self.delays - 1)
-        return torch.cat([u, newest_first(outputs, self.delays)], -1)
+        return torch.cat([u, newest_first(outputs[..., : self.n_outputs], self.delays)], -1)
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`."""
@@ -119,9 +120,9 @@ class LSTM(PredictorEntry):
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)
 
-    def build(self, n_inputs: int, n_outputs: int, horizon: int, history: int) -> Predictor:
+    def build(self, problem: Problem) -> Predictor:
         """See `PredictorEntry.build`."""
-        return LSTMPredictor(self, n_inputs, n_outputs, horizon)
+        return LSTMPredictor(self, problem)
 
 
 @PREDICTORS.register("LSTM TDL")

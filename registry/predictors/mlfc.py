@@ -6,7 +6,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from registry.contracts import Predictor, PredictorEntry, StateLayout
+from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.kernels.affine import affine
 from registry.kernels.mlfc import mlfc
@@ -17,8 +17,9 @@ from registry.predictors.weights import uniform
 class MLFCPredictor(Predictor):
     """Network of `MLFC`: tanh layers with skip connections forward and backward, linear read-out of all of them."""
 
-    def __init__(self, entry: "MLFC", n_inputs: int, n_outputs: int, horizon: int) -> None:
-        super().__init__(n_inputs, n_outputs, horizon)
+    def __init__(self, entry: "MLFC", problem: Problem) -> None:
+        super().__init__(problem)
+        n_inputs, n_outputs = self.n_inputs, self.n_outputs
         self.layers, self.hidden, self.dropout = entry.layers, entry.hidden, entry.dropout
         size = entry.layers * entry.hidden
         self.layout = StateLayout(n_outputs, size, 0)
@@ -34,7 +35,7 @@ class MLFCPredictor(Predictor):
 
     def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """The last measured output."""
-        return newest_first(outputs, 1)
+        return newest_first(outputs[..., : self.n_outputs], 1)
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`."""
@@ -97,6 +98,6 @@ class MLFC(PredictorEntry):
     dropout: float = option(0.0, "probability of dropping a layer output before the read-out", low=0.0, high=0.9)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
 
-    def build(self, n_inputs: int, n_outputs: int, horizon: int, history: int) -> Predictor:
+    def build(self, problem: Problem) -> Predictor:
         """See `PredictorEntry.build`."""
-        return MLFCPredictor(self, n_inputs, n_outputs, horizon)
+        return MLFCPredictor(self, problem)

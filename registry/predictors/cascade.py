@@ -1,0 +1,117 @@
+"""Two networks in a row: the first predicts the rotational rates, the second the velocity from inputs and rates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from registry.contracts import Composite, Dataset, Predictor, Problem, StateLayout
+from registry.core import PREDICTORS
+from registry.errors import BenchError
+from registry.predictors.lstm import LSTM, LSTMTDL, LSTMPredictor
+
+
+class CascadePredictor(Composite):
+    """Both networks of `Cascade`. The last three outputs are the rates, those before them the velocity.
+
+    The free run is the paper's practical mode. In training and in the view "forced" the second network sees measured
+    rates (teacher forcing).
+    """
+
+    views = ("forced",)
+
+    def __init__(self, entry: LSTM, problem: Problem) -> None:
+        super().__init__(problem)
+        groups = list(dict.fromkeys(c.group for c in problem.outputs))
+        if len(groups) != 2 or self.n_outputs != 6 or len({c.group for c in problem.outputs[3:]}) != 1:
+            raise BenchError(
+                "A cascade predicts a velocity and then three rotational rates, such as --outputs velocity,body_rates, "
+                f"not {', '.join(groups)}."
+            )
+        rates = problem.outputs[3:]
+        self.first = LSTMPredictor(entry, replace(problem, outputs=rates))
+        self.second = LSTMPredictor(
+            entry, replace(problem, inputs=(*problem.inputs, *rates), outputs=problem.outputs[:3])
+        )
+        self.history = max(self.first.history, self.second.history)
+        sizes = zip(self.first.layout.sizes, self.second.layout.sizes, strict=True)
+        self.layout = StateLayout(*(a + b for a, b in sizes))
+
+    def parts(self) -> list[Predictor]:
+        """See `Composite.parts`."""
+        return [self.first, self.second]
+
+    def part_history(self, part: int, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Composite.part_history`."""
+        velocity, rates, context = outputs.split([3, 3, self.n_context], -1)
+        if part == 0:
+            return inputs, torch.cat([rates, context], -1)
+        return torch.cat([inputs, rates], -1), torch.cat([velocity, context], -1)
+
+    def join(self, states: Sequence[Tensor], inputs: Tensor, outputs: Tensor) -> Tensor:
+        """Buffers, hidden and cell states of the first network, each followed by those of the second."""
+        pieces = zip(self.first.layout.split(states[0]), self.second.layout.split(states[1]), strict=True)
+        return torch.cat([x for pair in pieces for x in pair], -1)
+
+    def _separate(self, state: Tensor) -> tuple[Tensor, Tensor]:
+        sizes = [s for pair in zip(self.first.layout.sizes, self.second.layout.sizes, strict=True) for s in pair]
+        pieces = state.split(sizes, -1)
+        return torch.cat(pieces[::2], -1), torch.cat(pieces[1::2], -1)
+
+    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """See `Predictor.fill`."""
+        return torch.cat([p.fill(*self.part_history(i, inputs, outputs)) for i, p in enumerate(self.parts())], -1)
+
+    def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """See `Predictor.rollout`."""
+        one, two = self._separate(state)
+        fed = (None, None) if feedback is None else (feedback[..., 3:], feedback[..., :3])
+        rates, one = self.first.rollout(inputs, one, fed[0])
+        seen = rates if feedback is None else feedback[..., 3:]
+        velocity, two = self.second.rollout(torch.cat([inputs, seen], -1), two, fed[1])
+        return torch.cat([velocity, rates], -1), self.join([one, two], inputs, velocity)
+
+    def teach(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+        """Each network runs free, and the second sees measured rates; see `Predictor.teach`."""
+        one, two = self._separate(state)
+        rates, _ = self.first.rollout(inputs, one)
+        velocity, _ = self.second.rollout(torch.cat([inputs, outputs[..., 3:]], -1), two)
+        return torch.cat([velocity, rates], -1)
+
+    def viewed(self, name: str) -> list[int]:
+        """The velocity."""
+        return [0, 1, 2]
+
+    def view(self, name: str, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+        """Velocity when the second network sees measured rates."""
+        return self.teach(inputs, outputs, state)[..., :3]
+
+    def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """Of both networks, velocity first. LSTM read-outs do not look at the inputs."""
+        one, two = self._separate(state)
+        return torch.cat([self.second.readout(two, inputs), self.first.readout(one, inputs)], -1)
+
+
+@PREDICTORS.register("Cascade")
+@dataclass(frozen=True)
+class Cascade(LSTM):
+    """Two LSTMs: inputs → rotational rates, then inputs and these rates → velocity.
+
+    Mohajerin and Waslander, section "Black-box Modeling of the Quadrotor". Trained with measured rates (teacher
+    forcing); judged with predicted ones ("practical") and, as ``velocity_forced``, with measured ones.
+    """
+
+    def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+        """See `PredictorEntry.signals`."""
+        return dataset.inputs, (dataset.velocity, dataset.rates), ()
+
+    def build(self, problem: Problem) -> Predictor:
+        """See `PredictorEntry.build`."""
+        return CascadePredictor(self, problem)
+
+
+@PREDICTORS.register("Cascade TDL")
+@dataclass(frozen=True)
+class CascadeTDL(Cascade, LSTMTDL):
+    """`Cascade` of two LSTMs with tapped delay lines."""
