@@ -1,9 +1,7 @@
 """Neural initialization against washout (paper, section "NN-based Initialization vs. Washout", figure HeliCompare)."""
 
-from dataclasses import replace
-
 from bench.config import RunConfig, Training
-from bench.notation import parse
+from bench.grid import Effort, effort, grid
 from bench.study import Study
 from registry.contracts import Dataset
 from registry.units import SIGNALS
@@ -21,28 +19,13 @@ BASELINES = ("constant", "linear")
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """Architectures and baselines on each of the three rotational rates, each of them a MISO problem of its own."""
-    training, horizons = {
-        "smoke": (Training(updates=40, evaluate_every=20), {5: 2}),
-        "laptop": (Training(), {40: 3, 190: 1}),
-        "paper": (Training(updates=30_000, evaluate_every=500, patience=12), {40: 5, 190: 5}),
+    horizons = {
+        "smoke": {5: effort(2, 40)},
+        "laptop": {40: Effort(3, Training()), 190: Effort(1, Training())},
+        "paper": {t: Effort(5, Training(updates=30_000, evaluate_every=500, patience=12)) for t in (40, 190)},
     }[preset]
-    made = []
-    for horizon, seeds in horizons.items():
-        for axis in SIGNALS[dataset.rates].axes:
-            for spec in (*ARCHITECTURES, *OWN_FEEDBACK, *BASELINES):
-                predictor, initializer = parse(spec)
-                run = RunConfig(
-                    predictor,
-                    initializer,
-                    dataset,
-                    outputs=(f"{dataset.rates}.{axis}",),
-                    horizon=horizon,
-                    training=training,
-                    test_stride=50 if preset == "smoke" else 10,
-                )
-                count = seeds if predictor.training == "gradient" else 1
-                made += [replace(run, seed=seed) for seed in range(count)]
-    return made
+    axes = [(f"{dataset.rates}.{axis}",) for axis in SIGNALS[dataset.rates].axes]
+    return grid((*ARCHITECTURES, *OWN_FEEDBACK, *BASELINES), dataset, horizons, axes, 50 if preset == "smoke" else 10)
 
 
 STUDY = Study(

@@ -1,0 +1,68 @@
+"""The runs of a study: every configuration on every problem, at every horizon, with paired seeds."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+from bench.config import RunConfig, Training
+from bench.notation import parse
+from registry.contracts import Dataset
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What one horizon is worth in a preset."""
+
+    seeds: int
+    training: Training
+
+
+def effort(seeds: int, updates: int, every: int = 0) -> Effort:
+    """``updates`` weight updates with a look at the validation part about twenty times, or every ``every``."""
+    return Effort(seeds, Training(updates=updates, evaluate_every=every or max(1, updates // 20)))
+
+
+def grid(
+    specs: Sequence[str],
+    dataset: Dataset,
+    horizons: Mapping[int, Effort],
+    problems: Sequence[tuple[str, ...]] = ((),),
+    test_stride: int = 10,
+) -> list[RunConfig]:
+    """One run for each configuration, problem, horizon and seed; what is not trained by gradient runs once.
+
+    Args:
+        specs: in the paper's notation.
+        dataset: on which.
+        horizons: T → seeds and training.
+        problems: the outputs of each problem; () is what the predictor is for.
+        test_stride: samples between the starts of test windows.
+    """
+    made = []
+    for horizon, spent in horizons.items():
+        for outputs in problems:
+            for spec in specs:
+                predictor, initializer = parse(spec)
+                run = RunConfig(
+                    predictor,
+                    initializer,
+                    dataset,
+                    outputs=outputs,
+                    horizon=horizon,
+                    training=spent.training,
+                    test_stride=test_stride,
+                )
+                count = spent.seeds if predictor.training == "gradient" else 1
+                made += [replace(run, seed=seed) for seed in range(count)]
+    return made
+
+
+def matched(pairs: Sequence[tuple[str, str]], specs: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """The pairs of present configurations that the patterns name ("LSTM: * - MLP: *"), each once."""
+    seen = set()
+    for a, b in pairs:
+        for x in specs:
+            for y in specs:
+                if x != y and fnmatchcase(x, a) and fnmatchcase(y, b) and (x, y) not in seen:
+                    seen.add((x, y))
+                    yield x, y

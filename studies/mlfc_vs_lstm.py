@@ -1,0 +1,47 @@
+"""Error against number of weights, MLFC and LSTM (paper, section "MLFC vs. LSTM", figure HeliSizeCompare)."""
+
+from bench.config import RunConfig
+from bench.grid import effort, grid
+from bench.study import Study
+from registry.contracts import Dataset
+from registry.units import SIGNALS
+
+ARCHITECTURES = (
+    "MLFC: 1x50 - MLP: 60x10",
+    "MLFC: 2x50 - MLP: 100x10",
+    "MLFC: 2x100 - MLP: 200x10",
+    "LSTM: 1x50 - MLP: 60x10",
+    "LSTM: 2x50 - MLP: 100x10",
+)
+BASELINES = ("constant", "linear")
+
+
+def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
+    """The five architectures on each of the three rotational rates, each of them a MISO problem of its own."""
+    horizons = {
+        "smoke": {5: effort(2, 40)},
+        "laptop": {40: effort(3, 800), 190: effort(2, 300)},
+        "paper": {t: effort(5, 30_000) for t in (40, 190)},
+    }[preset]
+    axes = [(f"{dataset.rates}.{axis}",) for axis in SIGNALS[dataset.rates].axes]
+    return grid((*ARCHITECTURES, *BASELINES), dataset, horizons, axes, 50 if preset == "smoke" else 10)
+
+
+STUDY = Study(
+    name="mlfc_vs_lstm",
+    title="MLFC against LSTM, five sizes, error against number of weights, three rotational rates",
+    question="The paper finds that LSTMs with fewer weights predict better than MLFCs with more.",
+    source='section "MLFC vs. LSTM", figure HeliSizeCompare',
+    default_dataset="helicopter_twin",
+    runs=runs,
+    pairs=(("LSTM: 1x50 - *", "MLFC: *"), ("LSTM: 2x50 - *", "MLFC: *")),
+    paper_says=(
+        "RMSSE over the number of weights, one panel a rate: both LSTMs lie below all three MLFCs, also below the "
+        "largest, which has more weights than either."
+    ),
+    presets={
+        "smoke": "40 updates, T = 5: seconds, for tests",
+        "laptop": "the paper's sizes; 800 updates and three seeds at T = 40, 300 updates and two seeds at T = 190",
+        "paper": "30,000 updates, five seeds at both horizons: a night on two cores",
+    },
+)

@@ -1,0 +1,56 @@
+"""MLP against RNN initializers (paper, section "MLP vs RNN Initializers", figure HeliSizeCompareEuler)."""
+
+from bench.config import RunConfig
+from bench.grid import effort, grid
+from bench.study import Study
+from registry.contracts import Dataset
+
+SIZES = {
+    "smoke": ("1x10", "20x10", "10x10"),
+    "laptop": ("2x50", "200x10", "60x10"),
+    "paper": ("7x200", "15000x10", "2500x10"),
+}
+"""Predictor, MLP initializer, RNN initializer."""
+BASELINES = ("constant", "linear")
+
+
+def architectures(preset: str) -> tuple[str, ...]:
+    """LSTM and LSTM TDL, each with both initializers, at the sizes of the preset."""
+    size, mlp, rnn = SIZES[preset]
+    return tuple(f"{p}: {size} - {i}" for p in ("LSTM", "LSTM TDL") for i in (f"MLP: {mlp}", f"RNN: {rnn}"))
+
+
+def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
+    """The four architectures, inputs → all three rotational rates at once."""
+    horizons = {
+        "smoke": {5: effort(2, 40)},
+        "laptop": {40: effort(3, 800), 190: effort(2, 300)},
+        "paper": {t: effort(3, 30_000) for t in (40, 190)},
+    }[preset]
+    stride = 50 if preset == "smoke" else 10
+    return grid((*architectures(preset), *BASELINES), dataset, horizons, [(dataset.rates,)], stride)
+
+
+STUDY = Study(
+    name="mlp_vs_rnn_init",
+    title="MLP against RNN initializers, LSTM with and without delay lines, inputs to three rotational rates",
+    question=(
+        "The paper finds that four large architectures predict the rates alike, that RNN initializers are better on "
+        "longer horizons, and that delay lines help."
+    ),
+    source='section "MLP vs RNN Initializers", figure HeliSizeCompareEuler',
+    default_dataset="helicopter_twin",
+    runs=runs,
+    pairs=(
+        ("LSTM: * - RNN: *", "LSTM: * - MLP: *"),
+        ("LSTM TDL: * - RNN: *", "LSTM TDL: * - MLP: *"),
+        ("LSTM TDL: * - MLP: *", "LSTM: * - MLP: *"),
+        ("LSTM TDL: * - RNN: *", "LSTM: * - RNN: *"),
+    ),
+    paper_says="Total RMSSE of the Euler rates at 0.4 s and 1.9 s: the four trained models behave similarly.",
+    presets={
+        "smoke": "tiny networks, 40 updates, T = 5: seconds, for tests",
+        "laptop": "2x50 in place of 7x200; 800 updates and three seeds at T = 40, 300 and two at T = 190",
+        "paper": "7x200, MLP 15000, RNN 2500; 30,000 updates, three seeds: days on a GPU, weeks on two cores",
+    },
+)
