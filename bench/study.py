@@ -27,6 +27,10 @@ class Study:
     """Preset and data set → every run, baselines included."""
     pairs: tuple[tuple[str, str], ...]
     """(a, b) specs whose errors are compared: does a beat b?"""
+    contrasts: tuple[tuple[str, str], ...] = ()
+    """(a, b) quantities whose errors are compared within each spec, such as ("velocity", "velocity_forced")."""
+    paper_says: str = ""
+    """What the paper's figure shows, in words and numbers; a line a paragraph. Empty: the question says it."""
     presets: Mapping[str, str] = field(default_factory=dict)
     """What each preset is, in a line."""
 
