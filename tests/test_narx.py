@@ -1,0 +1,151 @@
+"""NARX against a plain-numpy transcription of its equation and finite differences."""
+
+from functools import partial
+
+import numpy as np
+import oracle
+import pytest
+import torch
+from test_networks import noise, vivid, weights
+from torch import Tensor, nn
+from torch.func import functional_call
+
+from bench.notation import parse, write
+from registry import PREDICTORS
+from registry.contracts import Predictor, Problem
+from registry.cost import prediction_cost
+from registry.errors import BenchError
+
+close = partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
+SHAPES = [(1, 3, 3, 2), (2, 3, 1, 2), (2, 3, 4, 1), (1, 0, 3, 1)]
+
+
+def built(
+    layers: int = 2, m: int = 3, delays: int = 3, n: int = 2, hidden: int = 4, mode: str = "parallel"
+) -> Predictor:
+    entry = PREDICTORS.get("NARX")(layers=layers, hidden=hidden, delays=delays, mode=mode)
+    return vivid(entry.build(Problem.plain(m, n, 12, 5)))
+
+
+def narx(w: oracle.Weights, delays: int, past_u, past_y, u, y=None):
+    """One window: histories (τ, m), (τ, n), inputs (T, m), measured outputs (T, n) or None → outputs (T, n).
+
+    Inputs and outputs are whole sequences, indexed as in the paper's equation; a history that is too short repeats
+    its first sample.
+    """
+    start = max(delays, len(past_u))
+    us = [past_u[0]] * (start - len(past_u)) + [*past_u, *u]
+    ys = [past_y[0]] * (start - len(past_y)) + [*past_y]
+    predicted = []
+    for k in range(start, start + len(u)):
+        x = np.concatenate([us[k - i] for i in range(delays)] + [ys[k - i] for i in range(1, delays + 1)])
+        for layer in range(sum(name.startswith("weight.") for name in w)):
+            x = np.tanh(w[f"weight.{layer}"] @ x + w[f"bias.{layer}"])
+        predicted.append(w["output_weight"] @ x + w["output_bias"])
+        ys.append(predicted[-1] if y is None else y[k - start])
+    return np.array(predicted)
+
+
+@pytest.mark.parametrize(("layers", "m", "delays", "n"), SHAPES)
+@pytest.mark.parametrize("measured", [False, True], ids=["own", "measured"])
+@pytest.mark.parametrize("tau", [2, 5])
+def test_runs_follow_the_equation(layers: int, m: int, delays: int, n: int, measured: bool, tau: int) -> None:
+    predictor = built(layers, m, delays, n)
+    past_u, past_y, u, y = (
+        noise(3, tau, m, seed=1),
+        noise(3, tau, n, seed=2),
+        noise(3, 9, m, seed=3),
+        noise(3, 9, n, seed=4),
+    )
+    feedback, state = y if measured else None, predictor.fill(past_u, past_y)
+    assert state.shape[-1] == predictor.layout.size
+    windows = zip(past_u.numpy(), past_y.numpy(), u.numpy(), y.numpy(), strict=True)
+    want = np.array([narx(weights(predictor), delays, *w[:3], w[3] if measured else None) for w in windows])
+    close(predictor.rollout(u, state, feedback)[0].detach(), want)
+    for cut in (1, 7):
+        pieces = (None, None) if feedback is None else (feedback[:, :cut], feedback[:, cut:])
+        first, middle = predictor.rollout(u[:, :cut], state, pieces[0])
+        second, end = predictor.rollout(u[:, cut:], middle, pieces[1])
+        close(torch.cat([first, second], 1).detach(), want)
+        sequence = torch.cat([past_y, y if measured else torch.from_numpy(want)], 1)
+        close(end.detach(), predictor.fill(torch.cat([past_u, u], 1)[:, -delays:], sequence[:, -delays:]))
+
+
+def test_series_parallel_training_looks_at_one_step_predictions() -> None:
+    """Every step from measured data alone, each as the first step of a run of its own; parallel training runs free."""
+    u, y = noise(2, 14, 3, seed=1), noise(2, 14, 2, seed=2)
+    predictor = built(mode="series-parallel")
+    taught = predictor.teach(u[:, 5:], y[:, 5:], predictor.fill(u[:, :5], y[:, :5]))
+    for k in range(5, 14):
+        state = predictor.fill(u[:, :k], y[:, :k])
+        close(taught[:, k - 5].detach(), predictor.rollout(u[:, k : k + 1], state)[0][:, 0].detach())
+    free, state = built(), predictor.fill(u[:, :5], y[:, :5])
+    assert torch.equal(free.teach(u[:, 5:], y[:, 5:], state), free.rollout(u[:, 5:], state)[0])
+    assert not torch.allclose(free.teach(u[:, 5:], y[:, 5:], state), taught)
+
+
+class Taught(nn.Module):
+    """Filled from the history, then what training looks at and its cost."""
+
+    def __init__(self, predictor: Predictor) -> None:
+        super().__init__()
+        self.predictor = predictor
+
+    def forward(self, u_past: Tensor, y_past: Tensor, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        taught = self.predictor.teach(u, y, self.predictor.fill(u_past, y_past))
+        return taught, prediction_cost(taught, y)
+
+
+@pytest.mark.parametrize("mode", ["parallel", "series-parallel"])
+def test_gradient_is_the_finite_difference(mode: str) -> None:
+    model = Taught(built(2, 2, 2, 1, hidden=2, mode=mode))
+    names = [n for n, _ in model.named_parameters()]
+    data = [noise(2, 4, width, seed=i).requires_grad_() for i, width in enumerate((2, 1, 2, 1))]
+    values = [p.detach().clone().requires_grad_() for p in model.parameters()]
+
+    def run(*values: Tensor) -> tuple[Tensor, Tensor]:
+        return functional_call(model, dict(zip(names, values[4:], strict=True)), values[:4])
+
+    assert torch.autograd.gradcheck(run, (*data, *values))
+
+
+@pytest.mark.parametrize("mode", ["parallel", "series-parallel"])
+@pytest.mark.parametrize("batch", [64, 7])
+def test_training_in_a_group_changes_no_bit(mode: str, batch: int) -> None:
+    models = []
+    for seed in range(3):
+        torch.manual_seed(seed)
+        entry = PREDICTORS.get("NARX")(layers=2, hidden=50, mode=mode)
+        models.append(Taught(entry.build(Problem.plain(4, 1, 40, 10))))
+    shapes = [(10, 4), (10, 1), (40, 4), (40, 1)]
+    data = [noise(3, batch, *shape, seed=i).float() for i, shape in enumerate(shapes)]
+
+    def step(members: list[int]) -> tuple[Tensor, dict[str, Tensor]]:
+        stacked = {
+            n: torch.stack([models[i].get_parameter(n) for i in members]).detach().requires_grad_()
+            for n, _ in models[0].named_parameters()
+        }
+        outputs, cost = functional_call(models[0], stacked, tuple(x[members] for x in data))
+        cost.sum().backward()
+        return outputs.detach(), {n: p.grad for n, p in stacked.items()}
+
+    outputs, gradients = step([0, 1, 2])
+    assert all((g.abs().flatten(1).sum(1) > 0).all() for g in gradients.values())
+    for i in range(3):
+        alone, own = step([i])
+        assert torch.equal(alone[0], outputs[i])
+        assert [n for n in own if not torch.equal(own[n][0], gradients[n][i])] == []
+        torch.testing.assert_close(models[i](*(x[i] for x in data))[0], outputs[i], rtol=1e-5, atol=1e-6)
+
+
+def test_notation_has_a_size_and_no_initializer() -> None:
+    predictor, initializer = parse("NARX: 2x30")
+    assert (predictor.layers, predictor.hidden, initializer) == (2, 30, None)
+    assert write(predictor, None) == "NARX: 2x30"
+    with pytest.raises(BenchError, match="no states to initialize"):
+        parse("NARX: 2x30 - Washout: 10")
+
+
+def test_weight_count() -> None:
+    predictor = PREDICTORS.get("NARX")(layers=2, hidden=50).build(Problem.plain(4, 3, 40, 10))
+    assert predictor.weight_count() == 50 * 10 * (4 + 3) + 50 + 50 * 50 + 50 + 3 * 50 + 3

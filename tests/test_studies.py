@@ -1,0 +1,86 @@
+"""Every comparison of the paper is declared with the paper's architectures, at both horizons, with paired seeds."""
+
+from collections import defaultdict
+
+import pytest
+
+from bench import study
+from bench.grid import matched
+from registry.core import DATASETS
+
+PAPER = {  # as listed in the paper's section "Results and Discussions"
+    "washout_vs_mlp": {
+        "MLFC: 1x50 - MLP: 60x10",
+        "MLFC: 1x50 - Washout: 10",
+        "LSTM: 1x50 - MLP: 60x10",
+        "LSTM: 1x50 - Washout: 10",
+    },
+    "mlfc_vs_lstm": {
+        "MLFC: 1x50 - MLP: 60x10",
+        "MLFC: 2x50 - MLP: 100x10",
+        "MLFC: 2x100 - MLP: 200x10",
+        "LSTM: 1x50 - MLP: 60x10",
+        "LSTM: 2x50 - MLP: 100x10",
+    },
+    "mlp_vs_rnn_init": {
+        "LSTM: 7x200 - MLP: 15000x10",
+        "LSTM: 7x200 - RNN: 2500x10",
+        "LSTM TDL: 7x200 - MLP: 15000x10",
+        "LSTM TDL: 7x200 - RNN: 2500x10",
+    },
+    "helicopter_black_box": {
+        "LSTM: 7x200 - MLP: 15000x10",
+        "LSTM: 7x200 - RNN: 2500x10",
+        "LSTM TDL: 7x200 - MLP: 15000x10",
+        "LSTM TDL: 7x200 - RNN: 2500x10",
+    },
+    "quadrotor_black_box": {
+        "Cascade: 7x200 - MLP: 15000x10",
+        "Cascade: 7x200 - RNN: 2500x10",
+        "Cascade TDL: 7x200 - MLP: 15000x10",
+        "Cascade TDL: 7x200 - RNN: 2500x10",
+    },
+    "quadrotor_hybrid": {"Hybrid: 4x200 - MLP: 5000x10"},
+    "motion_model_compensation": {"Hybrid: 4x200 - MLP: 5000x10"},
+}
+STUDIES = study.studies()
+
+
+def test_no_comparison_of_the_paper_is_missing() -> None:
+    assert PAPER.keys() <= STUDIES.keys()
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_the_paper_preset_has_the_papers_architectures(name: str) -> None:
+    found = STUDIES[name]
+    runs = found.runs("paper", DATASETS.get(found.default_dataset)())
+    assert PAPER[name] <= {r.spec for r in runs}
+    assert {r.horizon for r in runs} == {40, 190}
+    assert {r.tau for r in runs} == {10}
+
+
+@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("preset", study.PRESETS)
+def test_seeds_are_paired_and_every_pair_is_there(name: str, preset: str) -> None:
+    found = STUDIES[name]
+    runs = found.runs(preset, DATASETS.get(found.default_dataset)())
+    seeds = defaultdict(set)
+    for run in runs:
+        if run.predictor.training == "gradient":
+            seeds[run.horizon, run.outputs].add((run.spec, run.seed))
+    for drawn in seeds.values():
+        specs, numbers = {s for s, _ in drawn}, {n for _, n in drawn}
+        assert drawn == {(s, n) for s in specs for n in numbers} and len(numbers) >= (1 if preset == "laptop" else 2)
+    specs = list(dict.fromkeys(r.spec for r in runs))
+    for pair in found.pairs:
+        assert list(matched([pair], specs)), pair
+
+
+def test_patterns_name_configurations_and_not_their_relatives() -> None:
+    specs = ["LSTM: 2x50 - MLP: 200x10", "LSTM: 2x50 - RNN: 60x10", "LSTM TDL: 2x50 - MLP: 200x10", "linear"]
+    assert list(matched([("LSTM: * - RNN: *", "LSTM: * - MLP: *")], specs)) == [(specs[1], specs[0])]
+    assert list(matched([(specs[0], "linear"), ("LSTM*", "linear")], specs)) == [
+        (specs[0], "linear"),
+        (specs[1], "linear"),
+        (specs[2], "linear"),
+    ]
