@@ -9,11 +9,15 @@ from typing import Any
 
 import pandas as pd
 
+from bench.claims.evidence import FILE, write_evidence
+from bench.grid import matched
 from bench.record import RunRecord, write_json
 from bench.study import Study
+from bench.tables import specs
 from registry.errors import BenchError
 
 STEPS = "steps.parquet"
+REPORT = "report.html"
 PUBLISHED = ("key", "spec", "dataset", "outputs", "horizon", "seed", "status", "weights", "updates", "metrics")
 """What ``study.json`` says of every run, so that a published number can be checked against a new one."""
 
@@ -27,9 +31,11 @@ def slug(title: str) -> str:
 class Concluded:
     """A study's folder, read back."""
 
+    folder: Path
     title: str
     study: str | None
     keys: list[str]
+    command: str
     files: list[Path]
 
 
@@ -38,7 +44,8 @@ def concluded(results: Path) -> Iterator[Concluded]:
     for path in sorted((results / "studies").glob("*/study.json")):
         content = json.loads(path.read_text())
         files = [path.parent / name for name in content["files"]]
-        yield Concluded(content["title"], content["study"], content["keys"], [f for f in files if f.is_file()])
+        kept = [f for f in files if f.is_file()]
+        yield Concluded(path.parent, content["title"], content["study"], content["keys"], content["command"], kept)
 
 
 def all_steps(records: Sequence[RunRecord]) -> pd.DataFrame:
@@ -66,20 +73,23 @@ def conclude(
     Returns:
         The files worth attaching to a tracker.
     """
-    from bench import figures, report
+    from bench import figures, report, study_page
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BenchError(f"The results folder {folder} cannot be written: {error.strerror or error}.") from error
-    pairs = study.pairs if study else ()
-    report.render_terminal(records, pairs, out)
+    pairs = tuple(matched(study.pairs, specs(records))) if study else ()
+    within = study.contrasts if study else ()
+    report.render_terminal(records, pairs, out, within)
     figures.per_step_figure(records, folder / "error_per_step.png")
     if study is None and records[0].finished:
         figures.box_figure(records[0], folder / "error_distribution.png")
-    (folder / "table.md").write_text(report.to_markdown(records, pairs, title, command, "error_per_step.png"))
+    (folder / "table.md").write_text(report.to_markdown(records, pairs, title, command, "error_per_step.png", within))
+    study_page.write(folder / REPORT, records, title, study, command)
     all_steps(records).to_parquet(folder / STEPS, index=False)
-    files = [p for p in sorted(folder.iterdir()) if p.suffix in (".png", ".svg", ".md")]
+    write_evidence(records, folder / FILE)
+    files = [p for p in sorted(folder.iterdir()) if p.suffix in (".png", ".svg", ".md", ".html")]
     write_json(
         folder / "study.json",
         {
@@ -89,6 +99,7 @@ def conclude(
             "command": command,
             "files": [p.name for p in files],
             "runs": [{name: r.summary[name] for name in PUBLISHED} for r in records],
+            "seconds": {r.key: r.provenance["seconds"] for r in records if "seconds" in r.provenance},
         },
     )
     return files

@@ -40,6 +40,9 @@ def per_update(configs: tuple[RunConfig, ...]) -> float:
         train([replace(c, training=budget) for c in configs], data)
         return time.perf_counter() - started
 
-    once = timed(1)
-    more = min(MOST, int(ENOUGH / once) + 1)
-    return (timed(1 + more) - once) / more if once < ENOUGH else once
+    once = timed(1)  # with everything that is done once
+    more = min(MOST, int(ENOUGH / once))
+    if not more:
+        return once
+    many = timed(1 + more)
+    return (many - once) / more if many > once else many / (1 + more)

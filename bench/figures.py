@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bench.record import RunRecord
-from bench.tables import horizons, is_baseline, norm_of, predicts, quantities, sound, specs
+from bench.tables import horizons, is_baseline, named, norm_of, predicts, quantities, sound, specs
 
 # Okabe and Ito's palette for all kinds of colour vision, darkest contrasts first; yellow is too pale on white
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
@@ -52,8 +52,8 @@ def per_step_figure(records: Sequence[RunRecord], path: Path) -> list[Path]:
     Returns:
         The files written.
     """
-    shown = _panels(quantities(records))
-    styles, lost, outside = _styles(specs(records)), _diverged(records), set()
+    shown = principal(quantities(records))
+    styles, lost, outside = looks(specs(records)), _diverged(records), set()
     rows = horizons(records)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(max(2.9 * len(shown), 4.6), 2.3 * len(rows) + 0.35), layout="constrained")
@@ -66,7 +66,7 @@ def per_step_figure(records: Sequence[RunRecord], path: Path) -> list[Path]:
                     axes.text(0.5, 0.5, "no finished run", ha="center", transform=axes.transAxes, color="0.4")
                 else:
                     outside |= _draw(axes, curves, styles)
-                axes.set_title(f"{_title(quantity)}, T = {horizon}")
+                axes.set_title(f"{title(quantity)}, T = {horizon}")
                 axes.set(xlabel="time after k0 [s]" if i == len(rows) - 1 else "", ylabel="")
                 if j == 0 or unit != _curves(records, shown[j - 1], horizon)[1]:
                     axes.set_ylabel(f"mean |error| [{unit}]")
@@ -97,7 +97,7 @@ def box_figure(record: RunRecord, path: Path) -> list[Path]:
     Returns:
         The files written.
     """
-    shown = _panels(quantities([record]))
+    shown = principal(quantities([record]))
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(max(3.2 * len(shown), 5.6), 3.1), layout="constrained")
         for axes, quantity in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
@@ -124,7 +124,7 @@ def box_figure(record: RunRecord, path: Path) -> list[Path]:
                 capprops={"color": "#0072B2", "linewidth": 0.7},
             )
             axes.plot(wide.index, wide["q99"], ".", color="#D55E00", markersize=3)
-            axes.set_title(_title(quantity))
+            axes.set_title(title(quantity))
             axes.set(xlabel="time after k0 [s]", ylabel=f"|error| [{unit}]", ylim=(0, None))
             axes.grid(axis="x", visible=False)
         figure.suptitle(f"{record.summary['spec']}, seed {record.summary['seed']}", fontsize=9.5)
@@ -138,7 +138,7 @@ def box_figure(record: RunRecord, path: Path) -> list[Path]:
         return _save(figure, path)
 
 
-def _panels(names: list[str]) -> list[str]:
+def principal(names: list[str]) -> list[str]:
     """The channels, or where they are many the signals of three axes (and whatever belongs to none)."""
     channels = [n for n in names if "." in n]
     signals = [n for n in names if n not in channels]
@@ -147,16 +147,19 @@ def _panels(names: list[str]) -> list[str]:
     return signals + [c for c in channels if c.partition(".")[0] not in signals]
 
 
-def _title(quantity: str) -> str:
-    """ "body_rates.p" → "body rates p"."""
-    return quantity.replace("_", " ").replace(".", " ")
+def title(quantity: str) -> str:
+    """ "body_rates_forced.p" → "body rates p (forced)"."""
+    return named(quantity).replace("_", " ").replace(".", " ")
 
 
-def _styles(names: Sequence[str]) -> dict[str, tuple[str, tuple[float, ...], float]]:
+def looks(names: Sequence[str]) -> dict[str, tuple[str, tuple[float, ...], float]]:
     """Configuration → colour, dashes, line width."""
     networks = [s for s in names if not is_baseline(s)]
     baselines = sorted(s for s in names if is_baseline(s))
-    styles = {s: (COLOURS[i % len(COLOURS)], DASHES[i % len(DASHES)], 1.5) for i, s in enumerate(networks)}
+    styles = {
+        s: (COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)], 1.5)
+        for i, s in enumerate(networks)
+    }
     return styles | {s: (*GREYS[i % len(GREYS)], 1.2) for i, s in enumerate(baselines)}
 
 

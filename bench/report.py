@@ -2,29 +2,54 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
 from bench.record import RunRecord
-from bench.tables import FIRST, LAST, POOLED, Pairs, comparisons, horizons, is_baseline, specs, study_table
+from bench.tables import (
+    FIRST,
+    LAST,
+    POOLED,
+    Pairs,
+    comparisons,
+    contrasts,
+    horizons,
+    is_baseline,
+    named,
+    specs,
+    study_table,
+)
 
 __all__ = ["comparisons", "render_terminal", "sentences", "study_table", "to_markdown"]
 
 
-def sentences(records: Sequence[RunRecord], pairs: Pairs) -> list[str]:
-    """What the verdicts say: at once, overall, at the end, and beside the baselines."""
+def sentences(records: Sequence[RunRecord], pairs: Pairs, within: Pairs = ()) -> list[str]:
+    """What the verdicts say: at once, overall, at the end, within each configuration, and beside the baselines.
+
+    Args:
+        records: runs of one study.
+        pairs: (a, b) configurations to compare.
+        within: (a, b) quantities to compare within each configuration.
+    """
     found = comparisons(records, pairs)
     out = []
     for (horizon, a, b), rows in found.groupby(["horizon", "a", "b"], sort=False) if len(found) else ():
-        rows = _summed(rows)
+        rows = summed(rows)
         lost = ", ".join(f"{n} of {s}" for s, n in ((a, rows.diverged_a.iloc[0]), (b, rows.diverged_b.iloc[0])) if n)
+        output = named(rows.output.iloc[0])
         out.append(
-            f"T = {horizon}, {rows.output.iloc[0]}: {a} against {b}: {'; '.join(map(_said, rows.itertuples()))}. "
+            f"T = {horizon}, {output}: {a} against {b}: {'; '.join(map(_said, rows.itertuples()))}. "
             f"Basis: {rows.basis.iloc[0]}." + (f" Left out because they diverged: {lost}." if lost else "")
         )
+    pooled = int((found.output == POOLED).sum()) if len(found) else 0
+    inside = contrasts(records, within)
+    for (horizon, a, b), rows in inside.groupby(["horizon", "a", "b"], sort=False) if len(inside) else ():
+        said = [f"{r.spec} {_said(r)}" for r in rows[rows.phase == "whole horizon"].itertuples()]
+        out.append(f"T = {horizon}: {named(a)} against {named(b)}: {'; '.join(said)}.")
     out += _beside_baselines(records)
-    if tested := int((found.output != POOLED).sum() if len(found) else 0):
+    if tested := len(found) + len(inside) - pooled:
         out.append(
             f"{tested} single differences are tested at 95 %: were there none at all, chance would still show "
             f"about {tested * 0.05:.1f} of them."
@@ -32,7 +57,7 @@ def sentences(records: Sequence[RunRecord], pairs: Pairs) -> list[str]:
     return out
 
 
-def _summed(rows: pd.DataFrame) -> pd.DataFrame:
+def summed(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows over all outputs, or those of the first (a signal of three axes before its channels)."""
     return rows[rows.output == (POOLED if POOLED in set(rows.output) else rows.output.iloc[0])]
 
@@ -63,10 +88,10 @@ def _beside_baselines(records: Sequence[RunRecord]) -> Iterator[str]:
     for horizon in horizons(records):
         at = [r for r in records if r.summary["horizon"] == horizon]
         for base in filter(is_baseline, specs(at)):
-            rows = comparisons(at, [(n, base) for n in networks])
+            rows = comparisons(at, [(n, base) for n in networks], "whole horizon")
             if len(rows):
-                rows = _summed(rows[rows.phase == "whole horizon"])
-                output = rows.output.iloc[0]
+                rows = summed(rows)
+                output = named(rows.output.iloc[0])
                 said = [f"diverged: {r.a}" for r in rows.itertuples() if math.isnan(r.ratio)]
                 rows = rows[rows.ratio.notna()]
                 for verdict, meaning in words.items():
@@ -80,7 +105,7 @@ def _beside_baselines(records: Sequence[RunRecord]) -> Iterator[str]:
 # ------------------------------------------------------------------------------------------------- rendering
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
     """Three significant digits, never an exponent."""
     if math.isnan(value):
         return "–"
@@ -88,31 +113,56 @@ def _number(value: float) -> str:
     return f"{value:.{digits}f}"
 
 
-def _with_interval(row: Any) -> str:
-    text, half = _number(row.rmsse), (row.rmsse_high - row.rmsse_low) / 2
+def with_interval(row: Any) -> str:
+    text, half = number(row.rmsse), (row.rmsse_high - row.rmsse_low) / 2
     return text if math.isnan(half) else f"{text} ± {half:.{len(text.partition('.')[2])}f}"
 
 
-def _runs(row: Any) -> str:
+def sound_runs(row: Any) -> str:
     return f"{row.seeds} of {row.seeds + row.diverged}"
 
 
-def _cell(row: Any) -> tuple[str, str]:
+def verdict_cell(row: Any) -> tuple[str, str]:
     """Ratio with interval, and the verdict with what could have been seen."""
     if math.isnan(row.low):
-        return _number(row.ratio), "no interval"
+        return number(row.ratio), "no interval"
     if row.trainings < 2:
         return f"{row.ratio:.2f} ({row.low:.2f} to {row.high:.2f})", "one training cannot tell"
     word = "alike" if row.alike and row.verdict == "cannot tell" else row.verdict
     return f"{row.ratio:.2f} ({row.low:.2f} to {row.high:.2f})", f"{word}; sees {100 * row.smallest:.0f} %"
 
 
-def _comparison_grids(found: pd.DataFrame) -> Iterator[tuple[str, list[str], list[tuple[str, list[Any]]]]]:
-    """Heading, phases, and output → one row a phase, for every horizon and pair."""
-    for (horizon, a, b), rows in found.groupby(["horizon", "a", "b"], sort=False) if len(found) else ():
-        names = list(dict.fromkeys(rows.phase))
-        body = [(str(q), list(group.itertuples())) for q, group in rows.groupby("output", sort=False)]
-        yield f"T = {horizon}: error of {a} / error of {b}", names, body
+@dataclass(frozen=True)
+class Grid:
+    """The verdicts on one pair at one horizon: a row an output (or a configuration), a column a phase."""
+
+    horizon: int
+    a: str
+    b: str
+    rows_are: str
+    """ "output" or "configuration"."""
+    phases: list[str]
+    rows: list[tuple[str, list[Any]]]
+    """Name and, phase by phase, the row of `comparisons` or `contrasts`."""
+
+    @property
+    def heading(self) -> str:
+        """What is divided by what."""
+        return f"T = {self.horizon}: error of {named(self.a)} / error of {named(self.b)}"
+
+
+def grids(records: Sequence[RunRecord], pairs: Pairs, within: Pairs) -> list[Grid]:
+    """All comparisons as they are shown: of configurations, then of quantities within each configuration."""
+    made = []
+    for found, column, rows_are in (
+        (comparisons(records, pairs), "output", "output"),
+        (contrasts(records, within), "spec", "configuration"),
+    ):
+        for (horizon, a, b), rows in found.groupby(["horizon", "a", "b"], sort=False) if len(found) else ():
+            names = list(dict.fromkeys(rows.phase))
+            body = [(str(q), list(group.itertuples())) for q, group in rows.groupby(column, sort=False)]
+            made.append(Grid(int(horizon), a, b, rows_are, names, body))
+    return made
 
 
 HOW_TO_READ = (
@@ -126,8 +176,8 @@ HOW_TO_COMPARE = (
 )
 
 
-def render_terminal(records: Sequence[RunRecord], pairs: Pairs, out: Any) -> None:
-    """Print tables and sentences; ``out`` is a rich console, 100 columns are enough."""
+def render_terminal(records: Sequence[RunRecord], pairs: Pairs, out: Any, within: Pairs = ()) -> None:
+    """Print tables and sentences; ``out`` is a rich console, 100 columns are enough; the rest as for `sentences`."""
     from rich.markup import escape
     from rich.table import Table
 
@@ -140,42 +190,44 @@ def render_terminal(records: Sequence[RunRecord], pairs: Pairs, out: Any) -> Non
             grid.add_column(name, justify="right")
         for output, group in rows.groupby("output", sort=False):
             for i, row in enumerate(group.itertuples()):
-                head = [f"{output}" if i == 0 else f"[{row.unit}]" if i == 1 else ""]
+                head = [named(str(output)) if i == 0 else f"[{row.unit}]" if i == 1 else ""]
                 cells = [
                     row.spec,
                     str(row.weights),
-                    _with_interval(row),
-                    _number(row.first),
-                    _number(row.last),
-                    _runs(row),
+                    with_interval(row),
+                    number(row.first),
+                    number(row.last),
+                    sound_runs(row),
                 ]
                 grid.add_row(*map(escape, head + cells), end_section=i == len(group) - 1)
         out.print(grid)
     out.print(HOW_TO_READ, style="dim", highlight=False)
     colour = {"better": "green", "worse": "red"}
-    found = comparisons(records, pairs)
-    for heading, names, body in _comparison_grids(found):
-        grid = Table(title=heading, title_justify="left")
-        grid.add_column("output", no_wrap=True)
-        for name in names:
+    shown = grids(records, pairs, within)
+    for found in shown:
+        grid = Table(title=escape(found.heading), title_justify="left")
+        grid.add_column(found.rows_are, no_wrap=True)
+        for name in found.phases:
             grid.add_column(name)
-        for output, cells in body:
+        for name, cells in found.rows:
             style = [colour.get(c.verdict, "") for c in cells]
-            shown = ["\n".join(_cell(c)) for c in cells]
-            grid.add_row(output, *(f"[{s}]{t}[/]" if s else t for s, t in zip(style, shown, strict=True)))
+            texts = ["\n".join(verdict_cell(c)) for c in cells]
+            grid.add_row(escape(named(name)), *(f"[{s}]{t}[/]" if s else t for s, t in zip(style, texts, strict=True)))
         out.print(grid)
-    if len(found):
+    if shown:
         out.print(HOW_TO_COMPARE, style="dim", highlight=False)
-    for sentence in sentences(records, pairs):
+    for sentence in sentences(records, pairs, within):
         out.print("• " + escape(sentence), highlight=False)
 
 
-def to_markdown(records: Sequence[RunRecord], pairs: Pairs, title: str, command: str, figure: str = "") -> str:
+def to_markdown(
+    records: Sequence[RunRecord], pairs: Pairs, title: str, command: str, figure: str = "", within: Pairs = ()
+) -> str:
     """The same as a page; ``figure`` is the address of a picture to show."""
     first = records[0].summary
     lines = [f"# {title[:1].upper()}{title[1:]}", "", f"Made by `{command}`."]
     lines += [f"Data: `{first['dataset']}`, SHA-256 `{first['dataset_digest'][:12]}`; {len(records)} runs.", ""]
-    lines += [f"- {s}" for s in sentences(records, pairs)] + [""]
+    lines += [f"- {s}" for s in sentences(records, pairs, within)] + [""]
     if figure:
         lines += [f"![Mean error of every prediction step]({figure})", ""]
     table = study_table(records)
@@ -186,15 +238,22 @@ def to_markdown(records: Sequence[RunRecord], pairs: Pairs, title: str, command:
     for horizon, rows in table.groupby("horizon", sort=False):
         head = ["output", "configuration", "weights", "unit", "RMSSE", f"first {FIRST}", f"last {LAST}", "seeds"]
         body = [
-            [r.output, r.spec, str(r.weights), r.unit, _with_interval(r), _number(r.first), _number(r.last), _runs(r)]
+            [
+                named(r.output),
+                r.spec,
+                str(r.weights),
+                r.unit,
+                with_interval(r),
+                number(r.first),
+                number(r.last),
+                sound_runs(r),
+            ]
             for r in rows.itertuples()
         ]
         lines += [f"## T = {horizon} steps", "", *grid(head, body)]
     lines += [HOW_TO_READ, ""]
-    for heading, names, cells in _comparison_grids(comparisons(records, pairs)):
-        lines += [
-            f"### {heading}",
-            "",
-            *grid(["output", *names], [[o, *("<br>".join(_cell(c)) for c in r)] for o, r in cells]),
-        ]
-    return "\n".join([*lines, HOW_TO_COMPARE] if pairs else lines).rstrip() + "\n"
+    shown = grids(records, pairs, within)
+    for found in shown:
+        body = [[named(name), *("<br>".join(verdict_cell(c)) for c in cells)] for name, cells in found.rows]
+        lines += [f"### {found.heading}", "", *grid([found.rows_are, *found.phases], body)]
+    return "\n".join([*lines, HOW_TO_COMPARE] if shown else lines).rstrip() + "\n"

@@ -26,7 +26,7 @@ class Study:
     runs: Callable[[str, Dataset], list[RunConfig]]
     """Preset and data set → every run, baselines included."""
     pairs: tuple[tuple[str, str], ...]
-    """(a, b) specs whose errors are compared: does a beat b?"""
+    """(a, b) specs or patterns of them, "LSTM: * - MLP: *", whose errors are compared: does a beat b?"""
     contrasts: tuple[tuple[str, str], ...] = ()
     """(a, b) quantities whose errors are compared within each spec, such as ("velocity", "velocity_forced")."""
     paper_says: str = ""

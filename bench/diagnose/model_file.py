@@ -1,19 +1,18 @@
 """model.toml: a physics model with its effects, as a file that its user keeps and edits."""
 
-import dataclasses
-import json
-import math
-import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from torch import Tensor
 
 from bench.diagnose.diagnosis import NamedEffect, ParameterEstimate, write_text
-from registry.core import EFFECTS, PHYSICS
-from registry.dynamics import Effect, Parameter, PhysicsModel
-from registry.errors import BenchError, near
+from registry.core import EFFECTS
+from registry.dynamics import Parameter, PhysicsModel
+from registry.errors import BenchError
+from registry.model_file import finite, numbers, options, read, system_name, toml_text
+
+__all__ = ["read", "write"]
 
 _HEAD = """\
 # A physics model: base constants, then one table for every effect, SI units.
@@ -32,98 +31,16 @@ def write(path: Path, model: PhysicsModel, effects: Sequence[NamedEffect] = ()) 
     Raises:
         BenchError: a constant is not finite, or the file cannot be written.
     """
-    lines = [_HEAD, f"system = {_text(_name(type(model)))}"]
-    lines += [f"{f.name} = {_text(getattr(model, f.name))}" for f in _options(type(model), changed=model)]
+    lines = [_HEAD, f"system = {toml_text(system_name(type(model)))}"]
+    lines += [f"{f.name} = {toml_text(getattr(model, f.name))}" for f in options(type(model), changed=model)]
     lines += ["", "[physics]", *_table(path, model.parameters(), {})]
     known = {e.id: e for e in effects}
     for effect in model.effects:
         name = EFFECTS.name_of(type(effect))
         lines += ["", f"[[effects]]  # {_plain(EFFECTS.summary(name))}", f"# {_plain(effect.equation)}"]
-        lines += [f"id = {_text(name)}"]
+        lines += [f"id = {toml_text(name)}"]
         lines += _table(path, effect.parameters(), known[name].parameters if name in known else {})
     write_text(path, "\n".join(lines) + "\n")
-
-
-def read(path: Path, system: str | type[PhysicsModel] = "") -> PhysicsModel:
-    """The model in the file, with its effects.
-
-    Args:
-        path: a model.toml.
-        system: the physics model that is expected, as a registered name or as a class (which need not be
-            registered: a file never says what code to run); "": the registered one that the file names.
-
-    Raises:
-        BenchError: the file is absent, damaged or of another system, or a key or value does not fit.
-    """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise BenchError(f"{path} does not exist: `bench diagnose` writes a model.toml.") from error
-    except UnicodeDecodeError as error:
-        raise BenchError(f"{path} is not UTF-8 text (byte {error.start}).") from error
-    except (tomllib.TOMLDecodeError, OSError) as error:
-        raise BenchError(f"{path} cannot be read: {error}.") from error
-    expected = system if isinstance(system, str) else _name(system)
-    named = table.pop("system", expected)
-    if not isinstance(named, str) or not named:
-        raise BenchError(f'{path} names no system: add a line such as system = "quadrotor".')
-    if expected and named != expected:
-        raise BenchError(f"{path} is a model of {named}, not of {expected}.")
-    try:
-        kind = PHYSICS.get(named) if isinstance(system, str) else system
-    except BenchError as error:
-        raise BenchError(f"{path}: {error}") from error
-    physics, entries = table.pop("physics", {}), table.pop("effects", [])
-    if not isinstance(physics, dict):
-        raise BenchError(f"{path}: physics must be a table, [physics].")
-    if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
-        raise BenchError(f"{path}: effects must be tables, [[effects]].")
-    defaults = {f.name: f.default for f in _options(kind)}
-    table = {key: tuple(value) if isinstance(value, list) else value for key, value in table.items()}
-    for key, value in table.items():
-        if key not in defaults:
-            raise BenchError(f"{path}: unknown key {key!r}: {near(key, ['system', 'physics', 'effects', *defaults])}")
-        if type(value) is not type(defaults[key]):
-            raise BenchError(f"{path}: {key} must be of the kind of {_text(defaults[key])}, not {value!r}.")
-    constants = _constants(f"{path} [physics]", kind().parameters(), physics)
-    effects = tuple(_effect(path, i, entry) for i, entry in enumerate(entries, start=1))
-    try:
-        model: PhysicsModel = kind(**constants, **table, effects=effects)
-    except BenchError as error:
-        raise BenchError(f"{path}: {error}") from error
-    return model
-
-
-def _effect(path: Path, number: int, entry: dict[str, Any]) -> Effect:
-    where = f"{path} [[effects]] number {number}"
-    if not isinstance(entry.get("id"), str):
-        raise BenchError(f'{where} has no id: add a line such as id = "rotor_drag".')
-    try:
-        kind = EFFECTS.get(entry["id"])
-    except BenchError as error:
-        raise BenchError(f"{where}: {error}") from error
-    given = {k: v for k, v in entry.items() if k != "id"}
-    effect: Effect = kind(**_constants(f"{where} ({entry['id']})", kind.neutral().parameters(), given))
-    return effect
-
-
-def _constants(where: str, parameters: Sequence[Parameter], given: dict[str, Any]) -> dict[str, Any]:
-    """The given values as floats and tuples, each checked against its parameter."""
-    known = {p.name: p for p in parameters}
-    for key, value in given.items():
-        if key not in known:
-            raise BenchError(f"{where}: unknown parameter {key!r}: {near(key, known)}")
-        p = known[key]
-        flat = list(_numbers(value))
-        if not flat or not all(_finite(v) for v in flat) or _depth(value) != _depth(p.neutral):
-            wanted = ("a finite number", "a list of finite numbers", "a list of lists of finite numbers")
-            raise BenchError(f"{where}: {key} must be {wanted[_depth(p.neutral)]}, not {value!r}.")
-        low, high = -math.inf if p.low is None else p.low, math.inf if p.high is None else p.high
-        if not all(low <= v <= high for v in flat):
-            span = f"at least {low:g}" if high == math.inf else f"at most {high:g}"
-            span = f"from {low:g} to {high:g}" if math.isfinite(low) and math.isfinite(high) else span
-            raise BenchError(f"{where}: {key} = {value!r} must be {span} {p.unit}.")
-    return {key: _tuples(value) for key, value in given.items()}
 
 
 def _table(path: Path, parameters: Sequence[Parameter], known: dict[str, ParameterEstimate]) -> list[str]:
@@ -131,28 +48,14 @@ def _table(path: Path, parameters: Sequence[Parameter], known: dict[str, Paramet
     rows = []
     for p in parameters:
         value = p.value.tolist() if isinstance(p.value, Tensor) else p.value
-        if not all(map(_finite, _numbers(value))):
+        if not all(map(finite, numbers(value))):
             raise BenchError(f"{path} is not written: {p.name} = {value!r} is not finite.")
         comment = p.about if p.unit == "1" else f"{p.unit}: {p.about}"
-        if p.name in known and all(map(_finite, (known[p.name].low, known[p.name].high))):
+        if p.name in known and all(map(finite, (known[p.name].low, known[p.name].high))):
             comment = f"{p.unit}, 95 %: {known[p.name].low:.4g} to {known[p.name].high:.4g}; {p.about}"
         rows.append((f"{p.name} = {_toml(value)}", _plain(comment)))
     width = max((len(line) for line, _ in rows if len(line) < 48), default=0)
     return [f"{line:<{width}}  # {comment}" for line, comment in rows]
-
-
-def _options(kind: type[PhysicsModel], changed: PhysicsModel | None = None) -> list[dataclasses.Field[Any]]:
-    """The fields that are no constants, such as input_hold; only those not at their default in ``changed``."""
-    options = [f for f in dataclasses.fields(kind) if "uncertainty" not in f.metadata and f.name != "effects"]
-    return [f for f in options if changed is None or getattr(changed, f.name) != f.default]
-
-
-def _name(kind: type[PhysicsModel]) -> str:
-    """The registered name, or that of the class."""
-    try:
-        return PHYSICS.name_of(kind)
-    except BenchError:
-        return kind.__name__
 
 
 def _toml(value: Any) -> str:
@@ -162,31 +65,6 @@ def _toml(value: Any) -> str:
     return text if {".", "e"} & set(text) else text + ".0"
 
 
-def _text(value: Any) -> str:
-    """An option as TOML, which writes texts, whole numbers and lists of them as JSON does."""
-    return json.dumps(list(value) if isinstance(value, tuple) else value, ensure_ascii=False)
-
-
 def _plain(text: str) -> str:
     """One line, as a comment must be."""
     return " ".join(text.split())
-
-
-def _numbers(value: Any) -> Iterator[Any]:
-    if isinstance(value, (list, tuple)):
-        for v in value:
-            yield from _numbers(v)
-    else:
-        yield value
-
-
-def _depth(value: Any) -> int:
-    return 1 + max(map(_depth, value), default=0) if isinstance(value, (list, tuple)) else 0
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else float(value)
-
-
-def _finite(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

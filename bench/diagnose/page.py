@@ -2,13 +2,13 @@
 
 import math
 from html import escape
-from importlib.metadata import version
 from pathlib import Path
 
 from bench.diagnose import page_parts as parts
 from bench.diagnose import words
 from bench.diagnose.diagnosis import Diagnosis, NamedEffect, write_text
 from bench.diagnose.page_sections import SECTIONS
+from bench.page import document
 
 _BADGES = {
     "named": "missing effect found",
@@ -34,18 +34,13 @@ def render(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "data_problem":
         order.sort(key=lambda title: title != "The data")
     made = {title: body for title in order if (body := SECTIONS[title](diagnosis))}
-    links = "".join(f'<a href="#{parts.anchor(title)}">{title}</a>' for title in made)
-    body = "".join(f'<section id="{parts.anchor(t)}"><h2>{t}</h2>{b}</section>' for t, b in made.items())
-    css = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
-        "style-src 'unsafe-inline'\">"
-        f"<title>Diagnosis of {escape(diagnosis.dataset)}</title><style>\n{css}</style></head><body>"
-        f"{_head(diagnosis)}<main><nav>{links}</nav>{body}</main>"
-        f"<footer>multistep-bench {escape(version('multistep-bench'))}. Intervals are 95 % and RMSE is the root mean "
-        "square error of free runs on held-out recordings, unless said otherwise.</footer></body></html>\n"
+    return document(
+        f"Diagnosis of {diagnosis.dataset}",
+        _head(diagnosis),
+        made,
+        "Intervals are 95 % and RMSE is the root mean square error of free runs on held-out recordings, unless said "
+        "otherwise.",
+        Path(__file__).with_name("page.css"),
     )
 
 

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 
 _MODELS = {
@@ -22,25 +22,6 @@ def equation(text: str) -> str:
     return f'<p class="equation">{low}</p>'
 
 
-def table(heads: Sequence[str], rows: Iterable[str], numbers: Iterable[int] = (), kind: str = "") -> str:
-    """A table of ready rows; ``numbers`` are the columns that are right-aligned. Narrow pages stack its cells."""
-    right = set(numbers)
-    cells = "".join(f'<th class="number">{h}</th>' if i in right else f"<th>{h}</th>" for i, h in enumerate(heads))
-    head, body = f"<thead><tr>{cells}</tr></thead>", f"<tbody>{''.join(rows)}</tbody>"
-    return f'<div class="scroll"><table class="{kind}">{head}{body}</table></div>'
-
-
-def panel(title: str, note: str, svg: str) -> str:
-    """A drawing with its title."""
-    small = f" <small>{escape(note)}</small>" if note else ""
-    return f"<figure><figcaption>{escape(title)}{small}</figcaption>{svg}</figure>"
-
-
-def grid(panels: Sequence[str]) -> str:
-    """Drawings side by side, as many as the page is wide."""
-    return f'<div class="grid">{"".join(panels)}</div>'
-
-
 def legend(names: Sequence[str]) -> str:
     """What the lines of all drawings of a section mean."""
     items = []
@@ -58,8 +39,3 @@ def bar(share: float, kind: str) -> str:
     """A share from 0 to 1 as a bar."""
     width = 100 * min(1.0, max(0.0, share)) if math.isfinite(share) else 0.0
     return f'<div class="bar {kind}"><i style="width:{width:.1f}%"></i></div>'
-
-
-def anchor(title: str) -> str:
-    """The address of a section within the page."""
-    return title.lower().replace(" ", "-")

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from html import escape
 
+from bench import page
 from bench.diagnose import page_figures as figures
 from bench.diagnose import page_parts as parts
 from bench.diagnose import words
@@ -39,10 +40,10 @@ def _waterfall(d: Diagnosis) -> str:
         ]
         known = d.error.nominal.get(group)
         drawn = figures.waterfall(group, bars, floors.get(group, math.nan), known.unit if known else "")
-        panels.append(parts.panel(words.named(group), f"after {known.horizon_s:g} s" if known else "", drawn))
+        panels.append(page.panel(words.named(group), f"after {known.horizon_s:g} s" if known else "", drawn))
     return (
         "<p>The bar is the error that remains; its pale part is what the stage took away. The dotted line is the noise "
-        f"floor, which no model can pass.</p>{parts.grid(panels)}"
+        f"floor, which no model can pass.</p>{page.grid(panels)}"
     )
 
 
@@ -51,10 +52,10 @@ def _curves(d: Diagnosis) -> str:
     if not curves:
         return ""
     present = [n for n in LINES if any(n in c.lines for c in curves.values())]
-    panels = [parts.panel(words.named(group), "", figures.error_curves(group, c)) for group, c in curves.items()]
+    panels = [page.panel(words.named(group), "", figures.error_curves(group, c)) for group, c in curves.items()]
     return (
         "<p>Free runs from many starts of the held-out recordings; bands are 95 % intervals over recordings.</p>"
-        f"{parts.legend(present)}{parts.grid(panels)}{_by_recording(d)}"
+        f"{parts.legend(present)}{page.grid(panels)}{_by_recording(d)}"
     )
 
 
@@ -73,7 +74,7 @@ def _by_recording(d: Diagnosis) -> str:
             rows.append(f'<tr><td>{escape(recording)}</td><td data-label="">{what}</td>{cells}</tr>')
     if not rows:
         return ""
-    table = parts.table(["recording", "output", "nominal", "calibrated", "extended", "noise floor"], rows, range(2, 6))
+    table = page.table(["recording", "output", "nominal", "calibrated", "extended", "noise floor"], rows, range(2, 6))
     return f"<details><summary>Recording by recording</summary>{table}</details>"
 
 
@@ -86,7 +87,7 @@ def _where(d: Diagnosis) -> str:
         seen = f'<span title="{escape(", ".join(r.recordings))}">{len(r.recordings)} recordings</span>'
         rows.append(f"<tr><td>{escape(r.region)}</td><td>{bars}</td><td>{seen}</td></tr>")
     panels = [
-        parts.panel(
+        page.panel(
             f"{words.named(m.y_quantity)} against {words.named(m.x_signal)}",
             f"region {m.region}" if m.region else "",
             figures.residual_map(m),
@@ -103,9 +104,9 @@ def _where(d: Diagnosis) -> str:
             '<h3>Residual against what it follows</h3><p class="quiet">What the model lacks at every sample '
             "of the training recordings (dots), and its mean in bins of the signal. A model that lacks "
             "nothing stays at zero.</p>"
-            f"{parts.legend(['calibrated', 'extended'] if after else ['calibrated'])}{parts.grid(panels)}"
+            f"{parts.legend(['calibrated', 'extended'] if after else ['calibrated'])}{page.grid(panels)}"
         )
-    return (intro + parts.table(["region", "", "met in"], rows) if rows else "") + maps
+    return (intro + page.table(["region", "", "met in"], rows) if rows else "") + maps
 
 
 def _ranking(d: Diagnosis) -> str:
@@ -120,7 +121,7 @@ def _ranking(d: Diagnosis) -> str:
         taken = next((c.id for c in candidates if not c.why), None)
         title = f"Round {i}: {words.named(taken)} is taken" if taken else f"Round {i}: none is taken"
         title = title.partition(": ")[2].capitalize() if len(rounds) == 1 else title
-        table = parts.table(["effect", "explains", "", "fitted", "why not"], map(_candidate, candidates), (1,), "rank")
+        table = page.table(["effect", "explains", "", "fitted", "why not"], map(_candidate, candidates), (1,), "rank")
         body += f"<h3>{escape(title)}</h3>{table}"
     return body
 
@@ -168,7 +169,7 @@ def _data_problems(d: Diagnosis) -> str:
         if d.verdict == "data_problem"
         else "These did not stop the diagnosis."
     )
-    return f"<p>{what}</p>{parts.table(['recording', 'signal', 'problem', 'where', 'detail'], rows)}"
+    return f"<p>{what}</p>{page.table(['recording', 'signal', 'problem', 'where', 'detail'], rows)}"
 
 
 def _left(d: Diagnosis) -> str:
@@ -189,13 +190,13 @@ def _windows(d: Diagnosis) -> str:
     if not d.evidence.windows:
         return ""
     panels = [
-        parts.panel(f"{words.named(w.group)}, {w.recording}", f"from {w.start_s:.2f} s", figures.window(w))
+        page.panel(f"{words.named(w.group)}, {w.recording}", f"from {w.start_s:.2f} s", figures.window(w))
         for w in d.evidence.windows
     ]
     extended = any(w.extended for w in d.evidence.windows)
     shown = ["measured", "nominal", *(["extended"] if extended else [])]
     intro = "<p>The stretches in which the nominal model fails most, all started from the measured state.</p>"
-    return f"{intro}{parts.legend(shown)}{parts.grid(panels)}"
+    return f"{intro}{parts.legend(shown)}{page.grid(panels)}"
 
 
 def _calibration(d: Diagnosis) -> str:
@@ -214,7 +215,7 @@ def _calibration(d: Diagnosis) -> str:
     if not rows:
         return ""
     intro = "<p>Base constants fitted before any effect, each held near its stated value by its uncertainty σ.</p>"
-    return intro + parts.table(
+    return intro + page.table(
         ["constant", "stated", "calibrated", "unit", "change", "moved by"], rows, numbers=(1, 2, 4, 5)
     )
 

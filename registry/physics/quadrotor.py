@@ -80,14 +80,16 @@ class Quadrotor(RigidBody):
         """T_i = k_f ω_i² (…, rotors) [N] at rotor speeds (…, rotors) [rad/s]."""
         return tensor(self.thrust_coefficient, inputs).unsqueeze(-1) * inputs * inputs
 
-    def own_load(self, motion: Motion, internal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Force and torque of the rotors, body frame; see `RigidBody.own_load`."""
-        speed = motion.inputs
-        thrust, total = motion.thrust, motion.total_thrust
+    def loads(self, thrust: Tensor, speed: Tensor) -> tuple[Tensor, Tensor]:
+        """Total thrust (…) [N] and torque (…, 3) [N m], body frame, of rotor thrusts and speeds (…, rotors)."""
         x, y, _ = tensor(self.rotor_positions, speed).unbind(-1)
         signs = tensor(self.rotor_directions, speed)
         reaction = signs * tensor(self.torque_coefficient, speed).unsqueeze(-1) * speed * speed
-        none = torch.zeros_like(total)
-        force = torch.stack([none, none, total], dim=-1)
         torque = torch.stack([(y * thrust).sum(-1), -(x * thrust).sum(-1), reaction.sum(-1)], dim=-1)
-        return force, torque, internal
+        return thrust.sum(-1), torque
+
+    def own_load(self, motion: Motion, internal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Force and torque of the rotors, body frame; see `RigidBody.own_load`."""
+        total, torque = self.loads(motion.thrust, motion.inputs)
+        none = torch.zeros_like(total)
+        return torch.stack([none, none, total], dim=-1), torque, internal

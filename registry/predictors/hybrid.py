@@ -1,0 +1,268 @@
+"""The hybrid model: a physics model between two networks, one that drives it and one that corrects it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from registry.contracts import Composite, Dataset, Predictor, PredictorEntry, Problem, StateLayout
+from registry.core import PREDICTORS, option
+from registry.errors import BenchError
+from registry.kernels.affine import affine
+from registry.kernels.lstm import Layer
+from registry.kernels.lstm_cell import LSTMCell
+from registry.physics.quadrotor import Quadrotor
+from registry.predictors.lstm import LSTMWeights
+from registry.predictors.middle import AnyMiddle, Middle, RigidBodyMiddle, fitted, with_constants
+from registry.predictors.physics import digest
+from registry.predictors.white_box import WhiteBox, default_signals
+
+
+class Network(Predictor):
+    """One of the two LSTM networks of a hybrid model: hidden and cell states, no buffers.
+
+    Its read-out starts at zero: a fresh hybrid model is its physics model.
+    """
+
+    def __init__(self, entry: "Hybrid", problem: Problem, columns: int, rows: int) -> None:
+        super().__init__(problem)
+        size = entry.layers * entry.hidden
+        self.layers, self.layout = entry.layers, StateLayout(0, size, size)
+        weights = LSTMWeights(columns, entry.layers, entry.hidden, entry.weight_scale, entry.forget_bias)
+        self.input_weight, self.recurrent_weight = weights.input_weight, weights.recurrent_weight
+        self.bias, self.peephole = weights.bias, weights.peephole
+        self.output_weight = nn.Parameter(torch.zeros(rows, entry.hidden))
+        self.output_bias = nn.Parameter(torch.zeros(rows))
+
+    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """No buffers (B, 0)."""
+        return inputs[..., -1, :0]
+
+    def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """See `Predictor.rollout`.
+
+        Raises:
+            BenchError: always; within the hybrid model it sees what no recording holds.
+        """
+        raise BenchError("The networks of a Hybrid do not run alone: initialize it by MLP or RNN.")
+
+
+class _Running:
+    """A network in the loop: its weights laid out, and its states (L, H, B) now."""
+
+    def __init__(self, network: Network, hidden: Tensor, cell: Tensor) -> None:
+        series = (network.input_weight, network.recurrent_weight, network.bias, network.peephole)
+        self.cell = LSTMCell([Layer(*map(_single, ws, (2, 2, 1, 2))) for ws in zip(*series, strict=True)])
+        self.weight = _single(network.output_weight, 2)
+        self.bias = _single(network.output_bias, 1).unsqueeze(-1)
+        self.states = tuple(s.T.unflatten(0, (network.layers, -1)).contiguous() for s in (hidden, cell))
+
+    def read(self) -> Tensor:
+        """What the read-out says of the states now (rows, B)."""
+        return torch.addmm(self.bias, self.weight, self.states[0][-1])
+
+    def step(self, *entering: Tensor) -> Tensor:
+        """What it says (rows, B) a step later, when ``entering`` (K_i, B) enter."""
+        self.states = self.cell(entering, *self.states)
+        return self.read()
+
+    def ends(self) -> list[Tensor]:
+        """Hidden and cell states (B, L·H) now."""
+        return [s.flatten(0, 1).T for s in self.states]
+
+
+def _single(weight: Tensor, dims: int) -> Tensor:
+    """A weight without the leading model dimension that training gives it."""
+    return weight.squeeze(0) if weight.dim() > dims else weight
+
+
+class HybridPredictor(Composite):
+    """Input model, physics model and output model; see `Hybrid`.
+
+    State: [what drives the physics model at k0 and its full state, SI | hidden | cell], the input model's before the
+    output model's.
+    """
+
+    def __init__(self, entry: "Hybrid", problem: Problem) -> None:
+        super().__init__(problem)
+        self.history = problem.history
+        self.residual, self.added = entry.input_model == "residual", entry.output_model == "added"
+        thrust = WhiteBox(problem, entry.model, driven=False).bare
+        self.box = WhiteBox(problem, entry.model, driven=self.residual or not thrust)
+        m, n, drives = self.n_inputs, self.n_outputs, len(self.box.drives)
+        given = 4 if thrust else drives - self.box.extras
+        self.input_network = Network(entry, problem, m + n, given)
+        self.output_network = Network(entry, problem, m + n + given, n) if entry.output_model != "none" else None
+        self.views = ("uncompensated",) if self.output_network is not None else ()
+        if thrust and not self.residual:
+            with torch.no_grad():
+                self.input_network.output_bias[0] = 1.0  # as much thrust as weight
+        count = sum(torch.as_tensor(p.value).numel() for p in fitted(self.box.model))
+        self.constants = nn.Parameter(torch.zeros(count)) if entry.fit_constants else None
+        layouts = [part.layout for part in self.parts()]
+        self.layout = StateLayout(drives + self.box.size, sum(x.hidden for x in layouts), sum(x.cell for x in layouts))
+        into, out = torch.zeros(n, self.box.size), torch.zeros(self.box.size, n)
+        into[range(n), self.box.rows] = out[self.box.rows, range(n)] = 1.0
+        self.register_buffer("picking", into, persistent=False)
+        self.register_buffer("putting", out, persistent=False)
+        self.picking: Tensor
+        self.putting: Tensor
+
+    # ----------------------------------------------------------------------------------------- initialization
+
+    def parts(self) -> list[Predictor]:
+        """See `Composite.parts`."""
+        return list(self._networks())
+
+    def _networks(self) -> list[Network]:
+        return [x for x in (self.input_network, self.output_network) if x is not None]
+
+    def part_history(self, part: int, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
+        """All that was measured, for both."""
+        return inputs, outputs
+
+    def join(self, states: Sequence[Tensor], inputs: Tensor, outputs: Tensor) -> Tensor:
+        """See `Composite.join`."""
+        _, hidden, cell = zip(*(p.layout.split(s) for p, s in zip(self.parts(), states, strict=True)), strict=True)
+        return torch.cat([self.fill(inputs, outputs), *hidden, *cell], -1)
+
+    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """What drives the physics model at k0, and its full state as the history leaves it, SI."""
+        return self.box.fill(self, inputs, outputs)
+
+    def readout(self, state: Tensor, inputs: Tensor) -> Tensor | None:
+        """ŷ_{k0}: what the output model adds at k0 to the measured y_{k0}, from which the physics model starts."""
+        if self.output_network is None:
+            return None
+        buffer, hidden, _ = self.layout.split(state)
+        own = affine(
+            hidden[..., -self.output_network.output_weight.shape[-1] :],
+            self.output_network.output_weight,
+            self.output_network.output_bias,
+        )
+        return own + self.output_scaler(self._states(buffer)[..., self.box.rows]) if self.added else own
+
+    # ---------------------------------------------------------------------------------------------- prediction
+
+    def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """See `Predictor.rollout`."""
+        outputs, _, end = self._run(inputs, state, feedback)
+        return outputs, end
+
+    def view(self, name: str, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+        """What the physics model says in the free run, before the output model corrects it; the one view."""
+        return self._run(inputs, state, None)[1]
+
+    def _run(self, inputs: Tensor, state: Tensor, feedback: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+        """Outputs (…, B, T, n), those before compensation, and the state (…, B, s) after the run."""
+        if inputs.dim() == 4:
+            one = self._run(inputs[0], state[0], None if feedback is None else feedback[0])
+            return one[0].unsqueeze(0), one[1].unsqueeze(0), one[2].unsqueeze(0)
+        buffer, hidden, cell = self.layout.split(state)
+        sizes = [p.layout.hidden for p in self._networks()]
+        pieces = zip(hidden.split(sizes, -1), cell.split(sizes, -1), strict=True)
+        networks = [_Running(p, *x) for p, x in zip(self._networks(), pieces, strict=True)]
+        first, second = networks[0], networks[1] if len(networks) > 1 else None
+        driving = self.input_scaler.invert(inputs)[..., self.box.drives]
+        middle = self._middle(buffer[..., : len(self.box.drives)], driving)
+        scale, offset = self.output_scaler.scale, self.output_scaler.offset
+        picking, putting = self.picking / scale.unsqueeze(-1), self.putting * scale
+        ground = (-offset / scale).unsqueeze(-1)
+        x = self._states(buffer).T
+        y = torch.addmm(ground, picking, x)
+        u = inputs.permute(1, 2, 0).contiguous()  # (T, m, B)
+        fed = None if feedback is None else feedback.permute(1, 2, 0)
+        start = middle.load(first.read())
+        outputs: list[Tensor] = []
+        uncompensated: list[Tensor] = []
+        for k in range(len(u)):
+            given = first.step(u[k], y)
+            end = middle.load(given)
+            x = middle.step(k, x, start, end)
+            moved = torch.addmm(ground, picking, x)
+            y = moved
+            if second is not None:
+                own = second.step(moved, given, u[k])
+                y = moved + own if self.added else own
+            outputs.append(y)
+            uncompensated.append(moved)
+            y = y if fed is None else fed[k]
+            if y is not moved:
+                x = torch.addmm(x, putting, y - moved)
+            start = end
+        last = driving[..., -1, :] if len(u) else buffer[..., : len(self.box.drives)]
+        ends = zip(*(network.ends() for network in networks), strict=True)
+        hidden, cell = (torch.cat(pair, -1) for pair in ends)
+        after, before = (torch.stack(series).permute(2, 0, 1) for series in (outputs, uncompensated))
+        return after, before, torch.cat([last, x.T, hidden, cell], -1)
+
+    def _states(self, buffer: Tensor) -> Tensor:
+        return buffer[..., len(self.box.drives) :]
+
+    def _middle(self, before: Tensor, driving: Tensor) -> Middle:
+        model: Any = self.box.model
+        if self.constants is not None:
+            model = with_constants(model, _single(self.constants, 1))
+        if self.box.bare:
+            assert isinstance(model, Quadrotor)
+            return RigidBodyMiddle(self.box, model, before, driving, self.residual)
+        own = self.box.drives[: len(self.box.drives) - self.box.extras]
+        scale = self.input_scaler.offset[own], self.input_scaler.scale[own]
+        return AnyMiddle(self.box, model, before, driving, self.residual, scale)
+
+
+@PREDICTORS.register("Hybrid")
+@dataclass(frozen=True)
+class Hybrid(PredictorEntry):
+    """A physics model between two LSTM networks, trained as one: the first drives it, the second corrects it.
+
+    Mohajerin and Waslander, section "Hybrid model". Corrected outputs go back to the input model and to the physics
+    model, whose other states, such as attitude and position, loop inside it. The output model sees what the physics
+    model says, the inputs, and what the input model gives.
+    """
+
+    network: ClassVar[bool] = True
+    side_by_side: ClassVar[bool] = False
+
+    layers: int = option(1, "layers in series, of each network", low=1, high=20, search=True)
+    hidden: int = option(50, "cells in each layer", low=1, high=2000, log=True, search=True)
+    input_model: str = option(
+        "learned",
+        "thrust and torques (of other models: the driving signal) are learned, or the nominal ones plus a learned part",
+        choices=("learned", "residual"),
+    )
+    output_model: str = option(
+        "added",
+        "the output model is added to the physics model (paper), predicts alone, or is left out",
+        choices=("added", "alone", "none"),
+    )
+    model: str = option("", "path of a model.toml, as `bench extend` writes it; empty: nominal constants")
+    fit_constants: bool = option(False, "train uncertain physical constants too, within 10 standard deviations")
+    weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
+    forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)
+
+    def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+        """See `PredictorEntry.signals`."""
+        inputs, outputs, context = default_signals(dataset, self.model)
+        return dataset.inputs if self.input_model == "learned" else inputs, outputs, context
+
+    def content(self) -> str:
+        """See `PredictorEntry.content`."""
+        return digest(self.model)
+
+    def build(self, problem: Problem) -> Predictor:
+        """See `PredictorEntry.build`."""
+        return HybridPredictor(self, problem)
+
+
+@PREDICTORS.register("Hybrid unsummed")
+@dataclass(frozen=True)
+class HybridUnsummed(Hybrid):
+    """`Hybrid` whose output model predicts alone: the physics model reaches the output through it only.
+
+    The paper expects the physics to be ignored then (section "Hybrid model").
+    """
+
+    output_model: str = option("alone", "the output model predicts alone", choices=("alone",))
