@@ -31,6 +31,12 @@ ALL = "all"
 @click.option("--seeds", type=click.IntRange(1, 100), help="How many seeds (SPEC only; default 1).")
 @click.option("--horizon", "-T", type=click.IntRange(1), help="Prediction length in samples (default: 40).")
 @click.option("--outputs", metavar="SIGNALS", help="What to predict, such as body_rates,velocity or body_rates.p.")
+@click.option(
+    "--physics",
+    type=click.Path(exists=True, dir_okay=False, resolve_path=True),
+    metavar="MODEL.TOML",
+    help="The physics of `physics` and `Hybrid`, as `bench diagnose` and `bench extend` write it; default: nominal.",
+)
 @options.assignments
 @click.option("--workers", type=click.IntRange(1, 512), help="Processes, one thread each; default: one a core.")
 @options.results
@@ -44,6 +50,7 @@ def run_command(
     seeds: int | None,
     horizon: int | None,
     outputs: str | None,
+    physics: str | None,
     assignments: tuple[str, ...],
     workers: int | None,
     results: Path,
@@ -60,6 +67,7 @@ def run_command(
     bench run washout_vs_mlp --dataset nanodrone
     bench run "LSTM: 2x50 - MLP: 100x10" --dataset nanodrone --seeds 3 -T 190
     bench run "MLFC: 1x50 - Washout: 10" --set training.updates=3000
+    bench run quadrotor_hybrid --dataset my_flights --physics my_flights/diagnosis/model.toml
     bench run all --dry-run                              what the lot would cost
 
     Runs that are already recorded are not trained again: after Ctrl-C, a crash or a power cut, the same command
@@ -73,10 +81,13 @@ def run_command(
         run_options["horizon"] = str(horizon)
     if outputs is not None:
         run_options["outputs"] = outputs
+    if physics is not None:
+        run_options["predictor.model"] = physics
     known = study.studies()
     if seeds is not None and (target in known or target == ALL):
         raise BenchError("--seeds belongs to a single configuration; a study's presets set their own.")
-    asked = ", ".join(f"{k} {v}" for k, v in sorted({**run_options, **data_options}.items()) if k != "path")
+    said = {**run_options, **data_options, **({"predictor.model": Path(physics).name} if physics else {})}
+    asked = ", ".join(f"{k} {v}" for k, v in sorted(said.items()) if k != "path")
 
     def job(name: str) -> Job:
         """The runs of one study or configuration."""

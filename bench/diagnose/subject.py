@@ -225,14 +225,8 @@ def _dataset(source: str | Path) -> Dataset:
 
 def _described(dataset: Dataset) -> tuple[dict[str, Any], dict[str, Any], dict[str, float], str]:
     """Nominal constants, processing, uncertainty and the driving signal that a data set states."""
-    if isinstance(dataset, Folder):
-        description = dataset.description
-        physics = dict(description.physics)
-        uncertainty = {k: float(v) for k, v in physics.pop("uncertainty", {}).items()}
-        return {**physics, **description.environment}, description.processing, uncertainty, description.input
-    physics = dict(dataset.physics)
     drive = dataset.inputs[0] if dataset.inputs else ""
-    return physics, dict(dataset.processing), dict(dataset.uncertainty), drive
+    return dict(dataset.physics), dict(dataset.processing), dict(dataset.uncertainty), drive
 
 
 def _tuples(value: Any) -> Any:

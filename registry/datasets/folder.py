@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -67,6 +67,22 @@ class Folder(Dataset):
     def input_hold(self) -> str:  # type: ignore[override]
         """Inputs between samples."""
         return self.description.input_hold
+
+    @property
+    def physics(self) -> dict[str, Any]:  # type: ignore[override]
+        """[physics] but for its uncertainty, and [environment]."""
+        stated = {k: v for k, v in self.description.physics.items() if k != "uncertainty"}
+        return {**stated, **self.description.environment}
+
+    @property
+    def uncertainty(self) -> dict[str, float]:  # type: ignore[override]
+        """[physics.uncertainty]."""
+        return {k: float(v) for k, v in self.description.physics.get("uncertainty", {}).items()}
+
+    @property
+    def processing(self) -> dict[str, Any]:  # type: ignore[override]
+        """[processing]."""
+        return self.description.processing
 
     def read(self) -> Loaded:
         """See `Dataset.read`."""
