@@ -5,7 +5,7 @@ The unit of a comparison is the recording: windows of one recording are not inde
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,43 @@ def interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, 
         return None
     half = stdtrit(len(x) - 1, (1 + confidence) / 2) * x.std(ddof=1) / math.sqrt(len(x))
     return float(x.mean() - half), float(x.mean() + half)
+
+
+def curve_interval(
+    curves: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray], confidence: float = 0.95, resamples: int = 2000
+) -> tuple[float, float]:
+    """Percentile interval of a statistic of the mean curve, trainings and recordings both drawn again.
+
+    Args:
+        curves: (S, R, T) mean error of every step, of S trainings on R recordings.
+        statistic: (D, T) curves → (D,) values, such as their maxima.
+        confidence: of the interval.
+        resamples: draws.
+    """
+    rng = np.random.default_rng(0)
+    trainings, recordings, _ = curves.shape
+    of_trainings = rng.multinomial(trainings, np.full(trainings, 1 / trainings), resamples) / trainings
+    of_recordings = rng.multinomial(recordings, np.full(recordings, 1 / recordings), resamples) / recordings
+    drawn = statistic(np.einsum("ds,dr,srt->dt", of_trainings, of_recordings, curves, optimize=True))
+    low, high = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2])
+    return float(low), float(high)
+
+
+def share_interval(count: int, of: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Wilson's interval of a share ``count`` / ``of``."""
+    z = float(ndtri((1 + confidence) / 2))
+    centre, scale = (count + z * z / 2) / (of + z * z), of / (of + z * z)
+    half = scale * z * math.sqrt(count * (of - count) / of**3 + (z / (2 * of)) ** 2)
+    return centre - half, centre + half
+
+
+def share_difference(a: tuple[int, int], b: tuple[int, int], confidence: float = 0.95) -> tuple[float, float]:
+    """Interval of the difference of two shares (count, of), from their Wilson limits (Newcombe 1998, method 10)."""
+    share_a, share_b = a[0] / a[1], b[0] / b[1]
+    (low_a, high_a), (low_b, high_b) = share_interval(*a, confidence), share_interval(*b, confidence)
+    difference = share_a - share_b
+    below = math.hypot(share_a - low_a, high_b - share_b)
+    return difference - below, difference + math.hypot(high_a - share_a, share_b - low_b)
 
 
 @dataclass(frozen=True)
@@ -59,7 +96,7 @@ class Comparison:
         return self.trainings > 1 and ALIKE[0] <= self.low and self.high <= ALIKE[1]
 
 
-def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95) -> Comparison:
+def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95, resamples: int = RESAMPLES) -> Comparison:
     """Compare the errors of two models, paired by training and recording.
 
     The mean log ratio has the variance σ_r²/R + σ_s²/S + σ_e²/(R S) of two crossed random factors. The part that
@@ -70,6 +107,7 @@ def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95) -> Compariso
     Args:
         a, b: (S, R) positive mean errors of S trainings on R recordings, in one unit.
         confidence: of the interval.
+        resamples: draws of the bootstrap; the further out in the tails the limits lie, the more it takes.
     """
     d = np.log(np.asarray(a, dtype=float) / np.asarray(b, dtype=float))
     if d.ndim != 2 or np.shape(a) != np.shape(b):
@@ -80,7 +118,7 @@ def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95) -> Compariso
     if not d.size:
         return Comparison(math.nan, math.nan, math.nan, math.nan, trainings, recordings, "no pair of finished runs")
     mean = float(d.mean())
-    below, above = _recording_half_widths(d.mean(0), confidence)
+    below, above = _recording_half_widths(d.mean(0), confidence, resamples)
     of_trainings = _training_half_width(d, confidence)
     basis = _basis(trainings, recordings)
     if recordings == 1 and trainings == 1:
@@ -111,7 +149,7 @@ def _basis(trainings: int, recordings: int) -> str:
     )
 
 
-def _recording_half_widths(d: np.ndarray, confidence: float) -> tuple[float, float]:
+def _recording_half_widths(d: np.ndarray, confidence: float, resamples: int) -> tuple[float, float]:
     """Distances of the lower and upper limit from the mean of d (R,), recordings being the repetition."""
     n = len(d)
     if n < 2:
@@ -120,7 +158,7 @@ def _recording_half_widths(d: np.ndarray, confidence: float) -> tuple[float, flo
     if n < ENOUGH or error == 0:
         half = float(stdtrit(n - 1, (1 + confidence) / 2)) * error
         return half, half
-    drawn = d[np.random.default_rng(0).integers(0, n, size=(RESAMPLES, n))]
+    drawn = d[np.random.default_rng(0).integers(0, n, size=(resamples, n))]
     spread = drawn.std(1, ddof=1) / math.sqrt(n)
     usable = spread > 1e-9 * error  # a draw of one recording n times over has no spread
     t = (drawn.mean(1) - d.mean())[usable] / spread[usable]

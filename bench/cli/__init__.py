@@ -13,9 +13,11 @@ class Main(click.Group):
 
     COMMANDS = (
         ("run", "bench.cli.run"),
+        ("check", "bench.cli.check"),
         ("list", "bench.cli.entries"),
         ("show", "bench.cli.entries"),
         ("data", "bench.cli.data"),
+        ("report", "bench.cli.report"),
         ("runs", "bench.cli.runs"),
         ("predict", "bench.cli.predict"),
         ("compare", "bench.cli.diagnose"),
@@ -62,6 +64,7 @@ def cli() -> None:
     bench run washout_vs_mlp                     the paper's first comparison, on simulated flights
     bench run "LSTM: 1x50 - MLP: 60x10"          one configuration
     bench list studies                           what else there is
+    bench check                                  which claims of the paper reproduce here
     bench ui                                     the results in the MLflow UI
 
     Find the physics that a model misses, with your own logs:

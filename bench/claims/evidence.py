@@ -1,0 +1,237 @@
+"""What a study leaves for the judgement of claims, small enough to be published: runs and their error curves.
+
+``study.json`` holds the runs, ``evidence.parquet`` beside it the curves: key, quantity, norm, unit, step, statistic,
+value (float32). Statistics are those that claims rest on: mean and mean@RECORDING of every signal that was predicted
+whole (norms "paper" and "euclidean") and of every channel that was predicted alone, q99 of every channel.
+"""
+
+import fnmatch
+import json
+import re
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from bench.record import RunRecord
+from bench.study import PRESETS
+from registry.errors import BenchError
+
+FILE = "evidence.parquet"
+KEPT_BITS = 12
+"""Bits of a value's fraction that are kept: a relative error below 2⁻¹³, 0.013 %, and half the file."""
+HISTORY = 10
+"""The paper's initialization length; other ones are looked at only where they are swept."""
+
+
+def evidence_table(records: Sequence[RunRecord]) -> pd.DataFrame:
+    """The rows of all records that claims can rest on."""
+    tables = []
+    for record in records:
+        t = record.steps
+        if t.empty:  # diverged
+            continue
+        whole = set(t.quantity[t.norm == "paper"])
+        alone = ~t.quantity.map(lambda q: str(q).partition(".")[0]).isin(whole)
+        means = (t.statistic == "mean") | t.statistic.str.startswith("mean@")
+        kept = t[(means & ((t.norm != "axis") | alone)) | ((t.norm == "axis") & (t.statistic == "q99"))]
+        tables.append(kept.assign(key=record.key)[["key", "quantity", "norm", "unit", "step", "statistic", "value"]])
+    names = ["key", "quantity", "norm", "unit", "step", "statistic", "value"]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=names)
+
+
+def write_evidence(records: Sequence[RunRecord], path: Path) -> None:
+    """Write the table, compressed."""
+    table = evidence_table(records)
+    bits = table["value"].to_numpy(np.float32).view(np.uint32)
+    drop = np.uint32(23 - KEPT_BITS)
+    finite = np.isfinite(bits.view(np.float32))
+    rounded = (bits + (np.uint32(1) << (drop - np.uint32(1)))) >> drop << drop
+    columns: dict[str, Any] = {
+        name: pa.array(table[name].astype(str)).dictionary_encode()
+        for name in ("key", "quantity", "norm", "unit", "statistic")
+    }
+    columns["step"] = pa.array(table["step"].astype(np.int32))
+    columns["value"] = pa.array(np.where(finite, rounded, bits).view(np.float32))
+    pq.write_table(
+        pa.table(columns),
+        path,
+        compression="zstd",
+        compression_level=19,
+        use_dictionary=[name for name in columns if name != "value"],
+        column_encoding={"value": "BYTE_STREAM_SPLIT"},
+        store_schema=False,
+    )
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a study, as ``study.json`` says it."""
+
+    key: str
+    spec: str
+    dataset: str
+    outputs: tuple[str, ...]
+    horizon: int
+    seed: int
+    status: str
+    weights: int
+    metrics: Mapping[str, float | None]
+    seconds: float | None = None
+    """Training and evaluation; not part of any comparison of numbers."""
+
+    @classmethod
+    def of(cls, summary: Mapping[str, Any], seconds: float | None = None) -> "Run":
+        """From what a record, or ``study.json``, says of it."""
+        values = {n: summary[n] for n in cls.__dataclass_fields__ if n != "seconds"}
+        return cls(**{**values, "outputs": tuple(values["outputs"]), "seconds": seconds})
+
+    @property
+    def sound(self) -> bool:
+        """Finished, with finite errors."""
+        return self.status == "finished" and None not in self.metrics.values()
+
+    @property
+    def history(self) -> int | None:
+        """Initialization length τ; None for a model without an initializer."""
+        found = re.search(r"(\d+)$", self.spec) if " - " in self.spec else None
+        return int(found[1]) if found else None
+
+
+Curves = dict[str, np.ndarray]
+"""Statistic → (T,) values."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All runs of one study on one data set at one preset."""
+
+    study: str
+    dataset: str
+    preset: str
+    runs: tuple[Run, ...]
+    steps: pd.DataFrame
+
+    @cached_property
+    def curves(self) -> dict[tuple[str, str, str], Curves]:
+        """(key, quantity, norm) → its curves, in the unit of `units`."""
+        found: dict[tuple[str, str, str], Curves] = {}
+        by = ["key", "quantity", "norm", "statistic"]
+        for names, rows in self.steps.sort_values("step", kind="stable").groupby(by, observed=True, sort=False):
+            key, quantity, norm, statistic = map(str, names)
+            found.setdefault((key, quantity, norm), {})[statistic] = rows["value"].to_numpy(float)
+        return found
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Quantity → the unit of its errors."""
+        rows = self.steps.drop_duplicates(["quantity", "unit"])
+        return dict(zip(rows["quantity"].astype(str), rows["unit"].astype(str), strict=True))
+
+    def specs(self, pattern: str, histories: bool = False) -> list[str]:
+        """Configurations that match (fnmatch) at the paper's history, or at all histories."""
+        return list(
+            dict.fromkeys(
+                r.spec
+                for r in self.runs
+                if fnmatch.fnmatchcase(r.spec, pattern) and (histories or r.history in (None, HISTORY))
+            )
+        )
+
+    def pairs(self, a: str, b: str) -> list[tuple[str, str]]:
+        """Configurations matching a and b that belong together: the only ones, or those of equal layers and size."""
+        left, right = self.specs(a), self.specs(b)
+        if len(left) == 1 or len(right) == 1:
+            return [(x, y) for x in left for y in right]
+        return [(x, y) for x in left for y in right if size(x) == size(y)]
+
+    def of(self, spec: str, horizon: int | None = None) -> list[Run]:
+        """The runs of one configuration."""
+        return [r for r in self.runs if r.spec == spec and horizon in (None, r.horizon)]
+
+    def weights(self, spec: str) -> int:
+        """Number of weights of a configuration."""
+        return self.of(spec)[0].weights
+
+
+def size(spec: str) -> str:
+    """The "2x50" of a predictor."""
+    found = re.search(r": (\d+x\d+)", spec.partition(" - ")[0])
+    return found[1] if found else ""
+
+
+def _command(text: str) -> tuple[str, bool]:
+    """Preset of a `bench run` command, and whether its runs are the study's own: nothing set otherwise."""
+    words = [w for word in shlex.split(text) for w in word.split("=", 1 if word.startswith("--") else 0)]
+    preset = words[words.index("--preset") + 1] if "--preset" in words else "laptop"
+    return preset, not {"--set", "--outputs", "--horizon", "-T"} & set(words)
+
+
+@dataclass(frozen=True)
+class Folder:
+    """One study's folder: its runs and where its curves are."""
+
+    path: Path
+    study: str
+    preset: str
+    comparable: bool
+    """The study as it is declared, and not its smoke test."""
+    runs: tuple[Run, ...]
+
+
+def folders(root: Path) -> Iterator[Folder]:
+    """Every study's folder below ``root``.
+
+    Raises:
+        BenchError: a ``study.json`` that cannot be read.
+    """
+    for path in sorted(root.rglob("study.json")):
+        try:
+            content = json.loads(path.read_text())
+            if not content.get("study"):
+                continue
+            seconds = content.get("seconds", {})
+            runs = tuple(Run.of(run, seconds.get(run["key"])) for run in content["runs"])
+            preset, comparable = _command(content["command"])
+        except (ValueError, TypeError, LookupError, AttributeError, OSError) as error:
+            raise BenchError(f"{path} is damaged ({error}): remove it, or run the study again.") from error
+        comparable &= preset in PRESETS[1:]
+        yield Folder(path.parent, content["study"], preset, comparable, runs)
+
+
+def gather(published: Path, local: Path) -> list[Evidence]:
+    """All evidence: that of the published folder and what was run here, which goes before where both have a run.
+
+    Of several presets of one study on one data set the largest counts.
+    """
+    found: dict[tuple[str, str, str], dict[Any, tuple[Run, Path]]] = {}
+    for folder in (*folders(published), *folders(local)):
+        if folder.comparable and (folder.path / FILE).is_file():
+            for run in folder.runs:
+                group = found.setdefault((folder.study, run.dataset, folder.preset), {})
+                group[run.spec, run.outputs, run.horizon, run.seed] = (run, folder.path / FILE)
+    largest: dict[tuple[str, str], str] = {}
+    for study, dataset, preset in found:
+        largest[study, dataset] = max(largest.get((study, dataset), ""), preset, key=("", *PRESETS).index)
+    return [
+        _assemble(study, dataset, preset, list(found[study, dataset, preset].values()))
+        for (study, dataset), preset in sorted(largest.items())
+    ]
+
+
+def _assemble(study: str, dataset: str, preset: str, members: list[tuple[Run, Path]]) -> Evidence:
+    tables = []
+    for path in dict.fromkeys(path for _, path in members):
+        try:
+            table = pd.read_parquet(path)
+            tables.append(table[table["key"].isin([run.key for run, source in members if source == path])])
+        except (OSError, ValueError, KeyError, pa.ArrowException) as error:
+            raise BenchError(f"{path} is damaged: run the study again.") from error
+    return Evidence(study, dataset, preset, tuple(run for run, _ in members), pd.concat(tables, ignore_index=True))

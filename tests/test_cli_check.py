@@ -1,0 +1,162 @@
+"""`bench check`: what it prints, and exit code 1 when a published number no longer holds."""
+
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import synthetic_study
+from synthetic_evidence import concluded
+
+from bench.claims import published as regression
+from bench.cli import main
+
+Bench = Callable[..., tuple[int, str]]
+WHERE = Path("washout_vs_mlp/helicopter_twin/study.json")
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Bench:
+    """The command as a user types it: exit code and everything printed."""
+
+    def run(*arguments: Any) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["bench", "check", *map(str, arguments)])
+        capsys.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        printed = capsys.readouterr()
+        return code, printed.out + printed.err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A results folder with one study, run here and published."""
+    root = tmp_path_factory.mktemp("results")
+    records = synthetic_study.study(root / "draft", {40: 3}, axes="pq")
+    concluded(records, "bench run washout_vs_mlp", root / "studies" / "x")
+    shutil.copytree(root / "studies" / "x", root / "published" / WHERE.parent)
+    return root
+
+
+@pytest.fixture
+def results(made: Path, tmp_path: Path) -> Path:
+    """A copy of it to spoil."""
+    for name in ("studies", "published"):
+        shutil.copytree(made / name, tmp_path / name)
+    return tmp_path
+
+
+def edit(file: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    content = json.loads(file.read_text())
+    for run in content["runs"]:
+        change(run)
+    file.write_text(json.dumps(content))
+
+
+def scale(factor: float, seed: int | None = None, rekeyed: str = "") -> Callable[[dict[str, Any]], None]:
+    """RMSSE of one configuration times a factor; as a run of another key."""
+
+    def change(run: dict[str, Any]) -> None:
+        run["key"] = rekeyed + run["key"][len(rekeyed) :]
+        if run["spec"] == synthetic_study.MLP and run["seed"] in (seed, run["seed"] if seed is None else seed):
+            run["metrics"] = {k: factor * v for k, v in run["metrics"].items()}
+
+    return change
+
+
+def test_every_claim_has_a_verdict_and_every_number_holds(bench: Bench, results: Path) -> None:
+    target = results / "verdicts.json"
+    code, printed = bench("--results", results, "--published", results / "published", "--json", target)
+    assert code == 0, printed
+    assert max(map(len, printed.splitlines())) <= 100
+    verdicts = {r["id"]: r for r in json.loads(target.read_text())["claims"]}
+    assert len(verdicts) >= 40
+    at_once = verdicts["lstm-at-once"]
+    assert (at_once["verdict"], at_once["dataset"], at_once["label"]) == ("reproduced", "twin", "laptop")
+    assert at_once["here"] == pytest.approx(0.55, abs=0.05) and at_once["interval"][1] < 1
+    assert verdicts["hybrid-velocity-99"]["verdict"] == "not run" and "needs pelican" in printed
+    assert verdicts["early-peak"]["command"] == "bench run helicopter_black_box"
+    assert "published numbers that were made again hold" in printed
+
+
+def test_one_claim_is_explained(bench: Bench, results: Path) -> None:
+    code, printed = bench("--claim", "lstm-at-once", "--results", results, "--published", results / "published")
+    said = " ".join(printed.split())
+    assert code == 0
+    assert "figure HeliCompare" in said and "paired bootstrap over 10 recordings; 6 pairs of trained networks" in said
+    assert "mlfc" not in said
+
+
+def test_a_tampered_number_of_the_same_run_is_found(bench: Bench, results: Path) -> None:
+    edit(results / "published" / WHERE, scale(1 + 1e-9, seed=1))
+    code, printed = bench("--results", results, "--published", results / "published")
+    assert code == 1
+    assert printed.count("no longer holds") == 2  # two axes
+    assert "seed 1" in printed and "must be equal" in printed
+
+
+@pytest.mark.parametrize(("factor", "expected"), [(1.005, 0), (1.03, 0), (1.5, 1)])
+def test_other_runs_may_differ_as_seeds_do(bench: Bench, results: Path, factor: float, expected: int) -> None:
+    """Seeds spread by 3 %, each on every recording by as much again."""
+    edit(results / "published" / WHERE, scale(factor, rekeyed="0000"))
+    code, printed = bench("--results", results, "--published", results / "published")
+    assert code == expected, printed
+    assert ("mean of 3 and 3 seeds" in printed) == bool(expected)
+
+
+def test_without_evidence_nothing_is_claimed(bench: Bench, tmp_path: Path) -> None:
+    code, printed = bench("--results", tmp_path, "--published", tmp_path / "none")
+    assert code == 0
+    assert "0 reproduced, 0 differs, 0 not enough evidence" in printed and "None of the published numbers" in printed
+    assert "bench run washout_vs_mlp" in printed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--claim", "lstm-at-onse"), "did you mean lstm-at-once"),
+        (("--claims", "nowhere.toml"), "name a file of claims"),
+        (("--write",), "belongs to --rerun"),
+        (("--rerun", "smoke", "--published", "."), "bench check --rerun smoke --write"),
+        (("--json", "file/below", "--published", "."), "cannot be written"),
+    ],
+)
+def test_a_mistake_is_one_sentence(
+    arguments: tuple[str, ...], says: str, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(regression, "rerun", list)
+    code, printed = bench(*arguments)
+    assert code == 2
+    assert says in " ".join(printed.split())
+
+
+def test_a_small_set_is_trained_again(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(regression, "RERUN", (("toy", "euler_rates", "MLFC: 1x4 - MLP: 4x10"),))
+    arguments = ("--rerun", "smoke", "--published", tmp_path)
+    assert bench(*arguments, "--write")[0] == 0
+    assert bench(*arguments) == (0, "4 of 4 published numbers that were made again hold.\n")
+    trained = regression.rerun()
+    monkeypatch.setattr(regression, "rerun", lambda: trained)
+    file = tmp_path / regression.SMOKE
+    edit(file, lambda run: run["metrics"].update({"rmsse.euler_rates": 1.000001 * run["metrics"]["rmsse.euler_rates"]}))
+    assert bench(*arguments)[0] == 1  # the same run, which must be equal
+    edit(file, lambda run: run.update(key="0" * 32))
+    assert bench(*arguments)[0] == 0  # another processor
+    edit(file, lambda run: run["metrics"].update({"rmsse.euler_rates": 1.02 * run["metrics"]["rmsse.euler_rates"]}))
+    code, printed = bench(*arguments)
+    assert code == 1 and "1.0 % is allowed" in printed
+
+
+@pytest.mark.slow
+def test_the_published_small_set_is_found_again(bench: Bench) -> None:
+    assert bench("--rerun", "smoke")[0] == 0
