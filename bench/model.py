@@ -7,7 +7,7 @@ from bench.config import RunConfig
 from bench.data import Prepared
 from bench.seeds import derive
 from registry.contracts import Channel, Initializer, Predictor, Problem
-from registry.cost import prediction_cost, state_initialization_cost
+from registry.cost import state_initialization_cost
 from registry.initializers.each import build as build_initializer
 
 
@@ -27,9 +27,11 @@ class Model(nn.Module):
     def forward(self, u_history: Tensor, y_history: Tensor, u: Tensor, y: Tensor, alpha: float, beta: float) -> Tensor:
         """Total cost α L_pred + β L_si on scaled windows; (…), one a model."""
         p = self.predictor
+        if self.training:
+            u_history, y_history, u, y = p.vary((u_history, y_history, u, y))
         state = self.state(u_history, y_history)
         predicted = p.teach(u, y, state) if self.training else p.rollout(u, state)[0]
-        cost = alpha * prediction_cost(predicted, y)
+        cost = alpha * p.cost(predicted, y)
         if beta and self.initializer is not None and self.initializer.uses_state_cost:
             last = y_history[..., -1, : p.n_outputs]
             cost = cost + beta * state_initialization_cost(p, state, u_history[..., -1, :], last)

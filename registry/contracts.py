@@ -17,6 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from registry.core import DATASETS
+from registry.cost import prediction_cost
 from registry.errors import BenchError, near
 
 # --------------------------------------------------------------------------------------------- measurements
@@ -363,6 +364,19 @@ class Predictor(nn.Module, ABC):
         Tests and validation always run free.
         """
         return self.rollout(inputs, state)[0]
+
+    def cost(self, predicted: Tensor, measured: Tensor) -> Tensor:
+        """L_pred (…) of scaled outputs (…, B, T, n); lower is better."""
+        return prediction_cost(predicted, measured)
+
+    def vary(self, windows: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+        """Training windows, scaled, as they are or changed at random by what the system cannot tell, such as mirrored.
+
+        Args:
+            windows: history inputs (…, B, τ, m) and outputs (…, B, τ, n + c), horizon inputs (…, B, T, m) and outputs
+                (…, B, T, n). Draw from torch's global generator; then `PredictorEntry.side_by_side` must be False.
+        """
+        return windows
 
     def viewed(self, name: str) -> list[int]:
         """The columns of the outputs that a view is about; all of them unless said."""

@@ -1,9 +1,14 @@
 """The training cost of the paper, in scaled units: L_tot = α L_pred + β L_si. Leading model dimensions are kept."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import torch
 from torch import Tensor
 
-from registry.contracts import Predictor
+if TYPE_CHECKING:  # contracts use the cost
+    from registry.contracts import Predictor
 
 
 def batch_mean(x: Tensor) -> Tensor:
