@@ -257,6 +257,19 @@ class Hybrid(PredictorEntry):
         return HybridPredictor(self, problem)
 
 
+@PREDICTORS.register("Hybrid residual")
+@dataclass(frozen=True)
+class HybridResidual(Hybrid):
+    """`Hybrid` whose input model adds to what the nominal rotors make: untrained, it is the physics model.
+
+    An alternative to the paper's, for physics whose input map is known.
+    """
+
+    input_model: str = option(
+        "residual", "the nominal map of the rotor speeds plus a learned part", choices=("residual",)
+    )
+
+
 @PREDICTORS.register("Hybrid unsummed")
 @dataclass(frozen=True)
 class HybridUnsummed(Hybrid):
