@@ -4,13 +4,14 @@ import re
 import sys
 import types
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 from diagnose.undriven import undriven
 
 from registry.contracts import Problem
-from registry.core import EFFECTS, PREDICTORS
+from registry.core import DATASETS, EFFECTS, PREDICTORS
 
 ROOT = Path(__file__).parent.parent
 
@@ -27,6 +28,20 @@ def test_the_predictor_of_the_contributing_guide_works(monkeypatch: pytest.Monke
     predictor = PREDICTORS.get("drift")(fade=0.5).build(Problem.plain(1, 1, 3, 10))
     state = predictor.fill(torch.zeros(1, 10, 1), torch.arange(10.0).reshape(1, 10, 1))
     assert predictor(torch.zeros(1, 3, 1), state).flatten().tolist() == [9.5, 9.75, 9.875]
+
+
+def test_the_study_of_the_contributing_guide_is_one() -> None:
+    (code,) = [
+        c for c in re.findall(r"```python\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text(), re.S) if "Study(" in c
+    ]
+    found: dict[str, Any] = {}
+    exec(compile(code, "gru_vs_lstm.py", "exec"), found)
+    made = found["STUDY"].runs("laptop", DATASETS.get("helicopter_twin")())
+    assert [(r.spec, r.seed) for r in made] == [
+        *(("GRU: 1x50 - MLP: 60x10", s) for s in range(3)),
+        *(("LSTM: 1x50 - MLP: 60x10", s) for s in range(3)),
+        ("linear", 0),
+    ]
 
 
 def test_ci_runs_the_test_command_of_the_readme() -> None:
