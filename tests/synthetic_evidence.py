@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from bench import study
-from bench.claims.evidence import Evidence, Run
+from bench.claims.evidence import COST, Evidence, Run
 from bench.conclude import conclude
 from bench.record import RunRecord
 
@@ -28,7 +28,7 @@ def evidence(
     recordings: int = 12,
     noise: float = 0.02,
     weights: Mapping[str, int] | None = None,
-    seconds: Mapping[str, float] | None = None,
+    updates: Mapping[str, float] | None = None,
     lost: Mapping[str, int] | None = None,
     euclid: Mapping[str, float] | None = None,
     draw: int = 0,
@@ -43,7 +43,8 @@ def evidence(
         seeds: of every configuration and horizon.
         recordings: of the test part.
         noise: standard deviation of the log error of a seed, and of a seed on a recording.
-        weights, seconds: by configuration.
+        weights: by configuration.
+        updates: in which the validation cost falls to 1/e, by configuration.
         lost: how many of the seeds diverged, by configuration.
         euclid: Euclidean norm over the paper's, by configuration.
         draw: of the random spread.
@@ -75,6 +76,10 @@ def evidence(
                             tables.append(
                                 pd.DataFrame({**columns, "unit": unit, "statistic": statistic, "value": value})
                             )
+                update = np.arange(10, 410, 10)
+                fall = (updates or {}).get(spec, 100.0) * np.exp(rng.normal(0, noise))
+                learned = {"key": key, "quantity": COST, "norm": "scaled", "unit": "1", "statistic": "mean"}
+                tables.append(pd.DataFrame({**learned, "step": update, "value": np.exp(-update / fall)}))
                 outputs = tuple(
                     f"{s}.{a}" for s in signals for a in AXES[s.partition("_un")[0].partition("_forced")[0]]
                 )
@@ -89,7 +94,6 @@ def evidence(
                         "diverged" if diverged else "finished",
                         (weights or {}).get(spec, 1000),
                         metrics,
-                        (seconds or {}).get(spec, 10.0) * float(np.exp(rng.normal(0, noise))),
                     )
                 )
     return Evidence("made_up", "twin", "laptop", tuple(runs), pd.concat(tables, ignore_index=True))

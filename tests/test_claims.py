@@ -20,6 +20,7 @@ from bench.claims import claim as claims_file
 from bench.claims import judge
 from bench.claims.claim import KINDS, Claim, _build
 from bench.claims.counting import Fact
+from bench.claims.curves import _level_limits
 from bench.claims.estimate import DIFFERS, NOT_RUN, OPEN, REPRODUCED, Estimate, Judgement, Kind, settle
 from bench.claims.evidence import Evidence, gather
 from bench.cli import cli
@@ -49,6 +50,7 @@ def shaped(kind: str) -> Any:
     curves = {
         "rising": lambda t, x: 1 + x,
         "peak": lambda t, x: 0.5 + 8 * x * np.exp(-6 * x),
+        "late": lambda t, x: 0.5 + np.exp(-(((x - 0.8) / 0.3) ** 2)),
         "flat": lambda t, x: 1 + 0 * x,
     }
     return lambda spec, signal, step: curves[kind](step, step / step[-1])
@@ -77,6 +79,7 @@ CASES: list[tuple[str, dict[str, Any], tuple[float, float], dict[str, Evidence]]
             DIFFERS: evidence(times(a=1.3), (A, B)),
             OPEN: evidence(times(a=0.97), (A, B), noise=0.3),
             "not enough evidence: one seed": evidence(times(a=0.7), (A, B), seeds=1),
+            "not enough evidence: one recording": evidence(times(a=0.7), (A, B), recordings=1),
             NOT_RUN: evidence(times(), (A, C)),
         },
     ),
@@ -102,7 +105,7 @@ CASES: list[tuple[str, dict[str, Any], tuple[float, float], dict[str, Evidence]]
     ),
     (
         "factor",
-        {**RATIO_OF, "against": B},
+        {**RATIO_OF, "against": [B]},
         ABOVE,
         {
             REPRODUCED: evidence(
@@ -136,13 +139,14 @@ CASES: list[tuple[str, dict[str, Any], tuple[float, float], dict[str, Evidence]]
         },
     ),
     (
-        "duration",
+        "convergence",
         {"pairs": [[A, B]], "horizons": [40]},
         BELOW,
         {
-            REPRODUCED: evidence(times(), (A, B), seconds={A: 5}),
-            DIFFERS: evidence(times(), (A, B), seconds={A: 20}),
-            OPEN: evidence(times(), (A, B), seconds={A: 9}, noise=0.3),
+            REPRODUCED: evidence(times(), (A, B), updates={A: 50}),
+            DIFFERS: evidence(times(), (A, B), updates={A: 200}),
+            OPEN: evidence(times(), (A, B), updates={A: 98}, noise=0.2),
+            NOT_RUN: evidence(times(), (A, C)),
         },
     ),
     (
@@ -173,6 +177,17 @@ CASES: list[tuple[str, dict[str, Any], tuple[float, float], dict[str, Evidence]]
             REPRODUCED: evidence(shaped("peak"), (A,), (190,)),
             DIFFERS: evidence(shaped("rising"), (A,), (190,)),
             OPEN: evidence(shaped("peak"), (A,), (190,), seeds=1),
+            "differs: it falls and never rose": evidence(lambda s, q, t: 2 - t / 190, (A,), (190,)),
+            "differs: its peak is late": evidence(shaped("late"), (A,), (190,)),
+        },
+    ),
+    (
+        "early_peak",
+        {**ONE, "horizons": [190], "anywhere": True},
+        BELOW,
+        {
+            REPRODUCED: evidence(shaped("late"), (A,), (190,)),
+            DIFFERS: evidence(shaped("rising"), (A,), (190,)),
         },
     ),
     (
@@ -196,6 +211,16 @@ CASES: list[tuple[str, dict[str, Any], tuple[float, float], dict[str, Evidence]]
         },
     ),
     (
+        "history_spread",
+        {**ONE, "specs": ["LSTM: * - Washout: *"]},
+        (1.0, 1.25),
+        {
+            REPRODUCED: evidence(swept(1, 1.02, 1), TAUS),
+            DIFFERS: evidence(swept(1, 1, 1.7), TAUS),
+            OPEN: evidence(swept(1, 1, 1.2), TAUS, noise=0.2),
+        },
+    ),
+    (
         "peak_shrinks",
         {**ONE, "specs": ["LSTM: * - Washout: *"]},
         BELOW,
@@ -213,6 +238,7 @@ CASES: list[tuple[str, dict[str, Any], tuple[float, float], dict[str, Evidence]]
             REPRODUCED: evidence(times(), (A, B), seeds=30, recordings=1, lost={B: 10}),
             DIFFERS: evidence(times(), (A, B), seeds=120, recordings=1),
             OPEN: evidence(times(), (A, B), seeds=9, recordings=1, lost={B: 1}),
+            "reproduced: all against none": evidence(times(), (A, B), seeds=16, recordings=1, lost={B: 16}),
         },
     ),
 ]
@@ -258,6 +284,30 @@ def test_no_shape_is_found_in_noise(kind: str, accept: tuple[float, float]) -> N
     assert found.count(REPRODUCED) <= 2
 
 
+def test_a_training_that_meets_several_others_counts_once() -> None:
+    """As many pairs as one likes say no more than the trainings in them."""
+    once: Kind = _build(KINDS["ratio"], PAIR, "test")
+    thrice: Kind = _build(KINDS["ratio"], {**PAIR, "pairs": [[A, B], [A, C], [A, D]]}, "test")
+    seen = evidence(times(), (A, B, C, D), seeds=3, noise=0.2)
+    for (key, _, _), curves in seen.curves.items():
+        twin = key.replace(key.partition("|")[0], B)
+        if key.partition("|")[0] in (C, D):  # the same errors three times
+            curves.update({s: c for s, c in seen.curves[twin, "body_rates", "paper"].items() if s in curves})
+    (one,), (three,) = (kind.measure(seen, 0.05) for kind in (once, thrice))
+    assert (three.value, three.low, three.high) == pytest.approx((one.value, one.low, one.high))
+
+
+def test_two_trainings_do_not_bound_the_next() -> None:
+    """Limits of a level hold the truth as often as they say, where seeds differ by 10 %."""
+    rng = np.random.default_rng(0)
+    held = 0
+    for _ in range(200):
+        seeds, recordings = (np.exp(rng.normal(0, 0.1, n)) for n in (2, 20))
+        low, high = _level_limits(np.multiply.outer(np.outer(seeds, recordings), np.linspace(1, 2, 9)), np.max, 0.95)
+        held += low <= 2 * math.exp(0.01) <= high
+    assert held >= 180
+
+
 def test_a_ratio_is_that_of_the_study_table(tmp_path: Path) -> None:
     records = synthetic_study.study(tmp_path / "runs", {40: 3}, axes="pq", lost=((synthetic_study.MLP, 1),))
     concluded(records, "bench run washout_vs_mlp", tmp_path / "studies" / "x")
@@ -275,8 +325,10 @@ def test_a_ratio_is_that_of_the_study_table(tmp_path: Path) -> None:
 
 def test_smoke_tests_and_altered_studies_are_no_evidence(tmp_path: Path) -> None:
     records = synthetic_study.study(tmp_path / "runs", {40: 1}, axes="p")
-    for i, more in enumerate((" --preset smoke", " --set training.updates=3", " --preset=paper")):
+    for i, more in enumerate((" --preset smoke", " --set training.updates=3", " --physics=model.toml", " -T10")):
         concluded(records, f"bench run washout_vs_mlp{more}", tmp_path / "studies" / str(i))
+    assert gather(tmp_path / "none", tmp_path / "studies") == []
+    concluded(records, "bench run washout_vs_mlp --preset=paper", tmp_path / "studies" / "paper")
     assert [e.preset for e in gather(tmp_path / "none", tmp_path / "studies")] == ["paper"]
 
 

@@ -43,6 +43,7 @@ def test_every_entry_is_listed_and_explained(tmp_path: Path) -> None:
         (("run", "constant", "--dataset", "pelican"), "AscTec_Pelican_Flight_Dataset.mat"),
         (("run", "constant", "--set", "training.updtes=3"), "did you mean training.updates"),
         (("run", "constant", "--set", "horizon"), "must be OPTION=VALUE"),
+        (("run", "constant", "--physics", "file"), "constant has no physics"),
         (("run", "constant", "--outputs", "body_rate"), "did you mean body_rates"),
         (("run", "constant", "--dataset", "folder", "--set", "dataset.path=nowhere"), "nowhere"),
         (("run", "constant", "--results", "file/below"), "cannot be written"),

@@ -21,7 +21,7 @@ KINDS: dict[str, type[Kind] | type[Fact]] = {
     "factor": comparing.Factor,
     "fewer_weights": comparing.FewerWeights,
     "norms": comparing.Norms,
-    "duration": comparing.Duration,
+    "convergence": comparing.Convergence,
     "level": curves.Level,
     "quantile": curves.Quantile,
     "early_peak": curves.EarlyPeak,

@@ -7,7 +7,7 @@ import pandas as pd
 
 from bench.claims.estimate import Estimate, Kind
 from bench.claims.evidence import Evidence
-from bench.claims.tables import errors, over, ratio, ratio_of_numbers, rows, signals
+from bench.claims.tables import errors, over, ratio, ratio_of_numbers, rows, signals, together
 
 
 def _at(role: str, horizon: int) -> str:
@@ -27,15 +27,16 @@ class Ratio(Kind):
     def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
         """See `Kind.measure`."""
         found = []
-        matched = [pair for patterns in self.pairs for pair in evidence.pairs(*patterns)]
+        opponents: dict[str, list[str]] = {}
+        for a, b in [pair for patterns in self.pairs for pair in evidence.pairs(*patterns)]:
+            opponents.setdefault(a, []).append(b)
         for role in self.quantities:
             for horizon in self.horizons:
-                reduce = over(self.phase, horizon)
-                tables = [
-                    rows(errors(evidence, a, role, horizon), errors(evidence, b, role, horizon), reduce)
-                    for a, b in matched
-                ]
-                found += ratio(_at(role, horizon), [p for table in tables for p in table], alpha)
+                pairs = []
+                for a, others in opponents.items():
+                    mine, *theirs = (errors(evidence, s, role, horizon) for s in (a, *others))
+                    pairs += together(mine, theirs, over(self.phase, horizon))
+                found += ratio(_at(role, horizon), pairs, alpha)
         return found
 
 
@@ -71,8 +72,8 @@ class Factor(Kind):
     """(above, below) the line; one number each."""
     horizons: tuple[int, ...]
     phase: str = "whole"
-    against: str = ""
-    """Pattern of configurations whose own factor it is divided by; those of equal size belong together."""
+    against: tuple[str, ...] = ()
+    """For each of specs the pattern of those whose own factor it is divided by; equal sizes belong together."""
 
     def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
         """See `Kind.measure`."""
@@ -80,11 +81,11 @@ class Factor(Kind):
         for above, below in self.quantities:
             for horizon in self.horizons:
                 pairs: list[tuple[pd.Series, pd.Series]] = []
-                for pattern in self.specs:
-                    if not self.against:
-                        for spec in evidence.specs(pattern):
-                            pairs += self._factors(evidence, spec, above, below, horizon)
-                    for a, b in evidence.pairs(pattern, self.against) if self.against else ():
+                if not self.against:
+                    for spec in [s for pattern in self.specs for s in evidence.specs(pattern)]:
+                        pairs += self._factors(evidence, spec, above, below, horizon)
+                for patterns in zip(self.specs, self.against, strict=bool(self.against)):
+                    for a, b in evidence.pairs(*patterns):
                         mine, theirs = (self._factors(evidence, s, above, below, horizon) for s in (a, b))
                         pairs += [(p / q, r / s) for (p, q), (r, s) in zip(mine, theirs, strict=False)]
                 found += ratio(f"{above} / {below}, T = {horizon}:", pairs, alpha)
@@ -176,8 +177,8 @@ class Norms(Kind):
 
 
 @dataclass(frozen=True)
-class Duration(Kind):
-    """Training time of a over that of b, of networks of the same outputs, horizon and seed."""
+class Convergence(Kind):
+    """Updates until a reaches a validation cost over those of b: the lowest cost that both reach, seed by seed."""
 
     pairs: tuple[tuple[str, str], ...]
     horizons: tuple[int, ...]
@@ -186,13 +187,24 @@ class Duration(Kind):
         """See `Kind.measure`."""
         found = []
         for horizon in self.horizons:
-            left, right = [], []
+            updates: list[tuple[float, float]] = []
             for a, b in [pair for patterns in self.pairs for pair in evidence.pairs(*patterns)]:
-                mine, theirs = (
-                    {r.seed: r.seconds for r in evidence.of(s, horizon) if r.sound and r.seconds} for s in (a, b)
-                )
-                shared = [k for k in mine if k in theirs]
-                left += [float(mine[k] or 0) for k in shared]
-                right += [float(theirs[k] or 0) for k in shared]
-            found += ratio_of_numbers(f"seconds, T = {horizon}:", left, right, alpha)
+                mine, theirs = (_learning(evidence, s, horizon) for s in (a, b))
+                for network in [n for n in mine if n in theirs]:
+                    sides = mine[network], theirs[network]
+                    reached = max(float(side.min()) for side in sides)
+                    updates.append((_first(sides[0], reached), _first(sides[1], reached)))
+            left, right = [u for u, _ in updates], [u for _, u in updates]
+            found += ratio_of_numbers(f"updates, T = {horizon}:", left, right, alpha)
         return found
+
+
+def _learning(evidence: Evidence, spec: str, horizon: int) -> dict[tuple[str, int], pd.Series]:
+    """(first output, seed) → validation cost by update, of every sound training; views of a model come last."""
+    runs = [r for r in evidence.of(spec, horizon) if r.sound and r.key in evidence.learning]
+    return {(r.outputs[0], r.seed): evidence.learning[r.key] for r in runs}
+
+
+def _first(cost: pd.Series, reached: float) -> float:
+    """The first update at which the cost is as low."""
+    return float(cost.index[int((cost <= reached).to_numpy().argmax())])

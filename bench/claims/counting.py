@@ -28,8 +28,12 @@ class Diverged(Kind):
         if not a[1] or not b[1]:
             return []
         name = f"{a[0]} of {a[1]} trainings against {b[0]} of {b[1]}, difference of the shares"
-        low, high = stats.share_difference(a, b, 1 - alpha)
-        return [Estimate(name, a[0] / a[1] - b[0] / b[1], low, high, "Newcombe's interval; trainings are the unit")]
+        low, high = np.clip(stats.share_difference(a, b, 1 - alpha), -1, 1)  # rounding may leave 1 + 2e-16
+        return [
+            Estimate(
+                name, a[0] / a[1] - b[0] / b[1], float(low), float(high), "Newcombe's interval; trainings are the unit"
+            )
+        ]
 
 
 class Fact(ABC):

@@ -1,6 +1,7 @@
 """Kinds of judgement that rest on the error as it runs over the horizon."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from bench import stats
 from bench.claims.estimate import Estimate, Kind
 from bench.claims.evidence import Evidence
 from bench.claims.tables import Errors, Network, errors, ratio, rows, signals
-from bench.tables import LAST
+from bench.tables import FIRST, LAST
 from registry.errors import BenchError
 from registry.units import to_si
 
@@ -57,11 +58,27 @@ class Level(Kind):
                     value = float(reduce(curves.mean((0, 1))))
                     low, high = math.nan, math.nan
                     if curves.shape[1] > 1:
-                        low, high = stats.curve_interval(curves, lambda c: reduce(c, axis=1), 1 - alpha)
-                    basis = f"bootstrap over {curves.shape[1]} recordings and {len(tables)} trained networks"
+                        low, high = _level_limits(curves, reduce, 1 - alpha)
+                    basis = f"bootstrap over {curves.shape[1]} recordings; jackknife of {len(tables)} trained networks"
                     name = f"{spec}, {role}, T = {horizon}:"
                     found.append(Estimate(name, value, low, high, basis, len(tables) > 1 and curves.shape[1] > 1))
         return found
+
+
+def _level_limits(curves: np.ndarray, reduce: Callable[..., np.ndarray], confidence: float) -> tuple[float, float]:
+    """Limits of a level of the mean curve of (S, R, T); half-widths of recordings and trainings add up squared.
+
+    The few trainings get Student's interval over the jackknife's pseudo-values (Tukey 1958): to draw two of them
+    again would never leave the range of the two.
+    """
+    mean = curves.mean(1)
+    value = float(reduce(mean.mean(0)))
+    low, high = stats.curve_interval(curves.mean(0, keepdims=True), lambda c: reduce(c, axis=1), confidence)
+    n = len(mean)
+    pseudo = [n * value - (n - 1) * float(reduce(np.delete(mean, s, 0).mean(0))) for s in range(n if n > 1 else 0)]
+    around = stats.interval(pseudo, confidence) or (0.0, 0.0)
+    half = (around[1] - around[0]) / 2
+    return max(0.0, value - math.hypot(value - low, half)), value + math.hypot(high - value, half)
 
 
 @dataclass(frozen=True)
@@ -89,14 +106,15 @@ class Quantile(Kind):
                     if worst:
                         values = list(worst.values())
                         low, high = stats.interval(values, 1 - alpha) or (math.nan, math.nan)
+                        low = max(0.0, low) if len(values) > 1 else low  # an error is never negative
                         basis = f"t-interval over {len(values)} seeds; every step and every axis"
                         name = f"{spec}, {role}, T = {horizon}:"
                         found.append(Estimate(name, float(np.mean(values)), low, high, basis, len(values) > 1))
         return found
 
 
-def early_peaks(tables: Errors) -> dict[Network, pd.Series]:
-    """Where in the first half the error is largest: for every network and recording as all others see it.
+def peaks_of(tables: Errors, before: int) -> dict[Network, pd.Series]:
+    """Where in the steps before ``before`` the error is largest: for every network and recording as all others see it.
 
     Choosing the step by the very curve that is judged there would find a peak in any noise. Only the networks of one
     configuration and channel belong together; one alone is its own judge, which `Estimate.speaks` then forbids.
@@ -105,7 +123,7 @@ def early_peaks(tables: Errors) -> dict[Network, pd.Series]:
     for network, table in tables.items():
         others = [t for n, t in tables.items() if n[0] == network[0] and n != network] or [table]
         early = sum(o.reindex(columns=table.columns) for o in others).rolling(LAST, center=True, min_periods=1).mean()
-        early = early.iloc[: len(table) // 2]
+        early = early.iloc[:before]
         without = early.sum(axis=1).to_numpy()[:, None] - early.to_numpy()
         found[network] = pd.Series(without.argmax(0), index=table.columns)
     return {n: p for n, p in found.items() if len(p) > 1}
@@ -119,24 +137,30 @@ def around(table: pd.DataFrame, peaks: pd.Series) -> pd.Series:
 
 @dataclass(frozen=True)
 class EarlyPeak(Kind):
-    """The error at the end over the largest in the first half (``LAST`` steps each), all configurations together."""
+    """The error over the end and over the first steps, each over that around its peak in the first half.
+
+    Both below 1: it rises first and falls later. All configurations together.
+    """
 
     specs: tuple[str, ...]
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
+    anywhere: bool = False
+    """The peak may lie anywhere before the end, and not only in the first half."""
 
     def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
         """See `Kind.measure`."""
         found = []
         for role in self.quantities:
             for horizon in self.horizons:
-                pairs = []
+                peaked = []
                 for spec in [s for pattern in self.specs for s in evidence.specs(pattern)]:
                     tables = errors(evidence, spec, role, horizon)
-                    pairs += [
-                        (tables[n].iloc[-LAST:].mean(), around(tables[n], p)) for n, p in early_peaks(tables).items()
-                    ]
-                found += ratio(f"{role}, T = {horizon}, end / early peak:", pairs, alpha)
+                    peaks = peaks_of(tables, horizon - LAST if self.anywhere else horizon // 2)
+                    peaked += [(tables[n], around(tables[n], p)) for n, p in peaks.items()]
+                for name, steps in (("end", slice(-LAST, None)), ("start", slice(FIRST))):
+                    pairs = [(table.iloc[steps].mean(), peak) for table, peak in peaked]
+                    found += ratio(f"{role}, T = {horizon}, {name} / peak:", pairs, alpha)
         return found
 
 
@@ -210,7 +234,8 @@ def _spread(name: str, tables: dict[int, Errors], alpha: float) -> Estimate:
         best[channel.partition(".")[2] or "all"] = min(means, key=lambda h: means[h])
     lengths = f"lengths {', '.join(map(str, tables))}; best " + ", ".join(f"{c}: {h}" for c, h in best.items())
     top = max(seen, key=lambda e: e.value)
-    limits = max(e.low for e in seen), max(e.high for e in seen)
+    low = float(np.maximum(1.0, max(e.low for e in seen)))  # the larger error over the smaller
+    limits = low, max(e.high for e in seen)
     return Estimate(name, top.value, *limits, f"{lengths}; {top.basis}", top.speaks)
 
 
@@ -233,7 +258,7 @@ class PeakShrinks(Kind):
                     if len(by_history) < 2:
                         continue
                     short, long = (errors(evidence, by_history[h], role, horizon) for h in _ends(by_history))
-                    for network, peaks in early_peaks(short).items():
+                    for network, peaks in peaks_of(short, horizon // 2).items():
                         if network in long:
                             pairs.append((around(long[network], peaks), around(short[network], peaks)))
                 found += ratio(f"{role}, T = {horizon}, longest / shortest history:", pairs, alpha)

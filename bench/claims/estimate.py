@@ -62,7 +62,8 @@ def settle(measure: Callable[[float], Sequence[Estimate]], accept: tuple[float, 
     if all(_within(e, accept) for e in found):
         tightest = min(found, key=lambda e: min(e.low - accept[0], accept[1] - e.high))
         return Judgement(REPRODUCED, tightest.value, tightest.low, tightest.high, basis)
-    outside = [e for e in (measure(alpha / len(found)) if len(found) > 1 else found) if _outside(e, accept)]
+    strict = measure(alpha / len(found)) if len(found) > 1 else found
+    outside = [e for e, strictly in zip(found, strict, strict=True) if _outside(strictly, accept)]
     if outside:
         return Judgement(DIFFERS, outside[0].value, outside[0].low, outside[0].high, basis)
     undecided = next(e for e in found if not _within(e, accept))

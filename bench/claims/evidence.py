@@ -2,7 +2,8 @@
 
 ``study.json`` holds the runs, ``evidence.parquet`` beside it the curves: key, quantity, norm, unit, step, statistic,
 value (float32). Statistics are those that claims rest on: mean and mean@RECORDING of every signal that was predicted
-whole (norms "paper" and "euclidean") and of every channel that was predicted alone, q99 of every channel.
+whole (norms "paper" and "euclidean") and of every channel that was predicted alone, q99 of every channel. The learning
+curve is there as the quantity `COST`, its steps being updates.
 """
 
 import fnmatch
@@ -27,6 +28,7 @@ from registry.errors import BenchError
 FILE = "evidence.parquet"
 KEPT_BITS = 12
 """Bits of a value's fraction that are kept: a relative error below 2⁻¹³, 0.013 %, and half the file."""
+COST = "validation cost"
 HISTORY = 10
 """The paper's initialization length; other ones are looked at only where they are swept."""
 
@@ -34,6 +36,7 @@ HISTORY = 10
 def evidence_table(records: Sequence[RunRecord]) -> pd.DataFrame:
     """The rows of all records that claims can rest on."""
     tables = []
+    names = ["key", "quantity", "norm", "unit", "step", "statistic", "value"]
     for record in records:
         t = record.steps
         if t.empty:  # diverged
@@ -42,8 +45,9 @@ def evidence_table(records: Sequence[RunRecord]) -> pd.DataFrame:
         alone = ~t.quantity.map(lambda q: str(q).partition(".")[0]).isin(whole)
         means = (t.statistic == "mean") | t.statistic.str.startswith("mean@")
         kept = t[(means & ((t.norm != "axis") | alone)) | ((t.norm == "axis") & (t.statistic == "q99"))]
-        tables.append(kept.assign(key=record.key)[["key", "quantity", "norm", "unit", "step", "statistic", "value"]])
-    names = ["key", "quantity", "norm", "unit", "step", "statistic", "value"]
+        learned = record.curve.rename(columns={"update": "step", "validation_loss": "value"})
+        learned = learned.assign(quantity=COST, norm="scaled", unit="1", statistic="mean")
+        tables += [part.assign(key=record.key)[names] for part in (kept, learned)]
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=names)
 
 
@@ -84,14 +88,12 @@ class Run:
     status: str
     weights: int
     metrics: Mapping[str, float | None]
-    seconds: float | None = None
-    """Training and evaluation; not part of any comparison of numbers."""
 
     @classmethod
-    def of(cls, summary: Mapping[str, Any], seconds: float | None = None) -> "Run":
+    def of(cls, summary: Mapping[str, Any]) -> "Run":
         """From what a record, or ``study.json``, says of it."""
-        values = {n: summary[n] for n in cls.__dataclass_fields__ if n != "seconds"}
-        return cls(**{**values, "outputs": tuple(values["outputs"]), "seconds": seconds})
+        values = {n: summary[n] for n in cls.__dataclass_fields__}
+        return cls(**{**values, "outputs": tuple(values["outputs"])})
 
     @property
     def sound(self) -> bool:
@@ -128,6 +130,12 @@ class Evidence:
             key, quantity, norm, statistic = map(str, names)
             found.setdefault((key, quantity, norm), {})[statistic] = rows["value"].to_numpy(float)
         return found
+
+    @cached_property
+    def learning(self) -> dict[str, pd.Series]:
+        """Key → the validation cost (scaled units) at every update where it was looked at."""
+        rows = self.steps[self.steps["quantity"] == COST].sort_values("step", kind="stable")
+        return {str(k): r.set_index("step")["value"] for k, r in rows.groupby("key", observed=True)}
 
     @cached_property
     def units(self) -> dict[str, str]:
@@ -168,10 +176,10 @@ def size(spec: str) -> str:
 
 
 def _command(text: str) -> tuple[str, bool]:
-    """Preset of a `bench run` command, and whether its runs are the study's own: nothing set otherwise."""
+    """Preset of a `bench run` command, and whether its runs are the study's own: nothing but the data chosen."""
     words = [w for word in shlex.split(text) for w in word.split("=", 1 if word.startswith("--") else 0)]
     preset = words[words.index("--preset") + 1] if "--preset" in words else "laptop"
-    return preset, not {"--set", "--outputs", "--horizon", "-T"} & set(words)
+    return preset, {w for w in words if w.startswith("-")} <= {"--preset", "--dataset"}
 
 
 @dataclass(frozen=True)
@@ -197,8 +205,7 @@ def folders(root: Path) -> Iterator[Folder]:
             content = json.loads(path.read_text())
             if not content.get("study"):
                 continue
-            seconds = content.get("seconds", {})
-            runs = tuple(Run.of(run, seconds.get(run["key"])) for run in content["runs"])
+            runs = tuple(Run.of(run) for run in content["runs"])
             preset, comparable = _command(content["command"])
         except (ValueError, TypeError, LookupError, AttributeError, OSError) as error:
             raise BenchError(f"{path} is damaged ({error}): remove it, or run the study again.") from error

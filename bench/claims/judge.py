@@ -103,8 +103,8 @@ def _patterns(claim: Claim) -> list[str]:
     """Every pattern of configurations that the claim's judgement names."""
     kind = claim.kind
     pairs = [p for pair in getattr(kind, "pairs", ()) for p in pair]
-    single = [getattr(kind, name, "") for name in ("a", "b", "against")]
-    return [p for p in (*pairs, *getattr(kind, "specs", ()), *single) if p]
+    listed = [p for name in ("specs", "against") for p in getattr(kind, name, ())]
+    return [*pairs, *listed, *(getattr(kind, name) for name in ("a", "b") if hasattr(kind, name))]
 
 
 def _command(claim: Claim, dataset: str = "", preset: str = "") -> str:

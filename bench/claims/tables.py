@@ -1,6 +1,7 @@
 """Errors of a configuration, laid out for a paired comparison: one table (steps, recordings) a trained network."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -46,13 +47,31 @@ def rows(
     a: Errors, b: Errors, reduce: Callable[[pd.DataFrame], pd.Series] = pd.DataFrame.mean
 ) -> list[tuple[pd.Series, pd.Series]]:
     """Errors of the networks of both sides, one number a recording; what has no seed meets every seed."""
+    return list(_matched(a, b, reduce).values())
+
+
+def together(
+    a: Errors, others: Sequence[Errors], reduce: Callable[[pd.DataFrame], pd.Series]
+) -> list[tuple[pd.Series, pd.Series]]:
+    """Errors of every network of a and the geometric mean of those of all others: a training of a counts once."""
+    met = [m for m in (_matched(a, b, reduce) for b in others) if m]
+    return [
+        (mine, np.exp(sum(np.log(m[n][1]) for m in met) / len(met)))
+        for n, (mine, _) in (met[0] if met else {}).items()
+        if all(n in m for m in met)
+    ]
+
+
+def _matched(
+    a: Errors, b: Errors, reduce: Callable[[pd.DataFrame], pd.Series]
+) -> dict[Network, tuple[pd.Series, pd.Series]]:
     seeds: list[int | None] = [*sorted({seed for _, seed in (*a, *b) if seed is not None})]
-    found = []
+    found = {}
     for channel in dict.fromkeys(c for c, _ in a):
         for seed in seeds or [None]:
             left, right = (side.get((channel, seed), side.get((channel, None))) for side in (a, b))
             if left is not None and right is not None:
-                found.append((reduce(left), reduce(right)))
+                found[channel, seed] = reduce(left), reduce(right)
     return found
 
 
@@ -70,7 +89,8 @@ def ratio(name: str, pairs: Sequence[tuple[pd.Series, pd.Series]], alpha: float)
         return []
     left, right = (pd.DataFrame([p[i] for p in pairs]).dropna(axis=1) for i in (0, 1))
     shared = [c for c in left.columns if c in right.columns]
-    return [_estimate(name, left[shared].to_numpy(), right[shared].to_numpy(), alpha)]
+    found = _estimate(name, left[shared].to_numpy(), right[shared].to_numpy(), alpha)
+    return [replace(found, speaks=found.speaks and len(shared) > 1)]  # nor can one recording speak for the next
 
 
 def _estimate(name: str, left: np.ndarray, right: np.ndarray, alpha: float) -> Estimate:

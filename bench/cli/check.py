@@ -22,6 +22,9 @@ CAUGHT = 1
 @click.option("--details", "-v", is_flag=True, help="Source, basis and the command that would settle it, for each.")
 @click.option("--json", "target", type=click.Path(path_type=Path, dir_okay=False), help="Write everything as JSON.")
 @click.option(
+    "--markdown", "page", type=click.Path(path_type=Path, dir_okay=False), help="Write the verdicts as Markdown."
+)
+@click.option(
     "--claims", "file", type=click.Path(path_type=Path, dir_okay=False), help="Default: results/paper/claims.toml."
 )
 @click.option(
@@ -34,6 +37,7 @@ def check_command(
     wanted: tuple[str, ...],
     details: bool,
     target: Path | None,
+    page: Path | None,
     file: Path | None,
     published: Path | None,
     results: Path,
@@ -52,7 +56,7 @@ def check_command(
 
     Exit code 1: a number that was published no longer holds.
     """
-    from bench.claims import claim, evidence, judge
+    from bench.claims import claim, evidence, judge, markdown
     from bench.claims import published as regression
 
     published = published or claim.RESULTS / "published"
@@ -71,7 +75,9 @@ def check_command(
     rows = [r for r in rows if not wanted or r.claim.id in wanted]
     held = regression.check(published, results)
     if target:
-        _write(target, rows, held)
+        _write(target, json.dumps(_plain(rows, held), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    if page:
+        _write(page, markdown.render(rows, "bench check --markdown " + page.name))
     out = options.console()
     out.print(_table(rows))
     if details or wanted:
@@ -178,13 +184,20 @@ def _rerun(published: Path, write: bool) -> None:
     _regressions(regression.check_smoke(published, runs), out)
 
 
-def _write(target: Path, rows: Sequence[Any], held: Sequence[Any]) -> None:
-    """Everything as JSON; what is not a number is null."""
+def _write(target: Path, text: str) -> None:
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise BenchError(f"{target} cannot be written: {error.strerror or error}.") from error
+
+
+def _plain(rows: Sequence[Any], held: Sequence[Any]) -> dict[str, Any]:
+    """Everything, for JSON; what is not a number is null."""
 
     def plain(value: float | None) -> float | None:
         return value if value is not None and math.isfinite(value) else None
 
-    content = {
+    return {
         "claims": [
             {
                 "id": r.claim.id,
@@ -217,7 +230,3 @@ def _write(target: Path, rows: Sequence[Any], held: Sequence[Any]) -> None:
             for h in held
         ],
     }
-    try:
-        target.write_text(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
-    except OSError as error:
-        raise BenchError(f"{target} cannot be written: {error.strerror or error}.") from error

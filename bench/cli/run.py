@@ -93,7 +93,10 @@ def run_command(
         """The runs of one study or configuration."""
         found = known.get(name)
         chosen = choose(dataset or (found.default_dataset if found else "pelican_twin"), data_options)
-        configs = _apply(found.runs(preset, chosen) if found else _one(name, chosen, seeds or 1), run_options)
+        configs = found.runs(preset, chosen) if found else _one(name, chosen, seeds or 1)
+        if physics and not any(hasattr(c.predictor, "model") for c in configs):
+            raise BenchError(f"{name} has no physics: --physics belongs to `physics` and to hybrids.")
+        configs = _apply(configs, run_options)
         if found is None:
             configs += _apply(_baselines(configs[0]), run_options, strict=False)
         title = f"{name} on {chosen.label}" + (f" ({preset})" if found else "") + (f", {asked}" if asked else "")

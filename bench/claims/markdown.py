@@ -1,0 +1,43 @@
+"""The verdicts as a page of Markdown."""
+
+import math
+from collections.abc import Sequence
+
+from bench.claims.estimate import number
+from bench.claims.judge import Row
+
+HEAD = """\
+# The paper's claims, judged
+
+Made by `{command}`. {summary}. A band that reproduces a claim was written before it was run
+([claims.toml](../paper/claims.toml)); verdicts on comparative claims are corrected for their number (Holm, by data
+set), intervals are plain 95 % ones. `bench check -v` says what each rests on.
+
+| claim | published | here | 95 % interval | verdict | on |
+| --- | --- | --- | --- | --- | --- |
+"""
+
+
+def render(rows: Sequence[Row], command: str) -> str:
+    """One row a claim and data set, as `bench check` prints them."""
+    counts: dict[str, int] = {}
+    for row in rows:
+        counts[row.judgement.verdict] = counts.get(row.judgement.verdict, 0) + 1
+    claims = len({row.claim.id for row in rows})
+    summary = f"{claims} claims, {len(rows)} verdicts: " + ", ".join(f"{n} {v}" for v, n in counts.items())
+    return HEAD.format(command=command, summary=summary) + "".join(map(_line, rows))
+
+
+def _line(row: Row) -> str:
+    j = row.judgement
+    interval = "" if math.isnan(j.low) or j.low == j.high else f"{number(j.low)} to {number(j.high)}"
+    where = ", ".join(filter(None, (row.dataset, row.label))) if j.verdict != "not run" else j.basis or row.command
+    cells = [
+        f"{row.claim.text} *{row.claim.source}*",
+        row.claim.said,
+        "" if math.isnan(j.value) else number(j.value),
+        interval,
+        f"**{j.verdict}**" if j.verdict in ("reproduced", "differs") else j.verdict,
+        f"{where}; {row.beside}".removesuffix("; "),
+    ]
+    return "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |\n"
