@@ -50,6 +50,11 @@ class Nanodrone(Dataset):
     align_lag: bool = option(
         True, "shift rotor speeds by each flight's own delay, so that they act when the body moves"
     )
+    common_lag: bool = option(
+        False,
+        "shift every flight by the median delay of the training flights instead of its own: test flights tell nothing "
+        "about theirs",
+    )
     smoothing: int = option(
         7,
         "window of the local quadratic through velocity and body rates, odd, looking (window - 1) / 2 ahead; 0: none. "
@@ -92,8 +97,9 @@ class Nanodrone(Dataset):
             "melon_20251017_run1.parquet has SHA-256 7231f4feba572efe38ed604bb1c5031427efa633842fb17251ce8e4e487b77b4",
         )
         recordings, findings = [], []
+        common = self._training_lag(files) if self.align_lag and self.common_lag else None
         for file in files:
-            flight, found = self._flight(file)
+            flight, found = self._flight(file, common)
             recordings += flight
             findings += found
         return Loaded(tuple(recordings), tuple(findings))
@@ -107,7 +113,13 @@ class Nanodrone(Dataset):
         validation = tuple(flights[-1] for flights in kinds.values())
         return Split(tuple(n for n in names if n not in test and n not in validation), validation, test)
 
-    def _flight(self, file: Path) -> tuple[list[Recording], list[Finding]]:
+    def _training_lag(self, files: Sequence[Path]) -> float:
+        """Median delay [samples] of the flights that do not test."""
+        test = self.split([file.stem for file in files]).test
+        found = [f for file in files if file.stem not in test for f in self._flight(file)[1]]
+        return float(np.median([f.count for f in found if f.kind == "lag"]))
+
+    def _flight(self, file: Path, common: float | None = None) -> tuple[list[Recording], list[Finding]]:
         name = file.stem
         try:
             table = pd.read_parquet(file, columns=[*_STATE, *_MOTORS, *_CLOCKS])
@@ -140,7 +152,8 @@ class Nanodrone(Dataset):
         turning = np.gradient(smooth(x[:, 10:12], 9), axis=0)
         lag, agreement = delay(torque * in_air[:, None], turning * in_air[:, None], widest=6)
         if self.align_lag:
-            erpm, motors_valid = resample(t_motors + lag / RATE, motors[kept_motors], grid, LONGEST)
+            shift = lag if common is None else common
+            erpm, motors_valid = resample(t_motors + shift / RATE, motors[kept_motors], grid, LONGEST)
         # The smoothing mixes what lies inside a gap into its neighbours.
         valid = flying & ~widen(~(valid & motors_valid), self.smoothing // 2)
         part = extent(valid)
@@ -160,13 +173,16 @@ class Nanodrone(Dataset):
             reason = "packets lost" if flying[at:end].mean() > 0.5 else "on or near the ground"
             note("gap", stop - start, f"{(stop - start) / RATE:.2f} s from {at / RATE:.2f} s: {reason}, masked")
         note("trimmed", len(grid) - (part.stop - part.start), "samples of take-off and landing cut off at the ends")
+        done = "removed" if self.align_lag else "left in"
+        if common is not None:
+            done = f"{common:+.2f} removed, as of every flight"
         findings.append(
             Finding(
                 name,
                 "lag",
                 lag,
                 f"the body turns {lag:+.2f} samples after the rotor speeds that turn it (correlation {agreement:.2f}), "
-                + ("removed" if self.align_lag else "left in"),
+                + done,
             )
         )
         if part.stop - part.start < RATE:

@@ -151,7 +151,7 @@ def default_signals(dataset: Dataset, file: str = "") -> tuple[Signals, Signals,
     inputs = (drive, *(e for e in model.extras if e in dataset.inputs)) if drive else dataset.inputs
     states = tuple(dict.fromkeys(c.group for c in model.state_channels))
     if not isinstance(model, Quadrotor):  # whose data hold them all
-        states = tuple(s for s in states if s in _measured(dataset))
+        states = tuple(s for s in states if s in measured_signals(dataset))
     if not isinstance(model, RigidBody):
         return inputs, states, ()
     outputs = ("velocity", "body_rates")
@@ -166,7 +166,8 @@ def _accepted(model: PhysicsModel) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=4)
-def _measured(dataset: Dataset) -> frozenset[str]:
+def measured_signals(dataset: Dataset) -> frozenset[str]:
+    """Names of the signals that every recording of the data set holds."""
     return frozenset.intersection(*(frozenset(c.group for c in r.channels) for r in dataset.load().recordings))
 
 

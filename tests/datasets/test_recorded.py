@@ -82,6 +82,35 @@ def test_nanodrone_lag_is_gone_and_speeds_are_possible():
     assert fit(aligned) < 0.8 * fit(left[name])
 
 
+def moved(before, after):
+    """By how many samples the rotor speeds of ``after`` come later, found by shifting those of ``before``."""
+    position = after.pick(["position"])[0]
+    start = next(k for k in range(-20, 21) if same(before.pick(["position"])[0], position, k))
+    x, t = before.inputs[:, 0], np.arange(len(after))
+    middle = slice(200, 1200)
+    shifts = np.arange(-4, 4, 0.02)
+    error = [np.abs(np.interp(t + start - s, np.arange(len(x)), x) - after.inputs[:, 0])[middle].mean() for s in shifts]
+    return shifts[np.argmin(error)]
+
+
+def same(a, b, shift):
+    """Whether sample k of ``b`` is sample k + shift of ``a``."""
+    return np.allclose(a[500 + shift : 600 + shift], b[500:600])
+
+
+def test_one_lag_for_all_flights_shifts_the_rotor_speeds_by_the_median_of_those_that_do_not_test():
+    read = [Nanodrone(**o).load() for o in ({}, {"align_lag": False}, {"common_lag": True})]
+    own, left, common = ({r.name: r for r in x.recordings} for x in read)
+    lags = {f.recording: f.count for f in loaded(Nanodrone).findings if f.kind == "lag"}
+    median = np.median([lag for name, lag in lags.items() if not name.startswith("melon")])
+    for name in ("melon_20251017_run2", "square_20251017_run1"):
+        assert abs(lags[name] - median) > 0.5  # far enough from it to tell the two apart
+        assert moved(left[name], common[name]) == pytest.approx(median, abs=0.1)
+        assert moved(left[name], own[name]) == pytest.approx(lags[name], abs=0.1)
+    said = [f.detail for f in read[2].findings if f.kind == "lag"]
+    assert all(detail.endswith(f", {median:+.2f} removed, as of every flight") for detail in said)
+
+
 def test_nanobench_duplicates_ground_and_short_files():
     (duplicate,) = findings(Nanobench, "B9_trefoil_fast_rep6", "duplicate")
     assert "B9_trefoil_fast_rep11" in duplicate.detail
