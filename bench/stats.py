@@ -128,7 +128,7 @@ def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95, resamples: i
     return Comparison(
         math.exp(mean),
         math.exp(mean - below),
-        math.exp(mean + above),
+        math.exp(mean + above) if mean + above < 700 else math.inf,  # few repetitions at a high confidence
         1 - math.exp(-detectable) if trainings > 1 else math.nan,
         trainings,
         recordings,

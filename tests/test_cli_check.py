@@ -160,3 +160,14 @@ def test_a_small_set_is_trained_again(bench: Bench, tmp_path: Path, monkeypatch:
 @pytest.mark.slow
 def test_the_published_small_set_is_found_again(bench: Bench) -> None:
     assert bench("--rerun", "smoke")[0] == 0
+
+
+def test_the_page_says_what_the_json_says(bench: Bench, results: Path) -> None:
+    page, plain = results / "claims.md", results / "claims.json"
+    where = ("--published", results / "published", "--results", results)
+    assert bench("--markdown", page, "--json", plain, *where)[0] == 0
+    claims = json.loads(plain.read_text())["claims"]
+    rows = [r.split(" | ") for r in page.read_text().splitlines() if r.startswith("| ")][2:]
+    assert [r[4].strip("*") for r in rows] == [c["verdict"] for c in claims]
+    texts = [r[0].removeprefix("| ").partition(" *")[0] for r in rows]
+    assert [t for t in texts if t] == list(dict.fromkeys(c["text"] for c in claims))

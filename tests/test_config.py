@@ -54,7 +54,7 @@ def test_seed_and_channel_share_a_shape_and_size_does_not() -> None:
         ({"horizon": "forty"}, "must be an integer"),
         ({"horizon": "0"}, "from 1 to"),
         ({"predictor.dropout": "1.5"}, "from 0.0 to 0.9"),
-        ({"predictor.name": "GRU"}, "no predictor"),
+        ({"predictor.name": "Elman"}, "no predictor"),
     ],
 )
 def test_a_wrong_option_says_so(assignment: dict[str, str], says: str) -> None:

@@ -1,5 +1,6 @@
 """Intervals and comparisons against scipy and against data whose truth is known."""
 
+import math
 import time
 
 import numpy as np
@@ -95,3 +96,9 @@ def test_a_comparison_repeats_exactly_and_is_quick() -> None:
     assert compare(a, b) == first
     with pytest.raises(ValueError, match="shape"):
         compare(a, b[:4])
+
+
+def test_an_interval_too_wide_for_a_number_is_infinite() -> None:
+    a = np.exp([[0.1, 0.5], [2.0, 2.1]])
+    found = compare(a, np.ones_like(a), confidence=1 - 1e-6)
+    assert found.high == math.inf and 0 <= found.low < found.ratio and found.verdict == "cannot tell"

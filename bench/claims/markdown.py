@@ -9,7 +9,7 @@ from bench.claims.judge import Row
 HEAD = """\
 # The paper's claims, judged
 
-Made by `{command}`. {summary}. A band that reproduces a claim was written before it was run
+Made by `{command}`: {summary}. A band that reproduces a claim was written before it was run
 ([claims.toml](../paper/claims.toml)); verdicts on comparative claims are corrected for their number (Holm, by data
 set), intervals are plain 95 % ones. `bench check -v` says what each rests on.
 
@@ -25,16 +25,19 @@ def render(rows: Sequence[Row], command: str) -> str:
         counts[row.judgement.verdict] = counts.get(row.judgement.verdict, 0) + 1
     claims = len({row.claim.id for row in rows})
     summary = f"{claims} claims, {len(rows)} verdicts: " + ", ".join(f"{n} {v}" for v, n in counts.items())
-    return HEAD.format(command=command, summary=summary) + "".join(map(_line, rows))
+    said_before = ["", *(row.claim.id for row in rows)]
+    lines = (_line(row, row.claim.id != before) for row, before in zip(rows, said_before, strict=False))
+    return HEAD.format(command=command, summary=summary) + "".join(lines)
 
 
-def _line(row: Row) -> str:
+def _line(row: Row, first: bool) -> str:
+    """A row of the table; the claim stands in its first row only."""
     j = row.judgement
     interval = "" if math.isnan(j.low) or j.low == j.high else f"{number(j.low)} to {number(j.high)}"
     where = ", ".join(filter(None, (row.dataset, row.label))) if j.verdict != "not run" else j.basis or row.command
     cells = [
-        f"{row.claim.text} *{row.claim.source}*",
-        row.claim.said,
+        f"{row.claim.text} *{row.claim.source}*" if first else "",
+        row.claim.said if first else "",
         "" if math.isnan(j.value) else number(j.value),
         interval,
         f"**{j.verdict}**" if j.verdict in ("reproduced", "differs") else j.verdict,
