@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import click
+import pandas as pd
 from rich.table import Table
 
 from bench import record
@@ -34,7 +35,7 @@ def list_command(results: Path, dataset: str | None) -> None:
         count += 1
         first = next(iter(s["metrics"].values()), None)
         value = "–" if first is None else f"{first:.4g}"
-        outputs = ", ".join(dict.fromkeys(s["outputs"]))
+        outputs = ", ".join(_signals(s["outputs"]))
         table.add_row(
             s["key"][:12], s["spec"], s["dataset"], outputs, str(s["horizon"]), str(s["seed"]), s["status"], value
         )
@@ -57,32 +58,66 @@ def show_command(key: str, results: Path) -> None:
     out.print(f"[red]altered since it was written: {', '.join(broken)}[/]" if broken else "files: as written")
 
 
+def _signals(outputs: list[str]) -> list[str]:
+    """Channels, a signal's name in the place of its three axes."""
+    groups = [name.partition(".")[0] for name in outputs]
+    return list(dict.fromkeys(g if groups.count(g) == 3 else name for g, name in zip(groups, outputs, strict=True)))
+
+
 @runs_command.command("errors")
-@click.argument("key")
+@click.argument("keys", nargs=-1, metavar="[KEY]...")
+@click.option("--study", metavar="NAME", help="The runs of a finished study: a folder in RESULTS/studies.")
 @click.option("--at", default="1,10,40", show_default=True, metavar="STEPS", help="Prediction steps to print.")
 @click.option("--norm", type=click.Choice(("paper", "euclidean", "axis")), help="Only this norm.")
 @click.option("--si", is_flag=True, help="rad/s and rad instead of degrees.")
 @options.results
-def errors_command(key: str, at: str, norm: str | None, si: bool, results: Path) -> None:
-    """Mean error of a run at some prediction steps, and its sum over all of them."""
-    r = record.find(results / "runs", key)
-    horizon = r.summary["horizon"]
+def errors_command(
+    keys: tuple[str, ...], study: str | None, at: str, norm: str | None, si: bool, results: Path
+) -> None:
+    """Mean error of runs at some prediction steps, and its sum over all of them.
+
+    Runs that differ in their seed only share a line: the mean over seeds, and the spread of the sum.
+    """
+    runs = [record.find(results / "runs", key) for key in (*keys, *_of_study(results, study))]
+    if not runs:
+        raise BenchError("Name runs by their keys (`bench runs list` shows them) or a study with --study.")
+    horizon = min(r.summary["horizon"] for r in runs)
     steps = [int(s) for s in at.split(",") if s.strip().isdecimal() and 1 <= int(s) <= horizon]
     if not steps:
         raise BenchError(f"--at {at!r} names no step from 1 to {horizon}: write such as 1,10,{horizon}.")
     table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
-    for name in ("quantity", "norm", "unit", *(f"h = {s}" for s in steps), f"sum 1..{horizon}"):
-        table.add_column(name, justify="left" if name in ("quantity", "norm", "unit") else "right")
-    means = r.steps[r.steps.statistic == "mean"]
-    for (quantity, kind, unit), rows in means.groupby(["quantity", "norm", "unit"], sort=False):
+    words = ("quantity", "configuration", "seeds", "norm", "unit")
+    for name in (*words, *(f"h = {s}" for s in steps), f"sum 1..{horizon}", "over seeds"):
+        table.add_column(name, justify="left" if name in words else "right", no_wrap=name not in words[:2])
+    frames = [
+        r.steps[(r.steps.statistic == "mean") & (r.steps.step <= horizon)].assign(spec=r.summary["spec"], run=i)
+        for i, r in enumerate(runs)
+        if r.finished
+    ]
+    means = pd.concat(frames) if frames else pd.DataFrame(columns=["quantity", "norm", "unit", "spec"])
+    means = means.sort_values("quantity", key=lambda q: q.map(list(dict.fromkeys(q)).index), kind="stable")
+    for (quantity, kind, unit, spec), rows in means.groupby(["quantity", "norm", "unit", "spec"], sort=False):
         if norm in (None, kind):
             shown, factor = to_si(unit) if si else (unit, 1.0)
-            values = rows.set_index("step")["value"] * factor
-            cells = [f"{values[s]:.4f}" for s in steps]
-            table.add_row(quantity, kind, shown, *cells, f"{values.sum():.2f}")
+            values = rows.pivot(index="step", columns="run", values="value") * factor
+            sums = values.sum()
+            spread = f"{sums.min():.2f} to {sums.max():.2f}" if len(sums) > 1 else ""
+            cells = [f"{values.loc[s].mean():.4f}" for s in steps]
+            table.add_row(quantity, spec, str(len(sums)), kind, shown, *cells, f"{sums.mean():.2f}", spread)
     out = options.console()
-    out.print(f"[bold]{r.summary['spec']}[/], {r.summary['dataset']}, {r.summary['windows']['test']} test windows")
+    datasets = dict.fromkeys(f"{r.summary['dataset']}, {r.summary['windows']['test']} test windows" for r in runs)
+    out.print("; ".join(datasets))
     out.print(table)
+
+
+def _of_study(results: Path, study: str | None) -> list[str]:
+    if study is None:
+        return []
+    folder = results / "studies" / study
+    if not (folder / "study.json").is_file():
+        known = ", ".join(sorted(p.parent.name for p in (results / "studies").glob("*/study.json"))) or "none"
+        raise BenchError(f"There is no finished study {study!r} in {results / 'studies'}: {known}.")
+    return list(json.loads((folder / "study.json").read_text())["keys"])
 
 
 @runs_command.command("diff")
