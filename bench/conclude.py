@@ -99,7 +99,6 @@ def conclude(
             "command": command,
             "files": [p.name for p in files],
             "runs": [{name: r.summary[name] for name in PUBLISHED} for r in records],
-            "seconds": {r.key: r.provenance["seconds"] for r in records if "seconds" in r.provenance},
         },
     )
     return files

@@ -9,8 +9,11 @@ class BenchError(Exception):
 
 
 def near(name: str, known: Iterable[str]) -> str:
-    """The tail of an error about an unknown name: the near ones first, then all of them."""
+    """The tail of an error about an unknown name: the near ones first, then all of them (the first 20)."""
     names = sorted(known)
     lower = {n.lower(): n for n in names}
     close = [lower[n] for n in difflib.get_close_matches(name.lower(), lower, n=3, cutoff=0.5)]
-    return (f"did you mean {' or '.join(close)}? " if close else "") + f"Known: {', '.join(names) or 'none'}."
+    more = f", and {len(names) - 20} more" if len(names) > 20 else ""
+    return (
+        f"did you mean {' or '.join(close)}? " if close else ""
+    ) + f"Known: {', '.join(names[:20]) or 'none'}{more}."

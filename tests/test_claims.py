@@ -372,7 +372,9 @@ CLAIMS = claims_file.read()
 def test_the_claims_that_the_paper_makes_are_there() -> None:
     claims = CLAIMS.claims
     assert len(claims) >= 40
-    assert {c.study for c in claims} - {""} == set(study.studies()) - {"nanodrone_benchmark"}, "which is not the paper's"
+    assert {c.study for c in claims} - {""} == set(study.studies()) - {"nanodrone_benchmark"}, (
+        "which is not the paper's"
+    )
     for c in claims:
         assert c.text.endswith(".") and c.source, c.id
         assert (c.published is None) or (c.scope == "dataset"), c.id
