@@ -13,6 +13,7 @@ from bench.notation import write
 from registry.contracts import Dataset, InitializerEntry, PredictorEntry, Split
 from registry.core import DATASETS, INITIALIZERS, PREDICTORS, Registry, check_options, option
 from registry.errors import BenchError, near
+from registry.kernels.native.library import name as kernel
 
 NUMERICS = 1
 """Raised whenever a change alters the numbers of a run: old records keep their keys, new runs get new ones."""
@@ -137,7 +138,7 @@ def from_json(data: Mapping[str, Any]) -> RunConfig:
 def environment() -> dict[str, Any]:
     """What the bits of a run depend on besides its configuration and data."""
     return {
-        "kernel": "pytorch",
+        "kernel": kernel(),
         "torch": torch.__version__.partition("+")[0],
         "threads": torch.get_num_threads(),
         "cpu": torch.backends.cpu.get_cpu_capability(),

@@ -1,0 +1,1 @@
+"""The numeric core in C++: compiled on first use, loaded by ctypes."""

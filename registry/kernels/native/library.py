@@ -1,0 +1,139 @@
+"""The compiled core: every .cpp file of this folder in one shared library, built once a machine.
+
+It is compiled with the machine's own compiler into the user's cache folder, under a name made of sources, flags,
+compiler and CPU. Where that fails the PyTorch kernel does the work, which is said once. The environment variable
+``BENCH_KERNEL`` chooses: auto (default), native (an error where it cannot be had), pytorch.
+"""
+
+import ctypes
+import hashlib
+import logging
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from registry.errors import BenchError, near
+
+NUMERICS = 1
+"""Raised whenever a change of the C++ sources alters the numbers of a run."""
+
+_SOURCES = Path(__file__).parent
+_FLAGS = ("-O3", "-std=c++17", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
+_CHOICES = ("auto", "native", "pytorch")
+
+
+@dataclass(frozen=True)
+class Core:
+    """The loaded library and what its bits depend on besides CPU and threads."""
+
+    functions: ctypes.CDLL
+    compiler: str
+
+
+@lru_cache(maxsize=1)
+def core() -> Core | None:
+    """The compiled core, built if need be; None where the PyTorch kernel is to be used.
+
+    Raises:
+        BenchError: ``BENCH_KERNEL`` is native and there is no native kernel, or is none of its values.
+    """
+    choice = os.environ.get("BENCH_KERNEL", "auto")
+    if choice not in _CHOICES:
+        raise BenchError(f"BENCH_KERNEL={choice!r} is no kernel: {near(choice, _CHOICES)}")
+    if choice == "pytorch":
+        return None
+    try:
+        return _load()
+    except _Unavailable as reason:
+        if choice == "native":
+            raise BenchError(f"There is no native kernel: {reason}; unset BENCH_KERNEL to do without.") from None
+        logging.getLogger(__name__).warning("Training takes the slower PyTorch kernel: %s.", reason)
+        os.environ["BENCH_KERNEL"] = "pytorch"  # worker processes follow, and do not say it again
+        return None
+
+
+def name() -> str:
+    """The kernel in use and what its bits depend on: "pytorch", or "native 1, g++ 12"."""
+    found = core()
+    return f"native {NUMERICS}, {found.compiler}" if found else "pytorch"
+
+
+class _Unavailable(Exception):
+    """Why there is no native kernel: a clause."""
+
+
+def _load() -> Core:
+    compiler, said = _compiler()
+    arch = "-mcpu=native" if platform.machine() in ("arm64", "aarch64") else "-march=native"
+    command = [compiler, arch, *_FLAGS]
+    sources = sorted(p for p in _SOURCES.iterdir() if p.suffix in (".cpp", ".h"))
+    content = [p.name.encode() + b"\0" + p.read_bytes() for p in sources]
+    parts = [*content, *(part.encode() for part in (*command, said, _cpu()))]
+    key = hashlib.sha256(b"".join(hashlib.sha256(p).digest() for p in parts)).hexdigest()[:32]
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "multistep-bench" / "native"
+    library = folder / f"{key}.so"
+    label = f"{Path(compiler).name.split('-')[0]} {_major(said)}"
+    if library.exists():
+        try:
+            return Core(ctypes.CDLL(str(library)), label)
+        except OSError:  # torn: made anew
+            pass
+    _build([*command, *(str(p) for p in sources if p.suffix == ".cpp")], library)
+    try:
+        return Core(ctypes.CDLL(str(library)), label)
+    except OSError as error:
+        raise _Unavailable(f"what {compiler} made cannot be loaded ({error})") from None
+
+
+def _compiler() -> tuple[str, str]:
+    """A C++ compiler and what it says of its version."""
+    wanted = os.environ.get("CXX", "").split()[:1] or ["g++", "clang++", "c++"]
+    found = next((path for path in map(shutil.which, wanted) if path), None)
+    if found is None:
+        raise _Unavailable(f"no C++ compiler ({', '.join(wanted)}) is installed")
+    try:
+        said = subprocess.run([found, "--version"], capture_output=True, text=True, timeout=60, check=True).stdout
+    except (OSError, subprocess.SubprocessError) as error:
+        raise _Unavailable(f"{found} does not run ({error})") from None
+    return found, said
+
+
+def _major(version: str) -> str:
+    """The major version in what a compiler says: "g++ (Debian 12.2.0-14) 12.2.0" → "12"."""
+    words = version.partition("\n")[0].split()
+    return next((w.partition(".")[0] for w in reversed(words) if w[0].isdigit()), "0")
+
+
+def _cpu() -> str:
+    """What `-march=native` looks at."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
+    except OSError:
+        return f"{platform.machine()} {platform.processor()}"
+    stable = ("vendor_id", "cpu family", "model", "stepping", "flags", "Features", "CPU implementer", "CPU part")
+    return "\n".join(line for line in lines if line.partition(":")[0].strip() in stable)
+
+
+def _build(command: list[str], library: Path) -> None:
+    """Compile under another name and rename: a process sees a whole library or none; of two, the last one stays."""
+    try:
+        library.parent.mkdir(parents=True, exist_ok=True)
+        handle, draft = tempfile.mkstemp(".so", ".draft-", library.parent)
+        os.close(handle)
+    except OSError as error:
+        raise _Unavailable(f"the cache folder {library.parent} cannot be written ({error.strerror})") from None
+    try:
+        subprocess.run([*command, "-o", draft], capture_output=True, text=True, timeout=600, check=True)
+        os.replace(draft, library)
+    except subprocess.CalledProcessError as error:
+        lines = [line for line in error.stderr.splitlines() if "error" in line] or error.stderr.splitlines() or ["?"]
+        raise _Unavailable(f"{command[0]} does not compile it ({lines[0].strip()})") from None
+    except (OSError, subprocess.SubprocessError) as error:
+        raise _Unavailable(f"{command[0]} does not compile it ({error})") from None
+    finally:
+        Path(draft).unlink(missing_ok=True)

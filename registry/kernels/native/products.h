@@ -1,0 +1,140 @@
+// Matrix products with lanes of the batch side by side.
+//
+// The batch goes through in blocks of `Width::block` lanes; an array of F features is (blocks, F, block). The smaller
+// operand, a weight, is packed so that a product reads it from front to back.
+#pragma once
+#include <algorithm>
+#include <cstddef>
+
+#include "vectors.h"
+
+// Hands out parts of one buffer; without a buffer it only counts.
+template <class R> struct Arena {
+  R* base;
+  size_t used = 0;
+  R* take(size_t count) {
+    R* part = base ? base + used : nullptr;
+    used += (count + 63) / 64 * 64;
+    return part;
+  }
+};
+
+// sums (ROWS, block) += A (ROWS, K) X (K, block); A is stored column after column.
+template <class R, int ROWS>
+static inline void accumulate(int K, const R* __restrict a, const R* __restrict x, Vector<R> (&sums)[ROWS][2]) {
+  constexpr int V = Width<R>::vector;
+  for (int k = 0; k < K; k++, a += ROWS, x += 2 * V) {
+    const Vector<R> x0 = load(x), x1 = load(x + V);
+#pragma GCC unroll 16
+    for (int r = 0; r < ROWS; r++) {
+      const Vector<R> w = fill(a[r]);
+      sums[r][0] += w * x0;
+      sums[r][1] += w * x1;
+    }
+  }
+}
+
+// A weight (rows, K) in panels of at most TILE_ROWS rows, each stored column after column.
+template <class R> struct Packed {
+  int rows, K;
+  R* data;
+  Packed(int rows, int K, Arena<R>& arena) : rows(rows), K(K), data(arena.take((size_t)rows * K)) {}
+
+  // get(r, k): the weight at row r and column k.
+  template <class Get> void pack(Get get) {
+    R* at = data;
+    for (int r = 0; r < rows; r += TILE_ROWS)
+      for (int k = 0; k < K; k++)
+        for (int i = r; i < std::min(rows, r + TILE_ROWS); i++) *at++ = get(i, k);
+  }
+
+  // out (blocks, rows, block) = A x + start, a number a row or null; x and out advance by their strides a block.
+  void multiply(int blocks, const R* x, size_t x_stride, R* out, size_t out_stride, const R* start = nullptr) const {
+    for (int r = 0; r < rows; r += TILE_ROWS)
+      for (int b = 0; b < blocks; b++)
+        panel<TILE_ROWS>(std::min(TILE_ROWS, rows - r), data + (size_t)r * K, x + b * x_stride,
+                         out + b * out_stride + (size_t)r * Width<R>::block, start ? start + r : nullptr);
+  }
+
+ private:
+  template <int ROWS> void panel(int count, const R* a, const R* x, R* out, const R* start) const {
+    if constexpr (ROWS > 1)
+      if (count < ROWS) return panel<ROWS - 1>(count, a, x, out, start);
+    constexpr int V = Width<R>::vector;
+    Vector<R> sums[ROWS][2];
+#pragma GCC unroll 16
+    for (int r = 0; r < ROWS; r++) sums[r][0] = sums[r][1] = fill(start ? start[r] : R(0));
+    accumulate<R, ROWS>(K, a, x, sums);
+#pragma GCC unroll 16
+    for (int r = 0; r < ROWS; r++) store(out + 2 * r * V, sums[r][0]), store(out + (2 * r + 1) * V, sums[r][1]);
+  }
+};
+
+// The gradient of a weight, dW (rows, K + 1) += Σ over lanes of dG xᵀ, its last column that of a bias.
+template <class R> struct WeightGradient {
+  static constexpr int W = Width<R>::block;
+  int rows, K, tiles;
+  R *sums, *turned;
+  // lanes: the most blocks × block lanes that `add` is given at once.
+  WeightGradient(int rows, int K, int most_blocks, Arena<R>& arena)
+      : rows(rows), K(K), tiles((K + W) / W), sums(arena.take((size_t)tiles * rows * W)),
+        turned(arena.take((size_t)most_blocks * W * W)) {}
+
+  void clear() { std::fill_n(sums, (size_t)tiles * rows * W, R(0)); }
+
+  // g(i), x(i): block i of dG (rows, block) and of x (K, block).
+  template <class G, class X> void add(int blocks, G g, X x) {
+    for (int q = 0; q < tiles; q++) {
+      const int columns = std::min(W, K - q * W);
+      for (int i = 0; i < blocks; i++) turn(x(i) + (size_t)q * W * W, columns, turned + (size_t)i * W * W);
+      for (int r = 0; r < rows; r += TILE_ROWS) {
+        R* to = sums + ((size_t)q * rows + r) * W;
+        if (columns + 1 > Width<R>::vector)
+          tile<TILE_ROWS, 2>(std::min(TILE_ROWS, rows - r), blocks, [&](int i) { return g(i) + (size_t)r * W; }, to);
+        else
+          tile<TILE_ROWS, 1>(std::min(TILE_ROWS, rows - r), blocks, [&](int i) { return g(i) + (size_t)r * W; }, to);
+      }
+    }
+  }
+
+  R at(int r, int k) const { return sums[((size_t)(k / W) * rows + r) * W + k % W]; }
+
+ private:
+  // A tile (columns, block) turned to (block, block), with a column of ones after the last one.
+  static void turn(const R* x, int columns, R* out) {
+    for (int lane = 0; lane < W; lane++) {
+      for (int k = 0; k < columns; k++) out[lane * W + k] = x[k * W + lane];
+      for (int k = columns; k < W; k++) out[lane * W + k] = k == columns;
+    }
+  }
+
+  template <int ROWS, int VECTORS, class G> void tile(int count, int blocks, G g, R* to) {
+    if constexpr (ROWS > 1)
+      if (count < ROWS) return tile<ROWS - 1, VECTORS>(count, blocks, g, to);
+    constexpr int V = Width<R>::vector;
+    Vector<R> acc[ROWS][VECTORS];
+#pragma GCC unroll 16
+    for (int r = 0; r < ROWS; r++)
+#pragma GCC unroll 2
+      for (int v = 0; v < VECTORS; v++) acc[r][v] = load(to + r * W + v * V);
+    const R* x = turned;
+    for (int i = 0; i < blocks; i++) {
+      const R* row = g(i);
+      for (int lane = 0; lane < W; lane++, x += W, row++) {
+        Vector<R> operand[VECTORS];
+#pragma GCC unroll 2
+        for (int v = 0; v < VECTORS; v++) operand[v] = load(x + v * V);
+#pragma GCC unroll 16
+        for (int r = 0; r < ROWS; r++) {
+          const Vector<R> w = fill(row[r * W]);
+#pragma GCC unroll 2
+          for (int v = 0; v < VECTORS; v++) acc[r][v] += w * operand[v];
+        }
+      }
+    }
+#pragma GCC unroll 16
+    for (int r = 0; r < ROWS; r++)
+#pragma GCC unroll 2
+      for (int v = 0; v < VECTORS; v++) store(to + r * W + v * V, acc[r][v]);
+  }
+};

@@ -1,0 +1,309 @@
+// LSTM layers in series with diagonal peepholes, and a linear read-out: a step forward, a step back.
+//
+// Equations: registry/kernels/lstm.py. What a layer multiplies is (blocks, H + k, block), rows [m | what enters]; its
+// gates are (blocks, 4H, block), the four of a cell one after the other, so that a tile of the product holds whole
+// cells and is finished while it is in registers.
+#pragma once
+#include <vector>
+
+#include "lanes.h"
+
+template <class R> struct LayerWeights {
+  const R *input, *recurrent, *bias, *peephole;  // (4H, k), (4H, H), (4H,), (3, H)
+};
+template <class R> struct LayerGradients {
+  R *input, *recurrent, *bias, *peephole;
+};
+
+struct StackShape {
+  int layers, cells, blocks, steps;
+  int entering;   // rows that enter the first layer
+  int leading;    // this many columns of its input weights belong to its last rows
+  int wanted;     // rows from the first on whose gradient is wanted
+  bool keep;      // for a way back
+};
+
+// What dropout lets through in one step: (layers, H, lanes), or no dropout.
+template <class R> struct Mask {
+  const R* data = nullptr;
+  size_t lanes = 0, layer_stride = 0;
+  const R* at(int layer, int b) const { return data ? data + layer * layer_stride + (size_t)b * Width<R>::block : nullptr; }
+};
+
+template <class R> class Stack {
+  static constexpr int V = Width<R>::vector, W = Width<R>::block;
+  typedef Vector<R> Vec;
+
+  struct Layer {
+    int k, width;
+    R *x, *g, *c;  // histories
+    Packed<R> forward, backward;
+    R *start, *peephole;
+    R *dx, *dc, *dg, *d_peephole;
+    WeightGradient<R> gradient;
+  };
+  std::vector<Layer> layers;
+  R* seen;  // the last layer's outputs after dropout
+
+ public:
+  const StackShape s;
+  const int chunk;  // steps whose weight gradients are taken at once: about 256 rows, while they are in the cache
+
+  Stack(const StackShape& s, Arena<R>& kept, Arena<R>& scratch)
+      : s(s), chunk(std::max(1, 256 / std::max(1, s.blocks * W))) {
+    const size_t slots = s.keep ? s.steps + 1 : 2, H = s.cells, block = (size_t)s.blocks * W;
+    Arena<R> none{nullptr};
+    layers.reserve(s.layers);
+    for (int l = 0; l < s.layers; l++) {
+      const int k = l ? s.cells : s.entering, width = s.cells + k;
+      Arena<R>& back = s.keep ? scratch : none;
+      layers.push_back({k, width, kept.take(slots * width * block), s.keep ? kept.take(s.steps * 4 * H * block) : nullptr,
+                        kept.take(slots * H * block), Packed<R>(4 * s.cells, width, scratch),
+                        Packed<R>(l ? width : s.cells + s.wanted, 4 * s.cells, back), scratch.take(4 * H),
+                        scratch.take(3 * H), back.take(width * block), back.take(H * block),
+                        back.take(chunk * 4 * H * block), back.take(3 * H * V),
+                        WeightGradient<R>(4 * s.cells, width, chunk * s.blocks, back)});
+    }
+    seen = scratch.take(H * block);
+  }
+
+  void pack(const LayerWeights<R>* weights, bool backward) {
+    const int H = s.cells;
+    for (int l = 0; l < s.layers; l++) {
+      Layer& y = layers[l];
+      const LayerWeights<R>& w = weights[l];
+      const int k = y.k, turn = l ? 0 : s.leading;
+      auto at = [&](int gate_row, int column) {
+        const size_t row = (size_t)(gate_row % 4) * H + gate_row / 4;
+        return column < H ? w.recurrent[row * H + column] : w.input[row * k + (column - H + turn) % k];
+      };
+      if (backward)
+        y.backward.pack([&](int r, int c) { return at(c, r); });
+      else
+        y.forward.pack(at);
+      for (int r = 0; r < 4 * H; r++) y.start[r] = w.bias[(r % 4) * H + r / 4];
+      std::copy_n(w.peephole, 3 * H, y.peephole);
+    }
+  }
+
+  size_t slot(int t) const { return s.keep ? t : t & 1; }
+  R* x(int layer, int t, int b) { return layers[layer].x + (slot(t) * s.blocks + b) * layers[layer].width * W; }
+  R* cell(int layer, int t, int b) { return layers[layer].c + (slot(t) * s.blocks + b) * s.cells * W; }
+  // What enters the first layer at step t.
+  R* entering(int t, int b) { return x(0, t, b) + (size_t)s.cells * W; }
+
+  // m and c of all layers in rows of (batch, layers·H): into step t, or from it.
+  void states_in(const R* hidden, const R* cells, int batch, int t) {
+    const int H = s.cells, size = s.layers * H;
+    for (int l = 0; l < s.layers; l++)
+      for (int b = 0; b < s.blocks; b++) {
+        lanes_in(hidden + l * H, size, H, b, batch, x(l, t, b));
+        lanes_in(cells + l * H, size, H, b, batch, cell(l, t, b));
+      }
+  }
+  void states_out(R* hidden, R* cells, int batch, int t) {
+    const int H = s.cells, size = s.layers * H;
+    for (int l = 0; l < s.layers; l++)
+      for (int b = 0; b < s.blocks; b++) {
+        lanes_out(x(l, t, b), H, b, batch, hidden + l * H, size);
+        lanes_out(cell(l, t, b), H, b, batch, cells + l * H, size);
+      }
+  }
+
+  // From step t to t + 1; what enters is in place.
+  void forward(int t, const Mask<R>& mask = {}) {
+    const int H = s.cells;
+    for (int l = 0; l < s.layers; l++) {
+      Layer& y = layers[l];
+      for (int j = 0; j < H; j += TILE_ROWS / 4)
+        for (int b = 0; b < s.blocks; b++) {
+          const size_t at = (size_t)j * W;
+          R* up = l + 1 < s.layers ? entering_layer(l + 1, t, b) : mask.data ? seen + (size_t)b * H * W : nullptr;
+          const R* m = mask.at(l, b);
+          gates<TILE_ROWS>(std::min(TILE_ROWS, 4 * (H - j)), y, j, x(l, t, b), cell(l, t, b) + at, cell(l, t + 1, b) + at,
+                           y.g ? y.g + ((size_t)t * s.blocks + b) * 4 * H * W + 4 * at : nullptr, x(l, t + 1, b) + at,
+                           up ? up + at : nullptr, m ? m + j * mask.lanes : nullptr, mask.lanes);
+        }
+    }
+  }
+
+  // What the read-out sees after step t, block b: (H, block).
+  const R* top(int t, int b, const Mask<R>& mask = {}) {
+    return mask.data ? seen + (size_t)b * s.cells * W : x(s.layers - 1, t + 1, b);
+  }
+  void see(int t, const Mask<R>& mask) {
+    for (int b = 0; mask.data && b < s.blocks; b++) {
+      const R *m = x(s.layers - 1, t + 1, b), *through = mask.at(s.layers - 1, b);
+      R* to = seen + (size_t)b * s.cells * W;
+      for (int j = 0; j < s.cells; j++)
+        for (int i = 0; i < W; i++) to[j * W + i] = m[j * W + i] * through[j * mask.lanes + i];
+    }
+  }
+
+  // Starts the way back from the gradients of the last states.
+  void begin(const R* d_hidden, const R* d_cells, int batch) {
+    const int H = s.cells, size = s.layers * H;
+    for (int l = 0; l < s.layers; l++) {
+      Layer& y = layers[l];
+      y.gradient.clear();
+      std::fill_n(y.d_peephole, (size_t)3 * H * V, R(0));
+      for (int b = 0; b < s.blocks; b++) {
+        lanes_in(d_hidden + l * H, size, H, b, batch, d_x(l, b));
+        lanes_in(d_cells + l * H, size, H, b, batch, y.dc + (size_t)b * H * W);
+      }
+    }
+  }
+  // The gradients of the states at the start.
+  void end(R* d_hidden, R* d_cells, int batch) {
+    const int H = s.cells, size = s.layers * H;
+    for (int l = 0; l < s.layers; l++)
+      for (int b = 0; b < s.blocks; b++) {
+        lanes_out(d_x(l, b), H, b, batch, d_hidden + l * H, size);
+        lanes_out(layers[l].dc + (size_t)b * H * W, H, b, batch, d_cells + l * H, size);
+      }
+  }
+
+  // From step t + 1 to t. d_top (blocks, H, block): the gradient of what the read-out sees after the step, or null.
+  void backward(int t, const R* d_top, const Mask<R>& mask = {}) {
+    const int H = s.cells;
+    for (int l = s.layers - 1; l >= 0; l--) {
+      Layer& y = layers[l];
+      R* dg = y.dg + (size_t)(t % chunk) * s.blocks * 4 * H * W;
+      for (int b = 0; b < s.blocks; b++) {
+        const R* above = l + 1 < s.layers ? d_x(l + 1, b) + (size_t)H * W : d_top ? d_top + (size_t)b * H * W : nullptr;
+        cells(y, y.g + ((size_t)t * s.blocks + b) * 4 * H * W, cell(l, t, b), cell(l, t + 1, b), d_x(l, b), above,
+              mask.at(l, b), mask.lanes, y.dc + (size_t)b * H * W, dg + (size_t)b * 4 * H * W);
+      }
+      y.backward.multiply(s.blocks, dg, (size_t)4 * H * W, y.dx, (size_t)y.backward.rows * W);
+      if (t % chunk == 0) {
+        const R* x0 = x(l, t, 0);
+        const size_t width = (size_t)y.width * W;
+        y.gradient.add(std::min(chunk, s.steps - t) * s.blocks, [&](int i) { return y.dg + (size_t)i * 4 * H * W; },
+                       [&](int i) { return x0 + i * width; });
+      }
+    }
+  }
+  // The gradient of what entered the first layer, the wanted rows.
+  const R* d_entering(int b) { return d_x(0, b) + (size_t)s.cells * W; }
+
+  void gradients(const LayerGradients<R>* out) {
+    const int H = s.cells;
+    for (int l = 0; l < s.layers; l++) {
+      const Layer& y = layers[l];
+      const int k = y.k, turn = l ? 0 : s.leading;
+      for (int j = 0; j < H; j++) {
+        for (int gate = 0; gate < 4; gate++) {
+          const int r = 4 * j + gate;
+          const size_t row = (size_t)gate * H + j;
+          for (int c = 0; c < H; c++) out[l].recurrent[row * H + c] = y.gradient.at(r, c);
+          for (int c = 0; c < k; c++) out[l].input[row * k + (c + turn) % k] = y.gradient.at(r, H + c);
+          out[l].bias[row] = y.gradient.at(r, H + k);
+        }
+        for (int p = 0; p < 3; p++) out[l].peephole[p * H + j] = sum<R>(load(y.d_peephole + (3 * j + p) * V));
+      }
+    }
+  }
+
+ private:
+  R* entering_layer(int l, int t, int b) { return x(l, t, b) + (size_t)s.cells * W; }
+  R* d_x(int l, int b) { return layers[l].dx + (size_t)b * layers[l].backward.rows * W; }
+
+  // One tile: the gates of up to TILE_ROWS / 4 cells from cell j on, then their cells and outputs.
+  template <int ROWS>
+  void gates(int rows, const Layer& y, int j, const R* x, const R* c0, R* c1, R* g, R* m, R* up, const R* mask,
+             size_t mask_lanes) {
+    if constexpr (ROWS > 4)
+      if (rows < ROWS) return gates<ROWS - 4>(rows, y, j, x, c0, c1, g, m, up, mask, mask_lanes);
+    Vec sums[ROWS][2];
+#pragma GCC unroll 16
+    for (int r = 0; r < ROWS; r++) sums[r][0] = sums[r][1] = fill(y.start[4 * j + r]);
+    accumulate<R, ROWS>(y.width, y.forward.data + (size_t)4 * j * y.width, x, sums);
+    const int H = s.cells;
+#pragma GCC unroll 4
+    for (int q = 0; q < ROWS / 4; q++) {
+      const R pi = y.peephole[j + q], pf = y.peephole[H + j + q], po = y.peephole[2 * H + j + q];
+#pragma GCC unroll 2
+      for (int v = 0; v < 2; v++) {
+        const size_t at = (size_t)q * W + v * V;
+        const Vec before = load(c0 + at);
+        const Vec i = sigmoid<R>(sums[4 * q][v] + pi * before), f = sigmoid<R>(sums[4 * q + 1][v] + pf * before);
+        const Vec z = tanh_of<R>(sums[4 * q + 2][v]), after = f * before + i * z;
+        const Vec o = sigmoid<R>(sums[4 * q + 3][v] + po * after), out = o * tanh_of<R>(after);
+        store(c1 + at, after);
+        store(m + at, out);
+        if (up) store(up + at, mask ? out * load(mask + q * mask_lanes + v * V) : out);
+        if (g) {
+          R* to = g + (size_t)4 * q * W + v * V;
+          store(to, i), store(to + W, f), store(to + 2 * W, z), store(to + 3 * W, o);
+        }
+      }
+    }
+  }
+
+  // The gradients before the gates of one block (4H, block), and that of its cells moved on to the step before.
+  void cells(const Layer& y, const R* g, const R* c0, const R* c1, const R* d_m, const R* above, const R* mask,
+             size_t mask_lanes, R* dc, R* dg) {
+    const int H = s.cells;
+    for (int j = 0; j < H; j++) {
+      const R pi = y.peephole[j], pf = y.peephole[H + j], po = y.peephole[2 * H + j];
+      R* sums = y.d_peephole + (size_t)3 * j * V;
+      Vec di_sum = load(sums), df_sum = load(sums + V), do_sum = load(sums + 2 * V);
+      for (int v = 0; v < 2; v++) {
+        const size_t at = (size_t)j * W + v * V, row = (size_t)4 * j * W + v * V;
+        const Vec i = load(g + row), f = load(g + row + W), z = load(g + row + 2 * W), o = load(g + row + 3 * W);
+        const Vec before = load(c0 + at), after = load(c1 + at), t = tanh_of<R>(after);
+        Vec dm = load(d_m + at);
+        if (above) dm += mask ? load(above + at) * load(mask + j * mask_lanes + v * V) : load(above + at);
+        const Vec d_o = dm * t * o * (R(1) - o);
+        const Vec d = load(dc + at) + dm * o * (R(1) - t * t) + d_o * po;
+        const Vec d_i = d * z * i * (R(1) - i), d_f = d * before * f * (R(1) - f), d_z = d * i * (R(1) - z * z);
+        store(dc + at, d * f + d_i * pi + d_f * pf);
+        store(dg + row, d_i), store(dg + row + W, d_f), store(dg + row + 2 * W, d_z), store(dg + row + 3 * W, d_o);
+        di_sum += d_i * before, df_sum += d_f * before, do_sum += d_o * after;
+      }
+      store(sums, di_sum), store(sums + V, df_sum), store(sums + 2 * V, do_sum);
+    }
+  }
+};
+
+// y = A m + b of the last layer's outputs.
+template <class R> class Readout {
+  static constexpr int V = Width<R>::vector, W = Width<R>::block;
+  const int n, H, blocks;
+  Packed<R> forward_, backward_;
+  R *bias, *d_top, *sums;
+
+ public:
+  Readout(int n, int H, int blocks, Arena<R>& scratch)
+      : n(n), H(H), blocks(blocks), forward_(n, H, scratch), backward_(H, n, scratch), bias(scratch.take(n)),
+        d_top(scratch.take((size_t)blocks * H * W)), sums(scratch.take((size_t)n * (H + 1) * V)) {}
+
+  void pack(const R* weight, const R* b) {
+    forward_.pack([&](int r, int c) { return weight[(size_t)r * H + c]; });
+    backward_.pack([&](int r, int c) { return weight[(size_t)c * H + r]; });
+    std::copy_n(b, n, bias);
+  }
+  // y (n, block) of one block.
+  void forward(const R* m, R* y) const { forward_.multiply(1, m, 0, y, 0, bias); }
+
+  void begin() { std::fill_n(sums, (size_t)n * (H + 1) * V, R(0)); }
+  // From dy (blocks, n, block), its blocks `stride` apart, to what `Stack::backward` takes; m(b): what block b saw.
+  template <class M> const R* backward(const R* dy, size_t stride, M m) {
+    backward_.multiply(blocks, dy, stride, d_top, (size_t)H * W);
+    for (int b = 0; b < blocks; b++)
+      for (int r = 0; r < n; r++) {
+        const Vector<R> d0 = load(dy + b * stride + (size_t)r * W), d1 = load(dy + b * stride + (size_t)r * W + V);
+        const R* x = m(b);
+        R* to = sums + (size_t)r * (H + 1) * V;
+        for (int j = 0; j < H; j++, x += W, to += V) store(to, load(to) + d0 * load(x) + d1 * load(x + V));
+        store(to, load(to) + d0 + d1);
+      }
+    return d_top;
+  }
+  void gradients(R* weight, R* b) const {
+    for (int r = 0; r < n; r++) {
+      for (int j = 0; j < H; j++) weight[(size_t)r * H + j] = sum<R>(load(sums + ((size_t)r * (H + 1) + j) * V));
+      b[r] = sum<R>(load(sums + ((size_t)r * (H + 1) + H) * V));
+    }
+  }
+};
