@@ -21,16 +21,11 @@ template <class R> struct Arena {
 
 // sums (ROWS, block) += A (ROWS, K) X (K, block); A is stored column after column.
 template <class R, int ROWS>
-static inline void accumulate(int K, const R* __restrict a, const R* __restrict x, Vector<R> (&sums)[ROWS][2]) {
-  constexpr int V = Width<R>::vector;
-  for (int k = 0; k < K; k++, a += ROWS, x += 2 * V) {
-    const Vector<R> x0 = load(x), x1 = load(x + V);
+static inline void accumulate(int K, const R* __restrict a, const R* __restrict x, Pair<R> (&sums)[ROWS]) {
+  for (int k = 0; k < K; k++, a += ROWS, x += Width<R>::block) {
+    const Pair<R> lanes(x);
 #pragma GCC unroll 16
-    for (int r = 0; r < ROWS; r++) {
-      const Vector<R> w = fill(a[r]);
-      sums[r][0] += w * x0;
-      sums[r][1] += w * x1;
-    }
+    for (int r = 0; r < ROWS; r++) sums[r] = sums[r] + a[r] * lanes;
   }
 }
 
@@ -60,13 +55,12 @@ template <class R> struct Packed {
   template <int ROWS> void panel(int count, const R* a, const R* x, R* out, const R* start) const {
     if constexpr (ROWS > 1)
       if (count < ROWS) return panel<ROWS - 1>(count, a, x, out, start);
-    constexpr int V = Width<R>::vector;
-    Vector<R> sums[ROWS][2];
+    Pair<R> sums[ROWS];
 #pragma GCC unroll 16
-    for (int r = 0; r < ROWS; r++) sums[r][0] = sums[r][1] = fill(start ? start[r] : R(0));
+    for (int r = 0; r < ROWS; r++) sums[r] = start ? start[r] : R(0);
     accumulate<R, ROWS>(K, a, x, sums);
 #pragma GCC unroll 16
-    for (int r = 0; r < ROWS; r++) store(out + 2 * r * V, sums[r][0]), store(out + (2 * r + 1) * V, sums[r][1]);
+    for (int r = 0; r < ROWS; r++) sums[r].store_to(out + r * Width<R>::block);
   }
 };
 
@@ -102,10 +96,15 @@ template <class R> struct WeightGradient {
  private:
   // A tile (columns, block) turned to (block, block), with a column of ones after the last one.
   static void turn(const R* x, int columns, R* out) {
-    for (int lane = 0; lane < W; lane++) {
-      for (int k = 0; k < columns; k++) out[lane * W + k] = x[k * W + lane];
-      for (int k = columns; k < W; k++) out[lane * W + k] = k == columns;
-    }
+    constexpr int V = Width<R>::vector;
+    for (int q = 0; q < W; q += V)
+      for (int b = 0; b < W; b += V) {
+        Vector<R> square[V];
+        for (int k = 0; k < V; k++)
+          square[k] = q + k < columns ? load(x + (q + k) * W + b) : fill(R(q + k == columns));
+        transpose<R>(square);
+        for (int k = 0; k < V; k++) store(out + (b + k) * W + q, square[k]);
+      }
   }
 
   template <int ROWS, int VECTORS, class G> void tile(int count, int blocks, G g, R* to) {

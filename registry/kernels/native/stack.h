@@ -32,7 +32,7 @@ template <class R> struct Mask {
 
 template <class R> class Stack {
   static constexpr int V = Width<R>::vector, W = Width<R>::block;
-  typedef Vector<R> Vec;
+  typedef Pair<R> Lanes;
 
   struct Layer {
     int k, width;
@@ -174,6 +174,8 @@ template <class R> class Stack {
         cells(y, y.g + ((size_t)t * s.blocks + b) * 4 * H * W, cell(l, t, b), cell(l, t + 1, b), d_x(l, b), above,
               mask.at(l, b), mask.lanes, y.dc + (size_t)b * H * W, dg + (size_t)b * 4 * H * W);
       }
+      for (int j = 0; t && j < std::min(AHEAD, H); j++)
+        ahead(y.g + ((size_t)(t - 1) * s.blocks * H + j) * 4 * W, 4), ahead(cell(l, t - 1, 0) + (size_t)j * W, 1);
       y.backward.multiply(s.blocks, dg, (size_t)4 * H * W, y.dx, (size_t)y.backward.rows * W);
       if (t % chunk == 0) {
         const R* x0 = x(l, t, 0);
@@ -205,6 +207,12 @@ template <class R> class Stack {
   }
 
  private:
+  // Histories are read once on the way back, from far away: they are asked for this many cells ahead.
+  static constexpr int AHEAD = 8;
+  static void ahead(const R* p, int rows) {
+    for (size_t i = 0; i < rows * W * sizeof(R); i += 64) __builtin_prefetch(reinterpret_cast<const char*>(p) + i);
+  }
+
   R* entering_layer(int l, int t, int b) { return x(l, t, b) + (size_t)s.cells * W; }
   R* d_x(int l, int b) { return layers[l].dx + (size_t)b * layers[l].backward.rows * W; }
 
@@ -214,28 +222,27 @@ template <class R> class Stack {
              size_t mask_lanes) {
     if constexpr (ROWS > 4)
       if (rows < ROWS) return gates<ROWS - 4>(rows, y, j, x, c0, c1, g, m, up, mask, mask_lanes);
-    Vec sums[ROWS][2];
+    Lanes sums[ROWS];
 #pragma GCC unroll 16
-    for (int r = 0; r < ROWS; r++) sums[r][0] = sums[r][1] = fill(y.start[4 * j + r]);
+    for (int r = 0; r < ROWS; r++) sums[r] = y.start[4 * j + r];
     accumulate<R, ROWS>(y.width, y.forward.data + (size_t)4 * j * y.width, x, sums);
     const int H = s.cells;
 #pragma GCC unroll 4
     for (int q = 0; q < ROWS / 4; q++) {
       const R pi = y.peephole[j + q], pf = y.peephole[H + j + q], po = y.peephole[2 * H + j + q];
-#pragma GCC unroll 2
-      for (int v = 0; v < 2; v++) {
-        const size_t at = (size_t)q * W + v * V;
-        const Vec before = load(c0 + at);
-        const Vec i = sigmoid<R>(sums[4 * q][v] + pi * before), f = sigmoid<R>(sums[4 * q + 1][v] + pf * before);
-        const Vec z = tanh_of<R>(sums[4 * q + 2][v]), after = f * before + i * z;
-        const Vec o = sigmoid<R>(sums[4 * q + 3][v] + po * after), out = o * tanh_of<R>(after);
-        store(c1 + at, after);
-        store(m + at, out);
-        if (up) store(up + at, mask ? out * load(mask + q * mask_lanes + v * V) : out);
-        if (g) {
-          R* to = g + (size_t)4 * q * W + v * V;
-          store(to, i), store(to + W, f), store(to + 2 * W, z), store(to + 3 * W, o);
-        }
+      const size_t at = (size_t)q * W;
+      const Lanes before(c0 + at);
+      Lanes i = sums[4 * q] + pi * before, f = sums[4 * q + 1] + pf * before, z = sums[4 * q + 2];
+      gate<R>(i, f, z);
+      const Lanes after = f * before + i * z;
+      Lanes o = sums[4 * q + 3] + po * after;
+      const Lanes out = gate<R>(o, after) * o;
+      after.store_to(c1 + at);
+      out.store_to(m + at);
+      if (up) (mask ? out * Lanes(mask + q * mask_lanes) : out).store_to(up + at);
+      if (g) {
+        R* to = g + 4 * at;
+        i.store_to(to), f.store_to(to + W), z.store_to(to + 2 * W), o.store_to(to + 3 * W);
       }
     }
   }
@@ -245,23 +252,22 @@ template <class R> class Stack {
              size_t mask_lanes, R* dc, R* dg) {
     const int H = s.cells;
     for (int j = 0; j < H; j++) {
+      ahead(g + (size_t)4 * (j + AHEAD) * W, 4), ahead(c0 + (size_t)(j + AHEAD) * W, 1);
       const R pi = y.peephole[j], pf = y.peephole[H + j], po = y.peephole[2 * H + j];
       R* sums = y.d_peephole + (size_t)3 * j * V;
-      Vec di_sum = load(sums), df_sum = load(sums + V), do_sum = load(sums + 2 * V);
-      for (int v = 0; v < 2; v++) {
-        const size_t at = (size_t)j * W + v * V, row = (size_t)4 * j * W + v * V;
-        const Vec i = load(g + row), f = load(g + row + W), z = load(g + row + 2 * W), o = load(g + row + 3 * W);
-        const Vec before = load(c0 + at), after = load(c1 + at), t = tanh_of<R>(after);
-        Vec dm = load(d_m + at);
-        if (above) dm += mask ? load(above + at) * load(mask + j * mask_lanes + v * V) : load(above + at);
-        const Vec d_o = dm * t * o * (R(1) - o);
-        const Vec d = load(dc + at) + dm * o * (R(1) - t * t) + d_o * po;
-        const Vec d_i = d * z * i * (R(1) - i), d_f = d * before * f * (R(1) - f), d_z = d * i * (R(1) - z * z);
-        store(dc + at, d * f + d_i * pi + d_f * pf);
-        store(dg + row, d_i), store(dg + row + W, d_f), store(dg + row + 2 * W, d_z), store(dg + row + 3 * W, d_o);
-        di_sum += d_i * before, df_sum += d_f * before, do_sum += d_o * after;
-      }
-      store(sums, di_sum), store(sums + V, df_sum), store(sums + 2 * V, do_sum);
+      const size_t at = (size_t)j * W, row = 4 * at;
+      const Lanes i(g + row), f(g + row + W), z(g + row + 2 * W), o(g + row + 3 * W);
+      const Lanes before(c0 + at), after(c1 + at), t = tanh_of<R>(after);
+      Lanes dm(d_m + at);
+      if (above) dm = dm + (mask ? Lanes(above + at) * Lanes(mask + j * mask_lanes) : Lanes(above + at));
+      const Lanes d_o = dm * t * (o - o * o);
+      const Lanes d = Lanes(dc + at) + dm * o * (R(1) - t * t) + d_o * po;
+      const Lanes d_i = d * z * (i - i * i), d_f = d * before * (f - f * f), d_z = d * i * (R(1) - z * z);
+      (d * f + d_i * pi + d_f * pf).store_to(dc + at);
+      d_i.store_to(dg + row), d_f.store_to(dg + row + W), d_z.store_to(dg + row + 2 * W), d_o.store_to(dg + row + 3 * W);
+      store(sums, load(sums) + (d_i * before).both());
+      store(sums + V, load(sums + V) + (d_f * before).both());
+      store(sums + 2 * V, load(sums + 2 * V) + (d_o * after).both());
     }
   }
 };

@@ -2,6 +2,10 @@
 #pragma once
 #include <cstdint>
 #include <cstring>
+#include <utility>
+#if defined(__AVX512F__)
+#include <immintrin.h>
+#endif
 
 #if defined(__AVX512F__)
 constexpr int REGISTER_BYTES = 64, TILE_ROWS = 12;  // 24 sums, two operands and a factor in 32 registers
@@ -34,50 +38,116 @@ template <class R> static inline R sum(Vector<R> v) {
 template <class R> struct Exponent;
 template <> struct Exponent<float> {
   typedef int32_t bits;
-  static constexpr float magic = 12582912.f, limit = 126;  // 1.5 * 2^23: its last bits are whole numbers
-  static constexpr bits bias = 127, shift = 23;
+  static constexpr float magic = 12582912.f, limit = 41;  // 1.5 · 2^23: its last bits are whole numbers
+  static constexpr bits magic_bits = 0x4b400000, bias = 127, shift = 23;
 };
 template <> struct Exponent<double> {
   typedef int64_t bits;
-  static constexpr double magic = 6755399441055744., limit = 1022;
-  static constexpr bits bias = 1023, shift = 52;
+  static constexpr double magic = 6755399441055744., limit = 300;
+  static constexpr bits magic_bits = 0x4338000000000000, bias = 1023, shift = 52;
 };
 
-// 2^r, |r| <= 1/2: Taylor, remainder below a rounding of the type.
-static inline Vector<float> power(Vector<float> r) {
-  Vector<float> s = r * r;
-  Vector<float> a = 6.9314718056e-1f * r + 1.f, b = 5.5504108665e-2f * r + 2.4022650696e-1f;
-  Vector<float> c = 1.3333558146e-3f * r + 9.6181291076e-3f, d = 1.5252733804e-5f * r + 1.5403530393e-4f;
-  return ((d * s + c) * s + b) * s + a;
+// Of each pair of groups of S lanes: the first ones of a and b, or the second ones.
+template <class R, int S, bool SECOND, int... LANE>
+static inline Vector<R> interleave(Vector<R> a, Vector<R> b, std::integer_sequence<int, LANE...>) {
+  constexpr int V = Width<R>::vector;
+#if defined(__clang__)
+  return __builtin_shufflevector(a, b, (LANE & S ? V + LANE - (SECOND ? 0 : S) : LANE + (SECOND ? S : 0))...);
+#else
+  typedef typename Exponent<R>::bits Bits __attribute__((vector_size(REGISTER_BYTES)));
+  return __builtin_shuffle(a, b, Bits{(LANE & S ? V + LANE - (SECOND ? 0 : S) : LANE + (SECOND ? S : 0))...});
+#endif
 }
-static inline Vector<double> power(Vector<double> r) {
-  constexpr double c[] = {1.3691488853904128e-12, 2.5678435993488206e-11, 4.4455382718708116e-10,
-                          7.054911620801123e-9,   1.0178086009239699e-7,  1.3215486790144309e-6,
-                          1.5252733804059841e-5,  1.5403530393381609e-4,  1.3333558146428443e-3,
-                          9.618129107628477e-3,   5.550410866482158e-2,   2.402265069591007e-1,
-                          6.931471805599453e-1,   1.};
-  Vector<double> p = fill(c[0]);
-  for (int i = 1; i < 14; i++) p = p * r + c[i];
-  return p;
+// Rows to columns, in place.
+template <class R, int S = 1> static inline void transpose(Vector<R> (&rows)[Width<R>::vector]) {
+  constexpr int V = Width<R>::vector;
+  if constexpr (S < V) {
+#pragma GCC unroll 16
+    for (int i = 0; i < V; i++)
+      if (!(i & S)) {
+        const auto lanes = std::make_integer_sequence<int, V>();
+        const Vector<R> a = rows[i], b = rows[i + S];
+        rows[i] = interleave<R, S, false>(a, b, lanes);
+        rows[i + S] = interleave<R, S, true>(a, b, lanes);
+      }
+    transpose<R, 2 * S>(rows);
+  }
 }
 
-// exp(a x), at most 2^limit and at least its inverse. The scale multiplies: a NaN cannot lose its exponent.
-template <class R> static inline Vector<R> exp_of(Vector<R> x, R a) {
+// y within ±limit; NaN stays.
+template <class R> static inline Vector<R> clamp(Vector<R> y, R limit) {
+#if defined(__AVX512F__)  // of two operands with a NaN among them these take the second
+  if constexpr (sizeof(R) == 4)
+    return (Vector<R>)_mm512_min_ps((__m512)fill(limit), _mm512_max_ps((__m512)fill(-limit), (__m512)y));
+  else
+    return (Vector<R>)_mm512_min_pd((__m512d)fill(limit), _mm512_max_pd((__m512d)fill(-limit), (__m512d)y));
+#else
+  y = y < -limit ? fill<R>(-limit) : y;
+  return y > limit ? fill<R>(limit) : y;
+#endif
+}
+
+// The lanes of a block: two vectors, each operation on both before the next one, which hides how long it takes.
+template <class R> struct Pair {
+  Vector<R> v[2];
+  Pair() = default;
+  Pair(R x) : v{fill(x), fill(x)} {}
+  Pair(Vector<R> a, Vector<R> b) : v{a, b} {}
+  explicit Pair(const R* p) : v{load(p), load(p + Width<R>::vector)} {}
+  void store_to(R* p) const { store(p, v[0]), store(p + Width<R>::vector, v[1]); }
+  Vector<R> both() const { return v[0] + v[1]; }
+  friend Pair operator+(const Pair& x, const Pair& y) { return {x.v[0] + y.v[0], x.v[1] + y.v[1]}; }
+  friend Pair operator-(const Pair& x, const Pair& y) { return {x.v[0] - y.v[0], x.v[1] - y.v[1]}; }
+  friend Pair operator*(const Pair& x, const Pair& y) { return {x.v[0] * y.v[0], x.v[1] * y.v[1]}; }
+  friend Pair operator/(const Pair& x, const Pair& y) { return {x.v[0] / y.v[0], x.v[1] / y.v[1]}; }
+};
+
+// 2^r, |r| <= 1/2, exact at 0; relative error 2e-9, below a rounding of the type (doubles: Taylor).
+template <class R> static inline Pair<R> power(const Pair<R>& r) {
+  if constexpr (sizeof(R) == 4) {
+    const Pair<R> s = r * r;
+    const Pair<R> a = 6.9314720286e-1f * r + 1.f, b = 5.5503324710e-2f * r + 2.4022647914e-1f;
+    const Pair<R> c = 1.3398874455e-3f * r + 9.6184373585e-3f;
+    return ((1.5353361785e-4f * s + c) * s + b) * s + a;
+  } else {
+    constexpr double c[] = {1.3691488853904128e-12, 2.5678435993488206e-11, 4.4455382718708116e-10,
+                            7.054911620801123e-9,   1.0178086009239699e-7,  1.3215486790144309e-6,
+                            1.5252733804059841e-5,  1.5403530393381609e-4,  1.3333558146428443e-3,
+                            9.618129107628477e-3,   5.550410866482158e-2,   2.402265069591007e-1,
+                            6.931471805599453e-1,   1.};
+    Pair<R> p = c[0];
+    for (int i = 1; i < 14; i++) p = p * r + c[i];
+    return p;
+  }
+}
+
+// 1 + exp(a x), the exponent kept in ±limit so that the product of three is finite.
+// The scale multiplies: a NaN cannot lose its exponent.
+template <class R> static inline Pair<R> one_plus_exp(const Pair<R>& x, R a) {
   typedef Exponent<R> E;
   typedef typename E::bits Bits __attribute__((vector_size(REGISTER_BYTES)));
-  Vector<R> y = x * (a * R(1.4426950408889634074));
-  y = y < -E::limit ? fill<R>(-E::limit) : y;
-  y = y > E::limit ? fill<R>(E::limit) : y;
-  Vector<R> n = y + E::magic;
-  typename E::bits zero;
-  const R magic = E::magic;
-  std::memcpy(&zero, &magic, sizeof zero);
-  Bits i;
-  std::memcpy(&i, &n, sizeof i);
-  i = (i - zero + E::bias) << E::shift;
-  Vector<R> scale;
-  std::memcpy(&scale, &i, sizeof scale);
-  return power(y - (n - E::magic)) * scale;
+  Pair<R> y = x * (a * R(1.4426950408889634074)), scale;
+  for (auto& v : y.v) v = clamp<R>(v, E::limit);
+  const Pair<R> n = y + E::magic;
+  for (int k = 0; k < 2; k++) {
+    Bits i;
+    std::memcpy(&i, &n.v[k], sizeof i);
+    i = (i - (E::magic_bits - E::bias)) << E::shift;
+    std::memcpy(&scale.v[k], &i, sizeof i);
+  }
+  return power<R>(y - (n - E::magic)) * scale + R(1);
 }
-template <class R> static inline Vector<R> sigmoid(Vector<R> x) { return R(1) / (R(1) + exp_of<R>(x, R(-1))); }
-template <class R> static inline Vector<R> tanh_of(Vector<R> x) { return R(1) - R(2) / (R(1) + exp_of<R>(x, R(2))); }
+
+template <class R> static inline Pair<R> tanh_of(const Pair<R>& x) { return R(1) - R(2) / one_plus_exp<R>(x, R(2)); }
+// σ(i), σ(f) and tanh(z) in place: one division for all, since divisions are what gates take longest for.
+template <class R> static inline void gate(Pair<R>& i, Pair<R>& f, Pair<R>& z) {
+  const Pair<R> a = one_plus_exp<R>(i, R(-1)), b = one_plus_exp<R>(f, R(-1)), c = one_plus_exp<R>(z, R(2));
+  const Pair<R> ab = a * b, inverse = R(1) / (ab * c), of_ab = inverse * c;
+  i = of_ab * b, f = of_ab * a, z = R(1) - R(2) * (inverse * ab);
+}
+// σ(o) in place; tanh(c) is returned.
+template <class R> static inline Pair<R> gate(Pair<R>& o, const Pair<R>& c) {
+  const Pair<R> a = one_plus_exp<R>(o, R(-1)), b = one_plus_exp<R>(c, R(2)), inverse = R(1) / (a * b);
+  o = inverse * b;
+  return R(1) - R(2) * (inverse * a);
+}
