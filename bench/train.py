@@ -41,7 +41,7 @@ class Trained:
 
 
 @dataclass
-class _Run:
+class Run:
     """Where one model of the group stands."""
 
     config: RunConfig
@@ -89,7 +89,7 @@ def train(
     models = [build_scaled(c, d) for c, d in zip(configs, data, strict=True)]
     if configs[0].predictor.training != "gradient":
         return [_closed_form(m, d) for m, d in zip(models, data, strict=True)]
-    return _Group(models, [_Run(c, d) for c, d in zip(configs, data, strict=True)], checkpoint).train(progress)
+    return Group(models, [Run(c, d) for c, d in zip(configs, data, strict=True)], checkpoint).train(progress)
 
 
 def _closed_form(model: Model, data: Prepared) -> Trained:
@@ -101,10 +101,10 @@ def _closed_form(model: Model, data: Prepared) -> Trained:
     return Trained(model, "finished", 0, 0, None, [])
 
 
-class _Group:
+class Group:
     """The state of a group in training."""
 
-    def __init__(self, models: list[Model], runs: list[_Run], checkpoint: Path | None) -> None:
+    def __init__(self, models: list[Model], runs: list[Run], checkpoint: Path | None = None) -> None:
         self.runs, self.models = runs, models
         self.options: Training = runs[0].config.training
         self.shapes = {n: p.shape for n, p in models[0].named_parameters()}
@@ -129,8 +129,8 @@ class _Group:
         context = data.context if p.context_scaler is None else p.context_scaler(data.context)
         return replace(data, inputs=p.input_scaler(data.inputs), outputs=p.output_scaler(data.outputs), context=context)
 
-    def _named(self, theta: Tensor) -> dict[str, Tensor]:
-        """(M, P) → named weights (M, …)."""
+    def named(self, theta: Tensor) -> dict[str, Tensor]:
+        """Weights (M, P) of the group by name, (M, …) each."""
         sizes = [s.numel() for s in self.shapes.values()]
         pieces = theta.split([*sizes, theta.shape[-1] - sum(sizes)], -1)  # the last one is padding
         return {
@@ -163,8 +163,7 @@ class _Group:
             active = [i for i, r in enumerate(self.runs) if not r.ended]
             if not active:
                 break
-            self._step(active)
-            self.update += 1
+            self.step(active)
             if self.update % o.evaluate_every == 0 or self.update == o.updates:
                 since = (self.update - 1) % o.evaluate_every + 1
                 self._look(active, since)
@@ -174,7 +173,8 @@ class _Group:
         progress((o.updates - self.update) * len(self.runs))
         return [self._trained(i) for i in range(len(self.runs))]
 
-    def _step(self, active: list[int]) -> None:
+    def step(self, active: list[int]) -> None:
+        """One update of the models ``active``."""
         o = self.options
         whole = len(active) == len(self.runs)
         rows = slice(None) if whole else torch.tensor(active)
@@ -182,7 +182,7 @@ class _Group:
         if len(self.runs) == 1:  # noise of dropout or of a random washout start, the same after a resume
             torch.manual_seed(derive(self.runs[active[0]].config.seed, f"noise/{self.update}"))
         self.models[0].train()
-        cost = functional_call(self.models[0], self._named(theta), (*self._batch(active), o.alpha, o.beta))
+        cost = functional_call(self.models[0], self.named(theta), (*self._batch(active), o.alpha, o.beta))
         (gradient,) = torch.autograd.grad(cost.sum(), theta)
         norms = torch.stack([g.norm() for g in gradient.unbind(0)])
         cost = cost.detach()
@@ -198,6 +198,7 @@ class _Group:
         moved = theta.detach().mul(1 - rate * o.weight_decay).addcdiv_(m, spread, value=-rate / (1 - BETAS[0] ** t))
         self.theta[rows], self.m[rows], self.v[rows] = moved, m, v
         self.train_cost[rows] += cost
+        self.update += 1
 
     def _rate(self) -> float:
         """Cosine from the learning rate to its final fraction over the budget."""
@@ -218,7 +219,7 @@ class _Group:
                 continue
             with torch.no_grad():
                 windows = tuple(x.unsqueeze(0) for x in self.validation[i])
-                cost = functional_call(self.models[0], self._named(self.theta[i : i + 1]), (*windows, 1.0, 0.0))
+                cost = functional_call(self.models[0], self.named(self.theta[i : i + 1]), (*windows, 1.0, 0.0))
             validation = float(cost[0])
             run.curve.append((self.update, float(self.train_cost[i]) / since, validation))
             if not math.isfinite(validation):
@@ -234,7 +235,7 @@ class _Group:
 
     def _trained(self, i: int) -> Trained:
         run, model = self.runs[i], self.models[i]
-        named = {n: w[0] for n, w in self._named(self.best[i : i + 1]).items()}
+        named = {n: w[0] for n, w in self.named(self.best[i : i + 1]).items()}
         with torch.no_grad():
             for name, weight in model.named_parameters():
                 weight.copy_(named[name])

@@ -28,6 +28,7 @@ class Main(click.Group):
         ("ui", "bench.cli.track"),
         ("sync", "bench.cli.track"),
         ("score-discovery", "bench.cli.score"),
+        ("speed", "bench.cli.speed"),
     )
 
     def list_commands(self, ctx: click.Context) -> list[str]:

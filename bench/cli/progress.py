@@ -55,8 +55,8 @@ class Meter:
 
 
 @contextmanager
-def meter(console: Console, total: float, runs: int) -> Iterator[Meter]:
-    """Show progress over work of size ``total`` that ends in ``runs`` new records."""
+def meter(console: Console, total: float, runs: int, unit: str = "runs") -> Iterator[Meter]:
+    """Show progress over work of size ``total`` that ends in ``runs`` new records, which are called ``unit``."""
     if not console.is_terminal:
         last = [0.0]
 
@@ -65,7 +65,7 @@ def meter(console: Console, total: float, runs: int) -> Iterator[Meter]:
             if now - last[0] >= EVERY:
                 last[0] = now
                 left = "" if m.left is None else f", about {clock(m.left)} left"
-                console.print(f"{m.finished}/{m.runs} runs, {m.done / m.total:.0%}{left}: {m.current}")
+                console.print(f"{m.finished}/{m.runs} {unit}, {m.done / m.total:.0%}{left}: {m.current}")
 
         yield Meter(total, runs, line)
         return
@@ -83,7 +83,7 @@ def meter(console: Console, total: float, runs: int) -> Iterator[Meter]:
         yield Meter(
             total,
             runs,
-            lambda m: bar.update(task, completed=m.done, description=m.current, runs=f"{m.finished}/{m.runs} runs"),
+            lambda m: bar.update(task, completed=m.done, description=m.current, runs=f"{m.finished}/{m.runs} {unit}"),
         )
 
 

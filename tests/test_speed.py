@@ -1,0 +1,88 @@
+"""What `bench speed` measures: its reference computes the paper's equations, and its gates say what the rows say."""
+
+import json
+from pathlib import Path
+
+import oracle
+import pytest
+import torch
+from click.testing import CliRunner
+
+from bench.cli.speed import speed_command
+from bench.speed.floor import floating_operations
+from bench.speed.gates import GATES
+from bench.speed.measure import Measured
+from bench.speed.naive import NaiveLSTM, NaiveMLFC
+from bench.speed.rows import ROWS, Row
+from bench.speed.timing import Effort, interleaved
+from registry import PREDICTORS
+from registry.contracts import Problem
+
+
+def noise(*shape: int, seed: int) -> torch.Tensor:
+    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+@pytest.mark.parametrize(("name", "delays"), [("LSTM", 1), ("LSTM TDL", 3), ("MLFC", 1)])
+@pytest.mark.parametrize("layers", [1, 3])
+def test_the_reference_is_the_oracle(name: str, delays: int, layers: int) -> None:
+    options = {"delays": delays} if name == "LSTM TDL" else {}
+    predictor = PREDICTORS.get(name)(layers=layers, hidden=4, **options).build(Problem.plain(3, 2, 9, 5)).double()
+    with torch.no_grad():
+        for i, p in enumerate(predictor.parameters()):
+            p.copy_(0.6 * noise(*p.shape, seed=100 + i))
+    weights = predictor.state_dict()
+    naive = NaiveMLFC(3, 2, layers, 4) if name == "MLFC" else NaiveLSTM(3, 2, layers, 4, delays)
+    u, state = noise(5, 9, 3, seed=1), noise(5, predictor.layout.size, seed=2)
+    outputs = naive.double().load(weights)(u, state)
+    arrays = {k: v.numpy() for k, v in weights.items()}
+    more = {} if name == "MLFC" else {"delays": delays}
+    want, _ = (oracle.mlfc_rollout if name == "MLFC" else oracle.lstm_rollout)(arrays, u.numpy(), state.numpy(), **more)
+    torch.testing.assert_close(outputs, torch.from_numpy(want), rtol=1e-12, atol=1e-12)
+
+
+def test_the_floor_counts_what_the_equations_multiply() -> None:
+    """Weights of `weight_count`'s products without biases, peepholes and read-outs."""
+    for row, want in (
+        (Row("LSTM", 2, 50, 190, 256), 200 * 57 + 200 * 100),
+        (Row("LSTM TDL", 1, 50, 190, 256), 200 * 120),
+        (Row("MLFC", 2, 100, 190, 256), 2 * 100 * 207),
+    ):
+        assert floating_operations(row.products, 256) == 6 * want * 190 * 256
+
+
+def test_slow_work_is_told_from_quick_work_whatever_runs_beside() -> None:
+    a = torch.randn(150, 150)
+    work = {"once": lambda: a @ a, "thrice": lambda: [a @ a for _ in range(3)]}
+    found = interleaved(work, Effort(rounds=5, fewest=3, shortest=0.01, budget=5))
+    assert 2 < found["thrice"] / found["once"] < 4
+
+
+def test_gates_read_the_rows() -> None:
+    row = Row("LSTM", 4, 200, 190, 256)
+    plain = [Measured(row, 2000.0, 1500.0, 1400.0, 1000.0, 950.0).plain()]
+    said = {(g.what, round(v, 3), g.holds(v)) for g in GATES if (v := g.value(plain)) is not None}
+    assert said == {
+        ("of its time is products", 0.95, True),
+        ("times the reference's speed", 2.0, True),
+        ("of nn.LSTM's time", 0.667, True),
+        ("times the reference's speed, PyTorch kernel", 1.429, False),
+    }
+    two = Measured(Row("LSTM", 1, 50, 40, 64, processes=2), native_ms=10.0, more={"one_process_ms": 9.0})
+    assert [g.value([two.plain()]) for g in GATES if g.over == "one_process_ms"] == [1.8]
+    every = [
+        {**Measured(r, 1, 1, 1, 1, 1, {"parts_ms": 1, "networks_ms": 1, "one_process_ms": 1}).plain()} for r in ROWS
+    ]
+    assert all(g.value(every) is not None for g in GATES), "a gate without a row"
+
+
+def test_a_quick_run_measures_every_kind_of_row(tmp_path: Path) -> None:
+    done = CliRunner().invoke(speed_command, ["--quick", "--json", str(tmp_path / "speed.json")])
+    assert done.exit_code == 0, done.output
+    rows = json.loads((tmp_path / "speed.json").read_text())["rows"]
+    for r in rows:
+        assert r["torch_ms"] > 0 and r["floor_ms"] > 0 and r["threads"] == 1 and r["dtype"] == "float32"
+        assert (r["naive_ms"] is None) == (r["task"] == "step" or r["model"] == "Hybrid") == (r["library_ms"] is None)
+    assert {r["model"] for r in rows} == {"LSTM", "LSTM TDL", "MLFC", "Hybrid"}
+    assert 0 <= next(r for r in rows if r["task"] == "step")["outside_share"] < 1
+    assert "Milliseconds of one step" in done.output
