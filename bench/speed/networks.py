@@ -14,6 +14,7 @@ from bench.speed.naive import NaiveLSTM, NaiveMLFC
 from bench.speed.rows import DELAYS, INPUTS, OUTPUTS, TAU, Row
 from bench.speed.timing import Contender
 from registry.contracts import Channel, Composite, Predictor, Problem
+from registry.kernels.native.library import core
 from registry.units import SIGNALS
 
 KERNEL = "BENCH_KERNEL"
@@ -70,7 +71,8 @@ class Library(nn.Module):
 
 def kernels() -> list[str]:
     """The kernels that this machine has, the fastest last."""
-    return ["pytorch"]
+    with using("auto"):
+        return ["pytorch", "native"] if core() else ["pytorch"]
 
 
 @contextmanager

@@ -35,14 +35,17 @@ class Core:
     compiler: str
 
 
-@lru_cache(maxsize=1)
 def core() -> Core | None:
     """The compiled core, built if need be; None where the PyTorch kernel is to be used.
 
     Raises:
         BenchError: ``BENCH_KERNEL`` is native and there is no native kernel, or is none of its values.
     """
-    choice = os.environ.get("BENCH_KERNEL", "auto")
+    return _chosen(os.environ.get("BENCH_KERNEL", "auto"))
+
+
+@lru_cache
+def _chosen(choice: str) -> Core | None:
     if choice not in _CHOICES:
         raise BenchError(f"BENCH_KERNEL={choice!r} is no kernel: {near(choice, _CHOICES)}")
     if choice == "pytorch":
