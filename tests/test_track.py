@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from synthetic_records import synthetic_record
 
@@ -65,7 +66,7 @@ def test_a_single_axis_is_not_drawn_again_as_its_norms(results, mirrored):
 def test_norms_are_drawn_where_several_axes_are_predicted(records):
     record = RunRecord(records[0].folder)
     second = record.steps[record.steps.norm == "axis"].assign(quantity="body_rates.q")
-    record.__dict__["steps"] = track.pd.concat([record.steps, second])
+    record.__dict__["steps"] = pd.concat([record.steps, second])
     names = {name for name, _, _ in track.metrics(record)[0]}
     assert "error_mean/body_rates paper norm T40 deg per s" in names
     assert "error_mean/body_rates.q T40 deg per s" in names
@@ -113,7 +114,7 @@ def test_mirroring_again_changes_nothing(results, records, mirrored):
 def test_an_interrupted_mirroring_is_completed_without_duplicates(tmp_path, monkeypatch):
     record, uri = synthetic_record(tmp_path / "runs"), track.default_uri(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr(track, "_dataset", lambda summary: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr("bench.track.records._dataset", lambda summary: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
             track.mirror([record.folder], uri, "e")
     assert rows(tmp_path, "SELECT status FROM runs") == [("RUNNING",)]
