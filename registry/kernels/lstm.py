@@ -8,7 +8,6 @@ is a compiler, and PyTorch.
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from registry.kernels import lstm_torch
@@ -60,13 +59,7 @@ def lstm(
         weights += [output_weight, output_bias]
     models, batch, steps, _ = inputs.shape
     mask = dropout_mask(dropout, inputs, len(layers), steps, models, layers[0].recurrent.shape[-1], batch + -batch % 32)
-    core = library.core() if _plain(inputs, fed, hidden, cell, forced, *weights) else None
+    core = library.core_for(inputs, fed, hidden, cell, forced, *weights)
     if core is None:
         return lstm_torch.run(inputs, fed, hidden, cell, forced, mask, weights)
     return native.lstm(core, inputs, fed, hidden, cell, forced, mask, weights)
-
-
-def _plain(first: Tensor, *others: Tensor | None) -> bool:
-    """Whether all are of one type that the native kernel knows, on the CPU."""
-    known = first.device.type == "cpu" and first.dtype in (torch.float32, torch.float64)
-    return known and all(x is None or (x.device == first.device and x.dtype == first.dtype) for x in others)

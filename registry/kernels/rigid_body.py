@@ -57,7 +57,7 @@ class RigidBodyStep:
             gravity: g [m/s²].
             coupling: κ (3,), ((J_y − J_z)/J_x, (J_z − J_x)/J_y, (J_x − J_y)/J_z).
         """
-        like, self.dt, self.coupling = coupling.detach(), dt, coupling
+        like, self.dt, self.gravity, self.coupling = coupling.detach(), dt, gravity, coupling
         turning = like.new_tensor(_turning())
         turning[4:] *= like[:, None, None]
         self.turning = turning.view(7, 21)

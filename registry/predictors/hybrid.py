@@ -13,11 +13,18 @@ from registry.errors import BenchError
 from registry.kernels.affine import affine
 from registry.kernels.lstm import Layer
 from registry.kernels.lstm_cell import LSTMCell
+from registry.kernels.native import hybrid as native
+from registry.kernels.native.library import Core, core_for
 from registry.physics.quadrotor import Quadrotor
 from registry.predictors.lstm import LSTMWeights
 from registry.predictors.middle import AnyMiddle, Middle, RigidBodyMiddle, fitted, with_constants
 from registry.predictors.physics import digest
 from registry.predictors.white_box import WhiteBox, default_signals
+
+States = list[tuple[Tensor, Tensor]]
+"""Hidden and cell states (B, L·H) of each network."""
+Ran = tuple[Tensor, Tensor, Tensor, States]
+"""Outputs (B, T, n), those before compensation, and the states after the run: of the physics model, of the networks."""
 
 
 class Network(Predictor):
@@ -36,6 +43,12 @@ class Network(Predictor):
         self.output_weight = nn.Parameter(torch.zeros(rows, entry.hidden))
         self.output_bias = nn.Parameter(torch.zeros(rows))
 
+    def weights(self) -> list[Tensor]:
+        """Those of the layers, one layer after the other, then of the read-out; without a model dimension."""
+        series = (self.input_weight, self.recurrent_weight, self.bias, self.peephole)
+        each = [_single(w, dims) for ws in zip(*series, strict=True) for w, dims in zip(ws, (2, 2, 1, 2), strict=True)]
+        return [*each, _single(self.output_weight, 2), _single(self.output_bias, 1)]
+
     def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """No buffers (B, 0)."""
         return inputs[..., -1, :0]
@@ -53,10 +66,9 @@ class _Running:
     """A network in the loop: its weights laid out, and its states (L, H, B) now."""
 
     def __init__(self, network: Network, hidden: Tensor, cell: Tensor) -> None:
-        series = (network.input_weight, network.recurrent_weight, network.bias, network.peephole)
-        self.cell = LSTMCell([Layer(*map(_single, ws, (2, 2, 1, 2))) for ws in zip(*series, strict=True)])
-        self.weight = _single(network.output_weight, 2)
-        self.bias = _single(network.output_bias, 1).unsqueeze(-1)
+        *layers, self.weight, bias = network.weights()
+        self.cell = LSTMCell([Layer(*layers[i : i + 4]) for i in range(0, len(layers), 4)])
+        self.bias = bias.unsqueeze(-1)
         self.states = tuple(s.T.unflatten(0, (network.layers, -1)).contiguous() for s in (hidden, cell))
 
     def read(self) -> Tensor:
@@ -68,9 +80,10 @@ class _Running:
         self.states = self.cell(entering, *self.states)
         return self.read()
 
-    def ends(self) -> list[Tensor]:
+    def ends(self) -> tuple[Tensor, Tensor]:
         """Hidden and cell states (B, L·H) now."""
-        return [s.flatten(0, 1).T for s in self.states]
+        hidden, cell = (s.flatten(0, 1).T for s in self.states)
+        return hidden, cell
 
 
 def _single(weight: Tensor, dims: int) -> Tensor:
@@ -107,6 +120,8 @@ class HybridPredictor(Composite):
         into[range(n), self.box.rows] = out[self.box.rows, range(n)] = 1.0
         self.register_buffer("picking", into, persistent=False)
         self.register_buffer("putting", out, persistent=False)
+        self.register_buffer("rows", torch.tensor(self.box.rows), persistent=False)
+        self.rows: Tensor
         self.picking: Tensor
         self.putting: Tensor
 
@@ -162,15 +177,27 @@ class HybridPredictor(Composite):
             return one[0].unsqueeze(0), one[1].unsqueeze(0), one[2].unsqueeze(0)
         buffer, hidden, cell = self.layout.split(state)
         sizes = [p.layout.hidden for p in self._networks()]
-        pieces = zip(hidden.split(sizes, -1), cell.split(sizes, -1), strict=True)
-        networks = [_Running(p, *x) for p, x in zip(self._networks(), pieces, strict=True)]
-        first, second = networks[0], networks[1] if len(networks) > 1 else None
+        states = list(zip(hidden.split(sizes, -1), cell.split(sizes, -1), strict=True))
         driving = self.input_scaler.invert(inputs)[..., self.box.drives]
+        last = driving[..., -1, :] if inputs.shape[-2] else buffer[..., : len(self.box.drives)]
         middle = self._middle(buffer[..., : len(self.box.drives)], driving)
+        start = self._states(buffer)
+        core = core_for(inputs, state, feedback, self.input_network.output_weight)
+        if core is not None and isinstance(middle, RigidBodyMiddle):
+            after, before, x, ends = self._native(core, inputs, start, middle, states, feedback)
+        else:
+            after, before, x, ends = self._loop(inputs, start, middle, states, feedback)
+        hidden, cell = (torch.cat(pair, -1) for pair in zip(*ends, strict=True))
+        return after, before, torch.cat([last, x, hidden, cell], -1)
+
+    def _loop(self, inputs: Tensor, x: Tensor, middle: Middle, states: States, feedback: Tensor | None) -> Ran:
+        """Step by step, for any physics."""
+        networks = [_Running(p, *pair) for p, pair in zip(self._networks(), states, strict=True)]
+        first, second = networks[0], networks[1] if len(networks) > 1 else None
         scale, offset = self.output_scaler.scale, self.output_scaler.offset
         picking, putting = self.picking / scale.unsqueeze(-1), self.putting * scale
         ground = (-offset / scale).unsqueeze(-1)
-        x = self._states(buffer).T
+        x = x.T
         y = torch.addmm(ground, picking, x)
         u = inputs.permute(1, 2, 0).contiguous()  # (T, m, B)
         fed = None if feedback is None else feedback.permute(1, 2, 0)
@@ -192,11 +219,19 @@ class HybridPredictor(Composite):
             if y is not moved:
                 x = torch.addmm(x, putting, y - moved)
             start = end
-        last = driving[..., -1, :] if len(u) else buffer[..., : len(self.box.drives)]
-        ends = zip(*(network.ends() for network in networks), strict=True)
-        hidden, cell = (torch.cat(pair, -1) for pair in ends)
         after, before = (torch.stack(series).permute(2, 0, 1) for series in (outputs, uncompensated))
-        return after, before, torch.cat([last, x.T, hidden, cell], -1)
+        return after, before, x.T, [network.ends() for network in networks]
+
+    def _native(
+        self, core: Core, inputs: Tensor, x: Tensor, middle: RigidBodyMiddle, states: States, feedback: Tensor | None
+    ) -> Ran:
+        """All steps in one call."""
+        scaler = self.output_scaler
+        between = native.Between(
+            self.rows, scaler.scale, scaler.offset, middle.scale.squeeze(-1), middle.held, self.added
+        )
+        networks = [native.Network(p.weights(), *pair) for p, pair in zip(self._networks(), states, strict=True)]
+        return native.hybrid(core, inputs, x, middle.body, between, networks, middle.given, feedback)
 
     def _states(self, buffer: Tensor) -> Tensor:
         return buffer[..., len(self.box.drives) :]

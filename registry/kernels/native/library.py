@@ -17,6 +17,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import torch
+from torch import Tensor
+
 from registry.errors import BenchError, near
 
 NUMERICS = 1
@@ -58,6 +61,13 @@ def _chosen(choice: str) -> Core | None:
         logging.getLogger(__name__).warning("Training takes the slower PyTorch kernel: %s.", reason)
         os.environ["BENCH_KERNEL"] = "pytorch"  # worker processes follow, and do not say it again
         return None
+
+
+def core_for(first: Tensor, *others: Tensor | None) -> Core | None:
+    """`core`, where all are of one type that it knows, on the CPU."""
+    known = first.device.type == "cpu" and first.dtype in (torch.float32, torch.float64)
+    same = known and all(x is None or (x.device == first.device and x.dtype == first.dtype) for x in others)
+    return core() if same else None
 
 
 def name() -> str:

@@ -153,6 +153,11 @@ template <class R> class Stack {
       }
     }
   }
+  // Adds (blocks, H, block) to the gradient of the last layer's outputs, where the way back now is.
+  void push(const R* d_top) {
+    for (int b = 0; b < s.blocks; b++)
+      for (int i = 0; i < s.cells * W; i++) d_x(s.layers - 1, b)[i] += d_top[(size_t)b * s.cells * W + i];
+  }
   // The gradients of the states at the start.
   void end(R* d_hidden, R* d_cells, int batch) {
     const int H = s.cells, size = s.layers * H;

@@ -1,0 +1,90 @@
+"""A call of the compiled core: a structure of sizes and addresses, and what they belong to."""
+
+import ctypes
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from registry.kernels.native.library import Core
+from registry.kernels.native.workspace import Workspace
+
+
+class Call:
+    """A function family ``{family}_{sizes,forward,backward}_{f,d}``; every array is of one type, f or d."""
+
+    family: ClassVar[str]
+    structure: ClassVar[type[ctypes.Structure]]
+
+    def __init__(self, core: Core, like: Tensor, **sizes: float) -> None:
+        """
+        Args:
+            core: the library.
+            like: an array of the type of all.
+            sizes: fields of the structure that are numbers.
+        """
+        self.core, self.like = core, like
+        self.fields: Any = self.structure(**sizes)
+        self.held: list[Any] = []
+        self.kept: Workspace | None = None
+
+    def point(self, name: str, x: Tensor | None, at: int | None = None) -> None:
+        """Set a field (or its element ``at``) to an array, which is held until this object goes."""
+        if x is not None:
+            x = x.contiguous()
+            self.held.append(x)
+            self._set(name, x.data_ptr(), at)
+
+    def table(self, name: str, entries: ctypes.Array[Any]) -> None:
+        """Set a field to a table that C reads."""
+        self.held.append(entries)
+        self._set(name, ctypes.addressof(entries), None)
+
+    def new(self, name: str, shape: tuple[int, ...], at: int | None = None) -> Tensor:
+        """A fresh array to be written."""
+        x = self.like.new_empty(shape)
+        self._set(name, x.data_ptr(), at)
+        return x
+
+    def _set(self, name: str, address: int, at: int | None) -> None:
+        if at is None:
+            setattr(self.fields, name, address)
+        else:
+            getattr(self.fields, name)[at] = address
+
+    def run(self, what: str, models: int = 1) -> None:
+        """Forward or backward, in work space of its own; what forward keeps is of this object."""
+        self._call("sizes")
+        if what == "forward":
+            self.kept = Workspace(self.fields.kept_size * models, self.like.dtype)
+            self.fields.kept = self.kept.address
+        scratch = Workspace(self.fields.scratch_size, self.like.dtype)
+        self.fields.scratch = scratch.address
+        self._call(what)
+
+    def _call(self, what: str) -> None:
+        kind = "f" if self.like.dtype == torch.float32 else "d"
+        getattr(self.core.functions, f"{self.family}_{what}_{kind}")(ctypes.byref(self.fields))
+
+
+def structure(sizes: str, numbers: str = "", arrays: str = "", pairs: str = "") -> tuple[tuple[str, Any], ...]:
+    """Fields of a structure: integers, doubles, addresses (those among ``pairs`` twice), then the two work-space sizes.
+
+    Args:
+        sizes, numbers, arrays, pairs: names with spaces in between.
+    """
+    address: Any = ctypes.c_void_p
+    return (
+        *((n, ctypes.c_int64) for n in sizes.split()),
+        *((n, ctypes.c_double) for n in numbers.split()),
+        *((n, address * 2 if n in pairs.split() else address) for n in arrays.split()),
+        ("kept", ctypes.c_void_p),
+        ("scratch", ctypes.c_void_p),
+        ("kept_size", ctypes.c_int64),
+        ("scratch_size", ctypes.c_int64),
+    )
+
+
+def addresses(tensors: list[Tensor]) -> ctypes.Array[Any]:
+    """A table of addresses."""
+    return (ctypes.c_void_p * len(tensors))(*(x.data_ptr() for x in tensors))
