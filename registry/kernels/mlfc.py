@@ -11,6 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from registry.kernels.native import library
+from registry.kernels.native import mlfc as native
 from registry.kernels.pointwise import dropout_mask, pad16, pad_batch, tanh_, tanh_grad
 
 
@@ -38,6 +40,10 @@ def mlfc(
         outputs (M, B, T, n) and hidden (M, B, L·H) after the run.
     """
     batch, t = inputs.shape[1:3]
+    core = library.core_for(inputs, fed, hidden, forced, readout, *layers)
+    if core is not None:
+        mask = dropout_mask(dropout, inputs, t, inputs.shape[0], hidden.shape[-1], batch + -batch % 32)
+        return native.mlfc(core, inputs, fed, hidden, forced, mask, [*layers, readout])
     inputs, fed, hidden = (pad_batch(x) for x in (inputs, fed, hidden))
     forced = None if forced is None else pad_batch(forced)
     mask = dropout_mask(dropout, inputs, t, inputs.shape[0], hidden.shape[-1], inputs.shape[1])
