@@ -81,87 +81,119 @@ class Prepared:
 
     def gather(self, starts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """History inputs (B, τ, m) and outputs (B, τ, n + c), horizon inputs (B, T, m) and outputs (B, T, n), SI."""
-        index = starts.unsqueeze(-1) + torch.arange(self.tau + self.horizon)
-        u, y = self.inputs[index], self.outputs[index]
+        length = self.tau + self.horizon
+        u, y = _at(self.inputs, starts, length), _at(self.outputs, starts, length)
         history = y[:, : self.tau]
         if self.context_channels:
-            history = torch.cat([history, self.context[index[:, : self.tau]]], -1)
+            history = torch.cat([history, _at(self.context, starts, self.tau)], -1)
         return u[:, : self.tau], history, u[:, self.tau :], y[:, self.tau :]
 
 
+def _at(signals: Tensor, starts: Tensor, length: int) -> Tensor:
+    """Windows (B, length, c) of signals (N, c), each copied in one piece."""
+    samples, width = signals.shape
+    windows = signals.as_strided((samples - length + 1, length, width), (width, width, 1))
+    return windows[starts]
+
+
 def prepare(config: RunConfig) -> Prepared:
-    """Windows and scalers of a run.
+    """Windows and scalers of a run; runs that differ in model, training or seed share them.
 
     Raises:
         BenchError: a signal that was not measured, a split that overlaps, or a part without a single window.
     """
-    config = config.resolved()
-    recordings = load(config.dataset).recordings
+    c = config.resolved()
+    strides = {"training": c.train_stride, "validation": c.test_stride, "test": c.test_stride}
+    signals = c.inputs, c.outputs, c.context
+    return _prepare(c.dataset, signals, choose_split(c), c.tau, c.horizon, tuple(strides.items()))
+
+
+@lru_cache(maxsize=32)
+def _prepare(
+    dataset: Dataset,
+    signals: tuple[tuple[str, ...], ...],
+    split: Split,
+    tau: int,
+    horizon: int,
+    strides: tuple[tuple[str, int], ...],
+) -> Prepared:
+    recordings = load(dataset).recordings
     rate = recordings[0].rate
     odd = [r.name for r in recordings if r.rate != rate]
     if odd:
         raise BenchError(f"Recording {odd[0]} is not at {rate:g} Hz like {recordings[0].name}: resample one of them.")
-    split = choose_split(config)
-    (inputs, u_channels), (outputs, y_channels), (context, c_channels) = (
-        _pick(recordings, selectors) for selectors in (config.inputs, config.outputs, config.context)
-    )
-    both = {c.name for c in (*u_channels, *c_channels)} & {c.name for c in y_channels}
+    inputs, outputs, context = (_signals(dataset, selectors) for selectors in signals)
+    both = {c.name for c in (*inputs.channels, *context.channels)} & {c.name for c in outputs.channels}
     if both:
         raise BenchError(f"{', '.join(sorted(both))} cannot be an input and an output at once.")
-    joined = np.concatenate([r.valid for r in recordings])
-    joined &= np.isfinite(inputs).all(1) & np.isfinite(outputs).all(1) & np.isfinite(context).all(1)
-    valid = np.split(joined, np.cumsum([len(r) for r in recordings])[:-1])
-    offsets = np.cumsum([0, *(len(r) for r in recordings)])
-    length = config.tau + config.horizon
+    joined = np.concatenate([r.valid for r in recordings]) & inputs.finite & outputs.finite & context.finite
+    ends = np.cumsum([len(r) for r in recordings])
+    valid = np.split(joined, ends[:-1])
+    length = tau + horizon
 
-    def windows(names: Sequence[str], stride: int, part: str) -> Windows:
+    def windows(part: str, names: Sequence[str], stride: int) -> Windows:
         starts, which = [], []
         for i, r in enumerate(recordings):
             if r.name in names:
-                found = window_starts(valid[i], length, stride, (GRID - config.tau) % stride)
-                starts.append(found + offsets[i])
+                found = window_starts(valid[i], length, stride, (GRID - tau) % stride)
+                starts.append(found + ends[i] - len(r))
                 which.append(np.full(len(found), i))
-        joined = np.concatenate(starts) if starts else np.empty(0, int)
-        if not len(joined):
+        together = np.concatenate(starts) if starts else np.empty(0, int)
+        if not len(together):
             raise BenchError(
-                f"The {part} part of {config.dataset.label} has no window of {config.tau} + "
-                f"{config.horizon} valid samples: shorten the horizon or give it other recordings."
+                f"The {part} part of {dataset.label} has no window of {tau} + "
+                f"{horizon} valid samples: shorten the horizon or give it other recordings."
             )
-        return Windows(torch.from_numpy(joined), np.concatenate(which))
+        return Windows(torch.from_numpy(together), np.concatenate(which))
 
-    train = np.concatenate([v & (r.name in split.train) for v, r in zip(valid, recordings, strict=True)])
+    parts = (split.train, split.validation, split.test)
+    train, validation, test = (windows(part, names, n) for (part, n), names in zip(strides, parts, strict=True))
+    trained = np.concatenate([v & (r.name in split.train) for v, r in zip(valid, recordings, strict=True)])
 
-    def scale(x: np.ndarray) -> tuple[Tensor, Tensor]:
-        part = x[train].astype(np.float64)
+    def scale(x: Tensor) -> tuple[Tensor, Tensor]:
+        part = x.numpy()[trained].astype(np.float64)
         return torch.from_numpy(part.mean(0)).float(), torch.from_numpy(part.std(0)).float()
 
     return Prepared(
-        inputs=torch.from_numpy(np.nan_to_num(inputs)),
-        outputs=torch.from_numpy(np.nan_to_num(outputs)),
-        context=torch.from_numpy(np.nan_to_num(context)),
-        input_channels=u_channels,
-        output_channels=y_channels,
-        context_channels=c_channels,
+        inputs=inputs.values,
+        outputs=outputs.values,
+        context=context.values,
+        input_channels=inputs.channels,
+        output_channels=outputs.channels,
+        context_channels=context.channels,
         rate=rate,
-        tau=config.tau,
-        horizon=config.horizon,
-        train=windows(split.train, config.train_stride, "training"),
-        validation=windows(split.validation, config.test_stride, "validation"),
-        test=windows(split.test, config.test_stride, "test"),
+        tau=tau,
+        horizon=horizon,
+        train=train,
+        validation=validation,
+        test=test,
         names=tuple(r.name for r in recordings),
         split=split,
-        input_scale=scale(inputs),
-        output_scale=scale(outputs),
-        context_scale=scale(context),
+        input_scale=scale(inputs.values),
+        output_scale=scale(outputs.values),
+        context_scale=scale(context.values),
     )
 
 
-def _pick(recordings: Sequence[Recording], selectors: Sequence[str]) -> tuple[np.ndarray, tuple[Channel, ...]]:
-    """The named signals of all recordings, joined (N, c) float32, and their channels."""
-    if not selectors:
-        return np.empty((sum(map(len, recordings)), 0), np.float32), ()
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """Some signals of all recordings, joined."""
+
+    values: Tensor
+    """(N, c) float32, zero where it is not finite."""
+    channels: tuple[Channel, ...]
+    finite: np.ndarray
+    """(N,) whether all of a sample are."""
+
+
+@lru_cache(maxsize=16)
+def _signals(dataset: Dataset, selectors: tuple[str, ...]) -> _Signals:
+    recordings = load(dataset).recordings
     picked = [r.pick(selectors) for r in recordings]
-    return np.concatenate([values for values, _ in picked]).astype(np.float32), picked[0][1]
+    values = np.concatenate([v.astype(np.float32) for v, _ in picked])
+    finite = np.isfinite(values).all(1)
+    values[~finite] = np.nan_to_num(values[~finite])
+    return _Signals(torch.from_numpy(values), picked[0][1], finite)
 
 
 def window_starts(valid: np.ndarray, length: int, stride: int, first: int = 0) -> np.ndarray:
@@ -219,6 +251,13 @@ def _row_hashes(recording: Recording) -> np.ndarray:
     return hashes
 
 
+def _among(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Which of the values (N,) are among the known ones, sorted; `np.isin` would sort these again."""
+    if not len(known):
+        return np.zeros(len(values), bool)
+    return known[np.minimum(np.searchsorted(known, values), len(known) - 1)] == values
+
+
 def refuse_overlap(recordings: Sequence[Recording], parts: dict[str, tuple[str, ...]]) -> None:
     """Raise `BenchError` when recordings of two parts share a stretch of `OVERLAP` samples, shifted or not."""
     hashes = {r.name: _row_hashes(r) for r in recordings}
@@ -227,7 +266,7 @@ def refuse_overlap(recordings: Sequence[Recording], parts: dict[str, tuple[str, 
         known = np.unique(np.concatenate([hashes[n] for n in parts[first]] or [np.empty(0, np.uint64)]))
         for second in sides[a + 1 :]:
             for name in parts[second]:
-                shared = np.isin(hashes[name], known)
+                shared = _among(hashes[name], known)
                 shared[1:] &= hashes[name][1:] != hashes[name][:-1]  # a vehicle at rest resembles any other at rest
                 run = np.convolve(shared, np.ones(OVERLAP), "valid") if len(shared) >= OVERLAP else np.zeros(0)
                 if not (run > OVERLAP - 0.5).any():
