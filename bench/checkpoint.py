@@ -1,7 +1,9 @@
 """Where a training stands, on disk: tensors and plain data in one safetensors file, replaced atomically."""
 
+import hashlib
 import json
 import os
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -11,27 +13,43 @@ from torch import Tensor
 
 
 class Checkpoint:
-    """One file; a kill while it is written leaves the one before."""
+    """One file; a kill while it is written leaves the one before.
+
+    It is not flushed to the disk, which would cost a short training more than it is worth: a digest tells what a power
+    cut has torn, and that training starts over.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def save(self, tensors: dict[str, Tensor], state: dict[str, Any]) -> None:
         """Replace the checkpoint; a disk that is full or read-only costs the checkpoint, not the training."""
-        draft = self.path.with_name(f"{self.path.name}.{os.getpid()}")
+        draft: Path | None = None
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            safetensors.torch.save_file(
-                {k: t.contiguous() for k, t in tensors.items()}, draft, {"state": json.dumps(state)}
-            )
+            handle, name = tempfile.mkstemp(prefix=f"{self.path.name}.", dir=self.path.parent)
+            os.close(handle)
+            draft = Path(name)
+            whole, text = {k: t.contiguous() for k, t in tensors.items()}, json.dumps(state)
+            safetensors.torch.save_file(whole, draft, {"state": text, "digest": _digest(whole, text)})
             os.replace(draft, self.path)
         except (OSError, safetensors.SafetensorError):
-            draft.unlink(missing_ok=True)
+            if draft is not None:
+                draft.unlink(missing_ok=True)
 
     def load(self) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
-        """Tensors and state; None where there is no checkpoint or an unreadable one."""
+        """Tensors and state; None where there is no checkpoint or a torn one."""
         try:
             with safetensors.safe_open(self.path, framework="pt") as f:
-                return {k: f.get_tensor(k) for k in f.keys()}, json.loads(f.metadata()["state"])  # noqa: SIM118
+                tensors, said = {k: f.get_tensor(k) for k in f.keys()}, f.metadata()  # noqa: SIM118
+            return (tensors, json.loads(said["state"])) if _digest(tensors, said["state"]) == said["digest"] else None
         except (OSError, safetensors.SafetensorError, KeyError, TypeError, ValueError):
             return None
+
+
+def _digest(tensors: dict[str, Tensor], state: str) -> str:
+    found = hashlib.sha256(state.encode())
+    for name in sorted(tensors):
+        found.update(name.encode())
+        found.update(tensors[name].numpy().tobytes())
+    return found.hexdigest()

@@ -9,9 +9,10 @@ from typing import Any
 
 import pandas as pd
 
+from bench import durable
 from bench.claims.evidence import FILE, write_evidence
 from bench.grid import matched
-from bench.record import RunRecord, write_json
+from bench.record import RunRecord, json_text
 from bench.study import Study
 from bench.tables import specs
 from registry.errors import BenchError
@@ -42,10 +43,16 @@ class Concluded:
 def concluded(results: Path) -> Iterator[Concluded]:
     """Every study in the results folder."""
     for path in sorted((results / "studies").glob("*/study.json")):
-        content = json.loads(path.read_text())
-        files = [path.parent / name for name in content["files"]]
-        kept = [f for f in files if f.is_file()]
-        yield Concluded(path.parent, content["title"], content["study"], content["keys"], content["command"], kept)
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            files = [path.parent / name for name in content["files"]]
+            kept = [f for f in files if f.is_file()]
+            found = Concluded(
+                path.parent, content["title"], content["study"], list(content["keys"]), content["command"], kept
+            )
+        except (OSError, ValueError, TypeError, LookupError, RecursionError) as error:
+            raise BenchError(f"{path} is damaged ({error}): remove it, or run the study again.") from error
+        yield found
 
 
 def all_steps(records: Sequence[RunRecord]) -> pd.DataFrame:
@@ -73,15 +80,26 @@ def conclude(
     Returns:
         The files worth attaching to a tracker.
     """
+    from bench import report
+
+    pairs = tuple(matched(study.pairs, specs(records))) if study else ()
+    report.render_terminal(records, pairs, out, study.contrasts if study else ())
+    try:
+        return _write(records, title, study, command, folder)
+    except OSError as error:
+        raise BenchError(
+            f"The results folder {folder} cannot be written: {error.strerror or error}; every finished run is kept, "
+            "and the same command makes the rest."
+        ) from error
+
+
+def _write(records: Sequence[RunRecord], title: str, study: Study | None, command: str, folder: Path) -> list[Path]:
+    """The files of the folder; ``study.json``, which says that the study is finished, comes last."""
     from bench import figures, report, study_page
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BenchError(f"The results folder {folder} cannot be written: {error.strerror or error}.") from error
+    folder.mkdir(parents=True, exist_ok=True)
     pairs = tuple(matched(study.pairs, specs(records))) if study else ()
     within = study.contrasts if study else ()
-    report.render_terminal(records, pairs, out, within)
     figures.per_step_figure(records, folder / "error_per_step.png")
     if study is None and records[0].finished:
         figures.box_figure(records[0], folder / "error_distribution.png")
@@ -90,15 +108,13 @@ def conclude(
     all_steps(records).to_parquet(folder / STEPS, index=False)
     write_evidence(records, folder / FILE)
     files = [p for p in sorted(folder.iterdir()) if p.suffix in (".png", ".svg", ".md", ".html")]
-    write_json(
-        folder / "study.json",
-        {
-            "title": title,
-            "study": study.name if study else None,
-            "keys": [r.key for r in records],
-            "command": command,
-            "files": [p.name for p in files],
-            "runs": [{name: r.summary[name] for name in PUBLISHED} for r in records],
-        },
-    )
+    content = {
+        "title": title,
+        "study": study.name if study else None,
+        "keys": [r.key for r in records],
+        "command": command,
+        "files": [p.name for p in files],
+        "runs": [{name: r.summary[name] for name in PUBLISHED} for r in records],
+    }
+    durable.write_text(folder / "study.json", json_text(content))
     return files

@@ -1,21 +1,13 @@
-"""Run many configurations: skip what is recorded, group what has one shape, use one or several processes.
+"""Run many configurations: skip what is recorded, group what has one shape, hand it to workers.
 
-One path over `concurrent.futures.Executor`. Workers get configurations and return outcomes; the driver alone
-writes records, so a kill loses at most the groups in hand, and those go on from their last checkpoint.
+Workers get configurations and return outcomes; the driver alone writes records, so a kill loses at most the groups in
+hand, and those go on from their last checkpoint.
 """
 
-import ctypes
 import hashlib
-import multiprocessing
 import os
-import queue
-import signal
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED as FIRST
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,6 +17,7 @@ import torch
 from bench import record
 from bench.config import RunConfig, from_json, run_key, shape_key, to_json
 from bench.data import choose_split, digest, prepare
+from bench.executor import tell, work_off
 from bench.record import RunRecord
 from bench.run import Outcome, run_group
 from bench.train import independent
@@ -107,59 +100,20 @@ def plan(configs: Iterable[RunConfig], runs: Path) -> Plan:
     return result
 
 
-class _Inline(Executor):
-    """Runs a task when it is submitted, in this process."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-_ticks: Any = None
+def unrecorded(todo: Plan, runs: Path) -> Plan:
+    """The plan without what has been recorded since it was made."""
+    left = Plan(todo.keys, [], list(todo.done))
+    for task in todo.tasks:
+        rest = [(c, k) for c, k in zip(task.configs, task.keys, strict=True) if not record.exists(runs, k)]
+        left.done += [k for k in task.keys if k not in [r for _, r in rest]]
+        if rest:
+            left.tasks.append(Task(tuple(c for c, _ in rest), tuple(k for _, k in rest)))
+    return left
 
 
-def _start_worker(ticks: Any) -> None:
-    global _ticks
-    _ticks = ticks
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the driver's to handle
-    if sys.platform == "linux":  # a driver that is killed takes its workers along
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
-
-
-def _work(plain: Sequence[dict[str, Any]], checkpoint: Path, weight: float) -> list[Outcome]:
+def _work(plain: Sequence[dict[str, Any]], checkpoint: str, weight: float) -> list[Outcome]:
     """In a worker: train a group, telling the driver about progress."""
-    return run_group([from_json(p) for p in plain], lambda n: _ticks.put(n * weight), checkpoint)
-
-
-@contextmanager
-def _executor(workers: int, tick: Callable[[float], None]) -> Iterator[tuple[Executor, Any]]:
-    """An executor and the queue through which its tasks report progress."""
-    global _ticks
-    if workers <= 1:
-        _ticks = _Direct(tick)
-        yield _Inline(), None
-        return
-    context = multiprocessing.get_context("spawn")
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    ticks = context.Queue()
-    pool = ProcessPoolExecutor(workers, context, _start_worker, (ticks,))
-    try:
-        yield pool, ticks
-    finally:
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-class _Direct:
-    """Stands in for the queue when tasks run in this process."""
-
-    def __init__(self, tick: Callable[[float], None]) -> None:
-        self.put = tick
+    return run_group([from_json(p) for p in plain], lambda n: tell(n * weight), Path(checkpoint))
 
 
 def execute(
@@ -182,6 +136,9 @@ def execute(
 
     Returns:
         All records of the plan, in the order asked.
+
+    Raises:
+        BenchError: a folder that cannot be written, or workers that die again and again.
     """
     try:
         runs.mkdir(parents=True, exist_ok=True)
@@ -189,42 +146,23 @@ def execute(
         raise BenchError(f"The results folder {runs} cannot be written: {error.strerror or error}.") from error
     if not os.access(runs, os.W_OK):
         raise BenchError(f"The results folder {runs} cannot be written: choose another with --results.")
-    waiting = list(todo.tasks)
-    with _executor(min(workers, len(waiting)), tick) as (executor, ticks):
-        pending: dict[Future[list[Outcome]], Task] = {}
-        while waiting or pending:
-            while waiting and len(pending) < max(1, workers):
-                task = waiting.pop(0)
-                starting(task)
-                weight = task.cost / (task.updates * len(task.configs))
-                plain = [to_json(c) for c in task.configs]
-                pending[executor.submit(_work, plain, runs / ".partial" / task.checkpoint, weight)] = task
-            done, _ = wait(pending, timeout=0.5, return_when=FIRST)
-            _drain(ticks, tick)
-            failed = [f for f in done if f.exception()]
-            for future in sorted(done, key=failed.__contains__):  # what is good is kept before anything is raised
-                task = pending.pop(future)
-                try:
-                    outcomes = future.result()
-                except BrokenProcessPool:
-                    raise BenchError(
-                        f"A worker process died while training {task.name} (out of memory?): what was finished is "
-                        "kept, start again, with fewer --workers if it happens twice."
-                    ) from None
-                for outcome in outcomes:
-                    finished(write(outcome, runs))
-                (runs / ".partial" / task.checkpoint).unlink(missing_ok=True)
+    partial = runs / ".partial"
+
+    def jobs() -> Iterator[tuple[Task, Callable[..., list[Outcome]], tuple[Any, ...]]]:
+        for task in todo.tasks:
+            starting(task)
+            weight = task.cost / (task.updates * len(task.configs))
+            yield task, _work, ([to_json(c) for c in task.configs], str(partial / task.checkpoint), weight)
+
+    with closing(work_off(jobs(), min(workers, len(todo.tasks)), tick, lambda task: task.name)) as done:
+        for task, outcomes in done:
+            for outcome in outcomes:
+                finished(write(outcome, runs))
+            for left in partial.glob(f"{task.checkpoint}*"):  # drafts of killed workers as well
+                left.unlink(missing_ok=True)
     with suppress(OSError):
-        (runs / ".partial").rmdir()  # stays while another driver's checkpoints are in it
+        partial.rmdir()  # stays while another driver's checkpoints are in it
     return [RunRecord(runs / key) for key in todo.keys]
-
-
-def _drain(ticks: Any, tick: Callable[[float], None]) -> None:
-    while ticks is not None:
-        try:
-            tick(ticks.get_nowait())
-        except queue.Empty:
-            return
 
 
 def write(outcome: Outcome, runs: Path) -> RunRecord:

@@ -22,6 +22,7 @@ import safetensors
 import safetensors.torch
 from torch import Tensor
 
+from bench import durable
 from registry.errors import BenchError, near
 
 T = TypeVar("T")
@@ -103,9 +104,14 @@ def sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
+def json_text(content: Mapping[str, Any]) -> str:
     """Canonical JSON: sorted keys, no NaN."""
-    path.write_text(json.dumps(content, sort_keys=True, indent=1, allow_nan=False) + "\n")
+    return json.dumps(content, sort_keys=True, indent=1, allow_nan=False) + "\n"
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write canonical JSON."""
+    path.write_text(json_text(content))
 
 
 def write(
@@ -137,12 +143,10 @@ def write(
         write_json(draft / "record.json", {**summary, "files": files})
         write_json(draft / "provenance.json", provenance)
         for path in [*draft.iterdir(), draft]:
-            handle = os.open(path, os.O_RDONLY)
-            os.fsync(handle)
-            os.close(handle)
+            durable.flush(path)
         if final.exists() and not exists(runs, final.name):  # damaged from outside
             os.rename(final, runs / f".damaged-{final.name}-{os.getpid()}")
-        os.rename(draft, final)
+        durable.move(draft, final)
     except (OSError, safetensors.SafetensorError) as error:
         if exists(runs, final.name):  # another process finished the same run first
             return RunRecord(final)

@@ -1,7 +1,7 @@
 """A small data set of a known system, registered as a plug-in would register its own."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -49,6 +49,23 @@ class Toy(Dataset):
 
     def split(self, names: Sequence[str]) -> Split:
         return Split(tuple(names[:-2]), (names[-2],), (names[-1],))
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--faults-table", metavar="FILE", help="Write what the fault tests killed, and what was lost.")
+
+
+@pytest.fixture(scope="session")
+def faults(request: pytest.FixtureRequest) -> Iterator[Callable[..., None]]:
+    """Enters a row: what was hit, how often, records lost, records damaged, what was trained again."""
+    rows: list[tuple[str, ...]] = []
+    yield lambda *row: rows.append(tuple(map(str, row)))
+    target = request.config.getoption("--faults-table", None)
+    if target and rows:
+        head = ("what was hit", "times", "finished records lost", "damaged", "trained again")
+        lines = [" | ".join(("", *row, "")).strip() for row in (head, ("---",) * len(head), *sorted(rows))]
+        command = "tox -e cluster -- --faults-table results/published/faults.md"
+        Path(target).write_text("\n".join(["# What dies, and what is lost", "", f"`{command}`", "", *lines, ""]))
 
 
 @pytest.fixture(scope="session")

@@ -3,18 +3,19 @@
 import os
 import shlex
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.console import Console
 from rich.markup import escape
 
-from bench import engine, study
+from bench import engine, lock, study
 from bench.cli.progress import clock, meter
 from bench.config import RunConfig
+from bench.mirroring import Mirroring
 from bench.record import RunRecord
 
 
@@ -58,76 +59,61 @@ def say(out: Console, job: Job, todo: engine.Plan) -> int:
 
 
 def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
-    """Train what is missing, then print the table and write figures."""
-    models = say(out, job, todo)
-    workers = place.workers or min(os.cpu_count() or 1, max(1, sum(t.updates > 200 for t in todo.tasks)))
-    tracker = _tracker(place, job.title, job.target if job.study else None)
-    with meter(out, sum(t.cost for t in todo.tasks) or 1.0, models) as progress:
+    """Train what is missing, then print the table and write figures; one driver at a time.
 
-        def finished(record: RunRecord) -> None:
-            progress.record()
-            tracker([record])
-
-        records = engine.execute(todo, place.runs, workers, progress.tick, finished, lambda t: progress.start(t.name))
-    if models:
-        out.print(f"{models} runs in {clock(time.monotonic() - progress.started)} with {workers} process(es).")
-    tracker([r for r in records if r.key in todo.done])
-    _conclude(out, records, job, place.results, tracker)
-
-
-class _Tracker:
-    """Mirrors records in MLflow as they come; a tracking server that fails is said once and does not stop a study."""
-
-    def __init__(self, uri: str | None, experiment: str, name: str | None) -> None:
-        self.uri, self.experiment, self.study = uri, experiment, name
-        self.experiment_id: str | None = None
-
-    def __call__(self, records: list[RunRecord]) -> None:
-        if self.uri and records:
-            from bench import track
-
-            self._try(lambda: track.mirror([r.folder for r in records], self.uri or "", self.experiment, self.study))
-
-    def attach(self, files: list[Path]) -> None:
-        """Study-level figures and tables."""
-        if self.uri:
-            from bench import track
-
-            self._try(lambda: track.attach(self.uri or "", self.experiment, self.study or self.experiment, files))
-
-    def _try(self, action: Callable[[], Any]) -> None:
-        from bench.track import TrackingError
-
-        try:
-            result = action()
-            self.experiment_id = getattr(result, "experiment_id", self.experiment_id)
-        except TrackingError as error:
-            click.echo(f"bench: {error}", err=True)
-            self.uri = None
-
-
-def _tracker(place: Place, experiment: str, name: str | None) -> _Tracker:
-    if place.no_track:
-        return _Tracker(None, experiment, name)
-    from bench import track
-
-    return _Tracker(place.tracking or track.default_uri(place.results), experiment, name)
-
-
-def _conclude(out: Console, records: list[RunRecord], job: Job, results: Path, tracker: _Tracker) -> None:
-    """Table on the terminal; table, figure and all steps in one folder; where to look next."""
+    Raises:
+        BenchError: another driver is at this study, the results folder cannot be written, or workers die.
+    """
     from bench import conclude
 
-    folder = results / "studies" / conclude.slug(job.title)
-    command = shlex.join(["bench", *_portable(job.command)])
-    files = conclude.conclude(out, records, job.title, job.study, command, folder)
-    tracker.attach(files)
-    out.print(f"Figure and tables: {escape(str(folder))}")
-    if tracker.uri:
-        out.print(
-            f"Browse all runs: [bold]bench ui --results {escape(str(results))}[/] "
-            f"(opens on the chart of “{escape(job.title)}”)"
-        )
+    folder = place.results / "studies" / conclude.slug(job.title)
+    with lock.held(folder, job.title), _mirroring(place, job) as mirror:
+        todo = engine.unrecorded(todo, place.runs)
+        models = say(out, job, todo)
+        workers = place.workers or min(os.cpu_count() or 1, max(1, sum(t.updates > 200 for t in todo.tasks)))
+        with meter(out, sum(t.cost for t in todo.tasks) or 1.0, models) as progress:
+
+            def finished(record: RunRecord) -> None:
+                progress.record()
+                if mirror:
+                    mirror.add([record.folder])
+
+            records = engine.execute(
+                todo, place.runs, workers, progress.tick, finished, lambda t: progress.start(t.name)
+            )
+        if models:
+            out.print(f"{models} runs in {clock(time.monotonic() - progress.started)} with {workers} process(es).")
+        if mirror:
+            mirror.add(place.runs / key for key in todo.done)
+        command = shlex.join(["bench", *_portable(job.command)])
+        files = conclude.conclude(out, records, job.title, job.study, command, folder)
+        out.print(f"Figure and tables: {escape(str(folder))}")
+        if mirror:
+            mirror.attach(files)
+            _browse(out, mirror.finish(), job, place)
+
+
+@contextmanager
+def _mirroring(place: Place, job: Job) -> Iterator[Mirroring | None]:
+    """MLflow beside the study, gone with it; None where it is to be left alone."""
+    if place.no_track:
+        yield None
+        return
+    uri = place.tracking or f"sqlite:///{place.results.resolve() / 'mlflow.db'}"
+    mirror = Mirroring(uri, job.title, job.target if job.study else None, lambda s: click.echo(f"bench: {s}", err=True))
+    try:
+        yield mirror
+    finally:
+        mirror.stop()
+
+
+def _browse(out: Console, missing: int, job: Job, place: Place) -> None:
+    """Where to look next."""
+    where = f"--results {escape(str(place.results))}"
+    if missing:
+        out.print(f"{missing} runs are not in MLflow yet: [bold]bench sync {where}[/] logs them.")
+    else:
+        out.print(f"Browse all runs: [bold]bench ui {where}[/] (opens on the chart of “{escape(job.title)}”)")
 
 
 def _portable(arguments: list[str]) -> list[str]:

@@ -34,7 +34,7 @@ class Meter:
 
     def tick(self, cost: float) -> None:
         """A part of the work is done."""
-        self.done += cost
+        self.done = min(self.total, self.done + cost)  # a group that is handed out again is counted again
         self.show(self)
 
     def record(self) -> None:

@@ -118,8 +118,7 @@ def run_command(
         estimate(out, planned, place)
         return
     for made, todo in planned:
-        # Planned again: an earlier study may have made some of its runs.
-        carry_out(out, made, engine.plan(made.configs, place.runs) if target == ALL else todo, place)
+        carry_out(out, made, todo, place)
 
 
 def _check_target(target: str) -> None:

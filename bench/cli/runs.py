@@ -8,7 +8,7 @@ import click
 import pandas as pd
 from rich.table import Table
 
-from bench import record
+from bench import lock, record
 from bench.cli import options
 from registry.errors import BenchError
 from registry.units import to_si
@@ -154,6 +154,9 @@ def _flat(nested: object, prefix: str = "") -> dict[str, object]:
 def prune_command(results: Path, diverged: bool, yes: bool) -> None:
     """Remove what a kill left behind: drafts, checkpoints of groups, records whose files were altered."""
     runs = results / "runs"
+    busy = lock.holders(results / "studies")
+    if busy:
+        raise BenchError(f"Runs are being made ({'; '.join(busy)}): prune when that has ended.")
     doomed = [*runs.glob(".draft-*"), *runs.glob(".damaged-*"), *runs.glob(".partial")]
     doomed += [r.folder for r in record.all_records(runs) if record.verify(r) or (diverged and not r.finished)]
     if not doomed:

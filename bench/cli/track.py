@@ -25,16 +25,23 @@ def ui_command(results: Path, tracking: str | None, port: int, study: str | None
 @options.results
 @options.tracking
 def sync_command(results: Path, tracking: str | None) -> None:
-    """Log every recorded run and study in MLflow again; what is already there stays as it is."""
+    """Log every recorded run and study in MLflow again; what is already there stays as it is.
+
+    Runs that a killed driver has left half logged are completed.
+    """
     from bench import conclude, track
 
-    uri = tracking or track.default_uri(results)
-    logged = 0
+    own = track.default_uri(results)
+    uri, logged = tracking or own, 0
     for study in conclude.concluded(results):
         folders = [results / "runs" / key for key in study.keys]
         present = [f for f in folders if (f / "record.json").is_file()]
-        track.mirror(present, uri, study.title, study.study)
+        there = track.whole(uri, study.title, study.study)
+        track.mirror([f for f in present if f.name not in there], uri, study.title, study.study)
         track.attach(uri, study.title, study.study or study.title, study.files)
         logged += len(present)
         click.echo(f"{study.title}: {len(present)} runs")
+    repaired = track.repair(uri, results / "runs", own=uri == own)
+    if repaired:
+        click.echo(f"{repaired} runs that were left half logged are repaired.")
     click.echo(f"{logged} runs are in MLflow at {uri}.")

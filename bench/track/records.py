@@ -55,7 +55,7 @@ def mirror(folders: Iterable[Path], tracking_uri: str, experiment: str, study: s
     """
     with connected(tracking_uri) as client:
         experiment_id = experiment_of(client, tracking_uri, experiment, SECTIONS)
-        runs = tuple(_mirror_one(client, experiment_id, RunRecord(Path(f)), study) for f in folders)
+        runs = tuple(mirror_one(client, experiment_id, RunRecord(Path(f)), study) for f in folders)
         return MirrorResult(experiment_id, runs)
 
 
@@ -80,7 +80,8 @@ def attach(tracking_uri: str, experiment: str, study: str, files: Iterable[Path]
         return str(run.info.run_id)
 
 
-def _mirror_one(client: MlflowClient, experiment_id: str, record: RunRecord, study: str | None) -> str:
+def mirror_one(client: MlflowClient, experiment_id: str, record: RunRecord, study: str | None) -> str:
+    """Log one finished record and give back its run's id; see `mirror`."""
     summary, provenance = record.summary, record.provenance
     run = find_run(client, experiment_id, "run_key", record.key)
     if run is None:

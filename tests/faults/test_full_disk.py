@@ -1,0 +1,80 @@
+"""A disk that is full at any moment: one sentence, and every finished record as it was."""
+
+import errno
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from faults.test_kills import sound, study
+from rich.console import Console
+
+from bench import checkpoint, conclude, durable, engine, record
+from registry.errors import BenchError
+
+
+def full(*args: object, **kwargs: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize(
+    ("owner", "name"), [(durable, "flush"), (record, "sha256"), (os, "replace"), (record.pq, "write_table")]
+)
+def test_a_record_that_does_not_fit_is_one_sentence(
+    owner: object, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configs = study(2)
+    engine.execute(engine.plan(configs[:1], tmp_path), tmp_path)
+    before = sound(tmp_path)
+    with monkeypatch.context() as patch, pytest.raises(BenchError, match="cannot be written: No space left") as error:
+        patch.setattr(owner, name, full)
+        engine.execute(engine.plan(configs, tmp_path), tmp_path)
+    assert "\n" not in str(error.value)
+    assert sound(tmp_path) == before and not list(tmp_path.glob(".draft-*"))
+    assert len(engine.execute(engine.plan(configs, tmp_path), tmp_path)) == 2
+
+
+def test_checkpoints_that_do_not_fit_cost_no_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = engine.execute(engine.plan(study(1), tmp_path / "a"), tmp_path / "a")
+    monkeypatch.setattr(checkpoint.safetensors.torch, "save_file", _torn(record.safetensors.torch.save_file))
+    again = engine.execute(engine.plan(study(1), tmp_path / "b"), tmp_path / "b")
+    assert record.differences(whole[0], again[0]) == []
+
+
+def _torn(real: Callable[..., None]) -> Callable[..., None]:
+    """Writes half of every checkpoint; records are spared."""
+
+    def save(tensors: dict[str, object], path: Path, *metadata: dict[str, str]) -> None:
+        real(tensors, path, *metadata)
+        if metadata:
+            os.truncate(path, path.stat().st_size // 2)
+            full()
+
+    return save
+
+
+def test_a_torn_checkpoint_is_not_gone_on_from(tmp_path: Path) -> None:
+    import torch
+
+    place = checkpoint.Checkpoint(tmp_path / "c")
+    place.save({"theta": torch.arange(100.0)}, {"update": 7})
+    assert place.load() is not None
+    content = bytearray(place.path.read_bytes())
+    content[-40:] = bytes(40)  # a page that never reached the disk
+    place.path.write_bytes(content)
+    assert place.load() is None
+
+
+def test_a_study_whose_report_does_not_fit_keeps_its_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, faults: Callable[..., None]
+) -> None:
+    runs = tmp_path / "runs"
+    records = engine.execute(engine.plan(study(2), runs), runs)
+    before, folder = sound(runs), tmp_path / "studies" / "s"
+    with monkeypatch.context() as patch, pytest.raises(BenchError, match="No space left on device; every finished"):
+        patch.setattr(conclude.pd.DataFrame, "to_parquet", full)
+        conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
+    assert sound(runs) == before and not list(conclude.concluded(tmp_path))
+    conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
+    assert [c.title for c in conclude.concluded(tmp_path)] == ["s"]
+    faults("the disk, full at every place that writes (ENOSPC, RLIMIT_FSIZE)", 7, 0, 0, "what did not fit")

@@ -1,0 +1,133 @@
+"""Drivers killed at random moments and at every step of writing a record."""
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Toy
+
+from bench import durable, engine, record
+from bench.config import RunConfig, Training
+from bench.executor import work_off
+from bench.notation import parse
+from registry.errors import BenchError
+
+KILLS = 50
+
+
+def study(seeds: int = 8) -> list[RunConfig]:
+    """Trainings too thin to be grouped, so that there is a record to write every few moments."""
+    training = Training(updates=20, evaluate_every=5, batch=32)
+    one = RunConfig(*parse("LSTM: 1x6 - MLP: 6x10"), Toy(samples=200), horizon=6, training=training)
+    return [replace(one, seed=s) for s in range(seeds)]
+
+
+def run(configs: list[RunConfig], runs: Path) -> list[record.RunRecord]:
+    return engine.execute(engine.plan(configs, runs), runs)
+
+
+def forked(action: Callable[[], object]) -> int:
+    """A driver process with everything imported."""
+    pid = os.fork()
+    if pid == 0:
+        try:
+            action()
+        finally:
+            os._exit(0)
+    return pid
+
+
+def sound(runs: Path) -> dict[str, int]:
+    """Every record reads and is as it was written; when each was made."""
+    made = {}
+    for r in record.all_records(runs):
+        assert record.verify(r) == []
+        assert len(r.steps) and len(r.curve) and len(r.windows) and r.weights() and r.config
+        made[r.key] = r.provenance["started_ms"]
+    return made
+
+
+@pytest.mark.faults
+def test_kills_at_random_moments_leave_whole_records(
+    tmp_path: Path, faults: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    configs = study()
+    began = time.monotonic()
+    whole = run(configs, tmp_path / "whole")
+    takes = time.monotonic() - began
+    rng = np.random.default_rng(0)
+    kills, again, rounds, made = 0, 0, 0, dict[str, int]()
+    runs = tmp_path / "killed"
+    while kills < KILLS:
+        if len(made) == len(configs):  # the study is through: once more, from nothing
+            runs, made, rounds = tmp_path / f"killed{rounds}", {}, rounds + 1
+        pid = forked(lambda runs=runs: run(configs, runs))
+        time.sleep(rng.uniform(0.02, 0.5 * takes))
+        os.kill(pid, signal.SIGKILL)
+        _, status = os.waitpid(pid, 0)
+        kills += os.WIFSIGNALED(status)
+        now = sound(runs)
+        assert all(now[key] == when for key, when in made.items())  # nothing that was finished is made again
+        again += len(now) < len(configs)
+        made = now
+    finished = run(configs, runs)
+    assert rounds or made
+    for a, b in zip(whole, finished, strict=True):
+        assert record.differences(a, b) == []
+    assert not (runs / ".partial").exists()
+    faults("the driver, at random moments of a small study (kill -9)", KILLS, 0, 0, "what it had in hand")
+
+
+STEPS = 10
+"""Seven files and their folder flushed, the folder renamed, the folder around it flushed."""
+
+
+def test_a_kill_at_any_step_of_writing_leaves_a_whole_record_or_none(tmp_path: Path) -> None:
+    (done,) = run(study(1), tmp_path / "whole")
+    tables = {"steps": done.steps, "curve": done.curve, "windows": done.windows}
+    content = (done.summary, done.config, tables, done.weights(), done.provenance)
+
+    def write_until(step: int, runs: Path) -> None:
+        left = [step]
+
+        def dying(real: Callable[..., None]) -> Callable[..., None]:
+            def call(*args: object) -> None:
+                if left[0] == 0:
+                    os.kill(os.getpid(), signal.SIGKILL)
+                left[0] -= 1
+                real(*args)
+
+            return call
+
+        durable.flush = dying(durable.flush)  # type: ignore[assignment]
+        os.replace = dying(os.replace)  # type: ignore[assignment]
+        record.write(runs, *content)
+
+    for step in range(STEPS + 1):
+        runs = tmp_path / str(step)
+        _, status = os.waitpid(forked(lambda step=step, runs=runs: write_until(step, runs)), 0)
+        assert os.WIFSIGNALED(status) == (step < STEPS)
+        assert len(sound(runs)) == (step >= STEPS - 1)
+        assert record.differences(done, record.write(runs, *content)) == []
+
+
+def test_a_worker_that_dies_is_replaced(tmp_path: Path) -> None:
+    """The job kills its own process the first time."""
+    jobs = [(i, _fragile, (str(tmp_path / str(i)), i)) for i in range(3)]
+    with closing(work_off(iter(jobs), 2, lambda message: None, str)) as done:
+        assert sorted(done) == [(0, 0), (1, 10), (2, 20)]
+    with pytest.raises(BenchError, match="died 3 times in a row, the last one at 7"):
+        list(work_off(iter([(7, os.abort, ())]), 2, lambda message: None, str))
+
+
+def _fragile(mark: str, i: int) -> int:
+    if i == 1 and not Path(mark).exists():
+        Path(mark).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 10 * i
