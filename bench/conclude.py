@@ -25,7 +25,7 @@ PUBLISHED = ("key", "spec", "dataset", "outputs", "horizon", "seed", "status", "
 
 def slug(title: str) -> str:
     """A file name for a title."""
-    return re.sub(r"[^A-Za-z0-9.]+", "-", title).strip("-").lower()
+    return re.sub(r"[^A-Za-z0-9.]+", "-", title).strip("-.").lower()
 
 
 @dataclass(frozen=True)

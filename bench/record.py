@@ -76,7 +76,14 @@ class RunRecord:
         path = self.folder / name
         try:
             return reader(path)
-        except (OSError, ValueError, TypeError, pa.ArrowException, safetensors.SafetensorError) as error:
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+            RecursionError,
+            pa.ArrowException,
+            safetensors.SafetensorError,
+        ) as error:
             raise BenchError(
                 f"{path} is damaged or missing: `bench runs prune` removes the run, then the command that made it "
                 "makes it again."

@@ -27,6 +27,8 @@ class Main(click.Group):
         ("diagnose", "bench.cli.diagnose"),
         ("ui", "bench.cli.track"),
         ("sync", "bench.cli.track"),
+        ("export", "bench.cli.archive"),
+        ("import", "bench.cli.archive"),
         ("score-discovery", "bench.cli.score"),
         ("speed", "bench.cli.speed"),
     )

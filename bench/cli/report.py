@@ -32,7 +32,7 @@ def report_command(name: str, dataset: str | None, preset: str | None, results: 
     """
     from bench import study_page
 
-    found = _choose(name, dataset, preset, results)
+    found = finished_study(name, dataset, preset, results)
     missing = [k for k in found.keys if not record.exists(results / "runs", k)]
     if missing:
         raise BenchError(
@@ -45,8 +45,12 @@ def report_command(name: str, dataset: str | None, preset: str | None, results: 
     click.echo(str(path))
 
 
-def _choose(name: str, dataset: str | None, preset: str | None, results: Path) -> Concluded:
-    """The finished study of that name (of its folder, of its title), data set and preset."""
+def finished_study(name: str, dataset: str | None, preset: str | None, results: Path) -> Concluded:
+    """The finished study of that name (of its folder, of its title), data set and preset.
+
+    Raises:
+        BenchError: none, or several; the sentence lists them.
+    """
     every = list(concluded(results))
     exact = [c for c in every if name in (c.folder.name, c.title)]
     fitting = exact or [
