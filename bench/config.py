@@ -116,9 +116,13 @@ def from_json(data: Mapping[str, Any]) -> RunConfig:
     def build(kind: type, values: Mapping[str, Any], label: str) -> Any:
         known = {f.name: f for f in dataclasses.fields(kind)}
         given = {}
+        if not isinstance(values, Mapping):
+            raise BenchError(f"{label} must be options by name, not {values!r:.60}.")
         for key, value in values.items():
             if key not in known:
                 raise BenchError(f"{label} has no option {key!r}: {near(key, known)}")
+            if isinstance(value, list) and not all(isinstance(item, str) for item in value):
+                raise BenchError(f"{label}.{key} must be a list of texts, not {value!r:.60}.")
             given[key] = tuple(value) if isinstance(value, list) else value
         made = kind(**given)
         check_options(made, label)
@@ -127,7 +131,11 @@ def from_json(data: Mapping[str, Any]) -> RunConfig:
     values = dict(data)
     for part, registry in _PARTS.items():
         entry = values.get(part)
+        if not isinstance(entry, Mapping | None) or (entry is None and part != "initializer"):
+            raise BenchError(f"{part} must be options by name, not {entry!r:.60}.")
         if entry is not None:
+            if not isinstance(entry.get("name"), str):
+                raise BenchError(f"{part} has no name: known are {', '.join(registry.names())}.")
             options = {k: v for k, v in entry.items() if k != "name"}
             values[part] = build(registry.get(entry["name"]), options, entry["name"])
     values["training"] = build(Training, values.get("training", {}), "training")

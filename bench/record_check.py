@@ -191,14 +191,13 @@ def _table(path: Path, columns: tuple[str, ...], where: str) -> None:
     """Columns, their types, the number of rows and the lengths of texts, before anything is unpacked in full."""
     texts = [c for c in columns if c in TEXTS]
     try:
-        file = pq.ParquetFile(path, read_dictionary=texts)
-        about = file.metadata
+        about = pq.read_metadata(path)
         size = sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))
         if about.num_rows > ROWS or about.num_row_groups > 1000 or size > 8 * BYTES[".parquet"]:
             raise BenchError(f"{where} is too large.")
-        if tuple(file.schema_arrow.names) != columns:
+        if tuple(about.schema.names) != columns:
             raise BenchError(f"{where} has not the columns {', '.join(columns)}.")
-        table = file.read()
+        table = pq.ParquetFile(path, read_dictionary=texts).read()
     except (OSError, ValueError, TypeError, MemoryError, pa.ArrowException) as error:
         raise BenchError(f"{where} is damaged.") from error
     for name in columns:

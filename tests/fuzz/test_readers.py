@@ -1,0 +1,317 @@
+"""Bad input to every reader: each case ends in a result or in one sentence, never in a traceback."""
+
+import io
+import json
+import shutil
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+from datasets.test_folder import TOML, table
+from faults.test_kills import study
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from bench import archive, conclude, engine
+from bench.claims import claim, evidence
+from bench.config import changed, from_json, to_json
+from bench.notation import parse
+from bench.predict import read_table
+from bench.record import RunRecord
+from bench.record_check import check as check_record
+from registry import model_file
+from registry.datasets.folder import check as check_folder
+from registry.datasets.matlab import read_cell_structs, read_v5
+from registry.errors import BenchError
+
+CLAIMS = Path(__file__).parents[2] / "results" / "paper" / "claims.toml"
+WORDS = ["nan", "inf", "-1e999", "1e308", "", '"', "\x00", "é", "\ufeff", "[", "]", "{", "}", "=", ",", "\n", "true"]
+WORDS += ["../..", "/etc/passwd", "1" * 400, "-", "0x1", "'''", "99999999999999999999", "[" * 3000, "NaN", "null", "{}"]
+EDITS = st.lists(
+    st.tuples(
+        st.floats(0, 1),
+        st.one_of(st.binary(min_size=1, max_size=6), st.sampled_from([w.encode() for w in WORDS])),
+        st.integers(0, 60),
+    ),
+    min_size=1,
+    max_size=4,
+)
+"""Where, what is put there, how many bytes it replaces."""
+
+
+def cases(count: int) -> Callable[[Any], Any]:
+    return settings(
+        max_examples=count,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    )
+
+
+def edited(content: bytes, edits: list[tuple[float, bytes, int]]) -> bytes:
+    for where, what, over in edits:
+        at = int(where * len(content))
+        content = content[:at] + what + content[at + over :]
+    return content
+
+
+def one_sentence(action: Callable[[], object]) -> None:
+    """Does it, or says in one line why not."""
+    try:
+        action()
+    except BenchError as error:
+        said = str(error)
+        assert said.strip() and "\n" not in said.rstrip("\n"), repr(said)
+        assert len(said) < 5000, said[:200]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fuzz")
+
+
+@pytest.fixture(scope="module")
+def folder(place: Path) -> Path:
+    here = place / "folder"
+    here.mkdir()
+    (here / "dataset.toml").write_text(TOML, encoding="utf-8")
+    table().to_csv(here / "a.csv", index=False)
+    return here
+
+
+@cases(300)
+@given(edits=EDITS)
+def test_csv(folder: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    (folder / "dataset.toml").write_text(TOML, encoding="utf-8")
+    (folder / "a.csv").write_bytes(edited(table().to_csv(index=False).encode(), edits))
+    one_sentence(lambda: check_folder(folder))
+    one_sentence(lambda: read_table(folder / "a.csv"))
+
+
+@cases(200)
+@given(cells=st.dictionaries(st.tuples(st.integers(0, 19), st.integers(0, 16)), st.sampled_from(WORDS), max_size=5))
+def test_csv_of_words(folder: Path, cells: dict[tuple[int, int], str]) -> None:
+    (folder / "dataset.toml").write_text(TOML, encoding="utf-8")
+    data = table().astype(object)
+    for at, word in cells.items():
+        data.iloc[at] = word
+    data.to_csv(folder / "a.csv", index=False)
+    one_sentence(lambda: check_folder(folder))
+
+
+@cases(250)
+@given(edits=EDITS)
+def test_parquet(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    here = place / "parquet"
+    if not here.is_dir():
+        here.mkdir()
+        table().to_parquet(here / "whole")
+        (here / "dataset.toml").write_text(TOML.replace("*.csv", "*.parquet"), encoding="utf-8")
+    (here / "a.parquet").write_bytes(edited((here / "whole").read_bytes(), edits))
+    one_sentence(lambda: check_folder(here))
+
+
+@cases(250)
+@given(edits=EDITS)
+def test_dataset_toml(folder: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    table().to_csv(folder / "a.csv", index=False)
+    (folder / "dataset.toml").write_bytes(edited(TOML.encode(), edits))
+    one_sentence(lambda: check_folder(folder))
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(WORDS) | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+
+MODEL = """system = "quadrotor"
+[physics]
+mass = 0.5
+inertia = [3.65e-3, 3.68e-3, 7.03e-3]
+[[effects]]
+id = "rotor_drag"
+k_d = 8.9e-5
+"""
+
+
+@cases(200)
+@given(edits=EDITS)
+def test_model_toml(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    path = place / "model.toml"
+    path.write_bytes(edited(MODEL.encode(), edits))
+    one_sentence(lambda: model_file.read(path))
+    one_sentence(lambda: model_file.read(path, "quadrotor"))
+
+
+@cases(150)
+@given(edits=EDITS, first=st.integers(0, 40))
+def test_claims_toml(place: Path, edits: list[tuple[float, bytes, int]], first: int) -> None:
+    path, parts = place / "claims.toml", CLAIMS.read_text().split("[[claim]]")
+    kept = "[[claim]]".join(["", *parts[1 + first : 4 + first]])
+    path.write_bytes(edited(kept.encode(), edits))
+    one_sentence(lambda: claim.read(path))
+
+
+def _cells(path: Path, v73: bool) -> None:
+    if v73:
+        with h5py.File(path, "w") as file:
+            refs = file.create_dataset("flights", (2, 1), dtype=h5py.ref_dtype)
+            for i in range(2):
+                group = file.create_group(f"#refs#/{i}")
+                group["Motors"] = np.ones((4, 5))
+                refs[i, 0] = group.ref
+        return
+    cells = np.empty((2, 1), object)
+    for i in range(2):
+        cells[i, 0] = {"Motors": np.ones((5, 4))}
+    scipy.io.savemat(path, {"flights": cells})
+
+
+@cases(250)
+@given(edits=EDITS, v73=st.booleans())
+def test_mat_of_cells(place: Path, edits: list[tuple[float, bytes, int]], v73: bool) -> None:
+    whole, path = place / f"whole{v73}.mat", place / "cells.mat"
+    if not whole.exists():
+        _cells(whole, v73)
+        assert len(read_cell_structs(whole, ["Motors"])) == 2
+    path.write_bytes(edited(whole.read_bytes(), edits))
+    one_sentence(lambda: read_cell_structs(path, ["Motors"]))
+
+
+@cases(150)
+@given(edits=EDITS)
+def test_mat_of_matrices(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    whole, path = place / "whole5.mat", place / "matrices.mat"
+    if not whole.exists():
+        scipy.io.savemat(whole, {"u": np.ones((1, 40)), "y": np.ones((40, 1))}, do_compression=True)
+    path.write_bytes(edited(whole.read_bytes(), edits))
+    one_sentence(lambda: read_v5(path, ["u", "y"]))
+
+
+SPEC_PARTS = ["LSTM", "MLFC", "GRU", "NARX", "Hybrid", "linear", "LSTM TDL", "Washout", "MLP", "RNN", "Optimized", ":"]
+SPEC_PARTS += [" - ", "x", "×", "1x50", "60x10", "10", "0", "-1", "９", "1e3", "  ", "–", "\n", "(", ")", "²", "٣"]
+
+
+@cases(300)
+@given(spec=st.one_of(st.lists(st.sampled_from(SPEC_PARTS), max_size=8).map("".join), st.text(max_size=30)))
+def test_spec(spec: str) -> None:
+    one_sentence(lambda: parse(spec))
+
+
+@pytest.fixture(scope="module")
+def results(place: Path) -> Path:
+    made = place / "results"
+    records = engine.execute(engine.plan(study(1), made / "runs"), made / "runs")
+    conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", made / "studies" / "s")
+    (finished,) = conclude.concluded(made)
+    archive.write(finished, made / "runs", place / "s.zip")
+    return made
+
+
+@cases(200)
+@given(
+    path=st.sampled_from(
+        [
+            "horizon",
+            "training",
+            "training.updates",
+            "predictor",
+            "predictor.name",
+            "initializer.hidden",
+            "dataset",
+            "outputs",
+            "seed",
+            "new",
+        ]
+    ),
+    value=VALUES,
+)
+def test_configuration(path: str, value: Any) -> None:
+    plain = to_json(study(1)[0])
+    part, _, name = path.rpartition(".")
+    (plain[part] if part else plain)[name] = value
+    one_sentence(lambda: from_json(plain).resolved())
+    if isinstance(value, str) and path != "new":
+        one_sentence(lambda: changed(study(1)[0], {path: value}))
+
+
+def _records(results: Path) -> Iterator[tuple[Path, Path]]:
+    (folder,) = (p for p in (results / "runs").iterdir())
+    copy = results / "copy" / folder.name
+    shutil.rmtree(copy, ignore_errors=True)
+    shutil.copytree(folder, copy)
+    yield folder, copy
+
+
+def _read_all(record: RunRecord) -> None:
+    for name in ("summary", "config", "provenance", "steps", "curve", "windows"):
+        one_sentence(lambda name=name: getattr(record, name))
+    one_sentence(record.weights)
+    one_sentence(lambda: check_record(record))
+
+
+@cases(250)
+@given(
+    edits=EDITS,
+    name=st.sampled_from(["record.json", "config.json", "provenance.json", "steps.parquet", "model.safetensors"]),
+)
+def test_record(results: Path, edits: list[tuple[float, bytes, int]], name: str) -> None:
+    for whole, copy in _records(results):
+        (copy / name).write_bytes(edited((whole / name).read_bytes(), edits))
+        _read_all(RunRecord(copy))
+
+
+@cases(200)
+@given(file=st.sampled_from(["record.json", "provenance.json"]), data=st.data())
+def test_record_of_wrong_values(results: Path, file: str, data: st.DataObject) -> None:
+    for whole, copy in _records(results):
+        content = json.loads((whole / file).read_text())
+        content[data.draw(st.sampled_from(sorted(content)))] = data.draw(VALUES)
+        (copy / file).write_text(json.dumps(content))
+        _read_all(RunRecord(copy))
+
+
+@cases(150)
+@given(edits=EDITS)
+def test_study_json(place: Path, results: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    here = place / "again" / "studies" / "s"
+    here.mkdir(parents=True, exist_ok=True)
+    (here / "study.json").write_bytes(edited((results / "studies" / "s" / "study.json").read_bytes(), edits))
+    one_sentence(lambda: list(conclude.concluded(place / "again")))
+    one_sentence(lambda: list(evidence.folders(place / "again")))
+
+
+@cases(250)
+@given(edits=EDITS)
+def test_zip(place: Path, results: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    path, runs = place / "edited.zip", place / "imported"
+    path.write_bytes(edited((place / "s.zip").read_bytes(), edits))
+    one_sentence(lambda: archive.read(path, runs))
+    assert not [p for p in runs.glob(".import-*")]
+
+
+@cases(200)
+@given(
+    name=st.sampled_from(["record.json", "config.json", "provenance.json", "study.json"]),
+    key=st.integers(0, 30),
+    value=VALUES,
+)
+def test_zip_of_wrong_values(place: Path, results: Path, name: str, key: int, value: Any) -> None:
+    path, packed = place / "wrong.zip", io.BytesIO((place / "s.zip").read_bytes())
+    with zipfile.ZipFile(packed) as whole, zipfile.ZipFile(path, "w") as wrong:
+        for info in whole.infolist():
+            content = whole.read(info)
+            if info.filename.endswith(name):
+                plain = json.loads(content)
+                plain[sorted(plain)[key % len(plain)]] = value
+                content = json.dumps(plain).encode()
+            wrong.writestr(info, content)
+    one_sentence(lambda: archive.read(path, place / "imported2"))
