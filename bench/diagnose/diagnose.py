@@ -78,8 +78,9 @@ def diagnose(
         extension = extend(subject, subject.model, names, tick, noise, rivals, known, horizon_s)
         model = extension.model
         comparison, stages, effects = extension.comparison, extension.stages, extension.effects
+        taken = extension.calibrated
     else:
-        model, effects = found.calibrated, ()
+        model, effects, taken = found.calibrated, (), 0.0
         comparison = compare(subject, {"calibrated": model}, noise=noise, horizon_s=horizon_s)
         stages = tuple(Stage(n, {g: e.rmse for g, e in comparison.error(n).items()}) for n in comparison.lines)
     nowhere = Location((), (), (), float("nan"), {}, ())
@@ -107,13 +108,20 @@ def diagnose(
                 sum(len(log) / log.rate for log in subject.logs),
                 subject.held_out,
                 comparison.curves,
+                taken,
                 stages,
                 _ranking(found),
                 _calibration(subject, found),
                 location.residuals,
                 location.windows,
                 _hypothesis(found),
-                (*comparison.notes, *location.notes, *_warnings(found, checked.suspicions)),
+                (
+                    *subject.notes,
+                    *found.notes,
+                    *comparison.notes,
+                    *location.notes,
+                    *_warnings(found, checked.suspicions),
+                ),
             ),
         ),
         model,
@@ -199,7 +207,9 @@ def _hypothesis(found: Discovery) -> str:
 
 def _warnings(found: Discovery, suspicions: Sequence[DataProblem]) -> tuple[str, ...]:
     out = [s.detail for s in suspicions]
-    if any(f.id in ("input_delay", "transport_delay") for f in found.found) or suspicions:
+    if any(f.id in ("input_delay", "transport_delay") for f in found.found) or any(
+        s.kind == "time shift" for s in suspicions
+    ):
         out.append(
             "A constant delay of the input and a clock of the states that runs ahead of that of the inputs look the "
             "same: check how the log was put together (data problem: time shift) before input_delay goes into a model."

@@ -208,6 +208,8 @@ class Evidence:
     """Of all recordings together."""
     held_out: tuple[str, ...] = ()
     curves: dict[str, Curves] = field(default_factory=dict)
+    calibrated: float = 0.0
+    """Share of the squared error above the floor that the calibration of constants takes before any effect."""
     waterfall: tuple[Stage, ...] = ()
     ranking: tuple[tuple[Candidate, ...], ...] = ()
     """One tuple a round, best first."""

@@ -58,6 +58,8 @@ class Discovery:
     constants: tuple[Estimate, ...]
     imitators: tuple[str, ...] = ()
     """Effects that would imitate what is left, and were not named."""
+    notes: tuple[str, ...] = ()
+    """What was done, in sentences."""
 
 
 def discover(
@@ -131,6 +133,7 @@ def discover(
         tuple(traces) if total > LEFT * view.floor else (),
         tuple(x for x in numbers if x.entry.constant),
         tuple(names[i] for i in imitators),
+        search.notes,
     )
 
 

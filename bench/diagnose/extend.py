@@ -33,6 +33,8 @@ class Extension:
     """Lines "nominal", "calibrated", "+ id" after each effect, "extended" and "floor"."""
     stages: tuple[Stage, ...]
     constants: tuple[Estimate, ...]
+    calibrated: float
+    """Share of the squared error above the floor that calibration takes before any effect."""
 
 
 def fitted(
@@ -126,6 +128,10 @@ def extend(
     order = ["calibrated", *(n for n in lines if n != "calibrated")]
     scale = _scales(subject, comparison)
     above = pooled(comparison.error("nominal"), scale) - pooled(comparison.error("floor"), scale)
+
+    def share_of(before: ByGroup, after: ByGroup) -> float:
+        return (pooled(before, scale) - pooled(after, scale)) / above if above > 0 else float("nan")
+
     effects, stages = [], [_stage("nominal", comparison.error("nominal"))]
     stages.append(_stage("calibrated", comparison.error("calibrated")))
     for i, name in enumerate(add):
@@ -134,11 +140,13 @@ def extend(
         of = [x for x in found if x.entry.owner == len(model.effects) + i]
         numbers = {x.entry.label: ParameterEstimate(x.value, x.low, x.high, x.entry.unit) for x in of}
         alike = (rivals or {}).get(name, ())
-        share = (pooled(before, scale) - pooled(after, scale)) / above if above > 0 else float("nan")
-        effects.append(NamedEffect(name, numbers, share, before, after, alike, _separate(name, alike)))
+        effects.append(
+            NamedEffect(name, numbers, share_of(before, after), before, after, alike, _separate(name, alike))
+        )
     stages.append(_stage("floor", comparison.error("floor")))
     constants = tuple(x for x in found if x.entry.constant)
-    return Extension(chain[-1], tuple(effects), comparison, tuple(stages), constants)
+    taken = share_of(comparison.error("nominal"), comparison.error("calibrated"))
+    return Extension(chain[-1], tuple(effects), comparison, tuple(stages), constants, taken)
 
 
 def _starting_point(

@@ -1,7 +1,7 @@
 """Noise of measured states and inputs, and what it alone leaves of the error of a free run: the noise floor."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -40,14 +40,16 @@ class Noise:
     processed: tuple[float, ...]
     """(s,) 1σ of the states as they are given to a model (attitude: about each body axis [rad])."""
     inputs: tuple[float, ...]
-    """(m,) 1σ of the inputs."""
+    """(m,) 1σ of the inputs, before what they went through."""
+    input_smoothing: Smoothing
+    """What the inputs went through: nothing, or what the states did."""
     notes: tuple[str, ...]
     """What was stated, what was estimated."""
 
     def smoothing_of(self, channel: int) -> Smoothing:
         """What a state channel went through, as the weak form takes it."""
         s = self.smoothing
-        return Smoothing(s.kind, s.window, s.order, self.derived[channel])
+        return replace(s, derived=self.derived[channel])
 
 
 def noise_of(subject: Subject) -> Noise:
@@ -89,8 +91,10 @@ def noise_of(subject: Subject) -> Noise:
         weights = _weights(smoothing, is_derived)
         raw.append(0.0 if is_derived else of)
         processed.append(of * float(np.linalg.norm(weights)) * (logs[0].rate if is_derived else 1.0))
-    inputs = _input_noise(subject)
-    return Noise(smoothing, derived, tuple(raw), tuple(processed), inputs, tuple(notes))
+    inputs, through = _input_noise(subject, replace(smoothing, derived=False))
+    if through.kind != "none":
+        notes.append(f"The inputs show {through} as well.")
+    return Noise(smoothing, derived, tuple(raw), tuple(processed), inputs, through, tuple(notes))
 
 
 def floor(
@@ -117,8 +121,9 @@ def floor(
     true = roll(model, past(model, logs, early), inputs, dt)
     measured = measure(true[..., :size], noise, model.state_channels, dt, generator)
     start = torch.cat([measured[..., 0, :], true[..., r, size:]], dim=-1)
-    noisy = inputs[..., r : r + steps + 1, :]
-    noisy = noisy + torch.from_numpy(generator.normal(size=noisy.shape)) * torch.tensor(noise.inputs)
+    hiss = generator.normal(size=(len(start), steps + 2 * r + 1, len(noise.inputs))) * np.array(noise.inputs)
+    hiss = _convolved(hiss, _weights(noise.input_smoothing, False), r)
+    noisy = inputs[..., r : r + steps + 1, :] + torch.from_numpy(hiss)
     return errors(roll(model, start, noisy, dt)[..., :size], measured, of)
 
 
@@ -159,10 +164,10 @@ def measure(
 @lru_cache(maxsize=256)
 def _weights(s: Smoothing, derived: bool) -> np.ndarray:
     """Weights (w,) on the noisy signal that give the smoothed one or, over dt, its derivative; later samples last."""
-    if s.kind == "savgol":
+    if s.kind == "savgol" and not (derived and s.differenced):
         return np.asarray(savgol_coeffs(s.window, s.order, deriv=int(derived), use="dot"))
-    mean = np.full(s.window, 1 / s.window)
-    return np.convolve(mean, [-0.5, 0.0, 0.5]) if derived else mean
+    own = savgol_coeffs(s.window, s.order) if s.kind == "savgol" else np.full(s.window, 1 / s.window)
+    return np.convolve(own, [-0.5, 0.0, 0.5]) if derived else own
 
 
 def _convolved(x: np.ndarray, weights: np.ndarray, r: int) -> np.ndarray:
@@ -214,7 +219,8 @@ def _candidates() -> list[Smoothing]:
     kinds = [("none", 1, 0)]
     kinds += [("mean", w, 0) for w in range(3, 16, 2)]
     kinds += [("savgol", w, o) for w in range(5, 26, 2) for o in (2, 3, 4) if o + 1 < w]
-    return [Smoothing(*k, derived=d) for d in (False, True) for k in kinds]
+    found = [Smoothing(*k, derived=d) for d in (False, True) for k in kinds]
+    return found + [Smoothing(*k, derived=True, differenced=True) for k in kinds if k[0] == "savgol"]
 
 
 # --------------------------------------------------------------------------------------------------- the spectra
@@ -256,15 +262,28 @@ def _level(found: Sequence[np.ndarray], shapes: Sequence[np.ndarray]) -> float:
     return float(np.median(ratios))
 
 
-def _input_noise(subject: Subject) -> tuple[float, ...]:
+def _input_noise(subject: Subject, smoothing: Smoothing) -> tuple[tuple[float, ...], Smoothing]:
+    """1σ (m,) of the inputs' noise, and the filter it went through: ``smoothing``, that of the states, or none."""
     model, logs = subject.model, subject.logs
     drives = logs[0].inputs.shape[1] - len(model.extras)
     still = (0.0,) * len(model.extras)
     if model.input_hold == "previous" or not drives:
-        return (0.0,) * drives + still  # commands are known
+        return (0.0,) * drives + still, Smoothing()  # commands are known
+    power = _spectrum([log.inputs[:, :drives].numpy() for log in logs], [log.valid.numpy() for log in logs])
+    white, shape = (_gain(s, False) for s in (Smoothing(), smoothing))
+    mean = power[QUIET].mean(1)
+    unlike, alike = (
+        (float(np.abs(np.log(mean / (s * _level([mean], [s])))).mean()) for s in (white, shape))
+        if mean.min() > 0
+        else (0.0, 1.0)
+    )
+    filtered = alike < UNLIKE < unlike
     signal = logs[0].recording.input_channels[0].group if logs[0].recording.input_channels else ""
     if signal in subject.noise:
-        return (subject.noise[signal],) * drives + still
-    power = _spectrum([log.inputs[:, :drives].numpy() for log in logs], [log.valid.numpy() for log in logs])
-    top = power[round(0.4 * SEGMENT) : SEGMENT // 2]
-    return (*(float(v) for v in np.sqrt(np.median(top, axis=0))), *still)
+        sigma = (subject.noise[signal],) * drives
+    elif filtered:
+        sigma = tuple(_level([p], [shape]) ** 0.5 for p in power[QUIET].T)
+    else:
+        top = power[round(0.4 * SEGMENT) : SEGMENT // 2]
+        sigma = tuple(float(v) for v in np.sqrt(np.median(top, axis=0)))
+    return (*sigma, *still), smoothing if filtered else Smoothing()

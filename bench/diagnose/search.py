@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from scipy.ndimage import convolve1d
 
 from bench.diagnose.generic import Dictionary, Term, dictionary, follow
 from bench.diagnose.linearise import Directions, Rows, directions
@@ -21,7 +22,7 @@ HOP = 0.06
 """From one test function to the next [s] where the motion is slower; a test function is two hops long."""
 FINE = 6
 """Samples from one test function to the next that are enough."""
-LONGEST = 40_000
+LONGEST = 24_000
 """Samples that are looked at; more would make it slower and no surer."""
 TELLING = 12
 """Columns at most that are fitted before what is left is called noise."""
@@ -80,18 +81,28 @@ class Search:
         # Where the motion is slow against the sampling, a few samples a test function are enough.
         stride = max(1, hop_of(Stack.of(shortened(logs))) // FINE)
         self.stack = Stack.of(shortened(logs, stride))
+        given, seen = (sum(len(log) / log.rate for log in some) for some in (logs, self.stack.logs))
+        self.notes = (
+            ()
+            if seen > 0.99 * given
+            else (
+                f"Effects were sought in the middle {100 * seen / given:.0f} % of each of the {len(logs)} recordings "
+                f"that are learnt from, {seen:.0f} s in all: more would be slower and no surer.",
+            )
+        )
         self.hop = hop_of(self.stack)
         noise = noise or noise_of(subject)
         filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
         self.smoothing = {c.group: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
         self.nominal = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
         drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
-        sigma = input_noise(self.stack, drives)
+        through = noise.input_smoothing.coarser(stride).kernel()
+        sigma = input_noise(self.stack, drives, through)
         if subject.model.input_hold == "previous":
             sigma = sigma * 0.0  # commands are known
         generator = np.random.default_rng(0)
-        noisy = self.stack.inputs + torch.from_numpy(generator.normal(size=self.stack.inputs.shape) * sigma)
-        self.noisy = replace(self.stack, inputs=noisy) if sigma.any() else None
+        hiss = convolve1d(generator.normal(size=self.stack.inputs.shape) * sigma, through, axis=1)
+        self.noisy = replace(self.stack, inputs=self.stack.inputs + torch.from_numpy(hiss)) if sigma.any() else None
 
     def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> Look:
         """Linearise ``model`` with every candidate.
@@ -211,10 +222,14 @@ def hop_of(stack: Stack) -> int:
     return int(np.clip(round(0.15 / max(fastest, 1e-6)), 2, max(2, round(HOP / stack.dt))))
 
 
-def input_noise(stack: Stack, drives: int) -> np.ndarray:
-    """1σ (m,) of white noise in each input channel, from third differences; an upper bound where inputs are lively."""
+def input_noise(stack: Stack, drives: int, through: np.ndarray) -> np.ndarray:
+    """1σ (m,) of white noise in each input channel, before it went ``through`` a filter of these weights.
+
+    From third differences: an upper bound where inputs are lively.
+    """
     u = stack.inputs.numpy()
-    sigma = np.diff(u, n=3, axis=1).std((0, 1)) / np.sqrt(20.0) if u.shape[1] > 3 else np.zeros(u.shape[-1])
+    third = np.linalg.norm(np.convolve(through, [1.0, -3.0, 3.0, -1.0]))  # √20 without a filter
+    sigma = np.diff(u, n=3, axis=1).std((0, 1)) / third if u.shape[1] > 3 else np.zeros(u.shape[-1])
     sigma[drives:] = 0.0
     return sigma
 

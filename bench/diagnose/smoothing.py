@@ -22,6 +22,8 @@ class Smoothing:
     order: int = 0
     """Of the local polynomial (savgol)."""
     derived: bool = False
+    differenced: bool = False
+    """Whether they are central differences of the smoothed pose instead (a moving mean has no other slope)."""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -40,12 +42,12 @@ class Smoothing:
         if self.kind == "none":
             # A derived signal is at least a central difference of its pose.
             return np.array([0.25, 0.5, 0.25]) if self.derived else np.ones(1)
+        mean = self.kind == "mean"
+        own = np.full(self.window, 1 / self.window) if mean else savgol_coeffs(self.window, self.order)
         if not self.derived:
-            if self.kind == "mean":
-                return np.full(self.window, 1 / self.window)
-            return np.asarray(savgol_coeffs(self.window, self.order))
-        if self.kind == "mean":  # a central difference of the moving mean
-            weights = np.convolve(np.full(self.window, 1 / self.window), [0.5, 0.5])
+            return np.asarray(own)
+        if mean or self.differenced:
+            weights = np.convolve(own, [0.5, 0.5])
         else:
             slopes = savgol_coeffs(self.window, self.order, deriv=1, use="dot")
             weights = np.cumsum(slopes[::-1])[:-1]
@@ -65,7 +67,8 @@ class Smoothing:
             "mean": f"a moving mean over {self.window} samples",
             "savgol": f"Savitzky–Golay over {self.window} samples, order {self.order}",
         }[self.kind]
-        return what + (", rates read from the pose" if self.derived else "")
+        read = ", rates are central differences of the pose" if self.differenced else ", rates read from the pose"
+        return what + (read if self.derived else "")
 
 
 def stated(processing: dict[str, object]) -> Smoothing | None:

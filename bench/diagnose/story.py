@@ -29,11 +29,9 @@ def tell(diagnosis: Diagnosis, console: Any) -> None:
 
 
 def _effects(diagnosis: Diagnosis) -> list[str]:
-    out = []
-    for effect in diagnosis.effects[:3]:
-        share = words.percent(effect.share_explained)
-        out.append(f"  + {effect.id}  {words.parameters(effect)}  explains {share}")
-    return out
+    shown = diagnosis.effects[:3]
+    width = max((len(e.id) for e in shown), default=0)
+    return [f"  + {e.id:<{width}}  {words.percent(e.share_explained):>5}  {words.parameters(e)}" for e in shown]
 
 
 def _errors(diagnosis: Diagnosis) -> list[str]:

@@ -69,6 +69,8 @@ class Subject:
     """Relative 1σ of the model's constants where it differs from the model's own."""
     signals: tuple[str, ...] = ()
     """Signals that were measured in every recording."""
+    notes: tuple[str, ...] = ()
+    """What was done to the measurements, in sentences."""
 
     def of(self, names: Sequence[str]) -> tuple[Log, ...]:
         """The logs of these names, in order."""
@@ -115,7 +117,9 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         )
     names = [r.name for r in recordings]
     training, held_out = partition(dataset, names)
-    return Subject(
+    from bench.diagnose.differences import centred
+
+    subject = Subject(
         dataset.label,
         model,
         tuple(log_of(r, model, drive) for r in recordings),
@@ -126,6 +130,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         uncertainty,
         tuple(sorted(signals)),
     )
+    return centred(subject)
 
 
 def partition(dataset: Dataset, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

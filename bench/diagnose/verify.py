@@ -114,9 +114,10 @@ def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], flo
 
 def _shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Normal equations whose last column, the residual, has ``shift`` times the others added."""
-    change = np.eye(len(gram))
-    change[:, -1] += shift
-    out: np.ndarray = change.T @ gram @ change
+    out, more = gram.copy(), gram @ shift
+    out[-1] += more
+    out[:, -1] += more
+    out[-1, -1] += shift @ more
     return out
 
 

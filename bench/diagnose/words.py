@@ -12,6 +12,8 @@ from registry.units import display
 _MILLI = {"m": "mm", "s": "ms", "V": "mV", "N": "mN", "N m": "mN m", "kg": "g"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NOTHING = "–"
+LITTLE = 0.02
+"""Share of the squared error above the floor below which a reader need not know what it follows."""
 OFF = 2.0
 """Stated uncertainties beyond which a calibrated constant is called wrong."""
 
@@ -167,7 +169,9 @@ def explanation(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "named":
         each = "It explains" if len(shares) == 1 else "Together they explain"
-        sentences.append(f"{each} {percent(sum(shares))} of the squared error above the noise floor.")
+        before = diagnosis.evidence.calibrated
+        constants = f", the constants calibrated before them {percent(before)}" if before >= LITTLE else ""
+        sentences.append(f"{each} {percent(sum(shares))} of the squared error above the noise floor{constants}.")
         for effect in diagnosis.effects:
             if effect.indistinguishable_from:
                 others = listed(map(named, (effect.id, *effect.indistinguishable_from)), "or")
@@ -192,6 +196,8 @@ def remainder(diagnosis: Diagnosis) -> str:
     left = diagnosis.unexplained
     if not left.axes:
         return ""
+    if left.share < LITTLE:
+        return f"What is still systematic, in {listed(map(named, left.axes))}, makes {percent(left.share)} of it."
     share = f"{percent(left.share)} of the squared error above the floor" if math.isfinite(left.share) else "An error"
     follows = f" and follows {listed(map(named, left.follows))}" if left.follows else ""
     return f"{share} is still systematic in {listed(map(named, left.axes))}{follows}."

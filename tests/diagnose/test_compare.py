@@ -10,6 +10,7 @@ from scipy.linalg import expm
 from scipy.signal import savgol_filter
 
 from bench.diagnose.compare import compare
+from bench.diagnose.differences import centred
 from bench.diagnose.free_run import groups
 from bench.diagnose.noise import floor, noise_of
 from bench.diagnose.smoothing import Smoothing
@@ -98,6 +99,43 @@ def test_noise_and_filter_are_found_in_the_data_and_the_floor_is_the_error_of_th
     lines = compare(subject, {}).lines
     for group in ("displacement", "speed"):
         assert lines["floor"][group].rmse == pytest.approx(lines["nominal"][group].rmse, rel=0.08)
+
+
+def test_noise_of_inputs_that_were_smoothed_counts_as_the_low_notes_it_left_behind() -> None:
+    states, force = flights()
+    hiss = savgol_filter(np.random.default_rng(2).normal(0, 8.0, force.shape), 9, 3, axis=1)
+    subject = subject_of(TRUE, smoothed(states, 0.0005)[:, 10:-10], (force + hiss)[:, 10:-10])
+    noise = noise_of(subject)
+    assert (noise.input_smoothing.kind, noise.input_smoothing.window) == ("savgol", 9)
+    assert noise.inputs[0] == pytest.approx(8.0, rel=0.1)
+    lines = compare(subject, {}).lines
+    for group in ("displacement", "speed"):
+        assert lines["floor"][group].rmse[-1] == pytest.approx(lines["nominal"][group].rmse[-1], rel=0.15)
+    white = noise_of(
+        subject_of(TRUE, smoothed(states, 0.0005), force + np.random.default_rng(2).normal(0, 8.0, force.shape))
+    )
+    assert white.input_smoothing == Smoothing()
+
+
+def test_differences_to_the_sample_before_are_brought_to_their_time() -> None:
+    states, force = flights(samples=600)
+    position = states[..., 0] + np.random.default_rng(1).normal(0, 0.002, states.shape[:2])
+    late = np.diff(position, axis=1, prepend=position[:, :1]) / DT
+    found = centred(subject_of(TRUE, np.stack([position, late], axis=-1), force))
+    for log, q in zip(found.logs, position, strict=True):
+        assert log.states[1:-1, 1].numpy() == pytest.approx(np.gradient(q, DT)[1:-1], abs=1e-9)
+        assert not log.valid[-1] and log.valid[:-1].all()
+    assert "half a sample (5 ms)" in found.notes[0]
+
+
+@pytest.mark.parametrize("how", ["central", "savgol", "sensor"])
+def test_rates_at_their_own_time_are_left_alone(how: str) -> None:
+    states, force = flights(samples=600)
+    noisy = states + np.random.default_rng(1).normal(size=states.shape) * [0.002, 0.05]
+    central = np.stack([noisy[..., 0], np.gradient(noisy[..., 0], DT, axis=1)], axis=-1)
+    seen = {"central": central, "savgol": smoothed(states, 0.002), "sensor": noisy}[how]
+    subject = subject_of(TRUE, seen, force)
+    assert centred(subject) is subject
 
 
 def test_what_is_stated_is_not_estimated() -> None:

@@ -57,6 +57,24 @@ def test_an_effect_is_not_added_twice():
         extend(subject, first.model, ["viscous_friction"])
 
 
+@pytest.mark.slow
+def test_the_flights_that_come_along_are_explained_by_what_they_were_made_with():
+    """The README's first command. The truth is in `registry.datasets.twin_quadrotor`: no delay, inertia 4e-5."""
+    said, _ = diagnose("pelican_twin", brief=True)
+    found = {e.id: e.parameters for e in said.effects}
+    assert said.verdict == "named"
+    assert set(found) == {"rotor_reaction_torque", "rotor_drag", "rotor_gyroscopic_torque"}
+    for effect, name, value in (
+        ("rotor_reaction_torque", "rotor_inertia", 4e-5),
+        ("rotor_gyroscopic_torque", "rotor_inertia", 4e-5),
+        ("rotor_drag", "k_d", 8.1e-5),
+    ):
+        assert found[effect][name].value == pytest.approx(value, rel=0.02)
+        assert found[effect][name].low <= value <= found[effect][name].high
+    for group, error in said.error.extended.items():
+        assert error.rmse < 1.15 * said.noise_floor[group].rmse
+
+
 flights = pytest.importorskip("bench.score.cases", reason="needs RotorPy: pip install .[score]")
 
 

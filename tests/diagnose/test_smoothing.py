@@ -24,6 +24,7 @@ def velocity(t):
     [
         (Smoothing("savgol", 9, 3, True), lambda: savgol_filter(position(T), 9, 3, deriv=1, delta=DT)),
         (Smoothing("savgol", 15, 2, True), lambda: savgol_filter(position(T), 15, 2, deriv=1, delta=DT)),
+        (Smoothing("savgol", 9, 3, True, True), lambda: np.gradient(savgol_filter(position(T), 9, 3), DT)),
         (Smoothing("savgol", 9, 3, False), lambda: savgol_filter(velocity(T), 9, 3)),
         (Smoothing("mean", 5, 0, False), lambda: np.convolve(velocity(T), np.full(5, 0.2), "same")),
         (Smoothing("none", 1, 0, True), lambda: np.gradient(position(T), DT)),
