@@ -111,11 +111,7 @@ template <class R> struct WeightGradient {
     if constexpr (ROWS > 1)
       if (count < ROWS) return tile<ROWS - 1, VECTORS>(count, blocks, g, to);
     constexpr int V = Width<R>::vector;
-    Vector<R> acc[ROWS][VECTORS];
-#pragma GCC unroll 16
-    for (int r = 0; r < ROWS; r++)
-#pragma GCC unroll 2
-      for (int v = 0; v < VECTORS; v++) acc[r][v] = load(to + r * W + v * V);
+    Vector<R> acc[ROWS][VECTORS] = {};  // added to what was there at the end only: a long sum in parts rounds less
     const R* x = turned;
     for (int i = 0; i < blocks; i++) {
       const R* row = g(i);
@@ -134,6 +130,6 @@ template <class R> struct WeightGradient {
 #pragma GCC unroll 16
     for (int r = 0; r < ROWS; r++)
 #pragma GCC unroll 2
-      for (int v = 0; v < VECTORS; v++) store(to + r * W + v * V, acc[r][v]);
+      for (int v = 0; v < VECTORS; v++) store(to + r * W + v * V, load(to + r * W + v * V) + acc[r][v]);
   }
 };

@@ -287,7 +287,7 @@ template <class R> class Readout {
  public:
   Readout(int n, int H, int blocks, Arena<R>& scratch)
       : n(n), H(H), blocks(blocks), forward_(n, H, scratch), backward_(H, n, scratch), bias(scratch.take(n)),
-        d_top(scratch.take((size_t)blocks * H * W)), sums(scratch.take((size_t)n * (H + 1) * V)) {}
+        d_top(scratch.take((size_t)blocks * H * W)), sums(scratch.take((size_t)n * (H + 2) * V)) {}
 
   void pack(const R* weight, const R* b) {
     forward_.pack([&](int r, int c) { return weight[(size_t)r * H + c]; });
@@ -297,7 +297,7 @@ template <class R> class Readout {
   // y (n, block) of one block.
   void forward(const R* m, R* y) const { forward_.multiply(1, m, 0, y, 0, bias); }
 
-  void begin() { std::fill_n(sums, (size_t)n * (H + 1) * V, R(0)); }
+  void begin() { std::fill_n(sums, (size_t)n * (H + 2) * V, R(0)); }
   // From dy (blocks, n, block), its blocks `stride` apart, to what `Stack::backward` takes; m(b): what block b saw.
   template <class M> const R* backward(const R* dy, size_t stride, M m) {
     backward_.multiply(blocks, dy, stride, d_top, (size_t)H * W);
@@ -305,16 +305,17 @@ template <class R> class Readout {
       for (int r = 0; r < n; r++) {
         const Vector<R> d0 = load(dy + b * stride + (size_t)r * W), d1 = load(dy + b * stride + (size_t)r * W + V);
         const R* x = m(b);
-        R* to = sums + (size_t)r * (H + 1) * V;
+        R* to = sums + (size_t)r * (H + 2) * V;
         for (int j = 0; j < H; j++, x += W, to += V) store(to, load(to) + d0 * load(x) + d1 * load(x + V));
-        store(to, load(to) + d0 + d1);
+        const Vector<R> before = load(to), more = d0 + d1 - load(to + V), after = before + more;  // compensated (Kahan)
+        store(to, after), store(to + V, (after - before) - more);
       }
     return d_top;
   }
   void gradients(R* weight, R* b) const {
     for (int r = 0; r < n; r++) {
-      for (int j = 0; j < H; j++) weight[(size_t)r * H + j] = sum<R>(load(sums + ((size_t)r * (H + 1) + j) * V));
-      b[r] = sum<R>(load(sums + ((size_t)r * (H + 1) + H) * V));
+      for (int j = 0; j < H; j++) weight[(size_t)r * H + j] = sum<R>(load(sums + ((size_t)r * (H + 2) + j) * V));
+      b[r] = sum<R>(load(sums + ((size_t)r * (H + 2) + H) * V));
     }
   }
 };

@@ -102,52 +102,60 @@ template <class R> struct Pair {
   friend Pair operator/(const Pair& x, const Pair& y) { return {x.v[0] / y.v[0], x.v[1] / y.v[1]}; }
 };
 
-// 2^r, |r| <= 1/2, exact at 0; relative error 2e-9, below a rounding of the type (doubles: Taylor).
-template <class R> static inline Pair<R> power(const Pair<R>& r) {
+// 2^r − 1, |r| <= 1/2; error 2e-9 of 2^r, below a rounding of the type (doubles: Taylor).
+template <class R> static inline Pair<R> power_less_one(const Pair<R>& r) {
   if constexpr (sizeof(R) == 4) {
     const Pair<R> s = r * r;
-    const Pair<R> a = 6.9314720286e-1f * r + 1.f, b = 5.5503324710e-2f * r + 2.4022647914e-1f;
-    const Pair<R> c = 1.3398874455e-3f * r + 9.6184373585e-3f;
-    return ((1.5353361785e-4f * s + c) * s + b) * s + a;
+    const Pair<R> b = 5.5503324710e-2f * r + 2.4022647914e-1f, c = 1.3398874455e-3f * r + 9.6184373585e-3f;
+    return ((1.5353361785e-4f * s + c) * s + b) * s + 6.9314720286e-1f * r;
   } else {
     constexpr double c[] = {1.3691488853904128e-12, 2.5678435993488206e-11, 4.4455382718708116e-10,
                             7.054911620801123e-9,   1.0178086009239699e-7,  1.3215486790144309e-6,
                             1.5252733804059841e-5,  1.5403530393381609e-4,  1.3333558146428443e-3,
                             9.618129107628477e-3,   5.550410866482158e-2,   2.402265069591007e-1,
-                            6.931471805599453e-1,   1.};
+                            6.931471805599453e-1};
     Pair<R> p = c[0];
-    for (int i = 1; i < 14; i++) p = p * r + c[i];
-    return p;
+    for (int i = 1; i < 13; i++) p = p * r + c[i];
+    return p * r;
   }
 }
 
-// 1 + exp(a x), the exponent kept in ±limit so that the product of three is finite.
-// The scale multiplies: a NaN cannot lose its exponent.
-template <class R> static inline Pair<R> one_plus_exp(const Pair<R>& x, R a) {
-  typedef Exponent<R> E;
-  typedef typename E::bits Bits __attribute__((vector_size(REGISTER_BYTES)));
-  Pair<R> y = x * (a * R(1.4426950408889634074)), scale;
-  for (auto& v : y.v) v = clamp<R>(v, E::limit);
-  const Pair<R> n = y + E::magic;
-  for (int k = 0; k < 2; k++) {
-    Bits i;
-    std::memcpy(&i, &n.v[k], sizeof i);
-    i = (i - (E::magic_bits - E::bias)) << E::shift;
-    std::memcpy(&scale.v[k], &i, sizeof i);
+// exp(a x) + 1 and exp(a x) − 1, the exponent kept in ±limit so that the product of three is finite. The scale
+// multiplies: a NaN cannot lose its exponent.
+template <class R> struct Exponential {
+  Pair<R> plus, minus;
+  Exponential(Pair<R> x, R a) {
+    typedef Exponent<R> E;
+    typedef typename E::bits Bits __attribute__((vector_size(REGISTER_BYTES)));
+    const R per = a * R(1.4426950408889634074);
+    for (auto& v : x.v) v = clamp<R>(v, E::limit / (per < 0 ? -per : per));
+    const Pair<R> n = x * per + E::magic;
+    Pair<R> scale;
+    for (int k = 0; k < 2; k++) {
+      Bits i;
+      std::memcpy(&i, &n.v[k], sizeof i);
+      i = (i - (E::magic_bits - E::bias)) << E::shift;
+      std::memcpy(&scale.v[k], &i, sizeof i);
+    }
+    const Pair<R> p = power_less_one<R>(x * per - (n - E::magic));
+    plus = p * scale + (scale + R(1)), minus = p * scale + (scale - R(1));
   }
-  return power<R>(y - (n - E::magic)) * scale + R(1);
-}
+};
 
-template <class R> static inline Pair<R> tanh_of(const Pair<R>& x) { return R(1) - R(2) / one_plus_exp<R>(x, R(2)); }
+template <class R> static inline Pair<R> tanh_of(const Pair<R>& x) {
+  const Exponential<R> e(x, R(2));
+  return e.minus / e.plus;
+}
 // σ(i), σ(f) and tanh(z) in place: one division for all, since divisions are what gates take longest for.
 template <class R> static inline void gate(Pair<R>& i, Pair<R>& f, Pair<R>& z) {
-  const Pair<R> a = one_plus_exp<R>(i, R(-1)), b = one_plus_exp<R>(f, R(-1)), c = one_plus_exp<R>(z, R(2));
-  const Pair<R> ab = a * b, inverse = R(1) / (ab * c), of_ab = inverse * c;
-  i = of_ab * b, f = of_ab * a, z = R(1) - R(2) * (inverse * ab);
+  const Exponential<R> a(i, R(-1)), b(f, R(-1)), c(z, R(2));
+  const Pair<R> ab = a.plus * b.plus, inverse = R(1) / (ab * c.plus), of_ab = inverse * c.plus;
+  i = of_ab * b.plus, f = of_ab * a.plus, z = c.minus * (inverse * ab);
 }
 // σ(o) in place; tanh(c) is returned.
 template <class R> static inline Pair<R> gate(Pair<R>& o, const Pair<R>& c) {
-  const Pair<R> a = one_plus_exp<R>(o, R(-1)), b = one_plus_exp<R>(c, R(2)), inverse = R(1) / (a * b);
-  o = inverse * b;
-  return R(1) - R(2) * (inverse * a);
+  const Exponential<R> a(o, R(-1)), b(c, R(2));
+  const Pair<R> inverse = R(1) / (a.plus * b.plus);
+  o = inverse * b.plus;
+  return b.minus * (inverse * a.plus);
 }
