@@ -23,9 +23,9 @@ NUMERICS = 1
 class Training:
     """How weights are found."""
 
-    updates: int = option(2000, "weight updates, unless early stopping ends the run before", low=1, search=False)
+    updates: int = option(2000, "weight updates, unless early stopping ends the run before", low=1)
     batch: int = option(64, "windows in a batch", low=1, high=100000)
-    learning_rate: float = option(5e-3, "Adam's step at the start", low=1e-7, high=1.0, log=True, search=True)
+    learning_rate: float = option(5e-3, "Adam's step at the start", low=1e-7, high=1.0, log=True, search=(1e-3, 3e-2))
     final_rate: float = option(0.05, "step at the end, as a fraction of the start (cosine between)", low=0.0, high=1.0)
     weight_decay: float = option(0.0, "decoupled weight decay", low=0.0, high=1.0)
     clip: float = option(1.0, "largest norm of a gradient", low=1e-6)

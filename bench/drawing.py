@@ -137,6 +137,14 @@ class Panel:
         if path := self._path(xs, ys):
             self.marks.append(f'<path d="{"".join(path)}" fill="none" stroke-linejoin="round" {look.stroke}/>')
 
+    def dots(self, xs: Values, ys: Values, colour: str, hollow: bool = False, radius: float = 3.2) -> None:
+        """A dot a point."""
+        paint = f'fill="none" stroke="{colour}" stroke-width="1.2"' if hollow else f'fill="{colour}" fill-opacity=".8"'
+        for x, y in zip(xs, ys, strict=True):
+            if math.isfinite(y):
+                across, down = self.at(x, y)
+                self.marks.append(f'<circle cx="{across:.1f}" cy="{down:.1f}" r="{radius:g}" {paint}/>')
+
     def band(self, xs: Values, low: Values, high: Values, colour: str) -> None:
         """The area between two curves."""
         finite = [(x, a, b) for x, a, b in zip(xs, low, high, strict=True) if math.isfinite(a) and math.isfinite(b)]

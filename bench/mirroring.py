@@ -9,11 +9,15 @@ import queue
 import signal
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from bench.config import RunConfig
 from bench.executor import die_with_parent
+
+if TYPE_CHECKING:
+    from optuna.trial import FrozenTrial
 
 RETRY = 15.0
 """Seconds between two attempts at a server that fails."""
@@ -45,6 +49,13 @@ class Mirroring:
             self.inbox.put(("record", str(folder)))
         self._listen(0.0)
 
+    def trials(self, configs: Sequence[RunConfig], told: "Iterable[FrozenTrial]") -> None:
+        """Log these trials of a sweep when there is time."""
+        for t in told:
+            self.asked += 1
+            self.inbox.put(("trial", (tuple(configs), t)))
+        self._listen(0.0)
+
     def attach(self, files: Iterable[Path]) -> None:
         """Log the figures and the report of the study."""
         self.inbox.put(("files", [str(f) for f in files]))
@@ -53,7 +64,7 @@ class Mirroring:
         """Wait for what is left, within bounds, and end the process.
 
         Returns:
-            How many records are not in MLflow yet.
+            How many records and trials are not in MLflow yet.
         """
         self.inbox.put(None)
         self.last_sign = time.monotonic()
@@ -106,9 +117,11 @@ def _serve(inbox: Any, outbox: Any, uri: str, experiment: str, study: str | None
             kind, content = waiting[0]
             if kind == "files":
                 track.attach(uri, experiment, study or experiment, [Path(f) for f in content])
+            elif kind == "trial":
+                track.mirror_trials(uri, experiment, study or experiment, content[0], [content[1]])
             elif Path(content).name not in known:
                 track.mirror([Path(content)], uri, experiment, study)
-            outbox.put((int(kind == "record"), ""))
+            outbox.put((int(kind != "files"), ""))
             waiting.popleft()
         except track.TrackingError as error:
             outbox.put((0, str(error)))

@@ -20,6 +20,8 @@ from bench.data import Prepared
 from bench.model import Model, build_scaled
 from bench.seeds import derive
 
+Curve = list[tuple[int, float, float]]
+"""(update, training cost since the last look, validation cost L_pred), scaled units."""
 DIVERGED = 1e6
 """A training cost (scaled units) above this has diverged: predictions a thousand deviations off."""
 BETAS, EPS = (0.9, 0.999), 1e-8
@@ -36,8 +38,7 @@ class Trained:
     updates: int
     best_update: int
     diverged_at: int | None
-    curve: list[tuple[int, float, float]]
-    """(update, training cost since the last look, validation cost L_pred), scaled units."""
+    curve: Curve
 
 
 @dataclass
@@ -46,7 +47,7 @@ class Run:
 
     config: RunConfig
     data: Prepared
-    curve: list[tuple[int, float, float]] = field(default_factory=list)
+    curve: Curve = field(default_factory=list)
     best: float = math.inf
     best_update: int = 0
     stale: int = 0
@@ -76,6 +77,7 @@ def train(
     data: Sequence[Prepared],
     progress: Callable[[int], None] = lambda updates: None,
     checkpoint: Path | None = None,
+    looked: Callable[[list[Curve]], None] = lambda curves: None,
 ) -> list[Trained]:
     """Train models of one shape side by side.
 
@@ -85,11 +87,12 @@ def train(
         progress: called with the number of updates done since the last call, summed over models.
         checkpoint: file for the state at every look at the validation part; a second call goes on from there. It is
             the caller's to remove once the outcome is safe.
+        looked: called with every model's curve so far after each look, and when a checkpoint is gone on from.
     """
     models = [build_scaled(c, d) for c, d in zip(configs, data, strict=True)]
     if configs[0].predictor.training != "gradient":
         return [_closed_form(m, d) for m, d in zip(models, data, strict=True)]
-    return Group(models, [Run(c, d) for c, d in zip(configs, data, strict=True)], checkpoint).train(progress)
+    return Group(models, [Run(c, d) for c, d in zip(configs, data, strict=True)], checkpoint).train(progress, looked)
 
 
 def _closed_form(model: Model, data: Prepared) -> Trained:
@@ -153,11 +156,14 @@ class Group:
             gathered.append(data.gather(data.train.starts[order[at * size : (at + 1) * size]]))
         return tuple(torch.stack(parts) for parts in zip(*gathered, strict=True))
 
-    def train(self, progress: Callable[[int], None]) -> list[Trained]:
+    def train(
+        self, progress: Callable[[int], None], looked: Callable[[list[Curve]], None] = lambda curves: None
+    ) -> list[Trained]:
         """Run to the end: budget, early stopping or divergence, model by model."""
         if self.checkpoint:
             self._resume()
             progress(self.update * len(self.runs))
+            looked([r.curve for r in self.runs])
         o = self.options
         while self.update < o.updates:
             active = [i for i, r in enumerate(self.runs) if not r.ended]
@@ -170,6 +176,7 @@ class Group:
                 if self.checkpoint:
                     self._save()
                 progress(since * len(self.runs))
+                looked([r.curve for r in self.runs])
         progress((o.updates - self.update) * len(self.runs))
         return [self._trained(i) for i in range(len(self.runs))]
 

@@ -27,13 +27,14 @@ def option(
     high: float | None = None,
     log: bool = False,
     choices: tuple[Any, ...] = (),
-    search: bool = False,
+    search: bool | tuple[float, float] = False,
     source: str = "",
 ) -> Any:
     """A dataclass field that explains itself.
 
-    ``low``/``high`` (inclusive) and ``choices`` are enforced by `check_options`; with ``search`` they are
-    also the field's default search space, on a logarithmic scale when ``log``.
+    ``low``/``high`` (inclusive) and ``choices`` are enforced by `check_options`. ``search`` makes the field part of
+    the default search space of a sweep: the range worth searching, on a logarithmic scale when ``log``, or with True
+    all of ``choices``.
     """
     meta = {
         "help": help,

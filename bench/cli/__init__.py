@@ -13,6 +13,7 @@ class Main(click.Group):
 
     COMMANDS = (
         ("run", "bench.cli.run"),
+        ("sweep", "bench.cli.sweep"),
         ("check", "bench.cli.check"),
         ("list", "bench.cli.entries"),
         ("show", "bench.cli.entries"),
@@ -66,6 +67,7 @@ def cli() -> None:
     \b
     bench run washout_vs_mlp                     the paper's first comparison, on simulated flights
     bench run "LSTM: 1x50 - MLP: 60x10"          one configuration
+    bench sweep "LSTM: 1x50 - MLP: 60x10"        better options for it, found by trial
     bench list studies                           what else there is
     bench check                                  which claims of the paper reproduce here
     bench ui                                     the results in the MLflow UI

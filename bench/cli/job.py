@@ -67,7 +67,7 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
     from bench import conclude
 
     folder = place.results / "studies" / conclude.slug(job.title)
-    with lock.held(folder, job.title), _mirroring(place, job) as mirror:
+    with lock.held(folder, job.title), mirroring(place, job.title, job.target if job.study else None) as mirror:
         todo = engine.unrecorded(todo, place.runs)
         models = say(out, job, todo)
         workers = place.workers or min(os.cpu_count() or 1, max(1, sum(t.updates > 200 for t in todo.tasks)))
@@ -85,43 +85,43 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
             out.print(f"{models} runs in {clock(time.monotonic() - progress.started)} with {workers} process(es).")
         if mirror:
             mirror.add(place.runs / key for key in todo.done)
-        command = shlex.join(["bench", *_portable(job.command)])
+        command = shlex.join(["bench", *portable(job.command)])
         files = conclude.conclude(out, records, job.title, job.study, command, folder)
         out.print(f"Figure and tables: {escape(str(folder))}")
         if mirror:
             mirror.attach(files)
-            _browse(out, mirror.finish(), job, place)
+            browse(out, mirror.finish(), job.title, place)
 
 
 @contextmanager
-def _mirroring(place: Place, job: Job) -> Iterator[Mirroring | None]:
-    """MLflow beside the study, gone with it; None where it is to be left alone."""
+def mirroring(place: Place, title: str, name: str | None) -> Iterator[Mirroring | None]:
+    """MLflow beside a study or sweep, gone with it; None where it is to be left alone."""
     if place.no_track:
         yield None
         return
     uri = place.tracking or f"sqlite:///{place.results.resolve() / 'mlflow.db'}"
-    mirror = Mirroring(uri, job.title, job.target if job.study else None, lambda s: click.echo(f"bench: {s}", err=True))
+    mirror = Mirroring(uri, title, name, lambda s: click.echo(f"bench: {s}", err=True))
     try:
         yield mirror
     finally:
         mirror.stop()
 
 
-def _browse(out: Console, missing: int, job: Job, place: Place) -> None:
+def browse(out: Console, missing: int, title: str, place: Place) -> None:
     """Where to look next."""
     where = f"--results {escape(str(place.results))}"
     if missing:
         out.print(f"{missing} runs are not in MLflow yet: [bold]bench sync {where}[/] logs them.")
     else:
-        out.print(f"Browse all runs: [bold]bench ui {where}[/] (opens on the chart of “{escape(job.title)}”)")
+        out.print(f"Browse all runs: [bold]bench ui {where}[/] (opens on the chart of “{escape(title)}”)")
 
 
-def _portable(arguments: list[str]) -> list[str]:
+def portable(arguments: list[str]) -> list[str]:
     """The command line without what belongs to this machine alone: where results go, how many processes."""
     kept, skip = [], False
     for argument in arguments:
         local = argument.partition("=")[0] in ("--results", "--tracking", "--workers")
-        if not skip and not local and argument != "--no-track":
+        if not skip and not local and argument not in ("--no-track", "--resume"):
             kept.append(argument)
         skip = local and "=" not in argument
     return kept

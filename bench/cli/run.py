@@ -96,14 +96,14 @@ def run_command(
         configs = found.runs(preset, chosen) if found else _one(name, chosen, seeds or 1)
         if physics and not any(hasattr(c.predictor, "model") for c in configs):
             raise BenchError(f"{name} has no physics: --physics belongs to `physics` and to hybrids.")
-        configs = _apply(configs, run_options)
+        configs = apply(configs, run_options)
         if found is None:
-            configs += _apply(_baselines(configs[0]), run_options, strict=False)
+            configs += apply(_baselines(configs[0]), run_options, strict=False)
         title = f"{name} on {chosen.label}" + (f" ({preset})" if found else "") + (f", {asked}" if asked else "")
         return Job(title, name, found, configs, [name if a == ALL else a for a in sys.argv[1:]])
 
     if target not in known and target != ALL:
-        _check_target(target)
+        check_target(target)
     place = Place(results, tracking, no_track, workers)
     planned = []
     for name in known if target == ALL else [target]:
@@ -121,7 +121,7 @@ def run_command(
         carry_out(out, made, todo, place)
 
 
-def _check_target(target: str) -> None:
+def check_target(target: str) -> None:
     """A single word that is neither a study nor a predictor gets the near names of both."""
     if ":" not in target and " " not in target.strip() and target not in PREDICTORS.names():
         raise BenchError(
@@ -145,7 +145,7 @@ def _baselines(beside: RunConfig) -> list[RunConfig]:
     return [b for b in made if type(b.predictor) is not type(beside.predictor)]
 
 
-def _apply(configs: list[RunConfig], assignments: dict[str, str], strict: bool = True) -> list[RunConfig]:
+def apply(configs: list[RunConfig], assignments: dict[str, str], strict: bool = True) -> list[RunConfig]:
     """Set options on every run that has them; if ``strict``, one that no run has is an error."""
     for name, value in assignments.items():
         applied, problem, any_fits = [], None, False

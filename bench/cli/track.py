@@ -25,11 +25,11 @@ def ui_command(results: Path, tracking: str | None, port: int, study: str | None
 @options.results
 @options.tracking
 def sync_command(results: Path, tracking: str | None) -> None:
-    """Log every recorded run and study in MLflow again; what is already there stays as it is.
+    """Log every recorded run, study and sweep in MLflow again; what is already there stays as it is.
 
     Runs that a killed driver has left half logged are completed.
     """
-    from bench import conclude, track
+    from bench import conclude, record, sweep, track
 
     own = track.default_uri(results)
     uri, logged = tracking or own, 0
@@ -41,6 +41,15 @@ def sync_command(results: Path, tracking: str | None) -> None:
         track.attach(uri, study.title, study.study or study.title, study.files)
         logged += len(present)
         click.echo(f"{study.title}: {len(present)} runs")
+    for folder in sweep.sweeps(results):
+        kept, keys = sweep.read(folder)
+        told = sweep.told(sweep.load(folder))
+        track.mirror_trials(uri, kept.title, folder.name, kept.configs, told)
+        present = [results / "runs" / key for key in keys if record.exists(results / "runs", key)]
+        track.mirror(present, uri, kept.title, folder.name)
+        track.attach(uri, kept.title, folder.name, [f for f in (folder / sweep.REPORT,) if f.is_file()])
+        logged += len(told) + len(present)
+        click.echo(f"{kept.title}: {len(told)} trials, {len(present)} runs")
     repaired = track.repair(uri, results / "runs", own=uri == own)
     if repaired:
         click.echo(f"{repaired} runs that were left half logged are repaired.")

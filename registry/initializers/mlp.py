@@ -51,7 +51,7 @@ class MLP(InitializerEntry):
 
     sized: ClassVar[bool] = True
 
-    hidden: int = option(60, "neurons in the hidden layer", low=1, high=50000, log=True, search=True)
+    hidden: int = option(60, "neurons in the hidden layer", low=1, high=50000, log=True, search=(10, 100))
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
 

@@ -72,7 +72,7 @@ class Optimized(InitializerEntry):
     and a short history with many states is fitted too well.
     """
 
-    history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000, search=True)
+    history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000, search=(5, 40))
     iterations: int = option(10, "gradient steps on the states of a window", low=0, high=1000)
     rate: float = option(10.0, "largest length of a step per unit of gradient", low=1e-3, high=1e3, log=True)
 

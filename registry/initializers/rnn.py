@@ -54,7 +54,7 @@ class RNN(InitializerEntry):
 
     sized: ClassVar[bool] = True
 
-    hidden: int = option(60, "LSTM cells", low=1, high=10000, log=True, search=True)
+    hidden: int = option(60, "LSTM cells", low=1, high=10000, log=True, search=(10, 100))
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)

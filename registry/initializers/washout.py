@@ -39,7 +39,7 @@ class Washout(InitializerEntry):
     Paper, section "RNN State Initialization: Washout" (Jaeger 2002; Zimmermann et al. 2012).
     """
 
-    history: int = option(10, "washout period τ", unit="samples", low=1, high=10000, search=True)
+    history: int = option(10, "washout period τ", unit="samples", low=1, high=10000, search=(5, 40))
     start: str = option("zero", "states at the start of the period", choices=("zero", "random"))
     feedback: str = option(
         "measured", "outputs fed back during washout: measured ones or the network's own", choices=("measured", "own")

@@ -72,8 +72,8 @@ class GRU(PredictorEntry):
 
     network: ClassVar[bool] = True
 
-    layers: int = option(1, "layers in series", low=1, high=20, search=True)
-    hidden: int = option(50, "units in each layer", low=1, high=2000, log=True, search=True)
+    layers: int = option(1, "layers in series", low=1, high=20, search=(1, 2))
+    hidden: int = option(50, "units in each layer", low=1, high=2000, log=True, search=(10, 100))
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     update_bias: float = option(1.0, "initial bias of the update gates; above 0 they keep", low=-10.0, high=10.0)
 

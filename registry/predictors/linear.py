@@ -70,7 +70,9 @@ class Linear(PredictorEntry):
     training: ClassVar[str] = "closed_form"
     stateful: ClassVar[bool] = False
 
-    ridge: float = option(1e-3, "penalty on squared scaled coefficients, per sample", low=0.0, log=True, search=True)
+    ridge: float = option(
+        1e-3, "penalty on squared scaled coefficients, per sample", low=0.0, log=True, search=(1e-6, 10.0)
+    )
 
     def build(self, problem: Problem) -> Predictor:
         """See `PredictorEntry.build`."""

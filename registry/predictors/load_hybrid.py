@@ -215,9 +215,9 @@ class LoadHybrid(PredictorEntry):
     stateful: ClassVar[bool] = False
     side_by_side: ClassVar[bool] = False
 
-    layers: int = option(1, "layers in series of the LSTM", low=1, high=20, search=True)
-    hidden: int = option(24, "cells in each layer", low=1, high=2000, log=True, search=True)
-    encoder: int = option(24, "cells of the GRU that reads the history", low=1, high=2000, log=True, search=True)
+    layers: int = option(1, "layers in series of the LSTM", low=1, high=20, search=(1, 2))
+    hidden: int = option(24, "cells in each layer", low=1, high=2000, log=True, search=(8, 64))
+    encoder: int = option(24, "cells of the GRU that reads the history", low=1, high=2000, log=True, search=(8, 64))
     dropout: float = option(0.2, "probability of dropping what the GRU passes on", low=0.0, high=0.9)
     mirrors: bool = option(
         True, "train on mirror images of windows and predict with the mean of all, where the rotors are symmetric"

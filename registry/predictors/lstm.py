@@ -114,8 +114,8 @@ class LSTM(PredictorEntry):
 
     network: ClassVar[bool] = True
 
-    layers: int = option(1, "layers in series", low=1, high=20, search=True)
-    hidden: int = option(50, "cells in each layer", low=1, high=2000, log=True, search=True)
+    layers: int = option(1, "layers in series", low=1, high=20, search=(1, 2))
+    hidden: int = option(50, "cells in each layer", low=1, high=2000, log=True, search=(10, 100))
     dropout: float = option(0.0, "probability of dropping what a layer passes up", low=0.0, high=0.9)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)

@@ -93,8 +93,8 @@ class MLFC(PredictorEntry):
 
     network: ClassVar[bool] = True
 
-    layers: int = option(1, "layers", low=1, high=20, search=True)
-    hidden: int = option(50, "neurons in each layer", low=1, high=2000, log=True, search=True)
+    layers: int = option(1, "layers", low=1, high=20, search=(1, 3))
+    hidden: int = option(50, "neurons in each layer", low=1, high=2000, log=True, search=(10, 100))
     dropout: float = option(0.0, "probability of dropping a layer output before the read-out", low=0.0, high=0.9)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
 

@@ -88,8 +88,8 @@ class NARX(PredictorEntry):
     network: ClassVar[bool] = True
     stateful: ClassVar[bool] = False
 
-    layers: int = option(1, "tanh layers in series", low=1, high=20, search=True)
-    hidden: int = option(50, "neurons in each layer", low=1, high=2000, log=True, search=True)
+    layers: int = option(1, "tanh layers in series", low=1, high=20, search=(1, 3))
+    hidden: int = option(50, "neurons in each layer", low=1, high=2000, log=True, search=(10, 100))
     delays: int = option(10, "taps of each delay line: u_k .. and y_{k−1} ..", unit="samples", low=1, high=100)
     mode: str = option(
         "parallel", "outputs fed back in training: own or measured ones", choices=("parallel", "series-parallel")

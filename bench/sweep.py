@@ -1,0 +1,196 @@
+"""A sweep: what is searched, and its trials as Optuna's journal keeps them, which is their record.
+
+One driver writes the journal (`JOURNAL`, readable by optuna-dashboard). Nothing here looks at the test part.
+"""
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import optuna
+from optuna.distributions import distribution_to_json, json_to_distribution
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import FrozenTrial, TrialState
+
+from bench import durable
+from bench.config import RunConfig, from_json, to_json
+from bench.data import choose_split, digest, prepare
+from bench.record import json_text
+from bench.space import Space, default_params
+from registry.errors import BenchError
+
+JOURNAL, DEFINITION, RESULT, REPORT = "journal.log", "sweep.json", "result.json", "report.html"
+"""Files of a sweep's folder: trials; what is searched; what came out; the page."""
+OBJECTIVES = {
+    "rmsse": "RMSSE on the validation part [standard deviations]",
+    "weights": "weights [count]",
+    "latency": "time of one prediction [ms]",
+}
+"""Name → with unit; the first is always one."""
+STARTUP = 5
+"""Trials that go to their end before any is pruned."""
+LOST = ("impossible", "diverged")
+"""Statuses of a trial that was told as failed; any other failed one was killed with its driver."""
+
+optuna.logging.set_verbosity(optuna.logging.WARNING)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What is searched."""
+
+    title: str
+    configs: tuple[RunConfig, ...]
+    """To choose from; the first is the default, which is the first trial and what the best is compared with."""
+    space: Space
+    objectives: tuple[str, ...] = ("rmsse",)
+    seed: int = 0
+    """Of the proposals. A proposal is a function of it and of the trials told before."""
+    command: str = ""
+    """That makes it again."""
+
+    @property
+    def default(self) -> RunConfig:
+        """What the user named."""
+        return self.configs[0]
+
+    @cached_property
+    def definition(self) -> dict[str, Any]:
+        """Everything that trials of one sweep have in common; plain data."""
+        return {
+            "title": self.title,
+            "configs": [to_json(c.resolved()) for c in self.configs],
+            "space": {path: json.loads(distribution_to_json(d)) for path, d in self.space.items()},
+            "objectives": list(self.objectives),
+            "seed": self.seed,
+            "data": digest(self.default.dataset),
+        }
+
+    def check(self) -> None:
+        """Raise `BenchError` where there is nothing to search, no validation part, or the default does not fit."""
+        if not self.space:
+            raise BenchError(f"{self.default.spec} has nothing to search: name options with --search.")
+        split = choose_split(self.default)
+        if not split.validation:
+            raise BenchError(
+                f"{self.default.dataset.label} has no validation part, and a sweep is judged on nothing else: name "
+                "recordings for it with --set validation=PATTERN."
+            )
+        prepare(self.default)
+
+
+def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
+    """The study in ``folder``, new or gone on with; trials that died with their driver are put back in line.
+
+    Raises:
+        BenchError: there is one and it is not to be resumed, or it is of something else; the folder cannot be written.
+    """
+    told = folder / DEFINITION
+    if told.is_file():
+        before = json.loads(told.read_text())
+        if not resume:
+            raise BenchError(f"There is a sweep in {folder}: go on with --resume, or give this one another --name.")
+        changed = sorted(k for k, v in sweep.definition.items() if json.loads(json.dumps(v)) != before.get(k))
+        if changed:
+            raise BenchError(
+                f"The sweep in {folder} was begun with other {', '.join(changed)}: repeat its command "
+                f"({before.get('command')}) with --resume, or give this one another --name."
+            )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _mend(folder / JOURNAL)
+        if not told.is_file():
+            durable.write_text(told, json_text({**sweep.definition, "command": sweep.command}))
+        study = optuna.create_study(
+            study_name=folder.name,
+            storage=optuna.storages.JournalStorage(JournalFileBackend(str(folder / JOURNAL))),
+            directions=["minimize"] * len(sweep.objectives),
+            pruner=optuna.pruners.MedianPruner(STARTUP, n_warmup_steps=sweep.default.training.updates // 5),
+            load_if_exists=True,
+        )
+    except OSError as error:
+        raise BenchError(f"The sweep folder {folder} cannot be written: {error.strerror or error}.") from error
+    put_back(study, sweep.space)
+    if not study.trials and (params := default_params(sweep.space, sweep.configs)):
+        study.enqueue_trial(params)
+    return study
+
+
+def sweeps(results: Path) -> Iterator[Path]:
+    """The folders of all sweeps."""
+    yield from (path.parent for path in sorted((results / "sweeps").glob(f"*/{DEFINITION}")))
+
+
+def read(folder: Path) -> tuple[Sweep, list[str]]:
+    """What is searched in a folder, and the keys of its finalists' records, none before the end.
+
+    Raises:
+        BenchError: a file is damaged.
+    """
+    try:
+        kept = json.loads((folder / DEFINITION).read_text())
+        space = {path: json_to_distribution(json.dumps(d)) for path, d in kept["space"].items()}
+        configs = tuple(from_json(c) for c in kept["configs"])
+        made = Sweep(kept["title"], configs, space, tuple(kept["objectives"]), kept["seed"], kept["command"])
+        done = folder / RESULT
+        return made, list(json.loads(done.read_text())["keys"]) if done.is_file() else []
+    except (OSError, ValueError, TypeError, LookupError) as error:
+        raise BenchError(f"The sweep in {folder} is damaged ({error}): remove the folder and sweep again.") from error
+
+
+def load(folder: Path) -> optuna.Study:
+    """The study of a sweep as it stands, to be read."""
+    storage = optuna.storages.JournalStorage(JournalFileBackend(str(folder / JOURNAL)))
+    return optuna.load_study(study_name=folder.name, storage=storage)
+
+
+def _mend(journal: Path) -> None:
+    """Cut off a last line that a kill has torn, and the lock that it has left."""
+    journal.with_name(journal.name + ".lock").unlink(missing_ok=True)
+    if journal.is_file():
+        content = journal.read_bytes()
+        if not content.endswith(b"\n"):
+            os.truncate(journal, content.rfind(b"\n") + 1)
+
+
+def put_back(study: optuna.Study, space: Space) -> None:
+    """Trials left running by a killed driver are closed as failed, and asked for again with the same parameters."""
+    for left in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+        study.tell(left.number, state=TrialState.FAIL)
+    every = study.get_trials(deepcopy=False)
+    again = {t.user_attrs.get("again") for t in every}
+    for t in every:
+        if was_killed(t) and t.number not in again and set(t.params) == set(space):
+            study.enqueue_trial(t.params, {"again": t.number, "first": t.user_attrs.get("first", t.number)})
+
+
+def was_killed(t: FrozenTrial) -> bool:
+    """Whether a trial ended with its driver and not by itself."""
+    return t.state == TrialState.FAIL and t.user_attrs.get("status") not in LOST
+
+
+def begun(study: optuna.Study) -> list[FrozenTrial]:
+    """Trials that run or have been told, each once however often it was killed."""
+    return [t for t in study.get_trials(deepcopy=False) if t.state != TrialState.WAITING and not was_killed(t)]
+
+
+def told(study: optuna.Study) -> list[FrozenTrial]:
+    """Trials of which the end is known."""
+    return [t for t in begun(study) if t.state != TrialState.RUNNING]
+
+
+def best(study: optuna.Study) -> FrozenTrial:
+    """The trial with the smallest error.
+
+    Raises:
+        BenchError: none has come to its end.
+    """
+    done = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+    if not done:
+        reasons = {t.user_attrs.get("problem") or t.user_attrs.get("status") for t in told(study)}
+        raise BenchError(f"No trial of {study.study_name} has come to its end: {'; '.join(map(str, reasons))}.")
+    return min(done, key=lambda t: (t.values[0], t.number))

@@ -1,0 +1,220 @@
+"""How a sweep went, drawn: the error of every trial, learning curves, which options mattered, the Pareto front."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from typing import Any
+
+import numpy as np
+import optuna
+from optuna.distributions import CategoricalDistribution, IntDistribution
+from optuna.trial import FrozenTrial, TrialState
+
+from bench import report
+from bench import sweep as sweeps
+from bench.drawing import Look, Panel, Scale, around
+from bench.finalists import Verdict
+from bench.page import grid, panel, table
+from bench.record import RunRecord
+from bench.space import options
+from bench.study_page_sections import legend
+
+TOLD, PRUNED = Look("#0072B2", (), 2.4), Look("#7f8791", (), 1.2)
+BEST, DEFAULT = Look("#D55E00", (), 2.4), Look("#009E73", (), 2.4)
+RMSSE = "validation RMSSE [std. dev.]"
+
+
+@dataclass(frozen=True)
+class Content:
+    """A sweep that has ended."""
+
+    sweep: sweeps.Sweep
+    study: optuna.Study
+    verdicts: Sequence[Verdict]
+    """Empty where the default is the best."""
+    best_records: Sequence[RunRecord]
+    default_records: Sequence[RunRecord]
+
+    @cached_property
+    def told(self) -> list[FrozenTrial]:
+        """All trials that are told, by number."""
+        return sweeps.told(self.study)
+
+    @cached_property
+    def complete(self) -> list[FrozenTrial]:
+        """Those that went to their end."""
+        return [t for t in self.told if t.state == TrialState.COMPLETE]
+
+    @cached_property
+    def best(self) -> FrozenTrial:
+        """The trial with the smallest error."""
+        return sweeps.best(self.study)
+
+    @cached_property
+    def errors(self) -> Scale:
+        """An axis of errors; a trial that ran away leaves it."""
+        every = [t.values[0] for t in self.complete] + [e for t in self.told if math.isfinite(e := _last(t))]
+        kept = [v for v in every if v < 5 * float(np.median([t.values[0] for t in self.complete]))]
+        return around(kept, log=max(kept) > 4 * min(kept) > 0)
+
+    def mark(self, drawn: Panel, xs: Sequence[tuple[FrozenTrial, float]]) -> None:
+        """A dot a trial at its x: pruned ones hollow at their last look, the best coloured."""
+        for t, x in xs:
+            if t.state != TrialState.COMPLETE:
+                drawn.dots([x], [_last(t)], PRUNED.colour, hollow=True)
+        for t, x in xs:
+            if t.state == TrialState.COMPLETE and t.number != self.best.number:
+                drawn.dots([x], [t.values[0]], TOLD.colour)
+        for t, x in xs:
+            if t.number == self.best.number:
+                drawn.dots([x], [t.values[0]], BEST.colour, radius=5)
+
+
+def _curve(t: FrozenTrial) -> list[tuple[int, float]]:
+    return [(int(u), float(v)) for u, v in t.user_attrs.get("curve", [])]
+
+
+def _last(t: FrozenTrial) -> float:
+    curve = _curve(t)
+    return curve[-1][1] if curve else math.nan
+
+
+MARKS = [(TOLD, "trained to the end"), (PRUNED, "stopped early, at its last look"), (BEST, "best")]
+
+
+def history(c: Content) -> str:
+    """The error of every trial, and the best so far."""
+    drawn = Panel(Scale(-0.5, max(1, len(c.told)) - 0.5), c.errors, "trial [number]", RMSSE, 520, 260)
+    places = {t.number: i for i, t in enumerate(c.told)}
+    xs: list[float] = []
+    ys: list[float] = []
+    lowest = math.inf
+    for t in c.complete:
+        if t.values[0] < lowest:
+            xs += [places[t.number], places[t.number]] if xs else [places[t.number]]
+            ys += [lowest, t.values[0]] if ys else [t.values[0]]
+            lowest = t.values[0]
+    drawn.line([*xs, len(c.told) - 1], [*ys, lowest], Look(BEST.colour, (), 1.4, 0.6))
+    c.mark(drawn, [(t, places[t.number]) for t in c.told])
+    cut = sum(t.state == TrialState.PRUNED for t in c.told)
+    lost = len(c.told) - len(c.complete) - cut
+    seconds = sum(t.user_attrs.get("seconds", 0.0) for t in c.told)
+    text = (
+        f"<p>{len(c.told)} trials: {len(c.complete)} trained to the end, {cut} stopped early, {lost} failed; "
+        f"{seconds:.0f} s of training.</p>"
+    )
+    return (
+        text
+        + legend(MARKS)
+        + grid([panel("Error of every trial", "", drawn.svg("Error of every trial")), _curves(c)], "wide")
+    )
+
+
+def _curves(c: Content) -> str:
+    """Learning curves of all trials."""
+    curves = [(t, curve) for t in c.told if len(curve := _curve(t)) > 1]
+    if not curves:
+        return ""
+    drawn = Panel(Scale(0, max(curve[-1][0] for _, curve in curves)), c.errors, "updates [count]", RMSSE, 520, 260)
+    for t, curve in sorted(curves, key=lambda pair: pair[0].number == c.best.number):
+        look = Look(BEST.colour, (), 2.2) if t.number == c.best.number else Look(TOLD.colour, (), 1.0, 0.45)
+        look = look if t.state == TrialState.COMPLETE else Look(PRUNED.colour, (), 1.0, 0.6)
+        drawn.line([u for u, _ in curve], [v for _, v in curve], look)
+    return panel("While training", "grey: stopped early", drawn.svg("Validation error of all trials while they train"))
+
+
+def importances(c: Content) -> str:
+    """Which options mattered."""
+    if len(c.complete) < 2 or len(c.sweep.space) < 2:
+        return ""
+    found = optuna.importance.get_param_importances(c.study)
+    bars = "".join(
+        f'<tr><td>{escape(path)}</td><td>{_bar(share)}</td><td class="number">{share:.2f}</td></tr>'
+        for path, share in found.items()
+    )
+    few = " With so few it is a hint at most." if len(c.complete) < 50 else ""
+    together = ", in all objectives together" if len(c.sweep.objectives) > 1 else ""
+    text = (
+        f"Share of each option in what sets the best tenth of the {len(c.complete)} trials trained to the end apart"
+        f"{together} (PED-ANOVA, Watanabe et al. 2023); shares add up to 1.{few}"
+    )
+    return f"<p>{text}</p>{table(['option', '', 'share'], [bars], [2])}"
+
+
+def _bar(share: float) -> str:
+    return (
+        '<svg viewBox="0 0 200 12" width="200" height="12" aria-hidden="true">'
+        f'<rect width="{200 * share:.1f}" height="12" fill="{TOLD.colour}"/></svg>'
+    )
+
+
+def slices(c: Content) -> str:
+    """The error against each option."""
+    fields = {path: field for path, field, _ in options(c.sweep.default)}
+    drawn, listed = [], ""
+    for path, distribution in c.sweep.space.items():
+        have = [t for t in c.told if path in t.params]
+        if isinstance(distribution, CategoricalDistribution):
+            listed += _choices(path, distribution, have)
+            continue
+        low, high, log = (getattr(distribution, name) for name in ("low", "high", "log"))
+        unit = fields[path].metadata.get("unit") or ("count" if isinstance(distribution, IntDistribution) else "1")
+        scale = around([low, high], log, room=0.04)
+        made = Panel(scale, c.errors, f"{path.rpartition('.')[2].replace('_', ' ')} [{unit}]", RMSSE, 340, 215)
+        c.mark(made, [(t, t.params[path]) for t in have])
+        drawn.append(panel(path, fields[path].metadata.get("help", ""), made.svg(f"Error against {path}")))
+    return legend(MARKS) + grid(drawn) + listed
+
+
+def _choices(path: str, distribution: CategoricalDistribution, trials: Sequence[FrozenTrial]) -> str:
+    """A row a choice."""
+    rows = []
+    for choice in distribution.choices:
+        of = [t for t in trials if t.params[path] == choice]
+        ends = sorted(t.values[0] for t in of if t.state == TrialState.COMPLETE)
+        cells = [str(len(of)), str(len(ends)), *(report.number(v) for v in (ends[:1] or [math.nan]))]
+        cells.append(report.number(float(np.median(ends))) if ends else "–")
+        shown = "".join(f'<td class="number">{x}</td>' for x in cells)
+        rows.append(f"<tr><td>{escape(str(choice))}</td>{shown}</tr>")
+    heads = [escape(path), "trials", "trained to the end", f"best {RMSSE}", "median"]
+    return f"<h3>{escape(path)}</h3>{table(heads, rows, range(1, 5))}"
+
+
+def front(c: Content) -> str:
+    """What cannot be made smaller in one objective without a loss in another."""
+    if len(c.sweep.objectives) == 1:
+        return ""
+    numbers = {t.number for t in c.study.best_trials}
+    body = "<p>No trial is better in all objectives than one of the orange ones.</p>"
+    drawn = []
+    for i, name in enumerate(c.sweep.objectives[1:], 1):
+        values = [t.values[i] for t in c.complete]
+        scale = around(values, log=min(values) > 0 and max(values) > 4 * min(values))
+        made = Panel(scale, c.errors, sweeps.OBJECTIVES[name], RMSSE, 520, 260)
+        for on_it, colour in ((False, TOLD.colour), (True, BEST.colour)):
+            some = [t for t in c.complete if (t.number in numbers) is on_it]
+            made.dots([t.values[i] for t in some], [t.values[0] for t in some], colour, radius=4 if on_it else 3)
+        drawn.append(panel(f"RMSSE against {name}", "", made.svg(f"RMSSE against {name}")))
+    chosen = sorted((t for t in c.complete if t.number in numbers), key=lambda t: t.values[0])
+    return body + grid(drawn, "wide") + trials_table(c, chosen)
+
+
+def trials_table(c: Content, some: Sequence[FrozenTrial]) -> str:
+    """A row a trial."""
+    heads = ["trial", "state", *c.sweep.objectives, *c.sweep.space, "updates", "time [s]"]
+    rows = []
+    for t in some:
+        values = t.values if t.state == TrialState.COMPLETE else [_last(t), *[math.nan] * (len(c.sweep.objectives) - 1)]
+        state = t.user_attrs.get("status", t.state.name.lower())
+        cells = [str(t.number), state, *(report.number(v) for v in values)]
+        cells += [shown(t.params.get(path, "–")) for path in c.sweep.space]
+        cells += [str(t.user_attrs.get("updates", "–")), f"{t.user_attrs.get('seconds', math.nan):.1f}"]
+        rows.append("<tr>" + "".join(f"<td>{escape(x)}</td>" for x in cells) + "</tr>")
+    return table([escape(h) for h in heads], rows, kind="errors")
+
+
+def shown(value: Any) -> str:
+    """The value of an option."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
