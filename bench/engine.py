@@ -6,6 +6,7 @@ hand, and those go on from their last checkpoint.
 
 import hashlib
 import os
+import platform
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
@@ -15,7 +16,7 @@ from typing import Any
 import torch
 
 from bench import record
-from bench.config import RunConfig, from_json, run_key, shape_key, to_json
+from bench.config import RunConfig, environment, from_json, run_key, shape_key, to_json
 from bench.data import choose_split, digest, prepare
 from bench.executor import tell, work_off
 from bench.record import RunRecord
@@ -111,9 +112,18 @@ def unrecorded(todo: Plan, runs: Path) -> Plan:
     return left
 
 
-def _work(plain: Sequence[dict[str, Any]], checkpoint: str, weight: float) -> list[Outcome]:
+def _work(plain: Sequence[dict[str, Any]], keys: Sequence[str], checkpoint: str, weight: float) -> list[Outcome]:
     """In a worker: train a group, telling the driver about progress."""
-    return run_group([from_json(p) for p in plain], lambda n: tell(n * weight), Path(checkpoint))
+    torch.set_num_threads(1)
+    configs = [from_json(p) for p in plain]
+    if [run_key(c, digest(c.dataset), choose_split(c)) for c in configs] != list(keys):
+        raise BenchError(
+            f"The worker on {platform.node()} would make other records: its torch, processor ({environment()['cpu']}), "
+            "data or this package differ from the driver's; run the driver on a machine like it."
+        )
+    # Elsewhere there may be no such folder: then a worker that dies starts its group over.
+    shared = Path(checkpoint) if Path(checkpoint).parent.is_dir() else None
+    return run_group(configs, lambda n: tell(n * weight), shared)
 
 
 def execute(
@@ -123,6 +133,7 @@ def execute(
     tick: Callable[[float], None] = lambda cost: None,
     finished: Callable[[RunRecord], None] = lambda record: None,
     starting: Callable[[Task], None] = lambda task: None,
+    cluster: str | None = None,
 ) -> list[RunRecord]:
     """Run the tasks and write a record a run.
 
@@ -133,6 +144,7 @@ def execute(
         tick: called with a part of `Task.cost` as it is done.
         finished: called in this process with every new record.
         starting: called when a task is handed out.
+        cluster: address of a Dask scheduler whose workers do it instead.
 
     Returns:
         All records of the plan, in the order asked.
@@ -140,21 +152,22 @@ def execute(
     Raises:
         BenchError: a folder that cannot be written, or workers that die again and again.
     """
+    partial = runs / ".partial"
     try:
-        runs.mkdir(parents=True, exist_ok=True)
+        partial.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BenchError(f"The results folder {runs} cannot be written: {error.strerror or error}.") from error
     if not os.access(runs, os.W_OK):
         raise BenchError(f"The results folder {runs} cannot be written: choose another with --results.")
-    partial = runs / ".partial"
 
     def jobs() -> Iterator[tuple[Task, Callable[..., list[Outcome]], tuple[Any, ...]]]:
         for task in todo.tasks:
             starting(task)
             weight = task.cost / (task.updates * len(task.configs))
-            yield task, _work, ([to_json(c) for c in task.configs], str(partial / task.checkpoint), weight)
+            plain, checkpoint = [to_json(c) for c in task.configs], str((partial / task.checkpoint).resolve())
+            yield task, _work, (plain, list(task.keys), checkpoint, weight)
 
-    with closing(work_off(jobs(), min(workers, len(todo.tasks)), tick, lambda task: task.name)) as done:
+    with closing(work_off(jobs(), min(workers, len(todo.tasks)), tick, lambda t: t.name, cluster)) as done:
         for task, outcomes in done:
             for outcome in outcomes:
                 finished(write(outcome, runs))

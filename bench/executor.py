@@ -27,7 +27,7 @@ PATIENCE = 3
 class Crew:
     """Those who work."""
 
-    executor: Executor
+    submit: Callable[..., Future[Any]]
     hands: Callable[[], int]
     """How many jobs to hand out at once, now."""
     messages: Any = None
@@ -72,7 +72,7 @@ def work_off(
                             waiting += [job] if job is not None else []
                         if waiting:
                             _, function, arguments = waiting[0]
-                            pending[crew.executor.submit(function, *arguments)] = waiting[0]
+                            pending[crew.submit(function, *arguments)] = waiting[0]
                             del waiting[0]
                     done, _ = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
                     _drain(crew.messages, hear)
@@ -97,7 +97,12 @@ _ticks: Any = None
 
 def tell(message: Any) -> None:
     """In a worker: send something to the driver."""
-    _ticks.put(message)
+    if _ticks is not None:
+        _ticks.put(message)
+        return
+    from bench import cluster
+
+    cluster.tell(message)
 
 
 def die_with_parent() -> None:
@@ -110,6 +115,10 @@ def die_with_parent() -> None:
 
 
 def _crew(workers: int, cluster: str | None, hear: Hear) -> AbstractContextManager[Crew]:
+    if cluster is not None:
+        from bench.cluster import connected
+
+        return connected(cluster)
     return _inline(hear) if workers <= 1 else _processes(workers)
 
 
@@ -136,7 +145,7 @@ class _Direct:
 def _inline(hear: Hear) -> Iterator[Crew]:
     global _ticks
     _ticks = _Direct(hear)
-    yield Crew(_Inline(), lambda: 1)
+    yield Crew(_Inline().submit, lambda: 1)
 
 
 @contextmanager
@@ -146,7 +155,7 @@ def _processes(workers: int) -> Iterator[Crew]:
     messages = context.Queue()
     pool = ProcessPoolExecutor(workers, context, _start_worker, (messages,))
     try:
-        yield Crew(pool, lambda: workers, messages)
+        yield Crew(pool.submit, lambda: workers, messages)
     finally:
         for process in list((pool._processes or {}).values()):
             process.terminate()

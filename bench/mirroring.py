@@ -4,7 +4,6 @@ What a server that is slow or down has not taken when the study ends, `bench syn
 """
 
 import multiprocessing
-import os
 import queue
 import signal
 import time
@@ -34,7 +33,7 @@ class Mirroring:
         """Start the process; ``say`` is called with a sentence when the server first fails."""
         self.say = say
         self.asked, self.done, self.last_sign = 0, 0, time.monotonic()
-        self.started, self.said = time.monotonic(), False
+        self.started, self.said, self.ready = time.monotonic(), False, False
         context = multiprocessing.get_context("spawn")
         self.inbox, self.outbox = context.Queue(), context.Queue()
         self.process = context.Process(
@@ -69,8 +68,10 @@ class Mirroring:
         self.inbox.put(None)
         self.last_sign = time.monotonic()
         deadline = self.last_sign + max(LONGEST, 0.1 * (self.last_sign - self.started))
-        while self.process.is_alive() and time.monotonic() < min(deadline, self.last_sign + QUIET):
+        while self.process.is_alive() and time.monotonic() < deadline:
             self._listen(0.2)
+            if self.ready and time.monotonic() > self.last_sign + QUIET:
+                break
         self._listen(0.0)
         self.stop()
         return self.asked - self.done
@@ -88,6 +89,7 @@ class Mirroring:
                 logged, trouble = self.outbox.get(timeout=seconds) if seconds else self.outbox.get_nowait()
             except queue.Empty:
                 return
+            self.ready = True
             self.done += logged
             self.last_sign = time.monotonic()
             if trouble and not self.said:
@@ -99,10 +101,10 @@ def _serve(inbox: Any, outbox: Any, uri: str, experiment: str, study: str | None
     """The process: log what comes in, again and again where a server fails, until the driver has nothing more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the driver's to handle
     die_with_parent()
-    os.nice(5)  # training comes first
     from bench import track
     from registry.errors import BenchError
 
+    outbox.put((0, ""))
     waiting: deque[tuple[str, Any]] = deque()
     known: set[str] | None = None
     more = True

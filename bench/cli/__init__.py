@@ -20,6 +20,7 @@ class Main(click.Group):
         ("data", "bench.cli.data"),
         ("report", "bench.cli.report"),
         ("runs", "bench.cli.runs"),
+        ("cluster", "bench.cli.cluster"),
         ("predict", "bench.cli.predict"),
         ("compare", "bench.cli.diagnose"),
         ("locate", "bench.cli.diagnose"),

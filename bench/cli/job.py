@@ -42,6 +42,8 @@ class Place:
     no_track: bool
     workers: int | None
     """Processes; None: one a core, as far as there is work for them."""
+    cluster: str | None = None
+    """Address of a Dask scheduler whose workers do it instead."""
 
     @property
     def runs(self) -> Path:
@@ -79,10 +81,11 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
                     mirror.add([record.folder])
 
             records = engine.execute(
-                todo, place.runs, workers, progress.tick, finished, lambda t: progress.start(t.name)
+                todo, place.runs, workers, progress.tick, finished, lambda t: progress.start(t.name), place.cluster
             )
         if models:
-            out.print(f"{models} runs in {clock(time.monotonic() - progress.started)} with {workers} process(es).")
+            by = f"on {place.cluster}" if place.cluster else f"with {workers} process(es)"
+            out.print(f"{models} runs in {clock(time.monotonic() - progress.started)} {escape(by)}.")
         if mirror:
             mirror.add(place.runs / key for key in todo.done)
         command = shlex.join(["bench", *portable(job.command)])
@@ -120,7 +123,7 @@ def portable(arguments: list[str]) -> list[str]:
     """The command line without what belongs to this machine alone: where results go, how many processes."""
     kept, skip = [], False
     for argument in arguments:
-        local = argument.partition("=")[0] in ("--results", "--tracking", "--workers")
+        local = argument.partition("=")[0] in ("--results", "--tracking", "--workers", "--cluster")
         if not skip and not local and argument not in ("--no-track", "--resume"):
             kept.append(argument)
         skip = local and "=" not in argument

@@ -39,6 +39,7 @@ ALL = "all"
 )
 @options.assignments
 @click.option("--workers", type=click.IntRange(1, 512), help="Processes, one thread each; default: one a core.")
+@click.option("--cluster", metavar="ADDRESS", help="A Dask scheduler, as `bench cluster start` prints it.")
 @options.results
 @options.tracking
 @click.option("--no-track", is_flag=True, help="Leave MLflow alone; `bench sync` can log the records later.")
@@ -53,6 +54,7 @@ def run_command(
     physics: str | None,
     assignments: tuple[str, ...],
     workers: int | None,
+    cluster: str | None,
     results: Path,
     tracking: str | None,
     no_track: bool,
@@ -69,6 +71,7 @@ def run_command(
     bench run "MLFC: 1x50 - Washout: 10" --set training.updates=3000
     bench run quadrotor_hybrid --dataset my_flights --physics my_flights/diagnosis/model.toml
     bench run all --dry-run                              what the lot would cost
+    bench run all --cluster tcp://127.0.0.1:8786         workers of a Dask cluster
 
     Runs that are already recorded are not trained again: after Ctrl-C, a crash or a power cut, the same command
     goes on where it stopped.
@@ -104,7 +107,9 @@ def run_command(
 
     if target not in known and target != ALL:
         check_target(target)
-    place = Place(results, tracking, no_track, workers)
+    if workers and cluster:
+        raise BenchError("--workers are processes on this machine, --cluster has workers of its own: give one of them.")
+    place = Place(results, tracking, no_track, workers, cluster)
     planned = []
     for name in known if target == ALL else [target]:
         try:

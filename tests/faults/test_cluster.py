@@ -1,0 +1,131 @@
+"""A real scheduler and worker processes on 127.0.0.1, killed one after the other."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from bench import record
+
+pytest.importorskip("distributed", reason="the cluster extra is not installed")
+RUN = ["run", "LSTM: 1x6 - MLP: 6x10", "--seeds", "12", "--no-track", "--dataset", "helicopter_twin"]
+RUN += ["--set", "training.updates=240", "--set", "training.evaluate_every=20"]
+"""Twelve trainings, too thin to be grouped, and two baselines."""
+RUNS = 14
+
+
+@contextmanager
+def started(*command: str, says: str = "", log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    with log.open("wb") as out:
+        process = subprocess.Popen([sys.executable, "-m", *command], stdout=out, stderr=subprocess.STDOUT)
+        try:
+            until(lambda: says in log.read_text(errors="replace"), process)
+            yield process
+        finally:
+            process.kill()
+            process.wait()
+
+
+def until(true: Callable[[], bool], process: "subprocess.Popen[bytes]", seconds: float = 120) -> None:
+    deadline = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < deadline and process.poll() is None
+        time.sleep(0.02)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def made(results: Path) -> dict[str, int]:
+    found = list(record.all_records(results / "runs"))
+    assert all(record.verify(r) == [] for r in found)
+    return {r.key: r.provenance["finished_ms"] for r in found}
+
+
+def bench(*arguments: str, results: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "bench", *arguments, "--results", str(results)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.faults
+def test_kills_on_a_cluster_lose_only_what_was_in_hand(tmp_path: Path, faults: Callable[..., None]) -> None:
+    whole, results, two = tmp_path / "whole", tmp_path / "results", tmp_path / "two"
+    for folder, workers in ((whole, "1"), (two, "2")):
+        assert bench(*RUN, "--workers", workers, results=folder).returncode == 0
+    address = f"tcp://127.0.0.1:{(port := free_port())}"
+    scheduler = ("dask", "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+    worker = ("dask", "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    driver = ("bench", *RUN, "--cluster", address, "--results", str(results))
+    with (
+        started(*scheduler, says="Scheduler at", log=tmp_path / "s") as manager,
+        started(*worker, says="Registered to", log=tmp_path / "a") as first,
+        started(*worker, says="Registered to", log=tmp_path / "b"),
+    ):
+        with started(*driver, log=tmp_path / "d") as killed:
+            until(lambda: len(made(results)) >= 2, killed)
+            first.send_signal(signal.SIGKILL)
+            with started(*worker, says="Registered to", log=tmp_path / "c"):
+                more = len(made(results)) + 3
+                until(lambda: len(made(results)) >= more, killed)
+                killed.send_signal(signal.SIGKILL)
+                killed.wait()
+                left = made(results)
+                again = bench(*RUN, "--cluster", address, results=results)
+        assert again.returncode == 0, again.stderr
+        assert f"{len(left)} already recorded, {RUNS - len(left)} to do" in again.stdout
+        with started(*driver[:-1], str(tmp_path / "gone"), log=tmp_path / "e") as orphan:
+            until(lambda: len(made(tmp_path / "gone")) >= 2, orphan)
+            manager.send_signal(signal.SIGKILL)
+            assert orphan.wait(120) == 2
+        assert "is gone: what was finished is kept" in (tmp_path / "e").read_text()
+        assert len(made(tmp_path / "gone")) >= 2
+    done = made(results)
+    assert len(done) == RUNS == len(made(whole)) and all(done[k] == when for k, when in left.items())
+    for a in record.all_records(whole / "runs"):
+        for other in (results, two):
+            assert record.differences(a, record.RunRecord(other / "runs" / a.key)) == []
+    faults("one of two cluster workers mid-study, another added (kill -9)", 1, 0, 0, "the run in its hand")
+    faults("the driver of a cluster (kill -9), started again", 1, 0, 0, "the runs in hand")
+    faults("the scheduler of a cluster (kill -9)", 1, 0, 0, "the runs in hand")
+
+
+@pytest.mark.faults
+def test_bench_starts_a_cluster_and_stops_it(tmp_path: Path) -> None:
+    port, log = free_port(), tmp_path / "log"
+    with started("bench", "cluster", "start", "--workers", "1", "--port", str(port), says="Ctrl-C", log=log) as process:
+        assert f"--cluster tcp://127.0.0.1:{port}" in log.read_text() and "Warning" not in log.read_text()
+        taken = subprocess.run(
+            [sys.executable, "-m", "bench", "cluster", "start", "--port", str(port), "--workers", "1"],
+            capture_output=True, text=True, timeout=120,
+        )  # fmt: skip
+        assert taken.returncode == 2 and "choose another --port" in taken.stderr.splitlines()[-1]
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 0
+
+
+def test_what_others_can_reach_is_known(tmp_path: Path) -> None:
+    from bench.cluster import loopback
+
+    assert [loopback(h) for h in ("127.0.0.1", "localhost", "::1", "0.0.0.0", "10.0.0.7", "lab7")] == [
+        True, True, True, False, False, False,
+    ]  # fmt: skip
+
+
+def test_no_scheduler_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bench import cluster
+    from registry.errors import BenchError
+
+    monkeypatch.setattr(cluster, "SECONDS", 1)
+    for address in (f"tcp://127.0.0.1:{free_port()}", "nonsense://x", f"{os.getpid()}"):
+        with pytest.raises(BenchError, match="bench cluster start"), cluster.connected(address):
+            pass

@@ -1,0 +1,111 @@
+"""An MLflow server that hangs, is killed, comes back: training does not notice; `bench sync` brings what is missing."""
+
+import os
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from faults.test_cluster import bench, free_port, made, started, until
+from synthetic_records import synthetic_record
+
+from bench import mirroring, track
+from bench.mirroring import Mirroring
+
+RUN = ["run", "LSTM: 1x6 - MLP: 6x10", "--seeds", "4", "--dataset", "helicopter_twin", "--set", "training.updates=240"]
+RUNS = 6
+
+
+def statuses(database: Path) -> list[str]:
+    with sqlite3.connect(database) as open_one:
+        return [s for (s,) in open_one.execute("SELECT status FROM runs WHERE name NOT LIKE 'Report%'")]
+
+
+def test_a_server_that_never_answers_costs_no_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mirroring, "LONGEST", 3.0)
+    said: list[str] = []
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        mirror = Mirroring(f"http://127.0.0.1:{silent.getsockname()[1]}", "e", None, said.append)
+        began = time.monotonic()
+        mirror.add(tmp_path / str(i) for i in range(5000))
+        mirror.attach([tmp_path / "x.png"])
+        assert time.monotonic() - began < 2
+        assert mirror.finish() == 5000
+        assert time.monotonic() - began < 15 and not mirror.process.is_alive()
+
+
+def test_a_dead_server_is_said_once(tmp_path: Path) -> None:
+    said: list[str] = []
+    mirror = Mirroring(f"http://127.0.0.1:{free_port()}", "e", None, said.append)
+    mirror.add([tmp_path / "a", tmp_path / "b"])
+    assert mirror.finish() == 2
+    (sentence,) = said
+    assert sentence.endswith("run `bench sync` later.")
+
+
+def test_what_a_killed_driver_left_running_is_repaired(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    uri, runs = track.default_uri(tmp_path), tmp_path / "runs"
+    kept, pruned = synthetic_record(runs), synthetic_record(runs, seed=1)
+    with monkeypatch.context() as patch:
+        patch.setattr("bench.track.records._dataset", lambda summary: (_ for _ in ()).throw(KeyboardInterrupt))
+        for r in (kept, pruned):
+            with pytest.raises(KeyboardInterrupt):
+                track.mirror([r.folder], uri, "e", "s")
+    assert statuses(tmp_path / "mlflow.db") == ["RUNNING", "RUNNING"] and track.whole(uri, "e", "s") == set()
+    os.rename(pruned.folder, tmp_path / "elsewhere")
+    assert track.repair(uri, runs, own=False) == 1
+    assert sorted(statuses(tmp_path / "mlflow.db")) == ["FINISHED", "RUNNING"]
+    assert track.repair(uri, runs, own=True) == 1 and track.repair(uri, runs, own=True) == 0
+    assert track.whole(uri, "e", "s") == {kept.key} and track.whole(uri, "e", "other") == set()
+    os.rename(tmp_path / "elsewhere", pruned.folder)
+    track.mirror([pruned.folder], uri, "e", "s")
+    assert track.whole(uri, "e", "s") == {kept.key, pruned.key}
+
+
+@pytest.mark.faults
+def test_a_server_killed_and_started_again_misses_nothing_after_sync(
+    tmp_path: Path, faults: Callable[..., None]
+) -> None:
+    results, database, port = tmp_path / "results", tmp_path / "server" / "mlflow.db", free_port()
+    database.parent.mkdir()
+    serve = f"""
+import sys, time
+from bench.ui import server
+with server("sqlite:///{database}", port={port}) as base:
+    print(base, flush=True)
+    time.sleep(600)
+"""
+    (tmp_path / "serve_mlflow.py").write_text(serve)
+    address = f"http://127.0.0.1:{port}"
+    track.prepare(f"sqlite:///{database}")
+
+    def run_server() -> "subprocess.Popen[str]":
+        process = subprocess.Popen(
+            [sys.executable, str(tmp_path / "serve_mlflow.py")], stdout=subprocess.PIPE, text=True
+        )
+        assert process.stdout and process.stdout.readline().strip() == address
+        return process
+
+    server = run_server()
+    with started("bench", *RUN, "--tracking", address, "--results", str(results), log=tmp_path / "d") as driver:
+        until(lambda: len(made(results)) >= 1 and len(statuses(database)) >= 1, driver)
+        server.send_signal(signal.SIGTERM)
+        server.wait()
+        assert driver.wait(300) == 0
+    assert len(made(results)) == RUNS
+    server = run_server()
+    try:
+        synced = bench("sync", "--tracking", address, results=results)
+        assert synced.returncode == 0, synced.stderr
+        assert sorted(statuses(database)) == ["FINISHED"] * RUNS
+    finally:
+        server.send_signal(signal.SIGTERM)
+        server.wait()
+    faults("the MLflow server mid-study, started again, then `bench sync`", 1, 0, 0, "nothing")
