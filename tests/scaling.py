@@ -141,7 +141,10 @@ def main() -> None:
     """Measure, print and write."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        lines = [inline(folder), two_workers(folder), tracking(folder), memory(folder)]
+        lines = []
+        for measure in (inline, two_workers, tracking, memory):
+            lines.append(measure(folder))
+            print(lines[-1], flush=True)
         table = saturation(folder)
     command = "python tests/scaling.py --write results/published/scaling.md"
     text = ["# What a study costs beside training", "", f"`{command}`", "", *(f"- {line}" for line in lines), ""]

@@ -17,7 +17,7 @@ from synthetic_records import synthetic_record
 from bench import mirroring, track
 from bench.mirroring import Mirroring
 
-RUN = ["run", "LSTM: 1x6 - MLP: 6x10", "--seeds", "4", "--dataset", "helicopter_twin", "--set", "training.updates=240"]
+RUN = ["run", "LSTM: 1x6 - MLP: 6x10", "--seeds", "4", "--dataset", "helicopter_twin", "--set", "training.updates=200"]
 RUNS = 6
 
 
