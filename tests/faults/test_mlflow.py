@@ -7,7 +7,8 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -86,26 +87,26 @@ with server("sqlite:///{database}", port={port}) as base:
     address = f"http://127.0.0.1:{port}"
     track.prepare(f"sqlite:///{database}")
 
-    def run_server() -> "subprocess.Popen[str]":
-        process = subprocess.Popen(
-            [sys.executable, str(tmp_path / "serve_mlflow.py")], stdout=subprocess.PIPE, text=True
-        )
-        assert process.stdout and process.stdout.readline().strip() == address
-        return process
+    @contextmanager
+    def serving() -> Iterator["subprocess.Popen[str]"]:
+        command = [sys.executable, str(tmp_path / "serve_mlflow.py")]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        try:
+            assert process.stdout and process.stdout.readline().strip() == address
+            yield process
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.wait()
 
-    server = run_server()
-    with started("bench", *RUN, "--tracking", address, "--results", str(results), log=tmp_path / "d") as driver:
-        until(lambda: len(made(results)) >= 1 and len(statuses(database)) >= 1, driver)
-        server.send_signal(signal.SIGTERM)
-        server.wait()
-        assert driver.wait(300) == 0
+    with ExitStack() as server:
+        server.enter_context(serving())
+        with started("bench", *RUN, "--tracking", address, "--results", str(results), log=tmp_path / "d") as driver:
+            until(lambda: len(made(results)) >= 1 and len(statuses(database)) >= 1, driver)
+            server.close()
+            assert driver.wait(600) == 0
     assert len(made(results)) == RUNS
-    server = run_server()
-    try:
+    with serving():
         synced = bench("sync", "--tracking", address, results=results)
         assert synced.returncode == 0, synced.stderr
         assert sorted(statuses(database)) == ["FINISHED"] * RUNS
-    finally:
-        server.send_signal(signal.SIGTERM)
-        server.wait()
     faults("the MLflow server mid-study, started again, then `bench sync`", 1, 0, 0, "nothing")
