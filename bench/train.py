@@ -105,7 +105,10 @@ def _closed_form(model: Model, data: Prepared) -> Trained:
 
 
 class Group:
-    """The state of a group in training."""
+    """The state of a group in training.
+
+    Rows of ``theta``, ``m`` and ``v`` are the runs that still train; ``best`` has all of them.
+    """
 
     def __init__(self, models: list[Model], runs: list[Run], checkpoint: Path | None = None) -> None:
         self.runs, self.models = runs, models
@@ -117,8 +120,11 @@ class Group:
         self.train_cost = torch.zeros(len(models))
         self.update = 0
         self.checkpoint = Checkpoint(checkpoint) if checkpoint else None
-        self.scaled = [self._scaled(m, r.data) for m, r in zip(models, runs, strict=True)]
+        scaled = {id(r.data): self._scaled(m, r.data) for m, r in zip(models, runs, strict=True)}
+        self.scaled = [scaled[id(r.data)] for r in runs]
         self.validation = [self._validation(i) for i in range(len(runs))]
+        self.orders: dict[int, tuple[int, Tensor]] = {}
+        self._train_only(list(range(len(runs))))
 
     @staticmethod
     def _flat(model: Model) -> Tensor:
@@ -133,28 +139,47 @@ class Group:
         return replace(data, inputs=p.input_scaler(data.inputs), outputs=p.output_scaler(data.outputs), context=context)
 
     def named(self, theta: Tensor) -> dict[str, Tensor]:
-        """Weights (M, P) of the group by name, (M, …) each."""
+        """Views of weights (M, P) by name, (M, …) each."""
         sizes = [s.numel() for s in self.shapes.values()]
         pieces = theta.split([*sizes, theta.shape[-1] - sum(sizes)], -1)  # the last one is padding
-        return {
-            n: w.unflatten(-1, s) if s else w.squeeze(-1)
-            for (n, s), w in zip(self.shapes.items(), pieces[:-1], strict=True)
-        }
+        return {n: w.view(len(theta), *s) for (n, s), w in zip(self.shapes.items(), pieces[:-1], strict=True)}
+
+    def _train_only(self, active: list[int]) -> None:
+        """Go on with these runs; the rows are theirs, in this order."""
+        self.active = active
+        self.weights = {n: w.requires_grad_() for n, w in self.named(self.theta.detach()).items()}
+        self.gradient = torch.zeros_like(self.theta)
+        self.gradients = list(self.named(self.gradient).values())
+
+    def _leave_ended(self) -> None:
+        """Take the rows of runs that have ended out."""
+        left = [j for j, i in enumerate(self.active) if not self.runs[i].ended]
+        if len(left) < len(self.active):
+            self.theta, self.m, self.v = (x[left] for x in (self.theta, self.m, self.v))
+            self._train_only([self.active[j] for j in left])
 
     def _validation(self, i: int) -> tuple[Tensor, ...]:
         return self.scaled[i].gather(self.scaled[i].validation.every(self.options.validation_windows).starts)
 
-    def _batch(self, active: list[int]) -> tuple[Tensor, ...]:
-        """The next batch of every active model, (M, B, …) each: a permutation an epoch, drawn from its own seed."""
+    def _batch(self) -> tuple[Tensor, ...]:
+        """The next batch of every model, (M, B, …) each: a permutation an epoch, drawn from its own seed."""
         gathered = []
-        for i in active:
-            data, seed = self.scaled[i], self.runs[i].config.seed
+        for i in self.active:
+            data = self.scaled[i]
             size = min(self.options.batch, len(data.train))
-            per_epoch = len(data.train) // size
-            epoch, at = divmod(self.update, per_epoch)
-            order = _permutation(derive(seed, f"batches/{epoch}"), len(data.train))
+            epoch, at = divmod(self.update, len(data.train) // size)
+            order = self._order(self.runs[i].config.seed, epoch, len(data.train))
             gathered.append(data.gather(data.train.starts[order[at * size : (at + 1) * size]]))
+        if len(gathered) == 1:
+            return tuple(x.unsqueeze(0) for x in gathered[0])
         return tuple(torch.stack(parts) for parts in zip(*gathered, strict=True))
+
+    def _order(self, seed: int, epoch: int, size: int) -> Tensor:
+        """The permutation of an epoch; that of a seed is kept until its next one."""
+        if self.orders.get(seed, (-1,))[0] != epoch or len(self.orders[seed][1]) != size:
+            drawn = np.random.default_rng(derive(seed, f"batches/{epoch}")).permutation(size)
+            self.orders[seed] = epoch, torch.from_numpy(drawn)
+        return self.orders[seed][1]
 
     def train(
         self, progress: Callable[[int], None], looked: Callable[[list[Curve]], None] = lambda curves: None
@@ -165,14 +190,11 @@ class Group:
             progress(self.update * len(self.runs))
             looked([r.curve for r in self.runs])
         o = self.options
-        while self.update < o.updates:
-            active = [i for i, r in enumerate(self.runs) if not r.ended]
-            if not active:
-                break
-            self.step(active)
+        while self.update < o.updates and self.active:
+            self.step()
             if self.update % o.evaluate_every == 0 or self.update == o.updates:
                 since = (self.update - 1) % o.evaluate_every + 1
-                self._look(active, since)
+                self._look(since)
                 if self.checkpoint:
                     self._save()
                 progress(since * len(self.runs))
@@ -180,65 +202,74 @@ class Group:
         progress((o.updates - self.update) * len(self.runs))
         return [self._trained(i) for i in range(len(self.runs))]
 
-    def step(self, active: list[int]) -> None:
-        """One update of the models ``active``."""
+    def step(self) -> None:
+        """One update of the runs that still train."""
         o = self.options
-        whole = len(active) == len(self.runs)
-        rows = slice(None) if whole else torch.tensor(active)
-        theta = self.theta[rows].detach().requires_grad_()
         if len(self.runs) == 1:  # noise of dropout or of a random washout start, the same after a resume
-            torch.manual_seed(derive(self.runs[active[0]].config.seed, f"noise/{self.update}"))
+            _draw_from(derive(self.runs[0].config.seed, f"noise/{self.update}"))
         self.models[0].train()
-        cost = functional_call(self.models[0], self.named(theta), (*self._batch(active), o.alpha, o.beta))
-        (gradient,) = torch.autograd.grad(cost.sum(), theta)
-        norms = torch.stack([g.norm() for g in gradient.unbind(0)])
+        cost = functional_call(self.models[0], self.weights, (*self._batch(), o.alpha, o.beta))
+        slopes = torch.autograd.grad(cost.sum(), list(self.weights.values()), allow_unused=True)
+        for to, slope in zip(self.gradients, slopes, strict=True):
+            to.copy_(slope) if slope is not None else to.zero_()
+        norms = torch.stack([g.norm() for g in self.gradient.unbind(0)])
         cost = cost.detach()
+        self.train_cost[self.active] += cost
         healthy = torch.isfinite(cost) & torch.isfinite(norms) & (cost < DIVERGED)
-        for j, i in enumerate(active):
-            if not healthy[j]:
-                self.runs[i].ended, self.runs[i].ended_at = "diverged", self.update + 1
-        gradient *= (o.clip / norms.clamp(min=o.clip)).unsqueeze(-1)
-        t, rate = self.update + 1, self._rate()
-        m = self.m[rows].lerp(gradient, 1 - BETAS[0])
-        v = self.v[rows].mul(BETAS[1]).addcmul_(gradient, gradient, value=1 - BETAS[1])
-        spread = (v / (1 - BETAS[1] ** t)).sqrt_().add_(EPS)
-        moved = theta.detach().mul(1 - rate * o.weight_decay).addcdiv_(m, spread, value=-rate / (1 - BETAS[0] ** t))
-        self.theta[rows], self.m[rows], self.v[rows] = moved, m, v
-        self.train_cost[rows] += cost
+        self.gradient.mul_((o.clip / norms.clamp(min=o.clip)).unsqueeze(-1))
         self.update += 1
+        torch._fused_adamw_(
+            [self.theta],
+            [self.gradient],
+            [self.m],
+            [self.v],
+            [],
+            [torch.tensor(float(self.update))],
+            lr=self._rate(),
+            beta1=BETAS[0],
+            beta2=BETAS[1],
+            weight_decay=o.weight_decay,
+            eps=EPS,
+            amsgrad=False,
+            maximize=False,
+        )
+        if not healthy.all():
+            for i, fine in zip(self.active, healthy.tolist(), strict=True):
+                if not fine:
+                    self.runs[i].ended, self.runs[i].ended_at = "diverged", self.update
+            self._leave_ended()
 
     def _rate(self) -> float:
-        """Cosine from the learning rate to its final fraction over the budget."""
+        """Of the latest update: cosine from the learning rate to its final fraction over the budget."""
         o = self.options
-        fall = 0.5 * (1 + math.cos(math.pi * self.update / o.updates))
+        fall = 0.5 * (1 + math.cos(math.pi * (self.update - 1) / o.updates))
         return o.learning_rate * (o.final_rate + (1 - o.final_rate) * fall)
 
-    def _look(self, active: list[int], since: int) -> None:
+    def _look(self, since: int) -> None:
         """Cost of free runs on the validation part, ``since`` updates after the last look.
 
         Keeps the best weights and ends a run that has stopped improving.
         """
         self.models[0].eval()
-        torch.manual_seed(derive(self.runs[0].config.seed, f"validation/{self.update}"))  # a random washout start
-        for i in active:
+        _draw_from(derive(self.runs[0].config.seed, f"validation/{self.update}"))  # a random washout start
+        for j, i in enumerate(self.active):
             run = self.runs[i]
-            if run.ended:
-                continue
             with torch.no_grad():
                 windows = tuple(x.unsqueeze(0) for x in self.validation[i])
-                cost = functional_call(self.models[0], self.named(self.theta[i : i + 1]), (*windows, 1.0, 0.0))
+                cost = functional_call(self.models[0], self.named(self.theta[j : j + 1]), (*windows, 1.0, 0.0))
             validation = float(cost[0])
             run.curve.append((self.update, float(self.train_cost[i]) / since, validation))
             if not math.isfinite(validation):
                 run.ended, run.ended_at = "diverged", self.update
             elif validation < run.best:
                 run.best, run.best_update, run.stale = validation, self.update, 0
-                self.best[i] = self.theta[i]
+                self.best[i] = self.theta[j]
             else:
                 run.stale += 1
                 if run.stale >= self.options.patience:
                     run.ended, run.ended_at = "finished", self.update
         self.train_cost.zero_()
+        self._leave_ended()
 
     def _trained(self, i: int) -> Trained:
         run, model = self.runs[i], self.models[i]
@@ -280,15 +311,9 @@ class Group:
                 setattr(run, name, value)
             run.best = math.inf if run.best is None else run.best
             run.curve = [(int(u), t, v) for u, t, v in run.curve]
+        self._train_only([i for i, r in enumerate(self.runs) if not r.ended])
 
 
-_PERMUTATIONS: dict[tuple[int, int], Tensor] = {}
-
-
-def _permutation(seed: int, size: int) -> Tensor:
-    """A permutation drawn from the seed; the few latest are kept, since a group asks for the same ones."""
-    if (seed, size) not in _PERMUTATIONS:
-        while len(_PERMUTATIONS) >= 64:
-            _PERMUTATIONS.pop(next(iter(_PERMUTATIONS)))
-        _PERMUTATIONS[seed, size] = torch.from_numpy(np.random.default_rng(seed).permutation(size))
-    return _PERMUTATIONS[seed, size]
+def _draw_from(seed: int) -> None:
+    """Seed the generator of the CPU, where models train; `torch.manual_seed` takes as long as a small network."""
+    torch.default_generator.manual_seed(seed)

@@ -25,9 +25,7 @@ SAMPLES = 20_000
 
 def update(row: Row) -> Contender:
     """An update as `bench run` does it: batch, forward, both costs, backward, clipping, Adam."""
-    group = _group(row)
-    active = list(range(row.models))
-    return lambda: group.step(active)
+    return _group(row).step
 
 
 def _group(row: Row) -> Group:
@@ -70,7 +68,7 @@ def networks(row: Row) -> Contender:
     Operands are as the kernels take them: batches, delay lines, costs, padding and the optimizer are left out.
     """
     group, (m, n), lead = _group(row), (INPUTS, OUTPUTS), (row.models, row.batch)
-    weights = {name: w.detach().clone().requires_grad_() for name, w in group.named(group.theta).items()}
+    weights = {name: w.detach().clone().requires_grad_() for name, w in group.weights.items()}
     predictor, initializer = (
         {k.removeprefix(part): w for k, w in weights.items() if k.startswith(part)}
         for part in ("predictor.", "initializer.")
