@@ -61,8 +61,8 @@ class LSTMPredictor(Predictor):
         taps = inputs
         if self.delays > 1:  # u_k .. u_{k−D+1} side by side, newest first
             before = buffer[..., :past].unflatten(-1, (self.delays - 1, self.n_inputs)).flip(-2)
-            line = torch.cat([before, inputs], -2)
-            taps = line.unfold(-2, self.delays, 1).flip(-1).mT.flatten(-2)
+            line, steps = torch.cat([before, inputs], -2), inputs.shape[-2]
+            taps = torch.cat([line[..., d : d + steps, :] for d in reversed(range(self.delays))], -1)
         single = inputs.dim() == 3
         lead = (lambda x: x.unsqueeze(0)) if single else (lambda x: x)
         outputs, hidden, cell = lstm(
@@ -81,10 +81,13 @@ class LSTMPredictor(Predictor):
         )
         if single:
             outputs, hidden, cell = outputs[0], hidden[0], cell[0]
-        seen = outputs if feedback is None else feedback
+        seen = (outputs if feedback is None else feedback)[..., -self.delays :, :]
         fed = torch.cat([seen.flip(-2).flatten(-2), fed], -1)[..., : fed.shape[-1]]
-        latest = torch.cat([inputs.flip(-2).flatten(-2), buffer[..., :past]], -1)[..., :past]
-        return outputs, torch.cat([latest, fed, hidden, cell], -1)
+        pieces = [fed, hidden, cell]
+        if past:
+            latest = inputs[..., -self.delays :, :].flip(-2).flatten(-2)
+            pieces.insert(0, torch.cat([latest, buffer[..., :past]], -1)[..., :past])
+        return outputs, torch.cat(pieces, -1)
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
         """W_y m^L + b_y (the paper's A_s = [W_y 0], c = y − b_y)."""
