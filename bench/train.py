@@ -124,6 +124,7 @@ class Group:
         self.scaled = [scaled[id(r.data)] for r in runs]
         self.validation = [self._validation(i) for i in range(len(runs))]
         self.orders: dict[int, tuple[int, Tensor]] = {}
+        self.models[0].train()
         self._train_only(list(range(len(runs))))
 
     @staticmethod
@@ -207,7 +208,6 @@ class Group:
         o = self.options
         if len(self.runs) == 1:  # noise of dropout or of a random washout start, the same after a resume
             _draw_from(derive(self.runs[0].config.seed, f"noise/{self.update}"))
-        self.models[0].train()
         cost = functional_call(self.models[0], self.weights, (*self._batch(), o.alpha, o.beta))
         slopes = torch.autograd.grad(cost.sum(), list(self.weights.values()), allow_unused=True)
         for to, slope in zip(self.gradients, slopes, strict=True):
@@ -268,6 +268,7 @@ class Group:
                 run.stale += 1
                 if run.stale >= self.options.patience:
                     run.ended, run.ended_at = "finished", self.update
+        self.models[0].train()
         self.train_cost.zero_()
         self._leave_ended()
 
