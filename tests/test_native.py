@@ -30,7 +30,7 @@ def kernel(name: str) -> Iterator[None]:
     """What is asked of the environment when a kernel is first looked for."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("BENCH_KERNEL", name)
-        library.core.cache_clear()
+        library._chosen.cache_clear()
         try:
             try:
                 library.core()
@@ -38,7 +38,7 @@ def kernel(name: str) -> Iterator[None]:
                 pytest.skip(str(reason))
             yield
         finally:
-            library.core.cache_clear()
+            library._chosen.cache_clear()
 
 
 @dataclass(frozen=True)
@@ -289,14 +289,14 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(library, "_SOURCES", sources)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("BENCH_KERNEL", "auto")
-    library.core.cache_clear()
+    library._chosen.cache_clear()
     if library.core() is None:
         pytest.skip("no C++ compiler")
     for made in (tmp_path / "cache").rglob("*.so"):
         made.unlink()
-    library.core.cache_clear()
+    library._chosen.cache_clear()
     yield tmp_path
-    library.core.cache_clear()
+    library._chosen.cache_clear()
 
 
 def built(folder: Path) -> list[Path]:
@@ -308,10 +308,10 @@ def test_a_library_is_built_once_and_anew_when_something_changes(fresh: Path) ->
     assert found is not None and found.functions.answer() == 42 and library.name().startswith("native ")
     (one,) = built(fresh)
     stamp = one.stat().st_mtime_ns
-    library.core.cache_clear()
+    library._chosen.cache_clear()
     assert library.core() is not None and one.stat().st_mtime_ns == stamp
     (fresh / "sources" / "small.cpp").write_text('extern "C" int answer() { return 43; }\n')
-    library.core.cache_clear()
+    library._chosen.cache_clear()
     found = library.core()
     assert found is not None and found.functions.answer() == 43 and len(built(fresh)) == 2
 
@@ -321,7 +321,7 @@ def test_a_torn_library_is_built_anew(fresh: Path) -> None:
     (one,) = built(fresh)
     one.unlink()
     one.write_bytes(b"\x7fELF torn")
-    library.core.cache_clear()
+    library._chosen.cache_clear()
     found = library.core()
     assert found is not None and found.functions.answer() == 42
 
@@ -363,7 +363,7 @@ def test_without_a_library_pytorch_does_it_and_says_so_once(
     weights = [*vars(case.layer(a, 0)).values(), a["output_weight"], a["output_bias"]]
     want = lstm_torch.run(a["inputs"], a["fed"], a["hidden"], a["cell"], None, None, weights)
     assert all(torch.equal(x, y) for x, y in zip(got, want, strict=True))
-    library.core.cache_clear()
+    library._chosen.cache_clear()
     monkeypatch.setenv("BENCH_KERNEL", "native")
     with pytest.raises(BenchError, match=reason):
         library.core()
@@ -371,10 +371,10 @@ def test_without_a_library_pytorch_does_it_and_says_so_once(
 
 def test_a_kernel_that_does_not_exist_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BENCH_KERNEL", "natve")
-    library.core.cache_clear()
+    library._chosen.cache_clear()
     with pytest.raises(BenchError, match=r"BENCH_KERNEL='natve' is no kernel.*native"):
         library.core()
-    library.core.cache_clear()
+    library._chosen.cache_clear()
 
 
 def test_two_processes_that_build_at_once_both_have_it(fresh: Path) -> None:
