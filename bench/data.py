@@ -92,7 +92,8 @@ class Prepared:
 def _at(signals: Tensor, starts: Tensor, length: int) -> Tensor:
     """Windows (B, length, c) of signals (N, c), each copied in one piece."""
     samples, width = signals.shape
-    windows = signals.as_strided((samples - length + 1, length, width), (width, width, 1))
+    row, column = signals.stride()
+    windows = signals.as_strided((samples - length + 1, length, width), (row, row, column))
     return windows[starts]
 
 
@@ -190,7 +191,7 @@ class _Signals:
 def _signals(dataset: Dataset, selectors: tuple[str, ...]) -> _Signals:
     recordings = load(dataset).recordings
     picked = [r.pick(selectors) for r in recordings]
-    values = np.concatenate([v.astype(np.float32) for v, _ in picked])
+    values = np.ascontiguousarray(np.concatenate([v for v, _ in picked]), np.float32)  # a sample in one piece
     finite = np.isfinite(values).all(1)
     values[~finite] = np.nan_to_num(values[~finite])
     return _Signals(torch.from_numpy(values), picked[0][1], finite)

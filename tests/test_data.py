@@ -138,3 +138,13 @@ def test_overlapping_recordings_on_two_sides_are_refused_even_shifted() -> None:
         prepare(replace(CONFIG, dataset=dataset))
     apart = Parts(whole, other, recording("late", rng.normal(size=300)))
     prepare(replace(CONFIG, dataset=apart))
+
+
+def test_a_window_holds_the_samples_of_the_recording() -> None:
+    data = prepare(CONFIG)
+    u_history, y_history, u, y = data.gather(data.validation.starts[[0, 5]])
+    (validation,) = (r for r in Toy().load().recordings if r.name in data.split.validation)
+    for i, start in ((0, 0), (1, 15)):
+        for name, parts in (("inputs", (u_history, u)), ("outputs", (y_history, y))):
+            measured = getattr(validation, name)[start : start + 17]
+            np.testing.assert_allclose(torch.cat([p[i] for p in parts]), measured, rtol=1e-6)
