@@ -10,7 +10,7 @@ from torch import Tensor
 
 from bench.diagnose.diagnosis import LINES as DRAWN
 from bench.diagnose.diagnosis import ByGroup, Curves, GroupError, Line
-from bench.diagnose.free_run import Group, default_steps, errors, free_run, groups, measured_windows, starts
+from bench.diagnose.free_run import Group, default_steps, errors, free_run, groups, margin, measured_windows, starts
 from bench.diagnose.noise import Noise, floor, noise_of, reach
 from bench.diagnose.subject import Log, Subject
 from bench.stats import ENOUGH
@@ -86,14 +86,14 @@ def compare(
     models = {"nominal": subject.model} | dict(models)
     logs = subject.of(subject.held_out if names is None else names)
     rate = logs[0].rate if logs else math.nan
-    steps = default_steps(rate) if horizon_s is None else max(1, round(horizon_s * rate))
-    margin = reach(noise.smoothing)
+    steps = default_steps(logs) if horizon_s is None else max(1, round(horizon_s * rate))
+    clear = margin(logs, reach(noise.smoothing))
     every = max(1, sum(map(len, logs)) // WINDOWS)
-    found = [starts(log, steps + 2 * margin, every) + margin for log in logs]
+    found = [starts(log, steps + 2 * clear, every) + clear for log in logs]
     kept = [(log, at) for log, at in zip(logs, found, strict=True) if len(at)]
     if not kept:
         raise BenchError(
-            f"No recording to compare with has {steps + 2 * margin + 1} valid samples in a row: "
+            f"No recording to compare with has {steps + 2 * clear + 1} valid samples in a row: "
             f"give a shorter horizon than {steps / rate:.3g} s, or longer recordings."
         )
     logs, at = tuple(log for log, _ in kept), [a for _, a in kept]

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from bench.diagnose import discover_by_simulation as by_simulation
 from bench.diagnose.compare import compare
 from bench.diagnose.diagnosis import (
     ByGroup,
@@ -21,6 +22,7 @@ from bench.diagnose.locate import Location, locate
 from bench.diagnose.noise import noise_of
 from bench.diagnose.problems import problems
 from bench.diagnose.subject import Subject, load
+from bench.diagnose.unmeasured import hidden
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
 
@@ -69,7 +71,10 @@ def diagnose(
         return _broken(subject, named_as, checked.problems), subject.model
     tick("noise")
     noise = noise_of(subject)
-    found = discover(subject, catalogue, tick, noise)
+    if hidden(subject.logs):
+        found = by_simulation.discover(subject, catalogue, tick)
+    else:
+        found = discover(subject, catalogue, tick, noise)
     rivals = {f.id: f.rivals for f in found.found}
     names = [f.id for f in found.found]
     tick("extend")

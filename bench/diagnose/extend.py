@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bench.diagnose import discover_by_simulation as by_simulation
 from bench.diagnose.choose import updated
 from bench.diagnose.compare import Comparison, compare
 from bench.diagnose.diagnosis import ByGroup, NamedEffect, ParameterEstimate, Stage
@@ -13,6 +14,7 @@ from bench.diagnose.noise import Noise, noise_of
 from bench.diagnose.search import Search
 from bench.diagnose.shoot import shoot
 from bench.diagnose.subject import Subject
+from bench.diagnose.unmeasured import hidden
 from bench.diagnose.verify import Estimate, estimates
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
@@ -52,6 +54,8 @@ def fitted(
     Raises:
         BenchError: the recordings are too short.
     """
+    if hidden(subject.logs):
+        return by_simulation.fitted(subject, model, tick)
     search = Search(subject, (), tick, noise)
     found: list[Estimate] = []
     for _ in range(6):
@@ -153,12 +157,13 @@ def _starting_point(
     subject: Subject, model: PhysicsModel, name: str, noise: Noise, tick: Callable[[str], None]
 ) -> Effect:
     """The effect with parameters from which a fit starts: the best of its search grid in the weak form."""
+    typical: Effect = EFFECTS.get(name).typical()
+    if hidden(subject.logs):
+        return typical
     search = Search(subject, (name,), tick, noise)
     look = search.look(model, broad=False)
     if not look.linear.starts:
-        # It was asked for although its signals are missing: from typical values.
-        typical: Effect = EFFECTS.get(name).typical()
-        return typical
+        return typical  # it was asked for although its signals are missing
     view = search.views(look)[0]
     best = min((view.subsets.fit([s]) for s in view.linear.starts), key=lambda f: f.loss)
     return next(iter(best.effects(len(view.linear.own)).values()))

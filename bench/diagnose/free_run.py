@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.subject import Log
+from bench.diagnose.unmeasured import WARM, completed, hidden
 from bench.diagnose.weak import Stack, how_many, memories, narrowed, own_states
 from registry.contracts import Channel
 from registry.dynamics import PhysicsModel
@@ -36,9 +37,16 @@ def groups(channels: Sequence[Channel], measured: Sequence[bool]) -> list[Group]
     return found
 
 
-def default_steps(rate: float) -> int:
-    """Samples of the default horizon at ``rate`` [Hz]."""
-    return max(FEWEST, round(LONGEST * rate))
+def default_steps(logs: Sequence[Log]) -> int:
+    """Samples of the default horizon; where states are estimated, so many that their beginning is forgotten."""
+    if hidden(logs):
+        return max(FEWEST, min(map(len, logs)) // 4)
+    return max(FEWEST, round(LONGEST * logs[0].rate))
+
+
+def margin(logs: Sequence[Log], reach: int) -> int:
+    """Samples at either end of a log in which no free run begins, for a filter of that reach."""
+    return max(reach, WARM) if hidden(logs) else reach
 
 
 def starts(log: Log, steps: int, every: int, first: int = 0) -> np.ndarray:
@@ -83,7 +91,7 @@ def windows(series: Sequence[Tensor], at: Sequence[np.ndarray], steps: int) -> T
 
 def full_states(model: PhysicsModel, stack: Stack) -> Tensor:
     """Full states (…, L, N, s) at every sample: as measured, with the effects' own states and memories."""
-    parts = [stack.states]
+    parts = [completed(model, stack) if hidden(stack.logs) else stack.states]
     if model.internal_size:
         parts.append(own_states(model, stack))
     if model.input_effects():

@@ -2,17 +2,18 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
 from bench.diagnose.conditions import Condition, conditions
 from bench.diagnose.diagnosis import Region, ResidualMap, Window
-from bench.diagnose.free_run import Group, default_steps, errors, free_run, groups, measured_windows, starts
+from bench.diagnose.free_run import Group, default_steps, errors, free_run, groups, margin, measured_windows, starts
 from bench.diagnose.noise import Noise, floor, noise_of, reach
 from bench.diagnose.residuals import residual_maps
 from bench.diagnose.subject import Log, Subject
+from bench.diagnose.unmeasured import completed, hidden
 from bench.diagnose.weak import Stack
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
@@ -87,10 +88,12 @@ def locate(
     noise = noise or noise_of(subject)
     logs = list(subject.logs if names is None else subject.of(names))
     stack = Stack.of(logs)
-    steps = max(1, round(SHORT * default_steps(logs[0].rate)))
+    if hidden(logs):
+        stack = replace(stack, states=completed(after or model, stack))
+    steps = max(1, round(SHORT * default_steps(logs)))
     judged, variance = _judged(model, logs)
     with torch.no_grad():
-        at = _starts(logs, steps, reach(noise.smoothing), WINDOWS)
+        at = _starts(logs, steps, margin(logs, reach(noise.smoothing)), WINDOWS)
         squared = errors(free_run(model, logs, at, steps), measured_windows(logs, at, steps), judged)[:, -1].numpy()
         chance = floor(model, logs, at, steps, noise, judged)[:, -1].numpy()
         diverged = 1e3 * float(squared[np.isfinite(squared)].max(initial=1.0))
@@ -114,7 +117,7 @@ def locate(
         named = {condition.name: region.region for region, condition in reversed(found)}
         maps = residual_maps(model, after, stack, where, noise, steps, named)
         worst = judged[int(np.argmax(ratio.mean(0)))]
-        shown = _worst(model, after, logs, worst, reach(noise.smoothing))
+        shown = _worst(model, after, logs, worst, margin(logs, reach(noise.smoothing)))
     notes = []
     if not regions:
         notes.append(
@@ -134,12 +137,12 @@ def _judged(model: PhysicsModel, logs: Sequence[Log]) -> tuple[list[Group], np.n
     return found, np.array([float(states[:, list(g.at)].var(0).sum()) or 1.0 for g in found])
 
 
-def _starts(logs: Sequence[Log], steps: int, margin: int, count: int) -> list[np.ndarray]:
+def _starts(logs: Sequence[Log], steps: int, clear: int, count: int) -> list[np.ndarray]:
     every = max(1, steps // OVERLAP, sum(map(len, logs)) // count)
-    at = [starts(log, steps + 2 * margin, every) + margin for log in logs]
+    at = [starts(log, steps + 2 * clear, every) + clear for log in logs]
     if not any(map(len, at)):
         raise BenchError(
-            f"No recording has {steps + 2 * margin + 1} valid samples in a row, which a free run of "
+            f"No recording has {steps + 2 * clear + 1} valid samples in a row, which a free run of "
             f"{steps / logs[0].rate:.3g} s needs: give longer recordings."
         )
     return at
@@ -228,11 +231,11 @@ def _met(inside: np.ndarray, score: np.ndarray, recording: np.ndarray) -> list[i
 
 
 def _worst(
-    model: PhysicsModel, after: PhysicsModel | None, logs: Sequence[Log], group: Group, margin: int
+    model: PhysicsModel, after: PhysicsModel | None, logs: Sequence[Log], group: Group, clear: int
 ) -> tuple[Window, ...]:
     """The windows of the default horizon in which a group errs most, of different recordings where there are."""
-    steps = default_steps(logs[0].rate)
-    at = [starts(log, steps + margin, max(1, steps // 2), margin) for log in logs]
+    steps = default_steps(logs)
+    at = [starts(log, steps + clear, max(1, steps // 2), clear) for log in logs]
     if not any(map(len, at)):
         return ()
     measured, nominal = measured_windows(logs, at, steps), free_run(model, logs, at, steps)

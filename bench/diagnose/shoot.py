@@ -44,7 +44,7 @@ def shoot(
 ) -> Shot:
     """Fit constants (within their uncertainty) and effects of ``model`` on the recordings ``names``."""
     logs = subject.of(names)
-    steps = default_steps(logs[0].rate)
+    steps = default_steps(logs)
     every = max(steps // 2, sum(map(len, logs)) // WINDOWS)
     at = [starts(log, steps, every) for log in logs]
     where = entries(model, subject.uncertainty, subject.model)

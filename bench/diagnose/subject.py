@@ -33,12 +33,14 @@ class Log:
     states: Tensor
     """(N, s): the model's state channels; 0 where one was not measured."""
     measured: tuple[bool, ...]
-    """(s,): whether a state channel was measured."""
+    """(s,): whether a state channel was measured, and what it depends on was too."""
     inputs: Tensor
     """(N, m): the driving signal, then the model's extras."""
     valid: Tensor
     """(N,) bool."""
     recording: Recording
+    estimated: tuple[bool, ...] = ()
+    """(s,): channels that were not measured although all that was measured depends on them."""
 
     @property
     def dt(self) -> float:
@@ -178,15 +180,36 @@ def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
     if "attitude" in {c.group for c in model.state_channels}:
         at = [i for i, c in enumerate(model.state_channels) if c.group == "attitude"]
         states[:, at] = _continuous(states[:, at])
+        if not any(p is not None for p in (picks[i] for i in at)):
+            states[:, at[-1]] = 1.0  # level
+    measured = tuple(p is not None for p in picks)
+    known = self_contained(model, measured)
     return Log(
         recording.name,
         recording.rate,
         torch.from_numpy(states),
-        tuple(p is not None for p in picks),
+        known if any(known) else measured,
         torch.from_numpy(np.ascontiguousarray(inputs, dtype=np.float64)),
         torch.from_numpy(recording.valid.copy()),
         recording,
+        () if any(known) else tuple(not m for m in measured),
     )
+
+
+def self_contained(model: PhysicsModel, measured: Sequence[bool]) -> tuple[bool, ...]:
+    """Which measured states (s,) depend on measured ones only, by way of others too: what can be run free."""
+    if all(measured):
+        return tuple(measured)
+    size, generator = len(measured), torch.Generator().manual_seed(0)
+    rotors = len(getattr(model, "rotor_positions", ())) or 1
+    width = (rotors if model.input_signals else 0) + len(model.extras)
+    state = 0.5 + torch.rand(size + model.internal_size, generator=generator, dtype=torch.float64)
+    given = torch.full((width,), 0.5, dtype=torch.float64)
+    slopes = torch.autograd.functional.jacobian(lambda x: model.derivative(x, given)[:size], state)[:, :size]
+    depends, known = (slopes != 0).numpy(), np.array(measured)
+    for _ in range(size):
+        known &= ~(depends & ~known).any(axis=1)
+    return tuple(bool(k) for k in known)
 
 
 def physics_class(system: str) -> Any:

@@ -55,7 +55,7 @@ def distance(
 def _difference(who: Subject, one: PhysicsModel, other: PhysicsModel, noise: Noise) -> np.ndarray:
     """Root mean square difference (groups,) of two models' free runs at the last step, on held-out recordings."""
     logs = who.of(who.held_out)
-    steps, margin = default_steps(logs[0].rate), reach(noise.smoothing)
+    steps, margin = default_steps(logs), reach(noise.smoothing)
     at = [starts(log, steps + 2 * margin, EVERY) + margin for log in logs]
     judged = groups(who.model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
     with torch.no_grad():
