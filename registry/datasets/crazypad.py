@@ -10,6 +10,7 @@ import numpy as np
 from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Split
 from registry.core import DATASETS, option
 from registry.datasets.cleaning import airborne, extent, resample, runs
+from registry.datasets.crazyflie import CONSTANTS, UNCERTAINTY
 from registry.datasets.locate import locate
 from registry.datasets.usd_log import read_usd_log
 from registry.errors import BenchError
@@ -27,7 +28,6 @@ _MIX = np.array([[-1, 1, 1], [-1, -1, -1], [1, -1, 1], [1, 1, -1]])
 _POSITION = [f"stateEstimate.{axis}" for axis in "xyz"]
 _RATES = [f"controller.r_{axis}" for axis in ("roll", "pitch", "yaw")]
 _COMMANDS = [f"controller.cmd_{axis}" for axis in ("roll", "pitch", "yaw")]
-_ARM = 0.046 / 2**0.5
 
 
 @DATASETS.register("crazypad")
@@ -52,21 +52,12 @@ class Crazypad(Dataset):
         "commit 5448265"
     )
     inputs: ClassVar[tuple[str, ...]] = ("pwm",)
-    # Bitcraze, Crazyflie 2.1: arm of 46 mm; gym-pybullet-drones, cf2x.urdf: mass, k_f and k_m per rpm², radius.
-    physics: ClassVar[dict[str, Any]] = {
-        "mass": 0.027,
-        "inertia": (1.43e-5, 1.43e-5, 2.89e-5),
-        "thrust_coefficient": 3.16e-10 * (30 / np.pi) ** 2,
-        "torque_coefficient": 7.94e-12 * (30 / np.pi) ** 2,
-        "rotor_positions": ((_ARM, -_ARM, 0.0), (-_ARM, -_ARM, 0.0), (-_ARM, _ARM, 0.0), (_ARM, _ARM, 0.0)),
-        "rotor_directions": (-1.0, 1.0, -1.0, 1.0),
-        "rotor_radius": 0.0231348,
-    }
-    uncertainty: ClassVar[dict[str, float]] = {
-        "mass": 0.2,
-        "inertia": 0.3,
-        "thrust_coefficient": 0.2,
-        "torque_coefficient": 0.5,
+    physics: ClassVar[dict[str, Any]] = CONSTANTS
+    # Neither velocity nor attitude was logged: of all these only torque over inertia shows, for which inertia stands.
+    uncertainty: ClassVar[dict[str, float]] = dict.fromkeys(UNCERTAINTY, 0.0) | {
+        "gravity": 0.0,
+        "inertia": 0.7,
+        "torque_coefficient": 0.7,
     }
 
     def read(self) -> Loaded:

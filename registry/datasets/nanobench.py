@@ -4,7 +4,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -12,6 +12,7 @@ import pandas as pd
 from registry.contracts import Dataset, Finding, Loaded, Recording, Split
 from registry.core import DATASETS
 from registry.datasets.cleaning import airborne, extent, held, resample, runs, spikes
+from registry.datasets.crazyflie import CONSTANTS, UNCERTAINTY
 from registry.datasets.locate import locate
 from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
 from registry.datasets.signals import recording
@@ -51,6 +52,8 @@ class Nanobench(Dataset):
     )
     inputs: ClassVar[tuple[str, ...]] = ("pwm", "battery")
     input_hold: ClassVar[str] = "previous"
+    physics: ClassVar[dict[str, Any]] = CONSTANTS
+    uncertainty: ClassVar[dict[str, float]] = UNCERTAINTY
 
     def read(self) -> Loaded:
         """See `Dataset.read`."""
