@@ -125,7 +125,7 @@ def diagnose(
                     *found.notes,
                     *comparison.notes,
                     *location.notes,
-                    *_warnings(found, checked.suspicions),
+                    *_warnings(subject, found, checked.suspicions),
                 ),
             ),
         ),
@@ -210,8 +210,13 @@ def _hypothesis(found: Discovery) -> str:
     return f"{said}.{alike}"
 
 
-def _warnings(found: Discovery, suspicions: Sequence[DataProblem]) -> tuple[str, ...]:
+def _warnings(subject: Subject, found: Discovery, suspicions: Sequence[DataProblem]) -> tuple[str, ...]:
     out = [s.detail for s in suspicions]
+    if unseen := [subject.model.state_channels[i].name for i in hidden(subject.logs)]:
+        out.append(
+            f"Not measured: {', '.join(unseen).replace('_', ' ')}. Each model's own simulation stands in for it, and "
+            "sets of effects were fitted and compared by simulation, not in the weak form."
+        )
     if any(f.id in ("input_delay", "transport_delay") for f in found.found) or any(
         s.kind == "time shift" for s in suspicions
     ):

@@ -106,7 +106,7 @@ def discover(
     named = list(range(known, len(view.linear.model.effects)))
     named = [i for i in named if accepted(view, subsets.fit(drop=[i]), fit, drop=[i])]
     if total > LEFT * view.floor:
-        named = [i for i in named if needed(view, i, total)]
+        named = [i for i in named if needed(view, i, traces)]
     imitators = [i for i in range(known, len(view.linear.model.effects)) if i not in named]
     names = [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
     if imitators:  # and what was exchanged in the last step and is not worth its place

@@ -183,14 +183,14 @@ def admissible(
     measured = set(subject.signals) | set(model.extras)
     drive = set(type(model).input_signals) & measured
     if drive & {"rotor_command", "pwm"}:
-        measured.add("rotor_speed")  # a command stands for the speed that it asks for
+        measured |= {"rotor_speed", "rotor_command"}  # a command stands for the speed that it asks for
     measured |= {role for role, signals in _ROLES.items() if measured & signals}
     held = {EFFECTS.name_of(type(e)) for e in model.effects} | set(model.provides)
     found = []
     for name in EFFECTS.names() if catalogue is None else catalogue:
         kind: type[Effect] = EFFECTS.get(name)
         fits = not kind.systems or subject.system in kind.systems
-        commanded = "rotor_command" not in kind.needs or getattr(model, "drive", "") == "rotor_command"
+        commanded = "rotor_command" not in kind.needs or getattr(model, "drive", "") in ("rotor_command", "pwm")
         supported = not kind.requires or set(kind.requires) & held
         if fits and commanded and supported and name not in held and set(kind.needs) <= measured:
             found.append((name, kind))

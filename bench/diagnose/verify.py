@@ -121,7 +121,7 @@ def _shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
     return out
 
 
-def needed(view: View, place: int, left: float) -> bool:
+def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
     """Whether an effect explains its share as well as as many free terms of the dictionary do where it acts.
 
     An effect of the catalogue that imitates one outside it is beaten by the terms that are closer to the truth.
@@ -129,18 +129,18 @@ def needed(view: View, place: int, left: float) -> bool:
     Args:
         view: a model with the effect.
         place: of the effect in ``model.effects``.
-        left: squared whitened residual that the dictionary can still explain.
+        traces: what is left, of which only that counts which acts where the effect does.
     """
     own, subsets = view.linear.own, view.subsets
     gains = (subsets.losses(subsets.fit(drop=[place])) - subsets.losses(subsets.fit())).sum(0)
-    if gains.sum() < left:
-        return False  # crumbs of something larger that is not understood
     acting = {int(c) for c in np.flatnonzero(gains > 0.1 * gains.sum())}
+    first = len(view.linear.columns)
+    if gains.sum() < view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting):
+        return False  # crumbs of something larger that is not understood
     shift = np.zeros(view.grams[0].shape[0])
     mine = [c for c, e in enumerate(own) if e.owner == place]
     shift[view.linear.removals[place]] = -1.0
     rest = [c for c in range(len(own)) if c not in mine]
-    first = len(view.linear.columns)
     allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
     without_it = [_shifted(g, shift) for g in view.grams]
     terms = [column for column, _ in follow(without_it, rest, first, len(mine), allowed)]
