@@ -192,7 +192,7 @@ def _signals(dataset: Dataset, selectors: tuple[str, ...]) -> _Signals:
     recordings = load(dataset).recordings
     picked = [r.pick(selectors) for r in recordings]
     values = np.ascontiguousarray(np.concatenate([v for v, _ in picked]), np.float32)  # a sample in one piece
-    finite = np.isfinite(values).all(1)
+    finite = np.asarray(np.isfinite(values).all(axis=1))
     values[~finite] = np.nan_to_num(values[~finite])
     return _Signals(torch.from_numpy(values), picked[0][1], finite)
 
