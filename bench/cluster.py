@@ -5,6 +5,7 @@ code on its machines: a local one listens on 127.0.0.1 unless told otherwise.
 """
 
 import ipaddress
+import logging
 import queue
 import signal
 import threading
@@ -56,6 +57,12 @@ def connected(address: str) -> Iterator[Crew]:
     Raises:
         BenchError: nobody answers there, or the scheduler goes away meanwhile.
     """
+    for name in (
+        "distributed",
+        "distributed.client",
+        "asyncio",
+    ):  # of a scheduler that goes away they print pages; here it is a sentence
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         client = distributed.Client(address, timeout=SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError) as error:
