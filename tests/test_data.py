@@ -1,4 +1,9 @@
-from dataclasses import replace
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -8,6 +13,7 @@ from conftest import Toy
 from bench.config import RunConfig
 from bench.data import prepare, window_starts
 from bench.notation import parse
+from bench.speed.networks import channels
 from registry.contracts import Channel, Dataset, Loaded, Recording, Split
 from registry.errors import BenchError
 
@@ -148,3 +154,44 @@ def test_a_window_holds_the_samples_of_the_recording() -> None:
         for name, parts in (("inputs", (u_history, u)), ("outputs", (y_history, y))):
             measured = getattr(validation, name)[start : start + 17]
             np.testing.assert_allclose(torch.cat([p[i] for p in parts]), measured, rtol=1e-6)
+
+
+def test_runs_of_one_kind_share_their_windows() -> None:
+    assert prepare(CONFIG) is prepare(replace(CONFIG, seed=3, predictor=parse("MLFC: 2x9 - MLP: 6x10")[0]))
+    assert prepare(CONFIG) is not prepare(replace(CONFIG, horizon=8))
+
+
+@dataclass(frozen=True)
+class Long(Dataset):
+    """1.4 M samples of noise in 54 recordings, four inputs and 13 outputs."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("rotor_speed",)
+
+    def read(self) -> Loaded:
+        rng, n = np.random.default_rng(0), 26_000
+        u, y = channels("rotor_speed"), channels("position", "attitude", "velocity", "body_rates")
+        return Loaded(
+            tuple(
+                Recording(f"r{i:02}", 100.0, rng.normal(size=(n, 4)), rng.normal(size=(n, 13)), u, y, np.ones(n, bool))
+                for i in range(54)
+            ),
+            (),
+        )
+
+    def split(self, names: Sequence[str]) -> Split:
+        return Split(tuple(names[:40]), tuple(names[40:47]), tuple(names[47:]))
+
+
+@pytest.mark.slow
+def test_a_long_campaign_loads_and_windows_in_seconds_and_little_memory() -> None:
+    """In a process of its own: digest, split with its check for overlap, windows and scalers."""
+    code = (
+        "import resource, sys, time; sys.path.insert(0, sys.argv[1]); import test_data as t; "
+        "from bench.data import digest, load; started = time.process_time(); "
+        "config = t.replace(t.CONFIG, dataset=t.Long(), horizon=190, test_stride=10); "
+        "load(config.dataset); digest(config.dataset); data = t.prepare(config); data.gather(data.train.starts[:256]); "
+        "print(time.process_time() - started, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, str(Path(__file__).parent)], capture_output=True, text=True)
+    seconds, megabytes = map(float, done.stdout.split())
+    assert seconds < 10 and megabytes < 1500, done.stderr
