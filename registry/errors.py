@@ -3,9 +3,18 @@
 import difflib
 from collections.abc import Iterable
 
+LONGEST = 2000
+"""Characters of a message."""
+
 
 class BenchError(Exception):
-    """Something the user can mend; the message is one sentence that says what to do. Exit code 2."""
+    """Something the user can mend; the message is one sentence that says what to do. Exit code 2.
+
+    What a broken file says of itself may be long: the middle of such a message is left out.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(message if len(message) <= LONGEST else f"{message[: LONGEST - 300]} … {message[-297:]}")
 
 
 def near(name: str, known: Iterable[str]) -> str:
@@ -14,6 +23,5 @@ def near(name: str, known: Iterable[str]) -> str:
     lower = {n.lower(): n for n in names}
     close = [lower[n] for n in difflib.get_close_matches(name.lower(), lower, n=3, cutoff=0.5)]
     more = f", and {len(names) - 20} more" if len(names) > 20 else ""
-    return (
-        f"did you mean {' or '.join(close)}? " if close else ""
-    ) + f"Known: {', '.join(names[:20]) or 'none'}{more}."
+    guess = f"did you mean {' or '.join(close)}? " if close else ""
+    return f"{guess}Known: {', '.join(names[:20]) or 'none'}{more}."

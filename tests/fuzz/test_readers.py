@@ -69,7 +69,7 @@ def one_sentence(action: Callable[[], object]) -> None:
     except BenchError as error:
         said = str(error)
         assert said.strip() and "\n" not in said.rstrip("\n"), repr(said)
-        assert len(said) < 5000, said[:200]
+        assert len(said) <= 2000, said[:200]
 
 
 @pytest.fixture(scope="module")
