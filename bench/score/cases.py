@@ -212,6 +212,8 @@ def _ties(rng: np.random.Generator, first: int) -> list[Case]:
         for vehicle in VEHICLES:
             for factor in (1.0, 2.0):
                 fields = _hidden(rng, (key,), vehicle, factor)
+                if key == "torque_bias":  # neither an off-centre mass nor unequal thrust turns a hovering vehicle
+                    fields["effects"]["torque_bias"]["t_z"] = 0.0
                 name = f"tie-{key}-{vehicle}-{factor:g}"
                 flight = first + len(out)
                 out.append(_case(name, vehicle, "hover", flight, "tie", verdicts=("tie",), confounded=others, **fields))

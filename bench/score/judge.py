@@ -109,6 +109,8 @@ class Judged:
             values = named.get(effect, named.get(token(effect)))
             if values is not None and token(effect) in self.required:
                 for name, true in self.case.effects[effect].items():
+                    if true == 0:
+                        continue  # it has no relative error
                     found = values.get(name, math.nan)
                     found = found if isinstance(found, (list, tuple)) else (found,)
                     out.append(Estimate(f"{effect}.{name}", true, *found))
