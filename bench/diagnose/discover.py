@@ -11,10 +11,13 @@ from bench.diagnose.parameters import entries
 from bench.diagnose.search import Search, View
 from bench.diagnose.subject import Subject
 from bench.diagnose.subset import Fit, t_value
-from bench.diagnose.verify import LEFT, Estimate, Trace, estimates, left_over, needed, neighbour, rivals
+from bench.diagnose.verify import LEFT, Estimate, Trace, estimates, left_over, needed, neighbour, pinned, rivals
 from bench.diagnose.weak import mean_rates
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
+
+FAINT = 0.002
+"""Share of what noise leaves that a signal must explain on recordings not fitted; noise alone reaches 0.0001."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,8 @@ class Discovery:
     constants: tuple[Estimate, ...]
     imitators: tuple[str, ...] = ()
     """Effects that would imitate what is left, and were not named."""
+    faint: tuple[Trace, ...] = ()
+    """What the rest goes with where all of it is too little to say that something is left."""
     notes: tuple[str, ...] = ()
     """What was done, in sentences."""
 
@@ -104,7 +109,8 @@ def discover(
     fit = subsets.fit()
     traces, total = left_over(view)
     named = list(range(known, len(view.linear.model.effects)))
-    named = [i for i in named if accepted(view, subsets.fit(drop=[i]), fit, drop=[i])]
+    numbers = estimates(view, fit)
+    named = [i for i in named if not pinned(numbers, i) and accepted(view, subsets.fit(drop=[i]), fit, drop=[i])]
     if total > LEFT * view.floor:
         named = [i for i in named if needed(view, i, traces)]
     imitators = [i for i in range(known, len(view.linear.model.effects)) if i not in named]
@@ -133,6 +139,7 @@ def discover(
         tuple(traces) if total > LEFT * view.floor else (),
         tuple(x for x in numbers if x.entry.constant),
         tuple(names[i] for i in imitators),
+        tuple(t for t in traces if t.gain > FAINT),
         search.notes,
     )
 

@@ -72,7 +72,7 @@ def neighbour(view: View, known: int) -> Fit | None:
         less = subsets.fit(drop=[i])
         # Parameters that share an uncertainty, such as the gains of all rotors, are known together only.
         told = less.misfit - here.misfit > PLAINLY * view.floor or any(_told(x) for x in numbers if x.entry.owner == i)
-        if not told or not accepted(view, less, here, drop=[i]):
+        if not told or pinned(numbers, i) or not accepted(view, less, here, drop=[i]):
             return less
     options = [f for s in starts for i in places if sound(view, f := subsets.fit([s], drop=[i]))]
     best = min(options, key=subsets.cost, default=None)
@@ -91,6 +91,17 @@ def _told(x: Estimate) -> bool:
     """Whether an effect's parameter is known to differ from no effect, and is not merely pushed to its bound."""
     e = x.entry
     return not x.low <= e.neutral <= x.high and e.low < x.value < e.high
+
+
+def pinned(numbers: Sequence[Estimate], place: int) -> bool:
+    """Whether a parameter of the effect in this place is pushed to a bound that is not its neutral value.
+
+    What is best beyond the physical range is an imitation of something else.
+    """
+    return any(
+        x.entry.owner == place and x.value != x.entry.neutral and not x.entry.low < x.value < x.entry.high
+        for x in numbers
+    )
 
 
 def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], float]:

@@ -20,9 +20,10 @@ class SuspendedLoad(InternalEffect):
 
     m_l: Any = constant(0.0, "mass of the load", "kg", low=0, high=2, typical=0.1, source="order of magnitude")
     l: Any = constant(  # noqa: E741 - the symbol of the equation
-        0.6, "length of the rope", "m", low=0.05, high=10, typical=0.6, source="swings at .5 to .8 Hz"
+        0.6, "length of the rope", "m", low=0.1, high=10, typical=0.6, source="swings at .5 to .8 Hz"
     )
-    zeta: Any = constant(0.0, "ζ: damping ratio", "1", low=0, high=1, typical=0.02, source="order of magnitude")
+    # More damping than air gives makes it a filter that also fits how a controller answers gusts.
+    zeta: Any = constant(0.0, "ζ: damping ratio", "1", low=0, high=0.2, typical=0.02, source="order of magnitude")
     equation: ClassVar[str] = "θ̈ = −ω²θ − a/l − 2ζω θ̇,  ω² = (g/l)(1 + m_l/m),  a of the body without it;  F = m_l g θ"
     needs: ClassVar[tuple[str, ...]] = ("velocity", "attitude")
     systems: ClassVar[tuple[str, ...]] = ("quadrotor", "helicopter")

@@ -5,6 +5,8 @@ import pytest
 from undriven import undriven
 
 from bench.diagnose import diagnose, extend
+from bench.diagnose.parameters import effect_entries
+from bench.diagnose.verify import Estimate, pinned
 from registry.core import EFFECTS
 from registry.errors import BenchError
 
@@ -47,6 +49,16 @@ def test_a_term_outside_the_catalogue_is_called_unknown_and_followed():
     said, _ = diagnose(subject, catalogue=catalogue, brief=True)
     assert said.verdict == "unknown_effect" and not said.effects
     assert said.unexplained.share > 0.5 and said.unexplained.axes
+
+
+@pytest.mark.parametrize(
+    ("length", "damping", "edge"), [(0.6, 0.0, False), (0.6, 0.03, False), (0.1, 0.03, True), (0.4, 0.2, True)]
+)
+def test_a_parameter_that_is_pushed_to_its_bound_betrays_an_imitation(length, damping, edge):
+    effect = EFFECTS.get("suspended_load")(m_l=0.1, l=length, zeta=damping)
+    numbers = [Estimate(e, e.value, e.low, e.high) for e in effect_entries(effect, 2)]
+    assert pinned(numbers, 2) is edge
+    assert not pinned(numbers, 1)
 
 
 def test_an_effect_is_not_added_twice():
