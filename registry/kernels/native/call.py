@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from registry.kernels.native.library import Core
-from registry.kernels.native.workspace import Workspace
+from registry.kernels.workspace import Workspace
 
 
 class Call:
@@ -56,9 +56,9 @@ class Call:
         """Forward or backward, in work space of its own; what forward keeps is of this object."""
         self._call("sizes")
         if what == "forward":
-            self.kept = Workspace(self.fields.kept_size * models, self.like.dtype)
+            self.kept = Workspace(self.fields.kept_size * models, self.like.detach())
             self.fields.kept = self.kept.address
-        scratch = Workspace(self.fields.scratch_size, self.like.dtype)
+        scratch = Workspace(self.fields.scratch_size, self.like.detach())
         self.fields.scratch = scratch.address
         self._call(what)
 

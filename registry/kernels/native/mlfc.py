@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from registry.kernels.native.library import Core
-from registry.kernels.native.workspace import Workspace
+from registry.kernels.workspace import Workspace
 
 _SIZES = ("models", "batch", "steps", "inputs", "outputs", "layers", "cells", "mask_lanes", "keep")
 _ARRAYS = (
@@ -57,8 +57,8 @@ class _Prepared:
     def forward(self) -> tuple[Tensor, Tensor]:
         """Outputs (M, B, T, n) and hidden states (M, B, L·H) after the run."""
         u, hidden = self.arrays["u"], self.arrays["hidden"]
-        self.kept = Workspace(self.call.kept_size * self.call.models, u.dtype)
-        scratch = Workspace(self.call.scratch_size, u.dtype)
+        self.kept = Workspace(self.call.kept_size * self.call.models, u.detach())
+        scratch = Workspace(self.call.scratch_size, u.detach())
         self.call.kept, self.call.scratch = self.kept.address, scratch.address
         y, end = u.new_empty(*self.shape[:3], self.n), torch.empty_like(hidden)
         self.point({"y": y, "end_hidden": end})
@@ -67,7 +67,7 @@ class _Prepared:
 
     def backward(self, dy: Tensor, d_end: Tensor) -> tuple[Tensor, Tensor, Tensor, list[Tensor]]:
         """Gradients of inputs, fed outputs, states and weights."""
-        scratch = Workspace(self.call.scratch_size, dy.dtype)
+        scratch = Workspace(self.call.scratch_size, dy.detach())
         self.call.scratch = scratch.address
         du, d_fed, d_hidden = (torch.empty_like(self.arrays[name]) for name in ("u", "fed", "hidden"))
         gradients = [torch.empty_like(w) for w in self.weights]
