@@ -217,7 +217,7 @@ def _refined(
     model = replace(who.model, effects=(*who.model.effects, *effects))
     for _ in range(3):
         here = directions(model, who.model, who.uncertainty, linear.stack)
-        step = Problem(here, rows(here), nominal).fit()
+        step = Problem(here, rows(here), nominal).fit()[: len(here.own)]  # behind them stand the effects' removals
         values = [float(np.clip(e.value + b, e.low, e.high)) for e, b in zip(here.own, step, strict=True)]
         model = with_values(model, here.own, np.array(values))
     return model
