@@ -19,11 +19,14 @@ from click.testing import CliRunner, Result
 from conftest import Toy
 from optuna.trial import TrialState
 
-from bench import finalists, search, sweep, sweep_page, track, train
+from bench import track, train
 from bench.cli import cli
 from bench.config import RunConfig, Training
 from bench.notation import parse
-from bench.space import default_params, default_space, parse_search
+from bench.sweep import finalists, search
+from bench.sweep import journal as sweep
+from bench.sweep import page as sweep_page
+from bench.sweep.space import default_params, default_space, parse_search
 from registry.contracts import Loaded, Predictor, PredictorEntry, Split, StateLayout
 from registry.core import DATASETS, PREDICTORS, option
 from registry.errors import BenchError

@@ -103,8 +103,8 @@ def sweep_command(
 
     Nothing that was told is lost: after Ctrl-C, a crash or a power cut, the same command with --resume goes on.
     """
-    from bench import sweep as sweeps
-    from bench.space import default_space, parse_search
+    from bench.sweep import journal as sweeps
+    from bench.sweep.space import default_space, parse_search
 
     out = options.console()
     place = Place(results, tracking, no_track, workers)
@@ -170,8 +170,8 @@ def _with_looks(asked: dict[str, str]) -> dict[str, str]:
 
 def _carry_out(out: Console, sweep: Any, folder: Path, trials: int, resume: bool, place: Place) -> None:
     """Search, train the finalists, write the report, say what came out; one driver at a time."""
-    from bench import sweep as sweeps
-    from bench.search import search
+    from bench.sweep import journal as sweeps
+    from bench.sweep.search import search
 
     workers = place.workers or os.cpu_count() or 1
     with lock.held(folder, sweep.title), mirroring(place, sweep.title, folder.name) as mirror:
@@ -201,8 +201,9 @@ def _conclude(
     out: Console, sweep: Any, study: Any, folder: Path, place: Place, workers: int, mirror: Mirroring | None
 ) -> None:
     """Train the best and the default configuration from fresh seeds, compare them, write it down."""
-    from bench import finalists, sweep_page
-    from bench import sweep as sweeps
+    from bench.sweep import finalists
+    from bench.sweep import journal as sweeps
+    from bench.sweep import page as sweep_page
 
     best, default = finalists.finalists(sweep, study)
     records = _train(out, [*best, *default], place, workers, mirror)
@@ -233,13 +234,13 @@ def _train(
 
 
 def _searched(sweep: Any) -> str:
-    from bench.space import said
+    from bench.sweep.space import said
 
     return "Searched: " + "; ".join(said(path, values) for path, values in sweep.space.items()) + "."
 
 
 def _best_so_far(search: Any) -> str:
-    from bench import sweep as sweeps
+    from bench.sweep import journal as sweeps
 
     try:
         best = sweeps.best(search)
@@ -250,8 +251,8 @@ def _best_so_far(search: Any) -> str:
 
 def _summary(out: Console, sweep: Any, search: Any, verdicts: Any, folder: Path) -> None:
     """The answer on the terminal."""
-    from bench import sweep as sweeps
-    from bench.space import SPEC, options
+    from bench.sweep import journal as sweeps
+    from bench.sweep.space import SPEC, options
 
     best = sweeps.best(search)
     have = {path: value for path, _, value in options(sweep.default)} | {SPEC: sweep.default.spec}
@@ -278,8 +279,8 @@ def _estimate(out: Console, sweep: Any, trials: int, place: Place) -> None:
     from optuna.distributions import CategoricalDistribution
 
     from bench.estimate import per_update
-    from bench.finalists import SEEDS
-    from bench.space import configured
+    from bench.sweep.finalists import SEEDS
+    from bench.sweep.space import configured
 
     out.print(_searched(sweep), highlight=False, markup=False)
     workers = place.workers or os.cpu_count() or 1

@@ -29,7 +29,8 @@ def sync_command(results: Path, tracking: str | None) -> None:
 
     Runs that a killed driver has left half logged are completed.
     """
-    from bench import conclude, record, sweep, track
+    from bench import conclude, record, track
+    from bench.sweep import journal as sweep
 
     own = track.default_uri(results)
     uri, logged = tracking or own, 0

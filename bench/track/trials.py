@@ -9,7 +9,7 @@ from mlflow.entities import Metric, Param, RunTag
 from optuna.trial import FrozenTrial, TrialState
 
 from bench.config import RunConfig, to_json
-from bench.space import configured
+from bench.sweep.space import configured
 from bench.track.records import flat
 from bench.track.server import connected, experiment_of, find_run, plain
 

@@ -8,12 +8,12 @@ from typing import Any
 import optuna
 from optuna.trial import FrozenTrial, TrialState
 
-from bench import trial
 from bench.config import to_json
 from bench.executor import work_off
 from bench.seeds import derive
-from bench.space import configured
-from bench.sweep import Sweep, begun
+from bench.sweep import trial
+from bench.sweep.journal import Sweep, begun
+from bench.sweep.space import configured
 from registry.errors import BenchError
 
 

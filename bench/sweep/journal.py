@@ -20,7 +20,7 @@ from bench import durable
 from bench.config import RunConfig, from_json, to_json
 from bench.data import choose_split, digest, prepare
 from bench.record import json_text
-from bench.space import Space, default_params
+from bench.sweep.space import Space, default_params
 from registry.errors import BenchError
 
 JOURNAL, DEFINITION, RESULT, REPORT = "journal.log", "sweep.json", "result.json", "report.html"

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from bench import figures, report, stats, tables
-from bench import sweep as sweeps
-from bench.finalists import Verdict
 from bench.page import document, table
-from bench.space import SPEC, options, said
-from bench.sweep_page_search import Content, front, history, importances, shown, slices, trials_table
+from bench.sweep import journal as sweeps
+from bench.sweep.finalists import Verdict
+from bench.sweep.page_search import Content, front, history, importances, shown, slices, trials_table
+from bench.sweep.space import SPEC, options, said
 from registry.errors import BenchError
 
 
@@ -118,7 +118,7 @@ def render(c: Content) -> str:
         head,
         {name: body for name, body in sections.items() if body},
         "Intervals are 95 %.",
-        Path(__file__).with_name("study_page.css"),
+        Path(__file__).parent.with_name("study_page.css"),
     )
 
 

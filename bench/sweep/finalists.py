@@ -13,14 +13,15 @@ import numpy as np
 import optuna
 import torch
 
-from bench import durable, evaluate, stats, sweep
+from bench import durable, evaluate, stats
 from bench.config import RunConfig, from_json
 from bench.data import prepare
 from bench.predict import load_model
 from bench.record import RunRecord, json_text
 from bench.seeds import derive
-from bench.space import configured
-from bench.trial import scaled_rmsse
+from bench.sweep import journal as sweep
+from bench.sweep.space import configured
+from bench.sweep.trial import scaled_rmsse
 from registry.errors import BenchError
 
 SEEDS = 3

@@ -13,13 +13,13 @@ from optuna.distributions import CategoricalDistribution, IntDistribution
 from optuna.trial import FrozenTrial, TrialState
 
 from bench import report
-from bench import sweep as sweeps
 from bench.drawing import Look, Panel, Scale, around
-from bench.finalists import Verdict
 from bench.page import grid, panel, table
 from bench.record import RunRecord
-from bench.space import options
 from bench.study_page_sections import legend
+from bench.sweep import journal as sweeps
+from bench.sweep.finalists import Verdict
+from bench.sweep.space import options
 
 TOLD, PRUNED = Look("#0072B2", (), 2.4), Look("#7f8791", (), 1.2)
 BEST, DEFAULT = Look("#D55E00", (), 2.4), Look("#009E73", (), 2.4)

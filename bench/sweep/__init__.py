@@ -1,0 +1,1 @@
+"""Sweeps: what is searched, its trials, and what came out."""
