@@ -62,7 +62,9 @@ def folder_for(source: str, out: Path | None) -> Path:
     """Where files are written: ``out``, or beside the data."""
     if out is not None:
         return out
-    return Path(source) / "diagnosis" if Path(source).is_dir() else Path("diagnosis") / source
+    from bench.diagnose.subject import registered
+
+    return Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
 
 
 # ------------------------------------------------------------------------------------------------ what comes out

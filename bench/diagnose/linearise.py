@@ -18,6 +18,8 @@ UNSTABLE = 1e6
 """Rates, relative to the model's own, that no physical effect adds."""
 FOLDS = 3
 """Fewest parts of which each is held out once: recordings, or stretches of them where there are fewer."""
+WIDE = 0.2
+"""Relative 1σ of a constant from which what an effect does depends on it too much for one linearisation."""
 BLOCK_SECONDS = 4.0
 """Length of the blocks whose losses are compared: longer than what is left in a residual remembers."""
 
@@ -58,11 +60,18 @@ class Directions:
     """State channels whose rates respond to any of it."""
     removals: tuple[int, ...]
     """An effect of the model: the column that takes it away."""
+    reduced: tuple[dict[int, int], ...]
+    """An effect of the model: by column of a widely uncertain constant, the one that it has without the effect."""
+
+    def without(self, columns: Sequence[int], dropped: Sequence[int]) -> list[int]:
+        """Columns of ``own`` as they are where the effects in the places ``dropped`` are taken away."""
+        instead = {c: r for i in dropped for c, r in self.reduced[i].items()}
+        return [instead.get(c, c) for c in columns]
 
     def moved(self, noisy: "Directions") -> "Directions":
         """These directions with those of the same names as ``noisy`` has them."""
         columns = self.columns.copy()
-        same = len(self.own) + len(self.removals)
+        same = len(self.own) + len(self.removals) + sum(map(len, self.reduced))
         columns[:same] = noisy.columns[:same]
         by_id = {s.id: s for s in noisy.starts}
         for s in self.starts:
@@ -172,9 +181,20 @@ def directions(
     acts = [bool(np.abs(c).max() > 0) for c in columns]  # a model may have constants that this input does not use
     own, columns = ([x for x, a in zip(xs, acts, strict=True) if a] for xs in (own, columns))
     removals = tuple(range(len(own), len(own) + len(model.effects)))
+    wide = [j for j, e in enumerate(own) if e.constant and e.scale > WIDE * abs(e.value)]
+    by_constant: list[np.ndarray] = []
+    reduced: list[dict[int, int]] = []
     for i in range(len(model.effects)):
         rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j != i or _needed_by(model, i)))
-        columns.append(mean_rates(rest, stack).numpy() - at)
+        without = mean_rates(rest, stack).numpy()
+        columns.append(without - at)
+        first = len(own) + len(model.effects) + len(by_constant)
+        reduced.append({j: first + k for k, j in enumerate(wide)})
+        if wide:
+            changed, widths = probes([own[j] for j in wide])
+            found = mean_rates(with_values(rest, [own[j] for j in wide], changed[1:]), stack).numpy()
+            by_constant += list((found - without) / widths[:, None, None, None])
+    columns += by_constant
     scale = float(np.abs(at).max()) or 1.0
     starts: list[Start] = []
     for name, kind in candidates:
@@ -201,7 +221,9 @@ def directions(
     measured = [i for i in range(at.shape[-1]) if all(log.measured[i] for log in stack.logs)]
     channels = [i for i in measured if any(np.abs(c[..., i]).max() > 0 for c in columns)]
     kept = np.stack([c[..., channels] for c in columns])
-    return Directions(model, stack, tuple(own), tuple(starts), at[..., channels], kept, tuple(channels), removals)
+    return Directions(
+        model, stack, tuple(own), tuple(starts), at[..., channels], kept, tuple(channels), removals, tuple(reduced)
+    )
 
 
 def _needed_by(model: PhysicsModel, place: int) -> bool:

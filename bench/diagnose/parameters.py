@@ -65,7 +65,10 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
             if b != 0:
                 component, scale = None if np.ndim(p.value) == 0 else i, abs(b) * spread
                 low, high = _bounds(p)
-                low, high = max(low, b - WITHIN * scale), min(high, b + WITHIN * scale)
+                least = b - WITHIN * scale
+                if least <= low == 0.0:  # it may be as many times smaller as it may be larger, but not nothing
+                    least = b / (1 + WITHIN * spread)
+                low, high = max(low, least), min(high, b + WITHIN * scale)
                 found.append(Entry(-1, p.name, component, p.unit, v, scale, low, high))
     for i, effect in enumerate(model.effects):
         found += effect_entries(effect, i)

@@ -46,7 +46,7 @@ def whitening(residual: Sequence[np.ndarray], order: int) -> np.ndarray:
     An autoregression (Yule–Walker) over all series (J,) together; the first coefficient is one over the standard
     deviation of the innovation.
     """
-    cleaned = [r - np.median(r) for r in residual]
+    cleaned = [r - np.median(r) for r in residual if len(r)]
     lags = [sum(float(r[: len(r) - k] @ r[k:]) for r in cleaned if len(r) > k) for k in range(order + 1)]
     covariance = np.array(lags) / max(1, sum(map(len, cleaned)))
     covariance[0] = covariance[0] * (1 + 1e-9) + 1e-300

@@ -239,8 +239,13 @@ def physics_class(system: str) -> Any:
     return kind
 
 
+def registered(source: str) -> bool:
+    """Whether ``source`` means a registered data set: a folder of that name goes first if it describes data."""
+    return source in DATASETS.names() and not (Path(source) / "dataset.toml").is_file()
+
+
 def _dataset(source: str | Path) -> Dataset:
-    if isinstance(source, str) and source in DATASETS.names() and not Path(source).is_dir():
+    if isinstance(source, str) and registered(source):
         made: Dataset = DATASETS.get(source)()
         return made
     if not Path(source).is_dir():

@@ -93,7 +93,8 @@ class Subsets:
             drop: places in ``model.effects`` of effects to do without.
         """
         taken = [self.linear.removals[i] for i in drop]
-        columns = [*self.own, *(c for s in starts for c in s.columns), *more, *taken]
+        own = self.linear.without(self.own, drop)
+        columns = [*own, *(c for s in starts for c in s.columns), *more, *taken]
         extra = len(columns) - len(self.own)
         fixed = np.array([e.owner in drop for e in self.linear.own], dtype=bool)
         once = np.ones(len(taken))

@@ -107,7 +107,7 @@ def pinned(numbers: Sequence[Estimate], place: int) -> bool:
 def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], float]:
     """What the residual of a fit follows, and the loss that all of it saves on recordings not fitted."""
     own = view.linear.own
-    kept = [c for c in range(len(own)) if own[c].owner not in dropped]
+    kept = view.linear.without([c for c in range(len(own)) if own[c].owner not in dropped], dropped)
     grams = view.grams
     if dropped:  # the residual without these effects
         shift = np.zeros(grams[0].shape[0])
@@ -151,7 +151,7 @@ def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
     shift = np.zeros(view.grams[0].shape[0])
     mine = [c for c, e in enumerate(own) if e.owner == place]
     shift[view.linear.removals[place]] = -1.0
-    rest = [c for c in range(len(own)) if c not in mine]
+    rest = view.linear.without([c for c in range(len(own)) if c not in mine], [place])
     allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
     without_it = [_shifted(g, shift) for g in view.grams]
     terms = [column for column, _ in follow(without_it, rest, first, len(mine), allowed)]

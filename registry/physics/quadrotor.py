@@ -25,7 +25,7 @@ class Quadrotor(RigidBody):
     """
 
     mass: Any = constant(1.0, "mass", "kg", low=0, source=_ROTORS)
-    inertia: Any = constant((0.01, 0.01, 0.02), "principal moments of inertia", "kg m^2", source=_ROTORS)
+    inertia: Any = constant((0.01, 0.01, 0.02), "principal moments of inertia", "kg m^2", low=0, source=_ROTORS)
     thrust_coefficient: Any = constant(9.9865e-6, "k_f: thrust over ω²", "N s^2", low=0, source=_ROTORS)
     torque_coefficient: Any = constant(1.5978e-7, "k_m: reaction torque over ω²", "N m s^2", low=0, source=_ROTORS)
     rotor_positions: Any = constant(

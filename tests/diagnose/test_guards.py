@@ -1,5 +1,6 @@
-"""What keeps noise from being named: too little to be seen, and columns that are mostly noise of the inputs."""
+"""What keeps noise from being named, and an effect from being dropped for a constant that imitates it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,8 @@ from bench.diagnose.parameters import Entry
 from bench.diagnose.regression import Normal
 from bench.diagnose.search import Search, View
 from bench.diagnose.subset import Subsets
+from bench.diagnose.weak import TestFunctions
+from registry.core import EFFECTS
 
 BLOCKS, ROWS = 40, 1000
 
@@ -25,7 +28,7 @@ def view_of(gain: float) -> View:
     entry = Entry(0, "k", None, "1", 0.0, 1.0, -np.inf, np.inf)
     mass = Entry(-1, "mass", None, "kg", 1.0, 0.01, 0.97, 1.03)
     start = Start("drag", None, (entry,), (1,), (-np.inf,), (np.inf,))  # type: ignore[arg-type]
-    linear = SimpleNamespace(starts=(start,), own=(mass,), removals=())
+    linear = SimpleNamespace(starts=(start,), own=(mass,), removals=(), without=lambda columns, dropped: columns)
     normal = Normal(grams, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
     return View(linear, (), Subsets(linear, normal, {"mass": 1.0}), (), (), 0.0, frozenset())  # type: ignore[arg-type]
 
@@ -51,3 +54,19 @@ def test_a_constant_whose_column_is_noise_of_the_inputs_is_free_and_its_channel_
     assert bool(view.doubtful) is buried
     constants = [e.constant for e in view.linear.own]
     assert any(p == 0 for p, c in zip(view.subsets.prior, constants, strict=True) if c) is buried
+
+
+def test_a_widely_uncertain_constant_does_not_stand_in_for_an_effect_that_is_taken_away() -> None:
+    """The column of the mass holds the friction; without the friction it must not."""
+    states, force = flights(count=3, samples=2000)
+    seen = states + np.random.default_rng(1).normal(size=states.shape) * [1e-4, 1e-3]
+    subject = subject_of(replace(TRUE, damping=0.0), seen, 0.3 * force, uncertainty={"mass": 0.7, "stiffness": 0.7})
+    friction = EFFECTS.get("viscous_friction")(0.5)
+    search = Search(subject, [], lambda what: None)
+    misfits = []
+    for model in (replace(subject.model, effects=(friction,)), subject.model):
+        linear = search.look(model, broad=False).linear
+        rows = linear.project(TestFunctions.over(search.stack.logs, search.hop, [search.smoothing["speed"]]))
+        normal = rows.normal([np.ones(1)] * rows.channels)
+        misfits.append(Subsets(linear, normal, search.nominal).fit(drop=range(len(model.effects))).misfit)
+    assert misfits[0] == pytest.approx(misfits[1], rel=1e-6)

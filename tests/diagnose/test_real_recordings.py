@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bench.diagnose import extend, load
+from bench.diagnose import diagnose, extend, load
 from registry.datasets.crazypad import Crazypad
 
 
@@ -23,3 +23,17 @@ def test_a_weight_at_motor_3_moves_the_centre_of_gravity_there(bench_data):
     for shift in (light, heavy):
         assert np.degrees(np.arctan2(shift[1], shift[0])) == pytest.approx(135, abs=15)
     assert 0.01 > np.hypot(*heavy) > 3 * np.hypot(*light) > 0.001
+
+
+@pytest.mark.data
+@pytest.mark.slow
+def test_nanodrone_lacks_what_its_rotors_do(bench_data):
+    """What the recordings are known to hold: drag, a moment that goes with lateral velocity, rotors' inertia in yaw."""
+    said, model = diagnose("nanodrone", brief=True)
+    found = {e.id: e.parameters for e in said.effects}
+    assert said.verdict == "named"
+    assert set(found) - {"linear_drag", "rotor_drag"} == {"blade_flapping", "rotor_reaction_torque"} < set(found)
+    inertia = found["rotor_reaction_torque"]["rotor_inertia"]
+    assert inertia.low < 3.1e-8 < inertia.high and inertia.value == pytest.approx(2.5e-8, rel=0.5)
+    assert min(model.inertia) > 0
+    assert said.error.extended["body_rates"].rmse < 0.3 * said.error.calibrated["body_rates"].rmse
