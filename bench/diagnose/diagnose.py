@@ -82,6 +82,10 @@ def diagnose(
     if names:
         known = {f.id: f.effect for f in found.found}
         extension = extend(subject, subject.model, names, tick, noise, rivals, known, horizon_s)
+    refuted = bool(names) and sum(e.share_explained for e in extension.effects) < 0
+    if refuted:
+        found, names = _unnamed(found), []
+    if names:
         model = extension.model
         comparison, stages, effects = extension.comparison, extension.stages, extension.effects
         taken = extension.calibrated
@@ -95,7 +99,7 @@ def diagnose(
     location = nowhere if brief else locate(subject, found.calibrated, after=model if names else None, noise=noise)
     best = "extended" if names else "calibrated"
     nominal, after, floor = (comparison.error(n) for n in ("nominal", best, "floor"))
-    verdict = _verdict(found, _excess(after, floor))
+    verdict = "unknown_effect" if refuted else _verdict(found, _excess(after, floor))
     if verdict == "unknown_effect" and not found.traces:
         # Free runs show what windows hardly do, such as a slow swing: the signals that are nearest to it are said.
         found = replace(found, traces=found.faint)
@@ -135,6 +139,16 @@ def diagnose(
         ),
         model,
     )
+
+
+def _unnamed(found: Discovery) -> Discovery:
+    """What is left to say when the effects found make the forecast of held-out recordings worse."""
+    names = tuple(f.id for f in found.found)
+    note = (
+        f"{', '.join(names)} explained the rates of the recordings that were learnt from, but made the forecast of the "
+        "held-out ones worse, and so nothing is named."
+    )
+    return replace(found, found=(), imitators=(*found.imitators, *names), notes=(*found.notes, note))
 
 
 def _excess(error: ByGroup, floor: ByGroup) -> dict[str, float]:

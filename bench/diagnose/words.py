@@ -54,6 +54,8 @@ def percent(share: float) -> str:
         return NOTHING
     if 0 < share < 0.01:
         return "< 1 %"
+    if -0.01 < share < 0:
+        return f"−{-100 * share:.1g} %"
     return f"{100 * share:.0f} %".replace("-", "−")
 
 

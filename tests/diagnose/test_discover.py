@@ -1,5 +1,7 @@
 """Discovery on the problems that others published, and on flights of a simulator that shares no code with this one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from undriven import undriven
@@ -49,6 +51,15 @@ def test_a_term_outside_the_catalogue_is_called_unknown_and_followed():
     said, _ = diagnose(subject, catalogue=catalogue, brief=True)
     assert said.verdict == "unknown_effect" and not said.effects
     assert said.unexplained.share > 0.5 and said.unexplained.axes
+
+
+def test_an_effect_that_spoils_the_forecast_of_held_out_recordings_is_not_named():
+    damped, free = (
+        undriven("pendulum", [EFFECTS.get("viscous_friction")(d)] * (d > 0), NEAR, 0.02, 1000, 1e-3) for d in (0.1, 0)
+    )
+    said, model = diagnose(replace(damped, logs=(*damped.logs[:-2], *free.logs[-2:])), brief=True)
+    assert (said.verdict, said.effects, model.effects) == ("unknown_effect", (), ())
+    assert any(note.startswith("viscous_friction") for note in said.evidence.notes)
 
 
 @pytest.mark.parametrize(
