@@ -11,7 +11,7 @@ from bench.diagnose.parameters import entries
 from bench.diagnose.search import Search, View
 from bench.diagnose.subject import Subject
 from bench.diagnose.subset import Fit, t_value
-from bench.diagnose.verify import LEFT, Estimate, Trace, estimates, left_over, needed, neighbour, pinned, rivals
+from bench.diagnose.verify import LEFT, Estimate, Trace, estimates, left_over, neighbour, pinned, rivals, understood
 from bench.diagnose.weak import mean_rates
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
@@ -112,8 +112,9 @@ def discover(
     numbers = estimates(view, fit)
     named = [i for i in named if not pinned(numbers, i) and accepted(view, subsets.fit(drop=[i]), fit, drop=[i])]
     if total > LEFT * view.floor:
-        named = [i for i in named if needed(view, i, traces)]
-    imitators = [i for i in range(known, len(view.linear.model.effects)) if i not in named]
+        named = understood(view, named, traces, total)
+    gone, _ = view.linear.away([i for i in range(known, len(view.linear.model.effects)) if i not in named])
+    named, imitators = [i for i in named if i not in gone], sorted(gone)
     names = [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
     if imitators:  # and what was exchanged in the last step and is not worth its place
         fit = subsets.fit(drop=imitators)

@@ -1,6 +1,6 @@
 """A model and its rivals, linearised on measured states: directions that a regression can choose from."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -11,8 +11,8 @@ from bench.diagnose.generic import Dictionary
 from bench.diagnose.parameters import Entry, effect_entries, entries, probes, with_values
 from bench.diagnose.regression import Normal, filtered
 from bench.diagnose.weak import Stack, TestFunctions, mean_rates
+from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
-from registry.errors import BenchError
 
 UNSTABLE = 1e6
 """Rates, relative to the model's own, that no physical effect adds."""
@@ -59,11 +59,18 @@ class Directions:
     channels: tuple[int, ...]
     """State channels whose rates respond to any of it."""
     removals: tuple[int, ...]
-    """An effect of the model: the column that takes it away."""
+    """An effect of the model: the column that takes it away, with those that cannot do without it."""
+    dependants: tuple[frozenset[int], ...]
+    """An effect of the model: the places of those that cannot do without it."""
     reduced: tuple[dict[int, int], ...]
     """An effect of the model: by column of a widely uncertain constant, the one that it has without the effect."""
 
-    def without(self, columns: Sequence[int], dropped: Sequence[int]) -> list[int]:
+    def away(self, dropped: Collection[int]) -> tuple[set[int], list[int]]:
+        """Places of all effects that go with those in the places ``dropped``, and the columns that take them away."""
+        follow = {j for i in dropped for j in self.dependants[i]}
+        return follow | set(dropped), [self.removals[i] for i in sorted(set(dropped) - follow)]
+
+    def without(self, columns: Sequence[int], dropped: Collection[int]) -> list[int]:
         """Columns of ``own`` as they are where the effects in the places ``dropped`` are taken away."""
         instead = {c: r for i in dropped for c, r in self.reduced[i].items()}
         return [instead.get(c, c) for c in columns]
@@ -182,10 +189,11 @@ def directions(
     own, columns = ([x for x, a in zip(xs, acts, strict=True) if a] for xs in (own, columns))
     removals = tuple(range(len(own), len(own) + len(model.effects)))
     wide = [j for j, e in enumerate(own) if e.constant and e.scale > WIDE * abs(e.value)]
+    dependants = tuple(_dependants(model, i) for i in range(len(model.effects)))
     by_constant: list[np.ndarray] = []
     reduced: list[dict[int, int]] = []
     for i in range(len(model.effects)):
-        rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j != i or _needed_by(model, i)))
+        rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j not in {i, *dependants[i]}))
         without = mean_rates(rest, stack).numpy()
         columns.append(without - at)
         first = len(own) + len(model.effects) + len(by_constant)
@@ -222,17 +230,23 @@ def directions(
     channels = [i for i in measured if any(np.abs(c[..., i]).max() > 0 for c in columns)]
     kept = np.stack([c[..., channels] for c in columns])
     return Directions(
-        model, stack, tuple(own), tuple(starts), at[..., channels], kept, tuple(channels), removals, tuple(reduced)
+        model,
+        stack,
+        tuple(own),
+        tuple(starts),
+        at[..., channels],
+        kept,
+        tuple(channels),
+        removals,
+        dependants,
+        tuple(reduced),
     )
 
 
-def _needed_by(model: PhysicsModel, place: int) -> bool:
-    """Whether another effect of the model cannot do without the one in this place."""
-    try:
-        replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j != place))
-    except BenchError:
-        return True
-    return False
+def _dependants(model: PhysicsModel, place: int) -> frozenset[int]:
+    """The places of effects that need the one in this place, and have no other that would do."""
+    rest = {EFFECTS.name_of(type(e)) for j, e in enumerate(model.effects) if j != place} | set(model.provides)
+    return frozenset(j for j, e in enumerate(model.effects) if j != place and e.requires and not rest & set(e.requires))
 
 
 def _starting_points(kind: type[Effect]) -> list[Effect]:

@@ -43,7 +43,7 @@ def _waterfall(d: Diagnosis) -> str:
         panels.append(page.panel(words.named(group), f"after {known.horizon_s:g} s" if known else "", drawn))
     return (
         "<p>The bar is the error that remains; its pale part is what the stage took away. The dotted line is the noise "
-        f"floor, which no model can pass.</p>{page.grid(panels)}"
+        f"floor: what noise alone would leave, as estimated.</p>{page.grid(panels)}"
     )
 
 

@@ -90,13 +90,13 @@ class Subsets:
             starts: effects to add.
             more: columns with free coefficients.
             without: a fold that is not fitted.
-            drop: places in ``model.effects`` of effects to do without.
+            drop: places in ``model.effects`` of effects to do without; what needs them goes too.
         """
-        taken = [self.linear.removals[i] for i in drop]
+        gone, taken = self.linear.away(drop)
         own = self.linear.without(self.own, drop)
         columns = [*own, *(c for s in starts for c in s.columns), *more, *taken]
         extra = len(columns) - len(self.own)
-        fixed = np.array([e.owner in drop for e in self.linear.own], dtype=bool)
+        fixed = np.array([e.owner in gone for e in self.linear.own], dtype=bool)
         once = np.ones(len(taken))
         low, high = np.where(fixed, 0.0, self.low), np.where(fixed, 0.0, self.high)
         low = np.concatenate([low, *(s.low for s in starts), np.full(len(more), -np.inf), once])
@@ -104,9 +104,9 @@ class Subsets:
         prior, centre = np.concatenate([self.prior, np.zeros(extra)]), np.concatenate([self.centre, np.zeros(extra)])
         beta, misfit = self.normal.fit(columns, prior, centre, low, high, without)
         count = sum(len(s.entries) for s in starts) + len(more)
-        count += sum(not e.constant and e.owner not in drop for e in self.linear.own)
+        count += sum(not e.constant and e.owner not in gone for e in self.linear.own)
         distance = float((prior * (beta - centre) ** 2).sum())
-        return Fit(tuple(starts), tuple(columns), beta, misfit, distance, count, tuple(drop))
+        return Fit(tuple(starts), tuple(columns), beta, misfit, distance, count, tuple(sorted(gone)))
 
     def losses(self, fit: Fit) -> np.ndarray:
         """Squared whitened residuals (blocks, channels) of a fit."""

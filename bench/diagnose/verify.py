@@ -20,6 +20,8 @@ BESIDE = 0.3
 """Share of its gain that an effect must keep beside such terms, or it is their imitation."""
 PLAINLY = 0.1
 """Gain, as a share of what noise leaves, of an effect that is there although none of its parameters is known alone."""
+CRUMBS = 0.5
+"""Gain, relative to all that is not understood, below which an effect may be a part of that."""
 LEFT = 0.15
 """What a dictionary of signals may still explain, as a share of what noise leaves, before something is missing."""
 SAME = ({"rotor_gyroscopic_torque", "rotor_reaction_torque"},)
@@ -107,11 +109,12 @@ def pinned(numbers: Sequence[Estimate], place: int) -> bool:
 def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], float]:
     """What the residual of a fit follows, and the loss that all of it saves on recordings not fitted."""
     own = view.linear.own
-    kept = view.linear.without([c for c in range(len(own)) if own[c].owner not in dropped], dropped)
+    gone, taken = view.linear.away(dropped)
+    kept = view.linear.without([c for c in range(len(own)) if own[c].owner not in gone], dropped)
     grams = view.grams
     if dropped:  # the residual without these effects
         shift = np.zeros(grams[0].shape[0])
-        shift[[view.linear.removals[i] for i in dropped]] = -1.0
+        shift[taken] = -1.0
         grams = tuple(_shifted(g, shift) for g in grams)
     first = len(view.linear.columns)
     allowed = [first + i for i, reach in enumerate(view.reach) if not reach <= view.doubtful]
@@ -132,6 +135,22 @@ def _shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
     return out
 
 
+def understood(view: View, places: Sequence[int], traces: Sequence[Trace], total: float) -> list[int]:
+    """Of the effects in these places, those that neither imitate nor are crumbs of something larger.
+
+    Args:
+        view: a model with the effects.
+        places: of effects in ``model.effects``.
+        traces: what is left.
+        total: the loss that it makes.
+    """
+    kept = [i for i in places if needed(view, i, traces)]
+    here = view.subsets.fit().misfit
+    gains = {i: view.subsets.fit(drop=[i]).misfit - here for i in places}
+    unknown = total + sum(gain for i, gain in gains.items() if i not in kept)
+    return [i for i in kept if gains[i] > CRUMBS * unknown]
+
+
 def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
     """Whether an effect explains its share as well as as many free terms of the dictionary do where it acts.
 
@@ -149,8 +168,9 @@ def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
     if gains.sum() < view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting):
         return False  # crumbs of something larger that is not understood
     shift = np.zeros(view.grams[0].shape[0])
-    mine = [c for c, e in enumerate(own) if e.owner == place]
-    shift[view.linear.removals[place]] = -1.0
+    gone, taken = view.linear.away([place])
+    mine = [c for c, e in enumerate(own) if e.owner in gone]
+    shift[taken] = -1.0
     rest = view.linear.without([c for c in range(len(own)) if c not in mine], [place])
     allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
     without_it = [_shifted(g, shift) for g in view.grams]

@@ -43,11 +43,6 @@ def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     return v + w * t + np.cross(axis, t)
 
 
-def rotate_back(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Vectors (N, 3) turned by the inverse of unit quaternions xyzw (N, 4): world → body."""
-    return rotate(q * [-1, -1, -1, 1], v)
-
-
 def euler_rates_from_body(euler: np.ndarray, body: np.ndarray) -> np.ndarray:
     """Time derivative (N, 3) [rad/s] of roll, pitch, yaw (N, 3) at body rates p, q, r (N, 3)."""
     roll, pitch, _ = euler.T

@@ -14,8 +14,6 @@ from registry.physics.rigid_body import cross, rotation_matrix
 COUNT = 6.0
 """One count of the motor controllers' integer scale [rad/s]: chosen so that hover is at 83 counts, where the
 published histograms have it (their scale is not given in rad/s)."""
-CUBE = 5.0
-"""Side of the room [m]: x and y within ±2.5, z from 0 to 5."""
 ACCURACY = (0.005, np.deg2rad(0.1))
 """Of position [m] and Euler angles [rad]: bounds of the whole error, nearly all of it slow."""
 JITTER = (0.0004, np.deg2rad(0.005))

@@ -97,7 +97,7 @@ class InflowThrustLoss(HubEffect):
 class VortexRingState(ThrustEffect):
     """Less thrust in a descent about as fast as the rotors' own downwash, into which they sink."""
 
-    a: Any = constant(0.0, "strength", "1", low=0, high=1, typical=0.3, source="order of magnitude")
+    a: Any = constant(0.0, "strength", "1", low=0, high=2, typical=0.3, source="order of magnitude")
     equation: ClassVar[str] = (
         "T_i → T_i (1 − a x exp(−((x − 1)/0.35)²)),  x = −v_z/v_h in descent,  v_h = √(Σ T_i / (2ρπR_p² · rotors))"
     )

@@ -136,3 +136,13 @@ def test_a_force_that_goes_with_the_place_is_followed_there(cache):
     answer = diagnosed(case, cache)
     assert (answer.verdict, answer.named) == ("unknown_effect", {})
     assert answer.follows[0] == "position"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", ["rotor_drag-crazyflie-2", "inflow_thrust_loss-hummingbird-1"])
+def test_an_effect_outside_the_catalogue_is_not_named_by_parts_of_it(effect, cache):
+    """Rotors' drag damps the yaw too, which rotational damping imitates; what is left of inflow looks like wind."""
+    (case,) = (c for c in flights.cases(flights.DEVELOPMENT) if c.id == f"{flights.DEVELOPMENT}-unknown-{effect}")
+    answer = diagnosed(case, cache)
+    assert (answer.verdict, answer.named) == ("unknown_effect", {})
+    assert "velocity" in answer.follows

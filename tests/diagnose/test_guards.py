@@ -1,14 +1,13 @@
 """What keeps noise from being named, and an effect from being dropped for a constant that imitates it."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_compare import TRUE, flights, subject_of
 
 from bench.diagnose.choose import accepted
-from bench.diagnose.linearise import Start
+from bench.diagnose.linearise import Directions, Start
 from bench.diagnose.parameters import Entry
 from bench.diagnose.regression import Normal
 from bench.diagnose.search import Search, View
@@ -28,9 +27,10 @@ def view_of(gain: float) -> View:
     entry = Entry(0, "k", None, "1", 0.0, 1.0, -np.inf, np.inf)
     mass = Entry(-1, "mass", None, "kg", 1.0, 0.01, 0.97, 1.03)
     start = Start("drag", None, (entry,), (1,), (-np.inf,), (np.inf,))  # type: ignore[arg-type]
-    linear = SimpleNamespace(starts=(start,), own=(mass,), removals=(), without=lambda columns, dropped: columns)
+    nothing = np.empty(0)
+    linear = Directions(None, None, (mass,), (start,), nothing, nothing, (), (), (), ())  # type: ignore[arg-type]
     normal = Normal(grams, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
-    return View(linear, (), Subsets(linear, normal, {"mass": 1.0}), (), (), 0.0, frozenset())  # type: ignore[arg-type]
+    return View(linear, (), Subsets(linear, normal, {"mass": 1.0}), (), (), 0.0, frozenset())
 
 
 @pytest.mark.parametrize(("gain", "named"), [(0.006, False), (0.03, True)])

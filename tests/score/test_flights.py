@@ -30,6 +30,7 @@ from bench.score.cases import (
 )
 from bench.score.measure import LEVELS, SMOOTHINGS, Noise, measure
 from bench.score.strengths import TYPICAL, draw, drive, identity
+from registry.core import EFFECTS
 
 SHORT = {"recordings": 2, "seconds": 3.0}
 DRAG = {"rotor_drag": {"k_d": 1.19e-4}}
@@ -302,6 +303,9 @@ def test_design_covers_what_it_should() -> None:
     assert sum(c.condition in ("nothing", "gusts") for c in suite) >= 300
     assert not {c.flight_seed for c in suite} & {c.flight_seed for c in reported}
     assert len({c.id for c in (*suite, *reported)}) == len(suite) + len(reported)
+    for name, values in (x for c in (*suite, *reported) for x in c.effects.items() if x[0] in EFFECTS.names()):
+        for p in EFFECTS.get(name).neutral().parameters():  # what the catalogue calls unphysical is not hidden
+            assert p.high is None or abs(values.get(p.name, 0.0)) < p.high
     quick = cases(DEVELOPMENT, quick=True)
     assert len(quick) < 100 and {c.condition for c in quick} == {c.condition for c in suite}
 
