@@ -4,6 +4,7 @@ Weights of the group are one flat tensor (M, P). Every operation treats the rows
 bits do not depend on what it is trained beside. Divergence is a result, not a crash.
 """
 
+import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -107,7 +108,8 @@ def _closed_form(model: Model, data: Prepared) -> Trained:
 class Group:
     """The state of a group in training.
 
-    Rows of ``theta``, ``m`` and ``v`` are the runs that still train; ``best`` has all of them.
+    Rows of ``theta``, ``m`` and ``v`` are the runs that still train; ``best`` has all of them. The weights of
+    ``network`` are views of ``theta``, (M, …) each.
     """
 
     def __init__(self, models: list[Model], runs: list[Run], checkpoint: Path | None = None) -> None:
@@ -124,7 +126,7 @@ class Group:
         self.scaled = [scaled[id(r.data)] for r in runs]
         self.validation = [self._validation(i) for i in range(len(runs))]
         self.orders: dict[int, tuple[int, Tensor]] = {}
-        self.models[0].train()
+        self.network = copy.deepcopy(models[0]).train()
         self._train_only(list(range(len(runs))))
 
     @staticmethod
@@ -148,9 +150,10 @@ class Group:
     def _train_only(self, active: list[int]) -> None:
         """Go on with these runs; the rows are theirs, in this order."""
         self.active = active
-        self.weights = {n: w.requires_grad_() for n, w in self.named(self.theta.detach()).items()}
-        self.gradient = torch.zeros_like(self.theta)
-        self.gradients = list(self.named(self.gradient).values())
+        self.gradient, self.ones = torch.zeros_like(self.theta), torch.ones(len(active))
+        self.gradients, weights = list(self.named(self.gradient).values()), self.named(self.theta)
+        for name, p in self.network.named_parameters():
+            p.data = weights[name]
 
     def _leave_ended(self) -> None:
         """Take the rows of runs that have ended out."""
@@ -208,8 +211,8 @@ class Group:
         o = self.options
         if len(self.runs) == 1:  # noise of dropout or of a random washout start, the same after a resume
             _draw_from(derive(self.runs[0].config.seed, f"noise/{self.update}"))
-        cost = functional_call(self.models[0], self.weights, (*self._batch(), o.alpha, o.beta))
-        slopes = torch.autograd.grad(cost.sum(), list(self.weights.values()), allow_unused=True)
+        cost = self.network(*self._batch(), o.alpha, o.beta)
+        slopes = torch.autograd.grad(cost, list(self.network.parameters()), self.ones, allow_unused=True)
         for to, slope in zip(self.gradients, slopes, strict=True):
             to.copy_(slope) if slope is not None else to.zero_()
         norms = torch.stack([g.norm() for g in self.gradient.unbind(0)])
@@ -250,13 +253,13 @@ class Group:
 
         Keeps the best weights and ends a run that has stopped improving.
         """
-        self.models[0].eval()
+        self.network.eval()
         _draw_from(derive(self.runs[0].config.seed, f"validation/{self.update}"))  # a random washout start
         for j, i in enumerate(self.active):
             run = self.runs[i]
             with torch.no_grad():
                 windows = tuple(x.unsqueeze(0) for x in self.validation[i])
-                cost = functional_call(self.models[0], self.named(self.theta[j : j + 1]), (*windows, 1.0, 0.0))
+                cost = functional_call(self.network, self.named(self.theta[j : j + 1]), (*windows, 1.0, 0.0))
             validation = float(cost[0])
             run.curve.append((self.update, float(self.train_cost[i]) / since, validation))
             if not math.isfinite(validation):
@@ -268,7 +271,7 @@ class Group:
                 run.stale += 1
                 if run.stale >= self.options.patience:
                     run.ended, run.ended_at = "finished", self.update
-        self.models[0].train()
+        self.network.train()
         self.train_cost.zero_()
         self._leave_ended()
 

@@ -68,7 +68,7 @@ def networks(row: Row) -> Contender:
     Operands are as the kernels take them: batches, delay lines, costs, padding and the optimizer are left out.
     """
     group, (m, n), lead = _group(row), (INPUTS, OUTPUTS), (row.models, row.batch)
-    weights = {name: w.detach().clone().requires_grad_() for name, w in group.weights.items()}
+    weights = {name: w.detach().clone().requires_grad_() for name, w in group.network.named_parameters()}
     predictor, initializer = (
         {k.removeprefix(part): w for k, w in weights.items() if k.startswith(part)}
         for part in ("predictor.", "initializer.")
