@@ -152,6 +152,7 @@ class Group:
         self.active = active
         self.gradient, self.ones = torch.zeros_like(self.theta), torch.ones(len(active))
         self.gradients, weights = list(self.named(self.gradient).values()), self.named(self.theta)
+        self.leaves = list(self.network.parameters())
         for name, p in self.network.named_parameters():
             p.data = weights[name]
 
@@ -212,7 +213,7 @@ class Group:
         if len(self.runs) == 1:  # noise of dropout or of a random washout start, the same after a resume
             _draw_from(derive(self.runs[0].config.seed, f"noise/{self.update}"))
         cost = self.network(*self._batch(), o.alpha, o.beta)
-        slopes = torch.autograd.grad(cost, list(self.network.parameters()), self.ones, allow_unused=True)
+        slopes = torch.autograd.grad(cost, self.leaves, self.ones, allow_unused=True)
         for to, slope in zip(self.gradients, slopes, strict=True):
             to.copy_(slope) if slope is not None else to.zero_()
         norms = torch.stack([g.norm() for g in self.gradient.unbind(0)])

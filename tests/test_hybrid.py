@@ -235,8 +235,8 @@ def test_the_cell_is_the_lstm() -> None:
             now = cell((u[k, :2], u[k, 2:]), *now)
         flat = [s.permute(2, 0, 1).flatten(1)[None] for s in states]
         stacked = [Layer(*(w[None] for w in (x.input, x.recurrent, x.bias, x.peephole))) for x in weights]
-        _, *ends = lstm(u.permute(2, 0, 1)[None], u.new_zeros(1, 2, 0), *flat, stacked)
-        for got, want in zip(now, ends, strict=True):
+        _, end = lstm(u.permute(2, 0, 1)[None], torch.cat(flat, -1), stacked)
+        for got, want in zip(now, end.chunk(2, -1), strict=True):
             torch.testing.assert_close(got.permute(2, 0, 1).flatten(1), want[0], rtol=1e-12, atol=1e-12)
 
 

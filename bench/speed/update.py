@@ -73,27 +73,29 @@ def networks(row: Row) -> Contender:
         {k.removeprefix(part): w for k, w in weights.items() if k.startswith(part)}
         for part in ("predictor.", "initializer.")
     )
-    taps, size = DELAYS if row.model == "LSTM TDL" else 1, row.layers * row.hidden
+    taps = DELAYS if row.model == "LSTM TDL" else 1
     mlp = row.initializer.startswith("MLP")
     history = torch.randn(*lead, TAU * (m + n)) if mlp else torch.randn(*lead, TAU, m + n)
-    u = torch.randn(*lead, row.horizon, taps * m)
-    fed, hidden, cell = (torch.randn(*lead, k).requires_grad_() for k in (taps * n, size, size))
+    u, state = (
+        torch.randn(*lead, row.horizon, m),
+        torch.randn(*lead, (taps - 1) * m + taps * n + 2 * row.layers * row.hidden),
+    )
 
     def states() -> Tensor:
         w = initializer
         if mlp:
             h = _affine(history, w["hidden_weight"], w["hidden_bias"]).tanh()
         else:
-            zero = history.new_zeros(*lead, w["output_weight"].shape[-1])
-            h = lstm(history, zero[..., :0], zero, zero, [Layer(*(w[name] for name in WEIGHTS))])[1]
+            width = w["output_weight"].shape[-1]
+            h = lstm(history, history.new_zeros(*lead, 2 * width), [Layer(*(w[k] for k in WEIGHTS))])[1][..., :width]
         return _affine(h, w["output_weight"], w["output_bias"])
 
     def outputs() -> Tensor:
         w = predictor
         layers = [Layer(*(w[f"{name}.{i}"] for name in WEIGHTS)) for i in range(row.layers)]
-        return lstm(u, fed, hidden, cell, layers, w["output_weight"], w["output_bias"])[0]
+        return lstm(u, state, layers, w["output_weight"], w["output_bias"], delays=taps)[0]
 
-    runs = ((states, [*initializer.values()]), (outputs, [*predictor.values(), hidden, cell]))
+    runs = ((states, [*initializer.values()]), (outputs, [*predictor.values(), state.requires_grad_()]))
     slopes = [torch.randn_like(run()) for run, _ in runs]
 
     def step() -> None:

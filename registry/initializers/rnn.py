@@ -37,10 +37,9 @@ class RNNInitializer(Initializer):
         lead = (lambda v: v.unsqueeze(0)) if single else (lambda v: v)
         layer = Layer(*(lead(w) for w in (self.input_weight, self.recurrent_weight, self.bias, self.peephole)))
         x = lead(x)
-        zero = x.new_zeros(*x.shape[:2], self.hidden)
-        _, last, _ = lstm(x, zero[..., :0], zero, zero, [layer])
-        last = last[0] if single else last
-        states = affine(last, self.output_weight, self.output_bias)
+        _, after = lstm(x, x.new_zeros(*x.shape[:2], 2 * self.hidden), [layer])
+        last = after[..., : self.hidden]
+        states = affine(last[0] if single else last, self.output_weight, self.output_bias)
         return torch.cat([predictor.fill(inputs, outputs), bounded(predictor, states)], -1)
 
 

@@ -20,7 +20,8 @@ from registry.kernels.pointwise import dropout_mask
 class Layer:
     """Weights of one layer: input (M, 4H, K), recurrent (M, 4H, H), bias (M, 4H), peephole (M, 3, H).
 
-    Gate rows: input, forget, cell, output. The K columns of the first layer: inputs, then fed-back outputs.
+    Gate rows: input, forget, cell, output. The K columns of the first layer: the D latest inputs, then the D latest
+    outputs, newest first.
     """
 
     input: Tensor
@@ -31,35 +32,35 @@ class Layer:
 
 def lstm(
     inputs: Tensor,
-    fed: Tensor,
-    hidden: Tensor,
-    cell: Tensor,
+    state: Tensor,
     layers: list[Layer],
     output_weight: Tensor | None = None,
     output_bias: Tensor | None = None,
     forced: Tensor | None = None,
     dropout: float = 0.0,
-) -> tuple[Tensor, Tensor, Tensor]:
+    delays: int = 1,
+) -> tuple[Tensor, Tensor]:
     """Run T steps.
 
     Args:
         inputs: (M, B, T, m).
-        fed: (M, B, D·n) the D latest outputs before the run, newest first; D = 0 for no feedback.
-        hidden, cell: (M, B, L·H) states before the run.
+        state: (M, B, s) before the run: D − 1 inputs and D outputs, newest first each, then hidden and cell states of
+            all layers, L·H each.
         layers: L layers.
-        output_weight, output_bias: (M, n, H), (M, n) linear read-out of the last layer; None: no outputs.
+        output_weight, output_bias: (M, n, H), (M, n) linear read-out of the last layer; None: no outputs, n = 0.
         forced: (M, B, T, n) outputs that are fed back in place of the network's own.
         dropout: probability of dropping what a layer passes up (to the next layer or the read-out).
+        delays: D.
 
     Returns:
-        outputs (M, B, T, n), hidden (M, B, L·H) and cell (M, B, L·H) after the run.
+        outputs (M, B, T, n) and the state (M, B, s) after the run.
     """
     weights = [w for layer in layers for w in (layer.input, layer.recurrent, layer.bias, layer.peephole)]
     if output_weight is not None and output_bias is not None:
         weights += [output_weight, output_bias]
     models, batch, steps, _ = inputs.shape
     mask = dropout_mask(dropout, inputs, len(layers), steps, models, layers[0].recurrent.shape[-1], batch + -batch % 32)
-    core = library.core_for(inputs, fed, hidden, cell, forced, *weights)
+    core = library.core_for(inputs, state, forced, *weights)
     if core is None:
-        return lstm_torch.run(inputs, fed, hidden, cell, forced, mask, weights)
-    return native.lstm(core, inputs, fed, hidden, cell, forced, mask, weights)
+        return lstm_torch.run(inputs, state, forced, mask, weights, delays)
+    return native.lstm(core, inputs, state, forced, mask, weights, delays)

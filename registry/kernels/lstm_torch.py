@@ -1,56 +1,77 @@
 """The stacked LSTM of `registry.kernels.lstm` in PyTorch: on any device, and where there is no compiler.
 
-Models of one shape run side by side in batched products. Arrays are feature-major (…, features, batch), so that every
-gate is one contiguous block.
+Models of one shape run side by side in batched products. An operation on a thin network costs its call: the loops over
+time have as few as there can be, and what the way back needs of the gates alone is made for many steps at once.
 """
 
-import math
 from typing import Any
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
-from registry.kernels.pointwise import pad16, pad_batch, sigmoid_grad, tanh_grad
-from registry.kernels.workspace import Workspace
+from registry.kernels.lstm_history import Back, History, Shape, before
+from registry.kernels.pointwise import pad_batch
+from registry.kernels.workspace import Reused
 
 
 def run(
     inputs: Tensor,
-    fed: Tensor,
-    hidden: Tensor,
-    cell: Tensor,
+    state: Tensor,
     forced: Tensor | None,
     mask: Tensor | None,
     weights: list[Tensor],
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Run T steps: arguments and results as for `registry.kernels.lstm.lstm`, but for the last two.
+    delays: int,
+) -> tuple[Tensor, Tensor]:
+    """Run T steps: arguments and results as for `registry.kernels.lstm.lstm`, but for these.
 
     Args:
-        inputs, fed, hidden, cell, forced: see there.
+        inputs, state, forced, delays: see there.
         mask: (L, T, M, H, B') what dropout lets through, B' the batch as `pad_batch` leaves it; None: all.
         weights: input, recurrent, bias and peephole of every layer, then weight and bias of the read-out, if any.
     """
-    batch, layers = inputs.shape[1], len(weights) // 4
-    inputs, fed, hidden, cell = (pad_batch(x) for x in (inputs, fed, hidden, cell))
+    batch = inputs.shape[1]
+    inputs, state = pad_batch(inputs), pad_batch(state)
     forced = None if forced is None else pad_batch(forced)
-    head = weights[4 * layers :] or (None, None)
-    done: tuple[Tensor, Tensor, Tensor] = _LSTM.apply(
-        inputs, fed, hidden, cell, forced, mask, *head, *weights[: 4 * layers]
-    )
-    outputs, hidden, cell = done
-    return outputs[:, :batch], hidden[:, :batch], cell[:, :batch]
+    done: tuple[Tensor, Tensor] = _LSTM.apply(inputs, state, forced, mask, delays, *weights)
+    outputs, state = done
+    return outputs[:, :batch], state[:, :batch]
 
 
-class _Views:
-    """What a layer has at each step: gates g (4H rows) and parts of them, cells c, tanh of these, operands x."""
+class _Layer:
+    """One layer's weights, laid out for the products."""
 
-    def __init__(self, gates: Tensor, cells: Tensor, tanh_cells: Tensor, operands: Tensor) -> None:
-        hidden = cells.shape[-2]
-        rows = lambda first, last: gates[:, :, first * hidden : last * hidden].unbind(0)  # noqa: E731
-        self.g, self.c, self.tc, self.x = (s.unbind(0) for s in (gates, cells, tanh_cells, operands))
-        self.i, self.f, self.z, self.o = rows(0, 1), rows(1, 2), rows(2, 3), rows(3, 4)
-        self.flat, self.ifz = rows(0, 2), rows(0, 3)
-        self.i_f = gates[:, :, : 2 * hidden].unflatten(2, (2, hidden)).unbind(0)
+    def __init__(self, weights: tuple[Tensor, ...], leading: int, columns: int) -> None:
+        """
+        Args:
+            weights: input, recurrent, bias, peephole.
+            leading: this many columns of the input weight come after the others.
+            columns: with padding.
+        """
+        w_in, w_rec, bias, peephole = weights
+        H, k, self.leading = w_rec.shape[-1], w_rec.shape[-1] + w_in.shape[-1], leading
+        self.turn, self.k, self.H = k - leading, k, H
+        self.w = torch.cat(
+            [
+                w_rec,
+                w_in[..., leading:],
+                w_in[..., :leading],
+                bias.unsqueeze(-1),
+                w_in.new_zeros(*bias.shape, columns - k - 1),
+            ],
+            -1,
+        )
+        # tanh x = 2σ(2x) − 1 is several times faster than `torch.tanh` on CPUs
+        self.doubled = self.w.clone()
+        self.doubled[:, 2 * H : 3 * H] *= 2
+        self.i, self.f, self.o = peephole.unsqueeze(-1).unbind(1)  # (M, H, 1)
+        self.i_f = peephole[:, :2].unsqueeze(-1)
+        self.o_tanh = torch.stack([peephole[:, 2], torch.full_like(peephole[:, 2], 2)], 1).unsqueeze(-1)
+
+    def gradients(self, dw: Tensor, d_peephole: Tensor) -> list[Tensor]:
+        """Of the four weights, from that of ``w`` and of the peepholes."""
+        d_in = torch.cat([dw[..., self.turn : self.k], dw[..., self.H : self.turn]], -1)
+        return [d_in, dw[..., : self.H], dw[..., self.k], d_peephole]
 
 
 class _LSTM(torch.autograd.Function):
@@ -58,176 +79,115 @@ class _LSTM(torch.autograd.Function):
     def forward(
         ctx: Any,
         inputs: Tensor,
-        fed: Tensor,
-        hidden: Tensor,
-        cell: Tensor,
+        state: Tensor,
         forced: Tensor | None,
         mask: Tensor | None,
-        w_out: Tensor | None,
-        b_out: Tensor | None,
-        *flat: Tensor,
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        M, B, T, m = inputs.shape
-        L, H = len(flat) // 4, flat[1].shape[-1]
-        n = 0 if w_out is None else w_out.shape[-2]
-        D = fed.shape[-1] // n if n else 0
-        new: dict[str, Any] = {"dtype": inputs.dtype, "device": inputs.device}
-        # operands of the gate product, rows of layer 0: [m | D·ỹ | u | 1 | 0..], of the others: [m | below | 1 | 0..]
-        widths = [H + flat[4 * i].shape[-1] for i in range(L)]
-        shapes: list[tuple[int, ...]] = [(T + 1, M, pad16(k + 1), B) for k in widths]
-        shapes += [
-            (L, T, M, 4 * H, B),
-            (L, T + 1, M, H, B),
-            (L, T, M, H, B),
-            (L, T, M, H, B if mask is not None else 0),
-        ]
-        space = Workspace(sum(map(math.prod, shapes)), inputs.detach())
-        *X, G, C, TC, V = space.parts(*shapes)  # V: what goes up, after dropout
-        W = []
-        for i, x in enumerate(X):
-            w_in, w_rec, bias = flat[4 * i : 4 * i + 3]
-            k, K = widths[i] - H, x.shape[2]
-            x[:, :, H + k :] = 0
-            x[:, :, H + k] = 1
-            w = torch.zeros(M, 4 * H, K, **new)
-            w[..., :H] = w_rec
-            w[..., H : H + k] = torch.cat([w_in[..., m:], w_in[..., :m]], -1) if i == 0 else w_in
-            w[..., H + k] = bias
-            x[0, :, :H] = hidden[..., i * H : (i + 1) * H].mT
-            W.append(w)
-        rows = [slice(H + d * n, H + (d + 1) * n) for d in range(D)]
-        X[0][:T, :, H + D * n : H + D * n + m] = inputs.permute(2, 0, 3, 1)
-        for d in range(D):  # step t reads ỹ of d+1 steps before; until t > d that is one of ``fed``
-            for t in range(min(d + 1, T)):
-                X[0][t, :, rows[d]] = fed[..., (d - t) * n : (d - t + 1) * n].mT
+        delays: int,
+        *weights: Tensor,
+    ) -> tuple[Tensor, Tensor]:
+        (M, B, T, m), D, L, H = inputs.shape, delays, len(weights) // 4, weights[1].shape[-1]
+        n = weights[-2].shape[1] if len(weights) > 4 * L else 0
+        s = Shape(M, B, T, m, n, D, L, H, mask is not None)
+        space = Reused((s, inputs.dtype, inputs.device), lambda: History(s, inputs))
+        h = space.thing
+        layers = [_Layer(weights[4 * i : 4 * i + 4], 0 if i else D * m, s.width(i)) for i in range(L)]
+        past_u, past_y, hidden, cell = state.split([(D - 1) * m, D * n, L * H, L * H], -1)
+        for i in range(L):
+            h.x[i][0, :, :H], h.c[i][0] = hidden[..., i * H : (i + 1) * H].mT, cell[..., i * H : (i + 1) * H].mT
+            h.tanh_c[i].zero_()
+        line = inputs.permute(2, 0, 3, 1).flip(0)
+        if D > 1 and m:
+            line = torch.cat([line, before(past_u, D - 1)])
+        for d, rows in enumerate(h.u_rows):
+            rows.copy_(line[d : d + T].flip(0))
+        fed = h.fed
+        wo, bo = inputs.new_zeros(M, s.outputs, H), inputs.new_zeros(M, s.outputs, 1)
+        if n:
+            wo[:, :n], bo[:, :n, 0] = weights[-2], weights[-1]
+            fed[T:] = before(past_y, D)
         if forced is not None:
-            y_fed = forced.permute(2, 0, 3, 1)  # (T, M, n, B)
-            for d in range(min(D, T)):
-                X[0][d + 1 : T, :, rows[d]] = y_fed[: T - d - 1]
-        C[:, 0] = cell.unflatten(-1, (L, H)).permute(2, 0, 3, 1)
-        n_pad = pad16(n) if n else 0
-        Y = torch.empty(T, M, n_pad, B, **new)
-        wo = torch.zeros(M, n_pad, H, **new)
-        bo = torch.zeros(M, n_pad, 1, **new)
-        if w_out is not None and b_out is not None:
-            wo[:, :n], bo[:, :n, 0] = w_out, b_out
-        twice = [torch.cat([w[:, : 2 * H], 2 * w[:, 2 * H : 3 * H], w[:, 3 * H :]], 1) for w in W]
-        peep_if = [flat[4 * i + 3][:, :2].unsqueeze(-1) for i in range(L)]
-        peep_o = [flat[4 * i + 3][:, 2].unsqueeze(-1) for i in range(L)]
-        minus = torch.tensor(-1.0, **new)  # −1 + 2 σ(2x) = tanh x, several times faster than `torch.tanh` on CPUs
-        ahead = [x[1:, :, :H].unbind(0) for x in X]
-        above = [x[:, :, H : 2 * H].unbind(0) for x in X]
-        steps = [_Views(G[i], C[i], TC[i], X[i]) for i in range(L)]
-        taps = [X[0][:, :, r].unbind(0) for r in rows]
-        Ys = Y.unbind(0)
-        for t in range(T):
-            for i, v in enumerate(steps):
-                c0, c1, o, z, tc = v.c[t], v.c[t + 1], v.o[t], v.z[t], v.tc[t]
-                torch.bmm(twice[i], v.x[t], out=v.g[t])
-                v.i_f[t].addcmul_(c0.unsqueeze(1), peep_if[i])
-                v.ifz[t].sigmoid_()
+            fed = torch.cat([forced.permute(2, 0, 3, 1).flip(0), fed[T:]])
+            for d, taps in enumerate(h.taps):
+                taps.copy_(fed[d + 1 : d + 1 + T].flip(0))
+        minus, own, up = inputs.new_tensor(-1.0), n > 0 and forced is None, inputs
+        for t, step in enumerate(h.steps):
+            if own:
+                h.seen[t].copy_(h.windows[t])
+            for i, (x, g, i_f, ifz, o_tanh, gi, gf, z, o, tanh_c, c0, c0_, c1, c1_, ahead, above, v) in enumerate(step):
+                layer = layers[i]
+                torch.bmm(layer.doubled, x, out=g)
+                i_f.addcmul_(c0_, layer.i_f)
+                ifz.sigmoid_()
                 torch.add(minus, z, alpha=2, out=z)
-                torch.mul(v.f[t], c0, out=c1).addcmul_(v.i[t], z)
-                o.addcmul_(c1, peep_o[i]).sigmoid_()
-                torch.mul(c1, 2, out=tc).sigmoid_()
-                torch.add(minus, tc, alpha=2, out=tc)
-                up = torch.mul(o, tc, out=ahead[i][t])
+                torch.mul(gf, c0, out=c1).addcmul_(gi, z)
+                o_tanh.addcmul_(c1_, layer.o_tanh).sigmoid_()
+                torch.add(minus, tanh_c, alpha=2, out=tanh_c)
+                up = torch.mul(o, tanh_c, out=ahead)
                 if mask is not None:
-                    up = torch.mul(up, mask[i, t], out=V[i, t])
-                if i + 1 < L:
-                    above[i + 1][t].copy_(up)
+                    up = torch.mul(up, mask[i, t], out=v)
+                if above is not None:
+                    above.copy_(up)
             if n:
-                torch.baddbmm(bo, wo, up, out=Ys[t])
-                if forced is None:
-                    for d in range(min(D, T - 1 - t)):
-                        taps[d][t + 1 + d].copy_(Ys[t][:, :n])
-        ctx.save_for_backward(*flat)
-        ctx.kept, ctx.space = (X, W, V, steps, mask, wo, D, n, m, forced is not None), space
-        last = torch.cat([x[T, :, :H] for x in X], 1).mT
-        outputs = Y[:, :, :n].permute(1, 3, 0, 2)
-        return outputs.contiguous(), last.contiguous(), C[:, T].permute(1, 3, 0, 2).flatten(-2).contiguous()
+                torch.baddbmm(bo, wo, up, out=h.said[T - 1 - t])
+        ctx.save_for_backward(*weights)
+        ctx.set_materialize_grads(False)
+        ctx.kept, ctx.forced = (space, layers, mask, wo), forced is not None
+        ends = [x.permute(1, 3, 0, 2).flatten(-2) for x in (line[: D - 1], fed[:D])]
+        ends += [x[T, :, :H].mT for x in h.x] + [c[T].mT for c in h.c]
+        return h.fed[:T].flip(0).permute(1, 3, 0, 2).contiguous(), torch.cat(ends, -1)
 
     @staticmethod
-    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        dY_, dh_, dc_ = grads
-        flat = ctx.saved_tensors
-        X, W, V, steps, mask, wo, D, n, m, was_forced = ctx.kept
-        L, T = len(X), len(steps[0].g)
-        M, H, B = steps[0].tc[0].shape
-        new: dict[str, Any] = {"dtype": wo.dtype, "device": wo.device}
-        dW = [torch.zeros_like(w) for w in W]
-        dX = [torch.zeros_like(x[0]) for x in X]
-        dC = list(dc_.unflatten(-1, (L, H)).permute(2, 0, 3, 1).clone(memory_format=torch.contiguous_format).unbind(0))
-        for i in range(L):
-            dX[i][:, :H] = dh_[..., i * H : (i + 1) * H].mT
-        dY = torch.zeros(T, M, wo.shape[1], B, **new)
-        dY[:, :, :n] = dY_.permute(2, 0, 3, 1)
-        dU = torch.empty(T, M, m, B, **new)
-        dfed = torch.zeros(M, max(D, 1) * n, B, **new)
-        dwo, dm, dg = torch.zeros_like(wo), torch.empty(M, H, B, **new), torch.empty(M, 4 * H, B, **new)
-        di, df, dz, do = dg.split(H, 1)
-        d_if = dg[:, : 2 * H]
-        d_i_f = d_if.unflatten(1, (2, H))
-        through = torch.empty(M, H, B, **new)
-        d_peep_if, d_peep_o = torch.zeros(L, M, 2, H, B, **new), torch.zeros(L, M, H, B, **new)
-        WT, woT = [w.mT for w in W], wo.mT
-        peep = [[flat[4 * i + 3][:, j].unsqueeze(-1) for j in range(3)] for i in range(L)]
-        ups = (V[L - 1] if mask is not None else X[L - 1][1:, :, :H]).unbind(0)
-        from_next, from_above = [x[:, :H] for x in dX], [x[:, H : 2 * H] for x in dX]
-        from_taps = [dX[0][:, H + d * n : H + (d + 1) * n] for d in range(D)]
-        given = dY.unbind(0)
-        from_input = dX[0][:, H + D * n : H + D * n + m]
-        for t in range(T - 1, -1, -1):
-            for i in range(L - 1, -1, -1):
-                v, dc = steps[i], dC[i]
-                z, o, c0, tc = v.z[t], v.o[t], v.c[t], v.tc[t]
-                if i < L - 1:
-                    above: Tensor | None = from_above[i + 1]
-                elif n:
-                    above = torch.bmm(woT, given[t], out=dm)
-                    dwo.baddbmm_(given[t], ups[t].mT)
-                else:
-                    above = None
-                if above is None:
-                    dm.copy_(from_next[i])
-                elif mask is None:
-                    torch.add(above, from_next[i], out=dm)
-                else:
-                    torch.mul(above, mask[i, t], out=dm).add_(from_next[i])
-                tanh_grad(torch.mul(dm, o, out=through), tc, grad_input=through)
-                dc.add_(through)
-                sigmoid_grad(dm.mul_(tc), o, grad_input=do)
-                dc.addcmul_(do, peep[i][2])
-                torch.mul(dc, z, out=di)
-                torch.mul(dc, c0, out=df)
-                sigmoid_grad(d_if, v.flat[t], grad_input=d_if)
-                tanh_grad(torch.mul(dc, v.i[t], out=dz), z, grad_input=dz)
-                dc.mul_(v.f[t]).addcmul_(di, peep[i][0]).addcmul_(df, peep[i][1])
-                d_peep_if[i].addcmul_(d_i_f, c0.unsqueeze(1))
-                d_peep_o[i].addcmul_(do, v.c[t + 1])
-                torch.bmm(WT[i], dg, out=dX[i])
-                dW[i].baddbmm_(dg, v.x[t].mT)
-            if ctx.needs_input_grad[0]:
-                dU[t] = from_input
-            for d in range(D):
-                source = t - d - 1
-                if source < 0:
-                    dfed[:, (d - t) * n : (d - t + 1) * n] += from_taps[d]
-                elif not was_forced:
-                    given[source][:, :n] += from_taps[d]
-        d_peep = torch.cat([d_peep_if.sum(-1), d_peep_o.sum(-1).unsqueeze(2)], 2)  # (L, M, 3, H)
-        out: list[Tensor | None] = []
-        for i in range(L):
-            k = flat[4 * i].shape[-1]
-            d_in = dW[i][..., H : H + k]
-            if i == 0:
-                d_in = torch.cat([d_in[..., k - m :], d_in[..., : k - m]], -1)
-            out += [d_in, dW[i][..., :H], dW[i][..., H + k], d_peep[i]]
-        head: list[Tensor | None] = [None, None]
-        if n:
-            # one contiguous row an output: the order of the sum does not depend on M
-            head = [dwo[:, :n], dY.permute(1, 2, 0, 3).flatten(-2).sum(-1)[:, :n]]
-        d_hidden = torch.cat([x[:, :H] for x in dX], 1).mT
-        d_cell = torch.cat(dC, 1).mT
-        d_inputs = dU.permute(1, 3, 0, 2) if ctx.needs_input_grad[0] else None
-        return (d_inputs, dfed[:, : D * n].mT, d_hidden, d_cell, None, None, *head, *out)
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
+        (given, ends), _ = grads, ctx.saved_tensors
+        space, layers, mask, wo = ctx.kept
+        h: History = space.thing
+        s, inputs_too = h.s, ctx.needs_input_grad[0]
+        back = Reused((Back, s, wo.dtype, wo.device), lambda: Back(s, wo))
+        b = back.thing
+        d_fed = b.y.new_zeros(s.T + s.D, s.M, s.n, s.B) if ctx.forced else b.y[:, :, : s.n]
+        b.begin(given, ends, d_fed)
+        woT, WT = wo.mT, [v.w.mT for v in layers]
+        d_wo, d_bias, d_w = torch.zeros_like(wo), wo.new_zeros(wo.shape[:2]), [torch.zeros_like(v.w) for v in layers]
+        d_peephole = [wo.new_zeros(s.M, 3, s.H) for _ in layers]
+        for first in reversed(range(0, s.T, s.chunk)):
+            last = min(s.T, first + s.chunk)
+            for i, v in enumerate(layers):
+                b.meet(h, i, slice(first, last), v.i, v.f, v.o)
+            for t in range(last - 1, first - 1, -1):
+                step = b.steps[t - first]
+                for i in range(s.L - 1, -1, -1):
+                    d_o, d_ifz, dg, through, carried = step[i]
+                    from_up: Tensor | None = b.below[i + 1] if i < s.L - 1 else None
+                    d, dc = b.own[i], b.c[i]
+                    if i == s.L - 1 and s.n:
+                        if mask is None:
+                            d = torch.baddbmm(d, woT, b.said[s.T - 1 - t], out=b.m)
+                        else:
+                            from_up = torch.bmm(woT, b.said[s.T - 1 - t])
+                    if from_up is not None:
+                        d = torch.add(from_up if mask is None else from_up * mask[i, t], d, out=b.m)
+                    d_o.mul_(d)
+                    dc.addcmul_(d, through)
+                    d_ifz.mul_(dc.unsqueeze(1))
+                    dc.mul_(carried)
+                    torch.bmm(WT[i], dg, out=b.x[i])
+                if b.from_y is not None and not ctx.forced:
+                    b.to_y[t].add_(b.from_y)
+                elif b.from_y is not None and t < s.D:
+                    d_fed[s.T - t : s.T - t + s.D].add_(b.from_y)
+                if b.from_u is not None and (t < s.D - 1 or inputs_too):
+                    b.to_u[t].add_(b.from_u)
+            for i in range(s.L):
+                d_w[i].baddbmm_(b.dg[i].flatten(3).flatten(1, 2), b.operands[i].flatten(2).mT)
+                d_peephole[i].add_(b.peephole_gradient(h, i, slice(first, last)))
+            if s.n:
+                b.look(h, slice(first, last))
+                d_wo.baddbmm_(b.outputs.flatten(2), b.tops.flatten(2).mT)
+                d_bias.add_(b.outputs.flatten(2).sum(-1))
+        flat = [g for v, dw, d in zip(layers, d_w, d_peephole, strict=True) for g in v.gradients(dw, d)]
+        if s.n:
+            flat += [d_wo[:, : s.n], d_bias[:, : s.n]]
+        d_state = [x.permute(1, 3, 0, 2).flatten(-2) for x in (b.u[s.T :], d_fed[s.T :])]
+        d_inputs = b.u[: s.T].flip(0).permute(1, 3, 0, 2) if inputs_too else None
+        return d_inputs, torch.cat([*d_state, *(x.mT for x in (*b.own, *b.c))], -1), None, None, None, *flat

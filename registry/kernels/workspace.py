@@ -1,12 +1,15 @@
-"""Big buffers that outlive a call: the page faults of fresh ones cost as much as a thin network's arithmetic."""
+"""What outlives a call: the page faults of fresh buffers cost as much as a thin network's arithmetic."""
 
-import math
+from collections.abc import Callable, Hashable
+from typing import Any, Generic, TypeVar
 
 from torch import Tensor
 
 _MOST = 6
-"""Buffers that are kept at most, the latest given back."""
+"""Buffers, and made things, that are kept at most, the latest given back."""
 _free: list[Tensor] = []
+_made: list[tuple[Hashable, Any]] = []
+Thing = TypeVar("Thing")
 
 
 class Workspace:
@@ -26,13 +29,21 @@ class Workspace:
         """Of its first number."""
         return self.buffer.data_ptr()
 
-    def parts(self, *shapes: tuple[int, ...]) -> list[Tensor]:
-        """Arrays end to end, not set to anything; they are good as long as this object is held."""
-        sizes = [math.prod(s) for s in shapes]
-        pieces = self.buffer[: sum(sizes)].split(sizes)
-        return [p.view(s) for p, s in zip(pieces, shapes, strict=True)]
-
     def __del__(self) -> None:
         if hasattr(self, "buffer"):
             _free.append(self.buffer)
             del _free[:-_MOST]
+
+
+class Reused(Generic[Thing]):
+    """``thing``, as ``make`` makes it or as somebody with an equal key left it; given back like a `Workspace`."""
+
+    def __init__(self, key: Hashable, make: Callable[[], Thing]) -> None:
+        at = next((i for i in reversed(range(len(_made))) if _made[i][0] == key), None)
+        self.key = key
+        self.thing: Thing = make() if at is None else _made.pop(at)[1]
+
+    def __del__(self) -> None:
+        if hasattr(self, "thing"):
+            _made.append((self.key, self.thing))
+            del _made[:-_MOST]

@@ -55,39 +55,23 @@ class LSTMPredictor(Predictor):
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`."""
-        buffer, hidden, cell = self.layout.split(state)
-        past = (self.delays - 1) * self.n_inputs
-        fed = buffer[..., past:]
-        taps = inputs
-        if self.delays > 1:  # u_k .. u_{k−D+1} side by side, newest first
-            before = buffer[..., :past].unflatten(-1, (self.delays - 1, self.n_inputs)).flip(-2)
-            line, steps = torch.cat([before, inputs], -2), inputs.shape[-2]
-            taps = torch.cat([line[..., d : d + steps, :] for d in reversed(range(self.delays))], -1)
         single = inputs.dim() == 3
         lead = (lambda x: x.unsqueeze(0)) if single else (lambda x: x)
-        outputs, hidden, cell = lstm(
-            lead(taps),
-            lead(fed),
-            lead(hidden),
-            lead(cell),
-            [
-                Layer(*(lead(w) for w in ws))
-                for ws in zip(self.input_weight, self.recurrent_weight, self.bias, self.peephole, strict=True)
-            ],
+        layers = [
+            Layer(*(lead(w) for w in ws))
+            for ws in zip(self.input_weight, self.recurrent_weight, self.bias, self.peephole, strict=True)
+        ]
+        outputs, state = lstm(
+            lead(inputs),
+            lead(state),
+            layers,
             lead(self.output_weight),
             lead(self.output_bias),
             None if feedback is None else lead(feedback),
             self.dropout if self.training else 0.0,
+            self.delays,
         )
-        if single:
-            outputs, hidden, cell = outputs[0], hidden[0], cell[0]
-        seen = (outputs if feedback is None else feedback)[..., -self.delays :, :]
-        fed = torch.cat([seen.flip(-2).flatten(-2), fed], -1)[..., : fed.shape[-1]]
-        pieces = [fed, hidden, cell]
-        if past:
-            latest = inputs[..., -self.delays :, :].flip(-2).flatten(-2)
-            pieces.insert(0, torch.cat([latest, buffer[..., :past]], -1)[..., :past])
-        return outputs, torch.cat(pieces, -1)
+        return (outputs[0], state[0]) if single else (outputs, state)
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
         """W_y m^L + b_y (the paper's A_s = [W_y 0], c = y − b_y)."""

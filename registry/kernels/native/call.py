@@ -1,6 +1,7 @@
 """A call of the compiled core: a structure of sizes and addresses, and what they belong to."""
 
 import ctypes
+from array import array
 from typing import Any, ClassVar
 
 import torch
@@ -29,16 +30,17 @@ class Call:
         self.kept: Workspace | None = None
 
     def point(self, name: str, x: Tensor | None, at: int | None = None) -> None:
-        """Set a field (or its element ``at``) to an array, which is held until this object goes."""
+        """Set a field (or its element ``at``) to an array, which is held until this object goes, or to null."""
         if x is not None:
             x = x.contiguous()
             self.held.append(x)
-            self._set(name, x.data_ptr(), at)
+        self._set(name, None if x is None else x.data_ptr(), at)
 
-    def table(self, name: str, entries: ctypes.Array[Any]) -> None:
-        """Set a field to a table that C reads."""
-        self.held.append(entries)
-        self._set(name, ctypes.addressof(entries), None)
+    def table(self, name: str, entries: list[int]) -> None:
+        """Set a field to a table of addresses and other whole numbers that C reads."""
+        numbers = array("q", entries)
+        self.held.append(numbers)
+        self._set(name, numbers.buffer_info()[0], None)
 
     def new(self, name: str, shape: tuple[int, ...], at: int | None = None) -> Tensor:
         """A fresh array to be written."""
@@ -46,7 +48,7 @@ class Call:
         self._set(name, x.data_ptr(), at)
         return x
 
-    def _set(self, name: str, address: int, at: int | None) -> None:
+    def _set(self, name: str, address: int | None, at: int | None) -> None:
         if at is None:
             setattr(self.fields, name, address)
         else:
@@ -85,6 +87,6 @@ def structure(sizes: str, numbers: str = "", arrays: str = "", pairs: str = "") 
     )
 
 
-def addresses(tensors: list[Tensor]) -> ctypes.Array[Any]:
-    """A table of addresses."""
-    return (ctypes.c_void_p * len(tensors))(*(x.data_ptr() for x in tensors))
+def addresses(tensors: list[Tensor]) -> list[int]:
+    """For a table of them."""
+    return [x.data_ptr() for x in tensors]

@@ -64,7 +64,7 @@ template <class R> class Run {
     pack(false);
     const R *u = in(c.u), *forced = in(c.forced), *scale = in(c.scale);
     const Body body(R(c.dt), R(c.gravity), in(c.coupling));
-    for (size_t i = 0; i < stacks.size(); i++) stacks[i].states_in(in(c.hidden[i]), in(c.cell[i]), B, 0);
+    for (size_t i = 0; i < stacks.size(); i++) stacks[i].states_in(in(c.hidden[i]), in(c.cell[i]), c.layers * c.cells, B, 0);
     for (int b = 0; b < blocks; b++) {
       lanes_in(in(c.state), STATE, STATE, b, B, x_at(0, b));
       if (b * W + W > B) upright(x_at(0, b), b);
@@ -113,7 +113,7 @@ template <class R> class Run {
     }
     for (int b = 0; b < blocks; b++)
       lanes_out(T && c.keep ? dx + (size_t)b * STATE * W : x_at(T, b), STATE, b, B, out(c.end_state), STATE);
-    for (size_t i = 0; i < stacks.size(); i++) stacks[i].states_out(out(c.end_hidden[i]), out(c.end_cell[i]), B, T);
+    for (size_t i = 0; i < stacks.size(); i++) stacks[i].states_out(out(c.end_hidden[i]), out(c.end_cell[i]), c.layers * c.cells, B, T);
   }
 
   void backward() {
@@ -123,7 +123,7 @@ template <class R> class Run {
     R* d_coupling = out(c.d_coupling);
     std::fill_n(d_coupling, 3, R(0));
     for (size_t i = 0; i < stacks.size(); i++) {
-      stacks[i].begin(in(c.d_end_hidden[i]), in(c.d_end_cell[i]), B);
+      stacks[i].begin(in(c.d_end_hidden[i]), in(c.d_end_cell[i]), c.layers * c.cells, B);
       readouts[i].begin();
     }
     for (int b = 0; b < blocks; b++) lanes_in(in(c.d_end_state), STATE, STATE, b, B, dx + (size_t)b * STATE * W);
@@ -199,7 +199,7 @@ template <class R> class Run {
     const int top = int(c.layers) - 1;
     stacks[0].push(readouts[0].backward(d_start, (size_t)LOAD * W, [&](int b) { return stacks[0].x(top, 0, b); }));
     for (size_t i = 0; i < stacks.size(); i++) {
-      stacks[i].end(out(c.d_hidden[i]), out(c.d_cell[i]), B);
+      stacks[i].end(out(c.d_hidden[i]), out(c.d_cell[i]), c.layers * c.cells, B);
       void* const* g = c.gradients + i * (4 * c.layers + 2);
       std::vector<LayerGradients<R>> layers;
       for (int l = 0; l < c.layers; l++, g += 4) layers.push_back({out(g[0]), out(g[1]), out(g[2]), out(g[3])});

@@ -24,6 +24,8 @@ from registry.errors import BenchError, near
 
 NUMERICS = 1
 """Raised whenever a change of the C++ sources alters the numbers of a run."""
+PYTORCH_NUMERICS = 2
+"""Raised whenever a change of the PyTorch kernels does."""
 
 _SOURCES = Path(__file__).parent
 _FLAGS = ("-O3", "-std=c++17", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
@@ -71,9 +73,9 @@ def core_for(first: Tensor, *others: Tensor | None) -> Core | None:
 
 
 def name() -> str:
-    """The kernel in use and what its bits depend on: "pytorch", or "native 1, g++ 12"."""
+    """The kernel in use and what its bits depend on: "pytorch 2", or "native 1, g++ 12"."""
     found = core()
-    return f"native {NUMERICS}, {found.compiler}" if found else "pytorch"
+    return f"native {NUMERICS}, {found.compiler}" if found else f"pytorch {PYTORCH_NUMERICS}"
 
 
 class _Unavailable(Exception):

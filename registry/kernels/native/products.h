@@ -4,6 +4,7 @@
 // operand, a weight, is packed so that a product reads it from front to back.
 #pragma once
 #include <algorithm>
+#include <climits>
 #include <cstddef>
 
 #include "vectors.h"
@@ -44,8 +45,10 @@ template <class R> struct Packed {
   }
 
   // out (blocks, rows, block) = A x + start, a number a row or null; x and out advance by their strides a block.
-  void multiply(int blocks, const R* x, size_t x_stride, R* out, size_t out_stride, const R* start = nullptr) const {
-    for (int r = 0; r < rows; r += TILE_ROWS)
+  // Panels that begin after the first `wanted` rows are left out.
+  void multiply(int blocks, const R* x, size_t x_stride, R* out, size_t out_stride, const R* start = nullptr,
+                int wanted = INT_MAX) const {
+    for (int r = 0; r < std::min(rows, wanted); r += TILE_ROWS)
       for (int b = 0; b < blocks; b++)
         panel<TILE_ROWS>(std::min(TILE_ROWS, rows - r), data + (size_t)r * K, x + b * x_stride,
                          out + b * out_stride + (size_t)r * Width<R>::block, start ? start + r : nullptr);

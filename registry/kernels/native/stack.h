@@ -19,7 +19,7 @@ struct StackShape {
   int layers, cells, blocks, steps;
   int entering;   // rows that enter the first layer
   int leading;    // this many columns of its input weights belong to its last rows
-  int wanted;     // rows from the first on whose gradient is wanted
+  int wanted;     // rows from the first on whose gradient may be wanted
   bool keep;      // for a way back
 };
 
@@ -92,21 +92,21 @@ template <class R> class Stack {
   // What enters the first layer at step t.
   R* entering(int t, int b) { return x(0, t, b) + (size_t)s.cells * W; }
 
-  // m and c of all layers in rows of (batch, layers·H): into step t, or from it.
-  void states_in(const R* hidden, const R* cells, int batch, int t) {
-    const int H = s.cells, size = s.layers * H;
+  // m and c of all layers, layers·H each, in rows that are `stride` apart: into step t, or from it.
+  void states_in(const R* hidden, const R* cells, size_t stride, int batch, int t) {
+    const int H = s.cells;
     for (int l = 0; l < s.layers; l++)
       for (int b = 0; b < s.blocks; b++) {
-        lanes_in(hidden + l * H, size, H, b, batch, x(l, t, b));
-        lanes_in(cells + l * H, size, H, b, batch, cell(l, t, b));
+        lanes_in(hidden + l * H, stride, H, b, batch, x(l, t, b));
+        lanes_in(cells + l * H, stride, H, b, batch, cell(l, t, b));
       }
   }
-  void states_out(R* hidden, R* cells, int batch, int t) {
-    const int H = s.cells, size = s.layers * H;
+  void states_out(R* hidden, R* cells, size_t stride, int batch, int t) {
+    const int H = s.cells;
     for (int l = 0; l < s.layers; l++)
       for (int b = 0; b < s.blocks; b++) {
-        lanes_out(x(l, t, b), H, b, batch, hidden + l * H, size);
-        lanes_out(cell(l, t, b), H, b, batch, cells + l * H, size);
+        lanes_out(x(l, t, b), H, b, batch, hidden + l * H, stride);
+        lanes_out(cell(l, t, b), H, b, batch, cells + l * H, stride);
       }
   }
 
@@ -140,16 +140,19 @@ template <class R> class Stack {
     }
   }
 
-  // Starts the way back from the gradients of the last states.
-  void begin(const R* d_hidden, const R* d_cells, int batch) {
-    const int H = s.cells, size = s.layers * H;
+  // Starts the way back from the gradients of the last states, if they have any.
+  void begin(const R* d_hidden, const R* d_cells, size_t stride, int batch) {
+    const int H = s.cells;
     for (int l = 0; l < s.layers; l++) {
       Layer& y = layers[l];
       y.gradient.clear();
       std::fill_n(y.d_peephole, (size_t)3 * H * V, R(0));
       for (int b = 0; b < s.blocks; b++) {
-        lanes_in(d_hidden + l * H, size, H, b, batch, d_x(l, b));
-        lanes_in(d_cells + l * H, size, H, b, batch, y.dc + (size_t)b * H * W);
+        R *d_m = d_x(l, b), *d_c = y.dc + (size_t)b * H * W;
+        if (d_hidden)
+          lanes_in(d_hidden + l * H, stride, H, b, batch, d_m), lanes_in(d_cells + l * H, stride, H, b, batch, d_c);
+        else
+          std::fill_n(d_m, (size_t)H * W, R(0)), std::fill_n(d_c, (size_t)H * W, R(0));
       }
     }
   }
@@ -159,17 +162,18 @@ template <class R> class Stack {
       for (int i = 0; i < s.cells * W; i++) d_x(s.layers - 1, b)[i] += d_top[(size_t)b * s.cells * W + i];
   }
   // The gradients of the states at the start.
-  void end(R* d_hidden, R* d_cells, int batch) {
-    const int H = s.cells, size = s.layers * H;
+  void end(R* d_hidden, R* d_cells, size_t stride, int batch) {
+    const int H = s.cells;
     for (int l = 0; l < s.layers; l++)
       for (int b = 0; b < s.blocks; b++) {
-        lanes_out(d_x(l, b), H, b, batch, d_hidden + l * H, size);
-        lanes_out(layers[l].dc + (size_t)b * H * W, H, b, batch, d_cells + l * H, size);
+        lanes_out(d_x(l, b), H, b, batch, d_hidden + l * H, stride);
+        lanes_out(layers[l].dc + (size_t)b * H * W, H, b, batch, d_cells + l * H, stride);
       }
   }
 
   // From step t + 1 to t. d_top (blocks, H, block): the gradient of what the read-out sees after the step, or null.
-  void backward(int t, const R* d_top, const Mask<R>& mask = {}) {
+  // wanted: rows of what enters, from the first on, whose gradient is wanted at this step.
+  void backward(int t, const R* d_top, const Mask<R>& mask = {}, int wanted = INT_MAX / 2) {
     const int H = s.cells;
     for (int l = s.layers - 1; l >= 0; l--) {
       Layer& y = layers[l];
@@ -181,7 +185,8 @@ template <class R> class Stack {
       }
       for (int j = 0; t && j < std::min(AHEAD, H); j++)
         ahead(y.g + ((size_t)(t - 1) * s.blocks * H + j) * 4 * W, 4), ahead(cell(l, t - 1, 0) + (size_t)j * W, 1);
-      y.backward.multiply(s.blocks, dg, (size_t)4 * H * W, y.dx, (size_t)y.backward.rows * W);
+      y.backward.multiply(s.blocks, dg, (size_t)4 * H * W, y.dx, (size_t)y.backward.rows * W, nullptr,
+                          l ? INT_MAX : H + wanted);
       if (t % chunk == 0) {
         const R* x0 = x(l, t, 0);
         const size_t width = (size_t)y.width * W;
