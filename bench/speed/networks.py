@@ -7,7 +7,6 @@ from typing import cast
 
 import torch
 from torch import Tensor, nn
-from torch.func import functional_call
 
 from bench.notation import parse
 from bench.speed.naive import NaiveLSTM, NaiveMLFC
@@ -113,6 +112,29 @@ def training(run: Callable[[], Tensor], weights: Sequence[Tensor], starts: Seque
     return step
 
 
+def training_flat(run: Callable[[], Tensor], network: nn.Module, start: Tensor, models: int = 1) -> Contender:
+    """The same where all weights are views of one tensor, as in `bench.train`; with ``models`` > 1 (M, …) each."""
+    leaves = list(network.parameters())
+    theta = nn.Parameter(torch.cat([p.detach().flatten().expand(models, -1) for p in leaves], 1))
+    theta.grad = torch.zeros_like(theta)
+    sizes, lead = [p.numel() for p in leaves], (models,) if models > 1 else ()
+    shapes = [(*lead, *p.shape) for p in leaves]
+    gradients = [g.view(s) for g, s in zip(theta.grad.split(sizes, 1), shapes, strict=True)]
+    for p, w, s in zip(leaves, theta.detach().split(sizes, 1), shapes, strict=True):
+        p.data = w.view(s)
+    optimizer = torch.optim.Adam([theta], lr=1e-4, fused=True)
+    target = torch.randn_like(run().detach())
+
+    def step() -> None:
+        cost = (run() - target).square().mean()
+        slopes = torch.autograd.grad(cost, [*leaves, start], allow_unused=True)
+        for to, slope in zip(gradients, slopes, strict=False):
+            to.zero_() if slope is None else to.copy_(slope)
+        optimizer.step()
+
+    return step
+
+
 def predicting(run: Callable[[], Tensor]) -> Contender:
     """A free run without gradients."""
 
@@ -172,10 +194,8 @@ def ours(row: Row) -> Contender:
     lead = (row.models,) if row.models > 1 else ()
     u = torch.randn(*lead, row.batch, row.horizon, INPUTS)
     state = _start(network.predictor, row) if row.model == "Hybrid" else _state(*lead, row.batch, network.predictor)
-    if not lead:
-        return _contender(row, lambda: network(u, state), list(network.parameters()), [state])
-    weights = {n: p.detach().repeat(row.models, *[1] * p.dim()).requires_grad_() for n, p in network.named_parameters()}
-    return _contender(row, lambda: functional_call(network, weights, (u, state)), list(weights.values()), [state])
+    run = lambda: network(u, state)  # noqa: E731
+    return predicting(run) if row.task == "predict" else training_flat(run, network, state, row.models)
 
 
 def _contender(row: Row, run: Callable[[], Tensor], weights: Sequence[Tensor], starts: Sequence[Tensor]) -> Contender:
@@ -220,4 +240,4 @@ def parts(row: Row) -> Contender:
 
 
 def _alone(network: Predictor, u: Tensor, state: Tensor) -> Contender:
-    return training(lambda: network.rollout(u, state)[0], list(network.parameters()), [state])
+    return training_flat(lambda: network.rollout(u, state)[0], network, state)
