@@ -108,8 +108,8 @@ def _closed_form(model: Model, data: Prepared) -> Trained:
 class Group:
     """The state of a group in training.
 
-    Rows of ``theta``, ``m`` and ``v`` are the runs that still train; ``best`` has all of them. The weights of
-    ``network`` are views of ``theta``, (M, …) each.
+    Rows of ``theta``, ``m``, ``v`` and ``train_cost`` are the runs that still train; ``best`` has all of them. The
+    weights of ``network`` are views of ``theta``, (M, …) each.
     """
 
     def __init__(self, models: list[Model], runs: list[Run], checkpoint: Path | None = None) -> None:
@@ -160,7 +160,9 @@ class Group:
         """Take the rows of runs that have ended out."""
         left = [j for j, i in enumerate(self.active) if not self.runs[i].ended]
         if len(left) < len(self.active):
-            self.theta, self.m, self.v = (x[left] for x in (self.theta, self.m, self.v))
+            self.theta, self.m, self.v, self.train_cost = (
+                x[left] for x in (self.theta, self.m, self.v, self.train_cost)
+            )
             self._train_only([self.active[j] for j in left])
 
     def _validation(self, i: int) -> tuple[Tensor, ...]:
@@ -213,14 +215,16 @@ class Group:
         if len(self.runs) == 1:  # noise of dropout or of a random washout start, the same after a resume
             _draw_from(derive(self.runs[0].config.seed, f"noise/{self.update}"))
         cost = self.network(*self._batch(), o.alpha, o.beta)
-        slopes = torch.autograd.grad(cost, self.leaves, self.ones, allow_unused=True)
-        for to, slope in zip(self.gradients, slopes, strict=True):
-            to.copy_(slope) if slope is not None else to.zero_()
+        torch._foreach_copy_(
+            self.gradients, torch.autograd.grad(cost, self.leaves, self.ones, allow_unused=True, materialize_grads=True)
+        )
         norms = torch.stack([g.norm() for g in self.gradient.unbind(0)])
         cost = cost.detach()
-        self.train_cost[self.active] += cost
-        healthy = torch.isfinite(cost) & torch.isfinite(norms) & (cost < DIVERGED)
-        self.gradient.mul_((o.clip / norms.clamp(min=o.clip)).unsqueeze(-1))
+        self.train_cost += cost
+        size, steep = cost.tolist(), norms.tolist()
+        healthy = [math.isfinite(c) and math.isfinite(n) and c < DIVERGED for c, n in zip(size, steep, strict=True)]
+        if any(not n <= o.clip for n in steep):
+            self.gradient.mul_((o.clip / norms.clamp(min=o.clip)).unsqueeze(-1))
         self.update += 1
         torch._fused_adamw_(
             [self.theta],
@@ -237,8 +241,8 @@ class Group:
             amsgrad=False,
             maximize=False,
         )
-        if not healthy.all():
-            for i, fine in zip(self.active, healthy.tolist(), strict=True):
+        if not all(healthy):
+            for i, fine in zip(self.active, healthy, strict=True):
                 if not fine:
                     self.runs[i].ended, self.runs[i].ended_at = "diverged", self.update
             self._leave_ended()
@@ -262,7 +266,7 @@ class Group:
                 windows = tuple(x.unsqueeze(0) for x in self.validation[i])
                 cost = functional_call(self.network, self.named(self.theta[j : j + 1]), (*windows, 1.0, 0.0))
             validation = float(cost[0])
-            run.curve.append((self.update, float(self.train_cost[i]) / since, validation))
+            run.curve.append((self.update, float(self.train_cost[j]) / since, validation))
             if not math.isfinite(validation):
                 run.ended, run.ended_at = "diverged", self.update
             elif validation < run.best:
@@ -316,6 +320,7 @@ class Group:
                 setattr(run, name, value)
             run.best = math.inf if run.best is None else run.best
             run.curve = [(int(u), t, v) for u, t, v in run.curve]
+        self.train_cost = torch.zeros(len(self.theta))
         self._train_only([i for i, r in enumerate(self.runs) if not r.ended])
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 if TYPE_CHECKING:  # contracts use the cost
     from registry.contracts import Predictor
@@ -13,12 +14,15 @@ if TYPE_CHECKING:  # contracts use the cost
 
 def batch_mean(x: Tensor) -> Tensor:
     """Mean over the batch, (B,) → () or (M, B) → (M,), each model by itself so that its bits are its own."""
-    return x.mean() if x.dim() == 1 else torch.stack([row.mean() for row in x.unbind(0)])
+    if x.dim() == 1:
+        return x.mean()
+    return x.mean().unsqueeze(0) if len(x) == 1 else torch.stack([row.mean() for row in x.unbind(0)])
 
 
 def prediction_cost(predicted: Tensor, measured: Tensor) -> Tensor:
     """L_pred (paper, eq. L_pred): mean over windows and steps of eᵀe; (…, B, T, n) → (…)."""
-    return batch_mean((predicted - measured).square().sum(-1).mean(-1))
+    cost: Tensor = _SquaredError.apply(predicted, measured)
+    return cost
 
 
 def state_initialization_cost(predictor: Predictor, state: Tensor, inputs: Tensor, outputs: Tensor) -> Tensor:
@@ -36,5 +40,42 @@ def state_initialization_cost(predictor: Predictor, state: Tensor, inputs: Tenso
     read = predictor.readout(state, inputs)
     if read is None:
         return outputs.new_zeros(outputs.shape[:-2])
-    # the tiny constant keeps the norm's gradient finite where the distance is exactly zero
-    return batch_mean(((read - outputs).square().sum(-1) + 1e-24).sqrt())
+    cost: Tensor = _Distance.apply(read, outputs)
+    return cost
+
+
+class _SquaredError(torch.autograd.Function):
+    """Mean over windows and steps of the squared error, one step for autograd."""
+
+    @staticmethod
+    def forward(ctx: Any, predicted: Tensor, measured: Tensor) -> Tensor:
+        error = predicted - measured
+        ctx.save_for_backward(error)
+        return batch_mean(error.square().sum(-1).mean(-1))
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
+        (error,) = ctx.saved_tensors
+        windows, steps = error.shape[-3:-1]
+        slope = (grads[0] / windows / steps)[..., None, None, None] * (2 * error)
+        return slope, -slope if ctx.needs_input_grad[1] else None
+
+
+class _Distance(torch.autograd.Function):
+    """Mean over windows of the Euclidean distance, one step for autograd."""
+
+    @staticmethod
+    def forward(ctx: Any, read: Tensor, outputs: Tensor) -> Tensor:
+        error = read - outputs
+        # the tiny constant keeps the gradient finite where the distance is exactly zero
+        distance = (error.square().sum(-1) + 1e-24).sqrt()
+        ctx.save_for_backward(error, distance)
+        return batch_mean(distance)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
+        error, distance = ctx.saved_tensors
+        slope = ((grads[0] / distance.shape[-1]).unsqueeze(-1) / (2 * distance)).unsqueeze(-1) * (2 * error)
+        return slope, -slope if ctx.needs_input_grad[1] else None

@@ -1,10 +1,11 @@
 """The MLP initializer of the paper."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
+from torch.autograd.function import once_differentiable
 
 from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
 from registry.core import INITIALIZERS, option
@@ -12,10 +13,28 @@ from registry.kernels.affine import affine
 from registry.predictors.weights import uniform
 
 
-def bounded(predictor: Predictor, states: Tensor) -> Tensor:
-    """Network states within their range: hidden ones through tanh, cell states as they are; (…, s_h + s_c)."""
-    hidden, cell = states.split([predictor.layout.hidden, predictor.layout.cell], dim=-1)
-    return torch.cat([hidden.tanh(), cell], -1)
+def bounded(predictor: Predictor, buffers: Tensor, states: Tensor) -> Tensor:
+    """State (…, s) of buffers and network states within their range: hidden through tanh, cell states as they are."""
+    state: Tensor = _Bounded.apply(buffers, states, predictor.layout.hidden)
+    return state
+
+
+class _Bounded(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, buffers: Tensor, states: Tensor, count: int) -> Tensor:
+        hidden = states[..., :count].tanh()
+        ctx.save_for_backward(hidden)
+        ctx.buffers = buffers.shape[-1]
+        return torch.cat([buffers, hidden, states[..., count:]], -1)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
+        (hidden,) = ctx.saved_tensors
+        first = ctx.buffers
+        last = first + hidden.shape[-1]
+        slope = torch.ops.aten.tanh_backward(grads[0][..., first:last], hidden)
+        return grads[0][..., :first], torch.cat([slope, grads[0][..., last:]], -1), None
 
 
 class MLPInitializer(Initializer):
@@ -38,7 +57,7 @@ class MLPInitializer(Initializer):
         x = torch.cat([u.flatten(-2), y.flatten(-2)], -1)
         h = affine(x, self.hidden_weight, self.hidden_bias).tanh()
         states = affine(h, self.output_weight, self.output_bias)
-        return torch.cat([predictor.fill(inputs, outputs), bounded(predictor, states)], -1)
+        return bounded(predictor, predictor.fill(inputs, outputs), states)
 
 
 @INITIALIZERS.register("MLP")

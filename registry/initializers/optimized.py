@@ -48,7 +48,7 @@ class OptimizedInitializer(Initializer):
 def _run(predictor: Predictor, states: Tensor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
     """From unbounded network states at the first sample to the last, measured outputs fed back."""
     filled = predictor.fill(inputs[..., :1, :], outputs[..., :1, :])
-    state = torch.cat([filled, bounded(predictor, states)], -1)
+    state = bounded(predictor, filled, states)
     measured = outputs[..., 1:, : predictor.n_outputs]
     return predictor.rollout(inputs[..., 1:, :], state, measured) if measured.shape[-2] else (measured, state)
 

@@ -40,7 +40,7 @@ class RNNInitializer(Initializer):
         _, after = lstm(x, x.new_zeros(*x.shape[:2], 2 * self.hidden), [layer])
         last = after[..., : self.hidden]
         states = affine(last[0] if single else last, self.output_weight, self.output_bias)
-        return torch.cat([predictor.fill(inputs, outputs), bounded(predictor, states)], -1)
+        return bounded(predictor, predictor.fill(inputs, outputs), states)
 
 
 @INITIALIZERS.register("RNN")

@@ -1,12 +1,13 @@
 """An affine map whose bits do not depend on how many models run beside it."""
 
+from functools import lru_cache
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from registry.kernels.pointwise import pad16
+from registry.kernels.pointwise import pad16, pad_batch
 
 
 def affine(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
@@ -33,11 +34,11 @@ class _Affine(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
         (models, batch, k), n = x.shape, weight.shape[-2]
-        columns = pad16(k + 1)
-        w = x.new_zeros(models, pad16(n), columns)
-        w[:, :n, :k], w[:, :n, k] = weight, bias
-        rows = x.new_zeros(models, batch + -batch % 32, columns)
-        rows[:, :batch, :k], rows[:, :batch, k] = x, 1
+        spare = pad16(k + 1) - k
+        w = torch.cat([weight, bias.unsqueeze(-1), _columns(0, models, n, spare - 1, x.dtype, x.device)], -1)
+        if n % 16:
+            w = torch.cat([w, _columns(0, models, -n % 16, k + spare, x.dtype, x.device)], -2)
+        rows = pad_batch(torch.cat([x, _columns(1, models, batch, spare, x.dtype, x.device)], -1))
         ctx.save_for_backward(rows, w)
         ctx.sizes = batch, k, n
         return torch.bmm(rows, w.mT)[:, :batch, :n]
@@ -47,8 +48,15 @@ class _Affine(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
         rows, w = ctx.saved_tensors
         batch, k, n = ctx.sizes
-        g = rows.new_zeros(rows.shape[0], rows.shape[1], w.shape[1])
-        g[:, :batch, :n] = grads[0]
+        g = pad_batch(torch.cat([grads[0], _columns(0, len(w), batch, -n % 16, w.dtype, w.device)], -1))
         dw = torch.bmm(g.mT, rows)
         dx = torch.bmm(g, w)[:, :batch, :k] if ctx.needs_input_grad[0] else None
         return dx, dw[:, :n, :k], dw[:, :n, k]
+
+
+@lru_cache(maxsize=64)
+def _columns(first: int, models: int, rows: int, columns: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """What stands beside the numbers: one column of ``first``, and zeros. Not to be written to."""
+    made = torch.zeros(models, rows, columns, dtype=dtype, device=device)
+    made[..., :1] = first
+    return made

@@ -75,9 +75,8 @@ class LSTMPredictor(Predictor):
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
         """W_y m^L + b_y (the paper's A_s = [W_y 0], c = y − b_y)."""
-        _, hidden, _ = self.layout.split(state)
-        top = hidden[..., -self.hidden :]
-        return affine(top, self.output_weight, self.output_bias)
+        end = self.layout.buffer + self.layout.hidden
+        return affine(state[..., end - self.hidden : end], self.output_weight, self.output_bias)
 
 
 def newest_first(sequence: Tensor, count: int) -> Tensor:

@@ -58,9 +58,9 @@ class Call:
         """Forward or backward, in work space of its own; what forward keeps is of this object."""
         self._call("sizes")
         if what == "forward":
-            self.kept = Workspace(self.fields.kept_size * models, self.like.detach())
+            self.kept = Workspace(self.fields.kept_size * models, self.like)
             self.fields.kept = self.kept.address
-        scratch = Workspace(self.fields.scratch_size, self.like.detach())
+        scratch = Workspace(self.fields.scratch_size, self.like)
         self.fields.scratch = scratch.address
         self._call(what)
 
