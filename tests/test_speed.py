@@ -17,6 +17,8 @@ from bench.speed.rows import ROWS, Row
 from bench.speed.timing import Effort, interleaved
 from registry import PREDICTORS
 from registry.contracts import Problem
+from registry.kernels.native.library import core
+from registry.kernels.native.products import Products
 
 
 def noise(*shape: int, seed: int) -> torch.Tensor:
@@ -49,6 +51,15 @@ def test_the_floor_counts_what_the_equations_multiply() -> None:
         (Row("MLFC", 2, 100, 190, 256), 2 * 100 * 207),
     ):
         assert floating_operations(row.products, 256) == 6 * want * 190 * 256
+
+
+def test_the_native_products_are_products() -> None:
+    if (native := core()) is None:
+        pytest.skip("there is no native kernel")
+    alone = Products(native, columns=57, rows=200, batch=40, steps=2, backward=True)
+    alone()
+    torch.testing.assert_close(alone.out, alone.weight @ alone.x[-1], rtol=1e-5, atol=1e-4)
+    torch.testing.assert_close(alone.dx, alone.weight.mT @ alone.g[-1], rtol=1e-5, atol=1e-4)
 
 
 def test_slow_work_is_told_from_quick_work_whatever_runs_beside() -> None:

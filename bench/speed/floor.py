@@ -1,4 +1,4 @@
-"""The floor: the matrix products that no implementation can do without, alone, in each way torch can do them."""
+"""The floor: the matrix products that no implementation can do without, alone, by each back end that there is."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -7,6 +7,8 @@ import torch
 from torch import Tensor
 
 from bench.speed.timing import Contender
+from registry.kernels.native.library import core
+from registry.kernels.native.products import Products
 from registry.kernels.pointwise import pad16
 
 CHUNK = 256
@@ -30,8 +32,8 @@ def floating_operations(products: Iterable[Product], batch: int, backward: bool 
 def ways(product: Product, batch: int, backward: bool = True) -> dict[str, Contender]:
     """Forward, data-gradient and weight-gradient products of ``steps_of(batch)`` time steps, by back end and layout.
 
-    Columns are padded to 16. All operands of a call fit the cache where one time step does: nothing but the products
-    themselves is measured.
+    torch's columns are padded to 16, the native kernels' are not. All operands of a call fit the cache where one time
+    step does: nothing but the products themselves is measured.
     """
     k, n, steps = pad16(product.columns), product.rows, steps_of(batch)
     x, g, xs, gs = (torch.randn(r, c) for r, c in ((batch, k), (batch, n), (steps * batch, k), (steps * batch, n)))
@@ -66,6 +68,8 @@ def ways(product: Product, batch: int, backward: bool = True) -> dict[str, Conte
     made: dict[str, Contender] = {"BLAS, by rows": rows, "BLAS, by columns": columns}
     if torch.backends.mkldnn.is_available() and hasattr(torch.ops.mkldnn, "_linear_pointwise"):
         made["oneDNN"] = onednn
+    if native := core():
+        made["native"] = Products(native, product.columns, product.rows, batch, steps, backward)
     return made
 
 
