@@ -83,27 +83,25 @@ def per_step(errors: np.ndarray, channels: tuple[Channel, ...], data: Prepared, 
         quantity, norm, unit, step (1 .. T), time_s, statistic, value.
     """
     steps = np.arange(1, errors.shape[1] + 1)
-    tables = []
+    rows = []
     for quantity, norm, unit, e in norms(errors, channels):
         values = {"mean": e.mean(0, dtype=np.float64)}
         values |= dict(zip(QUANTILES, np.quantile(e, list(QUANTILES.values()), axis=0), strict=True))
         for i in np.unique(recording):
             values[f"mean@{data.names[i]}"] = e[recording == i].mean(0, dtype=np.float64)
-        for statistic, value in values.items():
-            tables.append(
-                pd.DataFrame(
-                    {
-                        "quantity": quantity,
-                        "norm": norm,
-                        "unit": unit,
-                        "step": steps,
-                        "time_s": steps / data.rate,
-                        "statistic": statistic,
-                        "value": value,
-                    }
-                )
-            )
-    return pd.concat(tables, ignore_index=True)
+        rows += [(quantity, norm, unit, statistic, value) for statistic, value in values.items()]
+    quantities, norm_names, units, statistics, curves = zip(*rows, strict=True)
+    return pd.DataFrame(
+        {
+            "quantity": np.repeat(quantities, len(steps)),
+            "norm": np.repeat(norm_names, len(steps)),
+            "unit": np.repeat(units, len(steps)),
+            "step": np.tile(steps, len(rows)),
+            "time_s": np.tile(steps / data.rate, len(rows)),
+            "statistic": np.repeat(statistics, len(steps)),
+            "value": np.concatenate(curves),
+        }
+    )
 
 
 def example_windows(
@@ -117,22 +115,17 @@ def example_windows(
     size = np.square(measured - predicted, dtype=np.float64).mean((1, 2))
     order = np.argsort(np.nan_to_num(size, nan=np.inf), kind="stable")
     picks = order[np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))]
-    steps = np.arange(1, measured.shape[1] + 1)
-    tables = []
-    for w in picks:
-        for i, channel in enumerate(channels):
-            tables.append(
-                pd.DataFrame(
-                    {
-                        "window": int(w),
-                        "recording": data.names[data.test.recording[w]],
-                        "step": steps,
-                        "time_s": steps / data.rate,
-                        "channel": channel.name,
-                        "unit": channel.unit,
-                        "measured": measured[w, :, i],
-                        "predicted": predicted[w, :, i],
-                    }
-                )
-            )
-    return pd.concat(tables, ignore_index=True)
+    steps, names = np.arange(1, measured.shape[1] + 1), [c.name for c in channels]
+    parts = len(picks) * len(channels)  # curves, window by window
+    return pd.DataFrame(
+        {
+            "window": np.repeat(picks, len(channels) * len(steps)),
+            "recording": np.repeat([data.names[i] for i in data.test.recording[picks]], len(channels) * len(steps)),
+            "step": np.tile(steps, parts),
+            "time_s": np.tile(steps / data.rate, parts),
+            "channel": np.tile(np.repeat(names, len(steps)), len(picks)),
+            "unit": np.tile(np.repeat([c.unit for c in channels], len(steps)), len(picks)),
+            "measured": measured[picks].swapaxes(1, 2).ravel(),
+            "predicted": predicted[picks].swapaxes(1, 2).ravel(),
+        }
+    )

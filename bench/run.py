@@ -5,6 +5,7 @@ import subprocess
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,7 @@ def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float
     return Outcome(summary, to_json(config), {"steps": steps, "curve": curve, "windows": windows}, weights, provenance)
 
 
+@cache
 def git_commit() -> str:
     """The commit of the code that runs, with "+" where it was changed; empty outside a checkout."""
     here = Path(__file__).parent
