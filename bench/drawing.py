@@ -232,6 +232,11 @@ def swatch(look: Look) -> str:
     )
 
 
+def legend(entries: Sequence[tuple[Look, str]]) -> str:
+    """What the lines of the drawings below mean."""
+    return f'<ul class="legend">{"".join(f"<li>{swatch(look)}{escape(name)}</li>" for look, name in entries)}</ul>'
+
+
 def interval(ratio: float, low: float, high: float, band: tuple[float, float], scale: Scale, tone: str) -> str:
     """A ratio with its interval on a log scale; the pale band is what counts as alike, the line is 1."""
 

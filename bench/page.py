@@ -17,6 +17,7 @@ def document(title: str, head: str, sections: Mapping[str, str], footer: str, st
         style: rules beyond those of every page.
     """
     links = "".join(f'<a href="#{anchor(name)}">{name}</a>' for name in sections)
+    nav = f"<nav>{links}</nav>" if len(sections) > 1 else ""
     body = "".join(f'<section id="{anchor(name)}"><h2>{name}</h2>{made}</section>' for name, made in sections.items())
     css = "".join(path.read_text(encoding="utf-8") for path in (Path(__file__).with_name("page.css"), style))
     return (
@@ -25,7 +26,7 @@ def document(title: str, head: str, sections: Mapping[str, str], footer: str, st
         '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
         "style-src 'unsafe-inline'\">"
         f"<title>{escape(title)}</title><style>\n{css}</style></head><body>"
-        f"{head}<main><nav>{links}</nav>{body}</main>"
+        f"{head}<main>{nav}{body}</main>"
         f"<footer>multistep-bench {escape(version('multistep-bench'))}. {footer}</footer></body></html>\n"
     )
 

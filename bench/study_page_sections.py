@@ -7,7 +7,7 @@ from typing import Any
 
 from bench import figures, report, stats, tables
 from bench import study_page_figures as drawings
-from bench.drawing import Look, Scale, interval, swatch
+from bench.drawing import Scale, interval, legend, swatch
 from bench.page import grid, table
 from bench.study_page_content import Content
 from bench.tables import FIRST, LAST, POOLED
@@ -15,11 +15,6 @@ from bench.tables import FIRST, LAST, POOLED
 ABREAST = 2
 """Quantities beside one another in a table."""
 _TONES = {"better": "better", "worse": "worse"}
-
-
-def legend(entries: Sequence[tuple[Look, str]]) -> str:
-    """What the lines of the drawings below mean."""
-    return f'<ul class="legend">{"".join(f"<li>{swatch(look)}{escape(name)}</li>" for look, name in entries)}</ul>'
 
 
 def looks(c: Content, baselines: bool = True) -> str:

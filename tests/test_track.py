@@ -1,6 +1,7 @@
 """The MLflow mirror, read back with plain SQL: independent of the client that wrote it."""
 
 import logging
+import re
 import signal
 import socket
 import sqlite3
@@ -100,7 +101,8 @@ def test_run_carries_config_tags_dataset_and_files(results, records, mirrored):
     assert rows(results, "SELECT DISTINCT name, digest FROM datasets") == [("nanodrone", digest[:36])]
     folder = Path(artifacts.removeprefix("file://"))
     assert folder.is_relative_to(results / "mlartifacts")
-    assert (folder / "error_per_step.png").read_bytes().startswith(b"\x89PNG")
+    page = (folder / "error_per_step.html").read_text(encoding="utf-8")
+    assert page.count("<figure>") == 1 and "|error| [deg/s]" in page and not re.search("https?://|<script", page)
     assert {p.name for p in (folder / "record").iterdir()} == {p.name for p in record.folder.iterdir()}
 
 

@@ -13,10 +13,9 @@ from optuna.distributions import CategoricalDistribution, IntDistribution
 from optuna.trial import FrozenTrial, TrialState
 
 from bench import report
-from bench.drawing import Look, Panel, Scale, around
+from bench.drawing import Look, Panel, Scale, around, legend
 from bench.page import grid, panel, table
 from bench.record import RunRecord
-from bench.study_page_sections import legend
 from bench.sweep import journal as sweeps
 from bench.sweep.finalists import Verdict
 from bench.sweep.space import options

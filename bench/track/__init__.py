@@ -4,7 +4,7 @@ One MLflow run per record and experiment, found again by its run key, so that mi
 """
 
 from bench.track.extensions import diagnosis_experiment, log_extension
-from bench.track.records import CHARTED, MirrorResult, attach, flat, metrics, mirror, step_figure
+from bench.track.records import CHARTED, MirrorResult, attach, flat, metrics, mirror
 from bench.track.server import VIEW, TrackingError, artifact_root, default_uri, find_experiment, prepare
 from bench.track.trials import mirror_trials
 from bench.track.upkeep import repair, whole
@@ -26,6 +26,5 @@ __all__ = [
     "mirror_trials",
     "prepare",
     "repair",
-    "step_figure",
     "whole",
 ]

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-import seaborn
-from matplotlib.figure import Figure
 from mlflow.entities import Dataset, DatasetInput, InputTag, Metric, Param, RunTag
 from mlflow.tracking import MlflowClient
 
+from bench import run_page
 from bench.record import RunRecord
 from bench.track.server import connected, experiment_of, find_run, plain, unit_name
 
@@ -26,8 +24,8 @@ CHARTED = ("mean", "median", "q95")
 SECTIONS = {"error_mean": True, "error_median": False, "error_q95": False, "learning": True, "Model metrics": True}
 """Of a study's chart page, and whether they are open."""
 
-_METRICS_PER_CALL = 1000
-_PARAMS_PER_CALL = 100
+_METRICS_PER_CALL, _PARAMS_PER_CALL = 850, 100
+"""MLflow takes 1000 of both and of tags together."""
 _LONGEST_PARAM = 6000
 _LONGEST_TAG = 8000
 _LONGEST_DIGEST = 36
@@ -89,8 +87,7 @@ def mirror_one(client: MlflowClient, experiment_id: str, record: RunRecord, stud
         name = " | ".join(
             [summary["spec"], ", ".join(summary["outputs"]), f"T={summary['horizon']}", f"seed {summary['seed']}"]
         )
-        tags = {"run_key": record.key}
-        run = client.create_run(experiment_id, start_time=started, tags=tags, run_name=name)
+        run = client.create_run(experiment_id, start_time=started, tags={"run_key": record.key}, run_name=name)
     run_id = str(run.info.run_id)
     if run.info.status != "RUNNING":  # the status is written last: this run is whole
         if study is not None and run.data.tags.get("study") != study:
@@ -100,17 +97,22 @@ def mirror_one(client: MlflowClient, experiment_id: str, record: RunRecord, stud
     time = int(run.info.start_time)
     points, missing = metrics(record)
     logged = [Metric(key, value, time, step) for key, step, value in points]
-    for i in range(0, len(logged), _METRICS_PER_CALL):
-        client.log_batch(run_id, metrics=logged[i : i + _METRICS_PER_CALL])
     params = [Param(plain(k), v) for k, v in flat(record.config) if len(v) <= _LONGEST_PARAM]
-    for i in range(0, len(params), _PARAMS_PER_CALL):
-        client.log_batch(run_id, params=params[i : i + _PARAMS_PER_CALL])
-    client.log_batch(run_id, tags=[RunTag(k, v[:_LONGEST_TAG]) for k, v in _tags(record, study, missing).items()])
+    tags = [RunTag(k, v[:_LONGEST_TAG]) for k, v in _tags(record, study, missing).items()]
+    calls = max(math.ceil(len(logged) / _METRICS_PER_CALL), math.ceil(len(params) / _PARAMS_PER_CALL), 1)
+    for i in range(calls):  # each is answered once, however slow the server
+        client.log_batch(
+            run_id,
+            metrics=logged[i * _METRICS_PER_CALL : (i + 1) * _METRICS_PER_CALL],
+            params=params[i * _PARAMS_PER_CALL : (i + 1) * _PARAMS_PER_CALL],
+            tags=[] if i else tags,
+        )
     client.log_inputs(run_id, datasets=[_dataset(summary)])
     with tempfile.TemporaryDirectory() as scratch:
         if not record.steps.empty:
-            step_figure(record).savefig(Path(scratch) / "error_per_step.png")
-            client.log_artifacts(run_id, scratch)
+            page = Path(scratch) / "error_per_step.html"
+            page.write_text(run_page.render(record), encoding="utf-8")
+            client.log_artifact(run_id, str(page))
     client.log_artifacts(run_id, str(record.folder), "record")
     status = "FINISHED" if record.finished else "FAILED"
     client.set_terminated(run_id, status=status, end_time=int(provenance["finished_ms"]))
@@ -125,7 +127,7 @@ def metrics(record: RunRecord) -> tuple[list[tuple[str, int, float]], dict[str, 
     infinite are left out: MLflow would draw infinity as 1.8e308.
     """
     points: list[tuple[str, int, float | None]] = [(k, 0, v) for k, v in record.summary["metrics"].items()]
-    steps = _distinct(record.steps)
+    steps = run_page.distinct(record.steps)
     for row in steps[steps.statistic.isin(CHARTED)].itertuples():
         what = row.quantity if row.norm == "axis" else f"{row.quantity} {row.norm} norm"
         name = f"error_{row.statistic}/{what} T{record.summary['horizon']} {unit_name(row.unit)}".rstrip()
@@ -149,39 +151,6 @@ def flat(config: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str
             yield from flat(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-
-
-def step_figure(record: RunRecord) -> Figure:
-    """Error against prediction time, one panel a quantity: mean, quartile band and 95 % quantile."""
-    steps = _distinct(record.steps)
-    panels = [group for _, group in steps.groupby(["quantity", "norm"], sort=False)]
-    with seaborn.axes_style("whitegrid"):
-        figure = Figure(figsize=(4.8 * min(len(panels), 3), 3.4 * math.ceil(len(panels) / 3)), layout="constrained")
-        axes = figure.subplots(math.ceil(len(panels) / 3), min(len(panels), 3), squeeze=False)
-    for ax in axes.flat[len(panels) :]:
-        ax.remove()
-    for ax, panel in zip(axes.flat, panels, strict=False):
-        by = panel.pivot_table(index="time_s", columns="statistic", values="value")
-        first = panel.iloc[0]
-        ax.fill_between(by.index, by["q25"], by["q75"], alpha=0.25, label="25 % to 75 %")
-        seaborn.lineplot(x=by.index, y=by["mean"], ax=ax, label="mean", errorbar=None)
-        seaborn.lineplot(x=by.index, y=by["q95"], ax=ax, label="95 %", errorbar=None, linestyle="--")
-        norm = "" if first.norm == "axis" else f" ({first.norm} norm)"
-        ax.set(
-            title=f"{first.quantity}{norm}",
-            xlabel="prediction time [s]",
-            ylabel=f"error [{first.unit}]",
-            ylim=(0, None),
-        )
-    figure.suptitle(f"{record.summary['spec']}, {record.summary['dataset']}")
-    return figure
-
-
-def _distinct(steps: pd.DataFrame) -> pd.DataFrame:
-    """Without the norms of groups of which one axis is predicted: they equal that axis."""
-    groups = steps.quantity[steps.norm == "axis"].drop_duplicates().str.rpartition(".")[0]
-    single = groups[~groups.duplicated(keep=False)]
-    return steps[(steps.norm == "axis") | ~steps.quantity.isin(single)]
 
 
 def _tags(record: RunRecord, study: str | None, missing: Mapping[str, int]) -> dict[str, str]:
