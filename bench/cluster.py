@@ -14,7 +14,7 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from typing import Any
 
-from bench.executor import Crew
+from bench.executor import AHEAD, Crew
 from registry.errors import BenchError
 
 try:
@@ -25,8 +25,6 @@ except ImportError as error:
 PORT = 8786
 SECONDS = 10
 """To wait for a scheduler's answer."""
-AHEAD = 2
-"""Jobs handed out for each worker, so that none waits for the driver."""
 
 _ALONE = threading.Lock()
 _telling = threading.local()
@@ -48,11 +46,12 @@ def _do(topic: str, function: Callable[..., Any], arguments: tuple[Any, ...]) ->
 
 
 @contextmanager
-def connected(address: str) -> Iterator[Crew]:
+def connected(address: str, ahead: int = AHEAD) -> Iterator[Crew]:
     """Connect to a scheduler.
 
     Args:
         address: such as ``tcp://127.0.0.1:8786``.
+        ahead: jobs handed out for each worker.
 
     Raises:
         BenchError: nobody answers there, or the scheduler goes away meanwhile.
@@ -75,7 +74,7 @@ def connected(address: str) -> Iterator[Crew]:
         client.subscribe_topic(topic, lambda event: messages.put(event[1]))
         yield Crew(
             lambda function, *arguments: executor.submit(_do, topic, function, arguments),
-            lambda: AHEAD * max(1, len(client.nthreads())),  # workers come and go
+            lambda: ahead * max(1, len(client.nthreads())),  # workers come and go
             messages,
         )
     except (distributed.client.FutureCancelledError, CancelledError, TimeoutError, OSError) as error:

@@ -19,6 +19,8 @@ T = TypeVar("T")
 R = TypeVar("R")
 Hear = Callable[[Any], None]
 
+AHEAD = 2
+"""Jobs handed out for each worker, so that none waits for the driver."""
 PATIENCE = 3
 """Deaths of worker processes, without a job finished in between, after which the rest is given up."""
 
@@ -40,8 +42,9 @@ def work_off(
     hear: Hear,
     name: Callable[[T], str],
     cluster: str | None = None,
+    ahead: int = AHEAD,
 ) -> Generator[tuple[T, R], None, None]:
-    """Hand out jobs, the next one when a worker is free, and give back each with its result as it ends.
+    """Hand out jobs, the next one when one has ended, and give back each with its result as it ends.
 
     The jobs of a worker that dies are handed out again. Close it (`contextlib.closing`) to stop the workers, whatever
     they are doing.
@@ -54,6 +57,7 @@ def work_off(
         hear: called with what workers `tell`.
         name: of a job, for messages.
         cluster: address of a Dask scheduler whose workers do it instead.
+        ahead: jobs handed out for each worker; 1 where a job is a function of what came of those before.
 
     Raises:
         BenchError: workers die again and again, or the cluster cannot be reached.
@@ -61,7 +65,7 @@ def work_off(
     waiting: list[tuple[T, Callable[..., R], tuple[Any, ...]]] = []
     deaths, more = 0, True
     while more or waiting:
-        with _crew(workers, cluster, hear) as crew:
+        with _crew(workers, cluster, hear, ahead) as crew:
             pending: dict[Future[R], tuple[T, Callable[..., R], tuple[Any, ...]]] = {}
             try:
                 while more or waiting or pending:
@@ -114,12 +118,12 @@ def die_with_parent() -> None:
         os._exit(1)
 
 
-def _crew(workers: int, cluster: str | None, hear: Hear) -> AbstractContextManager[Crew]:
+def _crew(workers: int, cluster: str | None, hear: Hear, ahead: int) -> AbstractContextManager[Crew]:
     if cluster is not None:
         from bench.cluster import connected
 
-        return connected(cluster)
-    return _inline(hear) if workers <= 1 else _processes(workers)
+        return connected(cluster, ahead)
+    return _inline(hear) if workers <= 1 else _processes(workers, ahead)
 
 
 class _Inline(Executor):
@@ -149,13 +153,13 @@ def _inline(hear: Hear) -> Iterator[Crew]:
 
 
 @contextmanager
-def _processes(workers: int) -> Iterator[Crew]:
+def _processes(workers: int, ahead: int) -> Iterator[Crew]:
     context = multiprocessing.get_context("spawn")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     messages = context.Queue()
     pool = ProcessPoolExecutor(workers, context, _start_worker, (messages,))
     try:
-        yield Crew(pool.submit, lambda: workers, messages)
+        yield Crew(pool.submit, lambda: ahead * workers, messages)
     finally:
         for process in list((pool._processes or {}).values()):
             process.terminate()
