@@ -291,7 +291,7 @@ def test_trials_are_mirrored_once_with_every_look(tmp_path: Path) -> None:
     with sqlite3.connect(tmp_path / "mlflow.db") as database:
         statuses = dict(database.execute("SELECT status, count(*) FROM runs GROUP BY status").fetchall())
         looks = database.execute("SELECT count(*) FROM metrics WHERE key = 'learning/validation_rmsse'").fetchone()[0]
-        errors = database.execute("SELECT value FROM metrics WHERE key = 'trial/validation_rmsse'").fetchall()
+        errors = database.execute("SELECT value FROM metrics WHERE key = 'validation/rmsse'").fetchall()
         rates = {float(v) for (v,) in database.execute("SELECT value FROM params WHERE key = 'training.learning_rate'")}
         studies = database.execute("SELECT DISTINCT value FROM tags WHERE key = 'study'").fetchall()
     states = [t.state for t in study.trials]

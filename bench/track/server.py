@@ -12,6 +12,7 @@ from typing import Any
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")  # the default waits minutes for a dead server
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
+os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
 
 from mlflow.entities import Run
 from mlflow.exceptions import MlflowException
@@ -104,7 +105,7 @@ def _view(sections: Mapping[str, bool]) -> dict[str, Any]:
         "compareRunSections": [
             {"uuid": name, "name": name, "display": shown, **fixed} for name, shown in sections.items()
         ],
-        "isAccordionReordered": False,
+        "isAccordionReordered": True,  # otherwise MLflow sorts the sections by name
         "orderByKey": "attributes.start_time",
         "orderByAsc": True,
     }

@@ -13,7 +13,7 @@ from bench.sweep.space import configured
 from bench.track.records import flat
 from bench.track.server import connected, experiment_of, find_run, plain
 
-SECTIONS = {"trial": True, "learning": True, "error_mean": True, "Model metrics": False}
+SECTIONS = {"validation": True, "learning": True, "error_mean": True, "trial": False, "Model metrics": False}
 """Of a sweep's chart page, and whether they are open."""
 STATUS = {TrialState.COMPLETE: "FINISHED", TrialState.PRUNED: "KILLED"}
 """In MLflow; any other is FAILED."""
@@ -65,9 +65,9 @@ def _points(t: FrozenTrial) -> list[tuple[str, int, float]]:
         ("learning/validation_rmsse", update, value) for update, value in t.user_attrs.get("curve", [])
     ]
     if t.state == TrialState.COMPLETE:
-        points.append(("trial/validation_rmsse", 0, t.values[0]))
+        points.append(("validation/rmsse", 0, t.values[0]))
     points += [(f"trial/{name}", 0, t.user_attrs.get(name)) for name in NUMBERS]
-    points += [(f"trial/validation_{k}", 0, v) for k, v in t.user_attrs.get("metrics", {}).items()]
+    points += [(f"validation/{k}", 0, v) for k, v in t.user_attrs.get("metrics", {}).items()]
     return [(name, step, float(v)) for name, step, v in points if v is not None and math.isfinite(v)]
 
 
