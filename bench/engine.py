@@ -80,7 +80,7 @@ def plan(configs: Iterable[RunConfig], runs: Path) -> Plan:
     groups: dict[Any, list[tuple[RunConfig, str]]] = {}
     for config in configs:
         config = config.resolved()
-        key = run_key(config, digest(config.dataset), choose_split(config))
+        key = key_of(config)
         if key in result.keys:
             continue
         result.keys.append(key)
@@ -112,18 +112,31 @@ def unrecorded(todo: Plan, runs: Path) -> Plan:
     return left
 
 
-def _work(plain: Sequence[dict[str, Any]], keys: Sequence[str], checkpoint: str, weight: float) -> list[Outcome]:
-    """In a worker: train a group, telling the driver about progress."""
-    torch.set_num_threads(1)
-    configs = [from_json(p) for p in plain]
-    if [run_key(c, digest(c.dataset), choose_split(c)) for c in configs] != list(keys):
+def key_of(config: RunConfig) -> str:
+    """The key under which this machine would record a run."""
+    return run_key(config, digest(config.dataset), choose_split(config))
+
+
+def refuse_others(configs: Sequence[RunConfig], keys: Sequence[str]) -> None:
+    """In a worker: raise `BenchError` where this machine would make other numbers than the driver's."""
+    if [key_of(c) for c in configs] != list(keys):
         raise BenchError(
             f"The worker on {platform.node()} would make other records: its torch, processor ({environment()['cpu']}), "
             "data or this package differ from the driver's; run the driver on a machine like it."
         )
-    # Elsewhere there may be no such folder: then a worker that dies starts its group over.
-    shared = Path(checkpoint) if Path(checkpoint).parent.is_dir() else None
-    return run_group(configs, lambda n: tell(n * weight), shared)
+
+
+def shared(checkpoint: str) -> Path | None:
+    """In a worker: the driver's path of a checkpoint; None where there is no such folder, and what dies starts over."""
+    return Path(checkpoint) if Path(checkpoint).parent.is_dir() else None
+
+
+def _work(plain: Sequence[dict[str, Any]], keys: Sequence[str], checkpoint: str, weight: float) -> list[Outcome]:
+    """In a worker: train a group, telling the driver about progress."""
+    torch.set_num_threads(1)
+    configs = [from_json(p) for p in plain]
+    refuse_others(configs, keys)
+    return run_group(configs, lambda n: tell(n * weight), shared(checkpoint))
 
 
 def execute(

@@ -1,4 +1,4 @@
-"""`bench cluster`: workers for `bench run --cluster`."""
+"""`bench cluster`: workers for `bench run` and `bench sweep`."""
 
 import os
 
@@ -7,7 +7,7 @@ import click
 
 @click.group("cluster")
 def cluster_command() -> None:
-    """A Dask cluster for `bench run --cluster`: a local one; the README shows SLURM and Kubernetes."""
+    """A Dask cluster for `bench run` and `bench sweep`: a local one; the README shows SLURM and Kubernetes."""
 
 
 @cluster_command.command("start")

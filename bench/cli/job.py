@@ -17,6 +17,7 @@ from bench.cli.progress import clock, meter
 from bench.config import RunConfig
 from bench.mirroring import Mirroring
 from bench.record import RunRecord
+from registry.errors import BenchError
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,12 @@ class Place:
     """Processes; None: one a core, as far as there is work for them."""
     cluster: str | None = None
     """Address of a Dask scheduler whose workers do it instead."""
+
+    def __post_init__(self) -> None:
+        if self.workers and self.cluster:
+            raise BenchError(
+                "--workers are processes on this machine, --cluster has workers of its own: give one of them."
+            )
 
     @property
     def runs(self) -> Path:

@@ -15,6 +15,11 @@ results = click.option(
 tracking = click.option(
     "--tracking", metavar="URI", help="MLflow server or database; default: sqlite in the results folder."
 )
+no_track = click.option("--no-track", is_flag=True, help="Leave MLflow alone; `bench sync` can log the runs later.")
+workers = click.option(
+    "--workers", type=click.IntRange(1, 512), help="Processes, one thread each; default: one a core."
+)
+cluster = click.option("--cluster", metavar="ADDRESS", help="A Dask scheduler, as `bench cluster start` prints it.")
 dataset = click.option(
     "--dataset",
     metavar="NAME",

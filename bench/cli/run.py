@@ -38,11 +38,11 @@ ALL = "all"
     help="The physics of `physics` and `Hybrid`, as `bench diagnose` and `bench extend` write it; default: nominal.",
 )
 @options.assignments
-@click.option("--workers", type=click.IntRange(1, 512), help="Processes, one thread each; default: one a core.")
-@click.option("--cluster", metavar="ADDRESS", help="A Dask scheduler, as `bench cluster start` prints it.")
+@options.workers
+@options.cluster
 @options.results
 @options.tracking
-@click.option("--no-track", is_flag=True, help="Leave MLflow alone; `bench sync` can log the records later.")
+@options.no_track
 @click.option("--dry-run", is_flag=True, help="Say what would be run and how long it would take; train nothing.")
 def run_command(
     target: str,
@@ -107,8 +107,6 @@ def run_command(
 
     if target not in known and target != ALL:
         check_target(target)
-    if workers and cluster:
-        raise BenchError("--workers are processes on this machine, --cluster has workers of its own: give one of them.")
     place = Place(results, tracking, no_track, workers, cluster)
     planned = []
     for name in known if target == ALL else [target]:

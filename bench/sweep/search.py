@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import optuna
+import torch
 from optuna.trial import FrozenTrial, TrialState
 
 from bench.config import to_json
+from bench.engine import key_of
 from bench.executor import work_off
 from bench.seeds import derive
 from bench.sweep import trial
@@ -25,6 +27,7 @@ def search(
     workers: int = 1,
     tick: Callable[[float], None] = lambda share: None,
     ended: Callable[[FrozenTrial], None] = lambda t: None,
+    cluster: str | None = None,
 ) -> None:
     """Train until ``trials`` are told.
 
@@ -36,9 +39,12 @@ def search(
         workers: processes.
         tick: called with shares of one trial's budget as they are done.
         ended: called with every trial that is told.
+        cluster: address of a Dask scheduler whose workers do it instead.
     """
+    torch.set_num_threads(1)  # the run key names the thread count
     driver = _Driver(sweep, study, folder, tick)
-    with closing(work_off(driver.jobs(trials), workers, driver.hear, lambda t: f"trial {t.number}")) as done:
+    jobs = driver.jobs(trials)
+    with closing(work_off(jobs, workers, driver.hear, lambda t: f"trial {t.number}", cluster, ahead=1)) as done:
         for asked, outcome in done:
             driver.tell(asked, outcome)
             ended(study.get_trials(deepcopy=False)[asked.number])
@@ -57,7 +63,8 @@ class _Driver:
         self.share: dict[int, float] = {}
         for left in self.stops.glob("*"):
             left.unlink()
-        self.stops.mkdir(exist_ok=True)
+        for made in (self.partial, self.stops):
+            made.mkdir(exist_ok=True)
 
     def jobs(self, trials: int) -> Iterator[tuple[optuna.Trial, Callable[..., trial.Outcome], tuple[Any, ...]]]:
         """Proposals, each made when a worker is free."""
@@ -68,13 +75,14 @@ class _Driver:
             asked = self.study.ask(self.sweep.space)
             try:
                 config = configured(self.sweep.configs, asked.params)
+                key = key_of(config)
             except BenchError as error:
                 self.tell(asked, trial.Outcome("impossible", problem=str(error)))
                 continue
             asked.set_user_attr("spec", config.spec)
             self.out[asked.number], self.share[asked.number] = asked, 0.0
-            paths = str(self._checkpoint(asked)), str(self.stops / str(asked.number))
-            yield asked, trial.work, (to_json(config), asked.number, *paths)
+            paths = str(self._checkpoint(asked).resolve()), str((self.stops / str(asked.number)).resolve())
+            yield asked, trial.work, (to_json(config), key, asked.number, *paths)
 
     def _checkpoint(self, asked: optuna.Trial) -> Path:
         """A trial that is asked for again goes on from the checkpoint of the one that was killed."""

@@ -13,6 +13,7 @@ import torch
 from bench import evaluate
 from bench.config import RunConfig, from_json
 from bench.data import Prepared, prepare
+from bench.engine import refuse_others, shared
 from bench.executor import tell
 from bench.model import Model
 from bench.seeds import derive
@@ -71,7 +72,7 @@ def run(
         checkpoint: file to go on from; it is the caller's to remove.
         looked: called with `Outcome.curve` as it grows; it may raise `Pruned`.
     """
-    torch.set_num_threads(1)
+    torch.set_num_threads(1)  # one thread is bit-repeatable, and the run key names it
     started = time.monotonic()
     try:
         data = prepare(config)
@@ -118,12 +119,18 @@ def latency(model: Model, data: Prepared) -> float:
     return 1000 * float(np.median(times))
 
 
-def work(plain: dict[str, Any], number: int, checkpoint: str, stop: str) -> Outcome:
-    """In a worker: run a trial, tell the driver about every look, end when the driver has put the file ``stop``."""
+def work(plain: dict[str, Any], key: str, number: int, checkpoint: str, stop: str) -> Outcome:
+    """In a worker: run a trial, tell the driver about every look, end when the driver has put the file ``stop``.
+
+    Where the sweep's folder is not there, as on another machine, a trial runs to its end.
+    """
+    torch.set_num_threads(1)  # the run key names the thread count
+    config = from_json(plain)
+    refuse_others([config], [key])
 
     def looked(curve: Sequence[tuple[int, float]]) -> None:
         tell((number, list(curve)))
         if Path(stop).exists():
             raise Pruned
 
-    return run(from_json(plain), Path(checkpoint), looked)
+    return run(config, shared(checkpoint), looked)

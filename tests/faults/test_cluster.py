@@ -101,6 +101,49 @@ def test_kills_on_a_cluster_lose_only_what_was_in_hand(tmp_path: Path, faults: C
 
 
 @pytest.mark.faults
+def test_a_sweep_on_a_cluster_is_that_of_one_process(tmp_path: Path, faults: Callable[..., None]) -> None:
+    """One worker, killed in the middle of a trial, then another: proposals, errors and finalists are the same."""
+    from bench.sweep import journal as sweep
+
+    command = ["sweep", "LSTM: 1x6 - MLP: 6x10", "--dataset", "helicopter_twin", "--no-track", "--name", "s"]
+    command += ["--trials", "4", "--objective", "weights", "--set", "training.updates=200"]
+    command += ["--search", "predictor.hidden=6:12", "--search", "predictor.layers=1:2"]
+    whole, results = tmp_path / "whole", tmp_path / "results"
+    assert bench(*command, "--workers", "1", results=whole).returncode == 0
+    address = f"tcp://127.0.0.1:{(port := free_port())}"
+    scheduler = ("dask", "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+    worker = ("dask", "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+
+    def told(folder: Path) -> int:
+        journal = folder / "sweeps" / "s" / sweep.JOURNAL
+        return len(sweep.told(sweep.load(journal.parent))) if journal.is_file() and journal.stat().st_size else 0
+
+    with (
+        started(*scheduler, says="Scheduler at", log=tmp_path / "s"),
+        started(*worker, says="Registered to", log=tmp_path / "a") as first,
+        started("bench", *command, "--cluster", address, "--results", str(results), log=tmp_path / "d") as driver,
+    ):
+        until(lambda: told(results) >= 2, driver)
+        partial = results / "sweeps" / "s" / ".partial"
+        until(lambda: any(partial.glob("*.safetensors")), driver)
+        first.send_signal(signal.SIGKILL)
+        with started(*worker, says="Registered to", log=tmp_path / "b"):
+            assert driver.wait(300) == 0, (tmp_path / "d").read_text()
+    a, b = (sweep.load(folder / "sweeps" / "s") for folder in (whole, results))
+    assert [(t.params, t.values) for t in a.trials] == [(t.params, t.values) for t in b.trials]
+    assert len(b.trials) == 4 and set(made(whole)) == set(made(results))
+    for record_a in record.all_records(whole / "runs"):
+        assert record.differences(record_a, record.RunRecord(results / "runs" / record_a.key)) == []
+    faults(
+        "the worker of a cluster in the middle of a sweep's trial (kill -9)",
+        1,
+        0,
+        0,
+        "the updates since its checkpoint",
+    )
+
+
+@pytest.mark.faults
 def test_bench_starts_a_cluster_and_stops_it(tmp_path: Path) -> None:
     port, log = free_port(), tmp_path / "log"
     with started("bench", "cluster", "start", "--workers", "1", "--port", str(port), says="Ctrl-C", log=log) as process:

@@ -1,0 +1,163 @@
+"""A sweep on its way: search, train the best and the default, report; progress and answer on the terminal."""
+
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import optuna
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.trial import FrozenTrial
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from bench import engine, lock
+from bench.cli.job import Place, browse, mirroring
+from bench.cli.progress import clock, meter
+from bench.config import RunConfig
+from bench.estimate import per_update
+from bench.mirroring import Mirroring
+from bench.record import RunRecord
+from bench.sweep import finalists
+from bench.sweep import journal as sweeps
+from bench.sweep import page as sweep_page
+from bench.sweep.journal import Sweep
+from bench.sweep.search import search
+from bench.sweep.space import SPEC, configured, options, said
+from registry.errors import BenchError
+
+
+def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: bool, place: Place) -> None:
+    """Search, train the finalists, write the report, say what came out; one driver at a time.
+
+    Raises:
+        BenchError: another driver is at this sweep, its folder cannot be written, or workers die.
+    """
+    with lock.held(folder, sweep.title), mirroring(place, sweep.title, folder.name) as mirror:
+        study = sweeps.begin(sweep, folder, resume)
+        before = sweeps.told(study)
+        out.print(f"[bold]{escape(sweep.title)}[/]: {trials} trials, {len(before)} told, {escape(_hands(place))}.")
+        out.print(_searched(sweep), highlight=False, markup=False)
+        if mirror:
+            mirror.trials(sweep.configs, before)
+        with meter(out, float(max(1, trials - len(before))), trials, "trials") as progress:
+            progress.finished, progress.current = len(before), _best_so_far(study)
+
+            def ended(t: FrozenTrial) -> None:
+                progress.current = _best_so_far(study)
+                progress.record()
+                if mirror:
+                    mirror.trials(sweep.configs, [t])
+
+            search(sweep, study, folder, trials, _workers(place), progress.tick, ended, place.cluster)
+            spent = time.monotonic() - progress.started
+        if len(before) < trials:
+            out.print(f"{trials - len(before)} trials in {clock(spent)}; {_best_so_far(study)}.", highlight=False)
+        _conclude(out, sweep, study, folder, place, mirror)
+
+
+def _workers(place: Place) -> int:
+    return place.workers or os.cpu_count() or 1
+
+
+def _hands(place: Place) -> str:
+    return f"on {place.cluster}" if place.cluster else f"{_workers(place)} process(es)"
+
+
+def _conclude(
+    out: Console, sweep: Sweep, study: optuna.Study, folder: Path, place: Place, mirror: Mirroring | None
+) -> None:
+    """Train the best and the default configuration from fresh seeds, compare them, write it down."""
+    best, default = finalists.finalists(sweep, study)
+    who = "The best and the default" if default else "The best, which is the default,"
+    records = _train(out, who, [*best, *default], place, mirror)
+    sides = records[: len(best)], records[len(best) :]
+    verdicts = finalists.judge(*sides) if default else []
+    sweep_page.write(folder / sweeps.REPORT, sweep_page.Content(sweep, study, verdicts, *sides))
+    finalists.write(folder / sweeps.RESULT, sweep, study, records, verdicts)
+    _summary(out, sweep, study, verdicts, folder)
+    if mirror:
+        mirror.attach([folder / sweeps.REPORT])
+        browse(out, mirror.finish(), sweep.title, place)
+
+
+def _train(out: Console, who: str, configs: list[RunConfig], place: Place, mirror: Mirroring | None) -> list[RunRecord]:
+    """The finalists' records, in the order of their configurations."""
+    todo = engine.plan(configs, place.runs)
+    models = sum(len(t.configs) for t in todo.tasks)
+    out.print(f"{who} from {len({c.seed for c in configs})} fresh seeds: {models} to train.", highlight=False)
+    with meter(out, sum(t.cost for t in todo.tasks) or 1.0, models) as progress:
+        records = engine.execute(
+            todo,
+            place.runs,
+            _workers(place),
+            progress.tick,
+            lambda r: progress.record(),
+            lambda t: progress.start(t.name),
+            place.cluster,
+        )
+    if mirror:
+        mirror.add([r.folder for r in records])
+    return records
+
+
+def _searched(sweep: Sweep) -> str:
+    return "Searched: " + "; ".join(said(path, values) for path, values in sweep.space.items()) + "."
+
+
+def _best_so_far(study: optuna.Study) -> str:
+    try:
+        best = sweeps.best(study)
+    except BenchError:
+        return "no trial has come to its end yet"
+    return f"best: trial {best.number}, RMSSE {best.values[0]:.4g}"
+
+
+def _summary(
+    out: Console, sweep: Sweep, study: optuna.Study, verdicts: Sequence[finalists.Verdict], folder: Path
+) -> None:
+    """The answer on the terminal."""
+    best = sweeps.best(study)
+    have = {path: value for path, _, value in options(sweep.default)} | {SPEC: sweep.default.spec}
+    table = Table(title="what the sweep chose", title_justify="left")
+    for heading in ("option", f"best (trial {best.number})", "default"):
+        table.add_column(heading)
+    for path in sweep.space:
+        shown = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in (best.params[path], have[path]))
+        table.add_row(escape(path), *map(escape, shown))
+    out.print(table)
+    if len(sweep.objectives) > 1:
+        out.print(f"{len(study.best_trials)} trials are on the Pareto front; the one with the smallest error is taken.")
+    for verdict in verdicts:
+        out.print(verdict.sentence, highlight=False, markup=False)
+    if not verdicts:
+        out.print("No trial was better than the default configuration.")
+    out.print(f"Report: {folder / sweeps.REPORT}", highlight=False, markup=False)
+
+
+def estimate(out: Console, sweep: Sweep, trials: int, place: Place) -> None:
+    """What the sweep would cost here, were no trial stopped early."""
+    out.print(_searched(sweep), highlight=False, markup=False)
+    workers = _workers(place)
+    largest = configured(sweep.configs, {path: _last(values) for path, values in sweep.space.items()})
+    with out.status("timing a few updates"):
+        times = [
+            per_update((c,)) * c.training.updates if c.predictor.training == "gradient" else 0.0
+            for c in (sweep.default, largest)
+        ]
+    finals = 2 * finalists.SEEDS
+    low, high = (clock(t * (trials + finals) / workers) for t in times)
+    out.print(
+        f"A trial takes {clock(times[0])} with the default options ({escape(sweep.default.spec)}) and "
+        f"{clock(times[1])} with the largest values ({escape(largest.spec)}). {trials} trials and {finals} runs of the "
+        f"best and the default with {workers} process(es): {low} to {high}, less what is stopped early."
+    )
+
+
+def _last(values: BaseDistribution) -> Any:
+    if isinstance(values, CategoricalDistribution):
+        return values.choices[-1]
+    assert isinstance(values, IntDistribution | FloatDistribution)
+    return values.high
