@@ -102,7 +102,7 @@ def _serve(inbox: Any, outbox: Any, uri: str, experiment: str, study: str | None
     """The process: log what comes in, again and again where a server fails, until the driver has nothing more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the driver's to handle
     die_with_parent()
-    os.nice(10)  # where there are fewer cores than processes, training goes first
+    os.nice(5)  # where there are fewer cores than processes, training goes first
     from bench import track
     from registry.errors import BenchError
 

@@ -4,8 +4,7 @@ Signals are (N, c), one column a channel; masks are bool. Nothing here knows a v
 """
 
 import numpy as np
-from scipy.ndimage import binary_dilation, median_filter
-from scipy.signal import savgol_filter
+import scipy  # its parts are imported when they are used: scipy.signal takes longer than all else here
 
 
 def runs(mask: np.ndarray) -> list[tuple[int, int]]:
@@ -19,7 +18,7 @@ def spikes(x: np.ndarray, limit: float, window: int = 7) -> np.ndarray:
 
     A spike of up to (window − 1) / 2 samples is found; a step that stays is not one.
     """
-    return (np.abs(x - median_filter(x, size=(window, 1), mode="mirror")) > limit).any(axis=1)
+    return (np.abs(x - scipy.ndimage.median_filter(x, size=(window, 1), mode="mirror")) > limit).any(axis=1)
 
 
 def held(x: np.ndarray) -> np.ndarray:
@@ -55,12 +54,12 @@ def resample(t: np.ndarray, x: np.ndarray, grid: np.ndarray, longest: float) -> 
 
 def smooth(x: np.ndarray, window: int) -> np.ndarray:
     """Local quadratic over ``window`` samples (odd), (N, c); 0: as it is. It looks (window − 1) / 2 samples ahead."""
-    return savgol_filter(x, window, 2, axis=0) if window else x
+    return scipy.signal.savgol_filter(x, window, 2, axis=0) if window else x
 
 
 def widen(mask: np.ndarray, samples: int) -> np.ndarray:
     """``mask`` (N,) with each run of True longer by ``samples`` at either end."""
-    return binary_dilation(mask, iterations=samples) if samples and mask.any() else mask
+    return scipy.ndimage.binary_dilation(mask, iterations=samples) if samples and mask.any() else mask
 
 
 def delay(cause: np.ndarray, effect: np.ndarray, widest: int = 10) -> tuple[float, float]:

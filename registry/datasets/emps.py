@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.signal import savgol_filter
+import scipy  # its parts are imported when they are used: scipy.signal takes longer than all else here
 
 from registry.contracts import Dataset, Finding, Loaded, Split
 from registry.core import DATASETS
@@ -58,7 +58,7 @@ class Emps(Dataset):
                 )
             if not np.allclose(np.diff(table["t"]), 1 / RATE, atol=1e-6):
                 raise BenchError(f"{file}: its clock is not {RATE:.0f} Hz throughout: download it again.")
-            speed = savgol_filter(table["qm"], WINDOW, ORDER, deriv=1, delta=1 / RATE)
+            speed = scipy.signal.savgol_filter(table["qm"], WINDOW, ORDER, deriv=1, delta=1 / RATE)
             valid = np.ones(n, dtype=bool)
             valid[: WINDOW // 2] = valid[-(WINDOW // 2) :] = False
             detail = "samples at the ends, where the speed has neighbours on one side only, masked"

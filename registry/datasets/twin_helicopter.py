@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+import scipy  # its parts are imported when they are used: scipy.signal takes longer than all else here
 import torch
-from scipy.signal import lfilter
 from torch import Tensor
 
 from registry.datasets.twin_quadrotor import euler_zyx, quaternion_zyx
@@ -42,7 +42,7 @@ def reference(rng: np.random.Generator, regime: str, samples: int) -> np.ndarray
     shakes = [doublets(rng, samples, size, (0.3, 0.9), 2.5)[:, None] for _ in range(4)]
     keep = np.exp(-DT / GUST_TIME)  # first-order Gauss-Markov, the horizontal gust of Dryden's form
     white = rng.normal(0, GUST * np.sqrt(1 - keep**2), (samples, 2))
-    gusts = rng.uniform(-MEAN_WIND, MEAN_WIND, 2) + lfilter([1.0], [1.0, -keep], white, axis=0)
+    gusts = rng.uniform(-MEAN_WIND, MEAN_WIND, 2) + scipy.signal.lfilter([1.0], [1.0, -keep], white, axis=0)
     return np.concatenate([*paths, *shakes, gusts], axis=1)
 
 

@@ -1,8 +1,8 @@
 """Simulated Pelican flights: a pilot in a 5 m cube, and what the motion capture would have recorded."""
 
 import numpy as np
+import scipy  # its parts are imported when they are used: scipy.signal takes longer than all else here
 import torch
-from scipy.signal import savgol_filter
 from torch import Tensor
 
 from registry.datasets.twin_reference import DT, REGIMES, Legs, doublets, pad, path, slow_error
@@ -167,7 +167,7 @@ def body_rates(euler: np.ndarray, euler_rates: np.ndarray) -> np.ndarray:
 
 def smooth(signal: np.ndarray) -> np.ndarray:
     """Local quadratic over 5 samples (N, c), equal weights: our reading of the published "local regression"."""
-    return savgol_filter(signal, 5, 2, axis=0)
+    return scipy.signal.savgol_filter(signal, 5, 2, axis=0)
 
 
 def measure(rng: np.random.Generator, truth: np.ndarray) -> np.ndarray:
