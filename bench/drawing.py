@@ -47,6 +47,8 @@ class Scale:
     low: float
     high: float
     log: bool = False
+    whole: bool = False
+    """Of counts: no ticks between them."""
 
     def __call__(self, value: float) -> float:
         """0 at ``low``, 1 at ``high``."""
@@ -65,7 +67,9 @@ class Scale:
                 found = within if len(within) <= count + 1 or not found else found
             found = found[:: -(-len(found) // count)] if found else found
         if len(found) < 2:
-            found = list(MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]).tick_values(self.low, self.high))
+            found = list(
+                MaxNLocator(count, steps=[1, 2, 2.5, 5, 10], integer=self.whole).tick_values(self.low, self.high)
+            )
         slack = 1e-9 * (self.high - self.low)
         return [float(t) for t in found if self.low - slack <= t <= self.high + slack]
 

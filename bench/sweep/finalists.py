@@ -18,6 +18,7 @@ from bench.config import RunConfig, from_json
 from bench.data import prepare
 from bench.predict import load_model
 from bench.record import RunRecord, json_text
+from bench.report import number
 from bench.seeds import derive
 from bench.sweep import journal as sweep
 from bench.sweep.space import configured
@@ -56,9 +57,9 @@ class Verdict:
         if not math.isfinite(c.ratio):
             return f"On the {self.part} part there is nothing to compare: too many runs diverged."
         word = {"better": "beats", "worse": "is worse than"}.get(c.verdict, "cannot be told from")
-        limits = f", 95 % {c.low:.3g} to {c.high:.3g}" if math.isfinite(c.low) and math.isfinite(c.high) else ""
+        limits = f", 95 % {number(c.low)} to {number(c.high)}" if math.isfinite(c.low) and math.isfinite(c.high) else ""
         return (
-            f"On the {self.part} part the best configuration {word} the default: {c.ratio:.3g} times its error"
+            f"On the {self.part} part the best configuration {word} the default: {number(c.ratio)} times its error"
             f"{limits} ({c.basis})."
         )
 

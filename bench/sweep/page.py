@@ -85,7 +85,7 @@ def provenance(c: Content) -> str:
     s, p = record.summary, record.provenance
     facts = {
         "Data": f"{s['dataset']}, SHA-256 {s['dataset_digest']}",
-        "Windows": ", ".join(f"{n} {part}" for part, n in s["windows"].items()),
+        "Windows": ", ".join(f"{s['windows'][part]} {part}" for part in ("train", "validation", "test")),
         "Recordings": "; ".join(
             f"{part}: {', '.join(s['recordings'][part])}" for part in ("train", "validation", "test")
         ),
@@ -111,7 +111,7 @@ def render(c: Content) -> str:
     }
     head = (
         f'<header><p class="over"><span class="badge">sweep</span><span>{len(c.told)} trials</span></p>'
-        f"<h1>{escape(c.sweep.title)}</h1></header>"
+        f"<h1>{escape(c.sweep.title[:1].upper() + c.sweep.title[1:])}</h1></header>"
     )
     return document(
         c.sweep.title,

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from typing import Any
@@ -18,7 +18,7 @@ from bench.page import grid, panel, table
 from bench.record import RunRecord
 from bench.sweep import journal as sweeps
 from bench.sweep.finalists import Verdict
-from bench.sweep.space import options
+from bench.sweep.space import default_params, options
 
 TOLD, PRUNED = Look("#0072B2", (), 2.4), Look("#7f8791", (), 1.2)
 BEST, DEFAULT = Look("#D55E00", (), 2.4), Look("#009E73", (), 2.4)
@@ -58,17 +58,30 @@ class Content:
         kept = [v for v in every if v < 5 * float(np.median([t.values[0] for t in self.complete]))]
         return around(kept, log=max(kept) > 4 * min(kept) > 0)
 
+    @cached_property
+    def default(self) -> int | None:
+        """Number of the trial with the default configuration, unless it is the best."""
+        params = default_params(self.sweep.space, self.sweep.configs)
+        return next((t.number for t in self.complete if t.params == params and t.number != self.best.number), None)
+
+    @property
+    def marks(self) -> list[tuple[Look, str]]:
+        """What the colours of dots and curves mean."""
+        known = [(TOLD, "trained to the end"), (PRUNED, "stopped early, at its last look"), (BEST, "best")]
+        return known + ([] if self.default is None else [(DEFAULT, "default")])
+
     def mark(self, drawn: Panel, xs: Sequence[tuple[FrozenTrial, float]]) -> None:
-        """A dot a trial at its x: pruned ones hollow at their last look, the best coloured."""
+        """A dot a trial at its x: pruned ones hollow at their last look, the best and the default larger."""
         for t, x in xs:
             if t.state != TrialState.COMPLETE:
                 drawn.dots([x], [_last(t)], PRUNED.colour, hollow=True)
         for t, x in xs:
-            if t.state == TrialState.COMPLETE and t.number != self.best.number:
+            if t.state == TrialState.COMPLETE and t.number not in (self.best.number, self.default):
                 drawn.dots([x], [t.values[0]], TOLD.colour)
         for t, x in xs:
-            if t.number == self.best.number:
-                drawn.dots([x], [t.values[0]], BEST.colour, radius=5)
+            if t.number in (self.best.number, self.default):
+                look = BEST if t.number == self.best.number else DEFAULT
+                drawn.dots([x], [t.values[0]], look.colour, radius=5)
 
 
 def _curve(t: FrozenTrial) -> list[tuple[int, float]]:
@@ -80,12 +93,9 @@ def _last(t: FrozenTrial) -> float:
     return curve[-1][1] if curve else math.nan
 
 
-MARKS = [(TOLD, "trained to the end"), (PRUNED, "stopped early, at its last look"), (BEST, "best")]
-
-
 def history(c: Content) -> str:
     """The error of every trial, and the best so far."""
-    drawn = Panel(Scale(-0.5, max(1, len(c.told)) - 0.5), c.errors, "trial [number]", RMSSE, 520, 260)
+    drawn = Panel(Scale(-0.5, max(1, len(c.told)) - 0.5, whole=True), c.errors, "trial [number]", RMSSE, 520, 260)
     places = {t.number: i for i, t in enumerate(c.told)}
     xs: list[float] = []
     ys: list[float] = []
@@ -106,7 +116,7 @@ def history(c: Content) -> str:
     )
     return (
         text
-        + legend(MARKS)
+        + legend(c.marks)
         + grid([panel("Error of every trial", "", drawn.svg("Error of every trial")), _curves(c)], "wide")
     )
 
@@ -117,10 +127,10 @@ def _curves(c: Content) -> str:
     if not curves:
         return ""
     drawn = Panel(Scale(0, max(curve[-1][0] for _, curve in curves)), c.errors, "updates [count]", RMSSE, 520, 260)
-    for t, curve in sorted(curves, key=lambda pair: pair[0].number == c.best.number):
-        look = Look(BEST.colour, (), 2.2) if t.number == c.best.number else Look(TOLD.colour, (), 1.0, 0.45)
-        look = look if t.state == TrialState.COMPLETE else Look(PRUNED.colour, (), 1.0, 0.6)
-        drawn.line([u for u, _ in curve], [v for _, v in curve], look)
+    thick = {c.default: DEFAULT, c.best.number: BEST}
+    for t, curve in sorted(curves, key=lambda pair: pair[0].number in thick):  # those above all others
+        thin = Look(TOLD.colour, (), 1.0, 0.45) if t.state == TrialState.COMPLETE else Look(PRUNED.colour, (), 1.0, 0.6)
+        drawn.line([u for u, _ in curve], [v for _, v in curve], thick.get(t.number, thin))
     return panel("While training", "grey: stopped early", drawn.svg("Validation error of all trials while they train"))
 
 
@@ -159,12 +169,13 @@ def slices(c: Content) -> str:
             listed += _choices(path, distribution, have)
             continue
         low, high, log = (getattr(distribution, name) for name in ("low", "high", "log"))
-        unit = fields[path].metadata.get("unit") or ("count" if isinstance(distribution, IntDistribution) else "1")
-        scale = around([low, high], log, room=0.04)
+        whole = isinstance(distribution, IntDistribution)
+        unit = fields[path].metadata.get("unit") or ("count" if whole else "1")
+        scale = replace(around([low, high], log, room=0.04), whole=whole)
         made = Panel(scale, c.errors, f"{path.rpartition('.')[2].replace('_', ' ')} [{unit}]", RMSSE, 340, 215)
         c.mark(made, [(t, t.params[path]) for t in have])
         drawn.append(panel(path, fields[path].metadata.get("help", ""), made.svg(f"Error against {path}")))
-    return legend(MARKS) + grid(drawn) + listed
+    return legend(c.marks) + grid(drawn) + listed
 
 
 def _choices(path: str, distribution: CategoricalDistribution, trials: Sequence[FrozenTrial]) -> str:
