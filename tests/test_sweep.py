@@ -322,6 +322,13 @@ def test_two_workers_from_the_command_line(tmp_path: Path, monkeypatch: pytest.M
     result = json.loads((folder / sweep.RESULT).read_text())
     assert result["trials"] == 5 and result["best"]["rmsse"] == min(t.values[0] for t in study.trials)
     assert "bench sweep linear" in (folder / sweep.REPORT).read_text()
+    for name in ("ridge", "linear"):
+        told = CliRunner().invoke(cli, ["report", name, "--results", str(tmp_path), "-o", str(tmp_path / "copy.html")])
+        assert told.exit_code == 0 and (tmp_path / "copy.html").read_text() == (folder / sweep.REPORT).read_text()
+        (tmp_path / "copy.html").unlink()
+    (folder / sweep.REPORT).unlink()
+    unfinished = CliRunner().invoke(cli, ["report", "ridge", "--results", str(tmp_path)])
+    assert "has not ended: go on with `bench sweep linear" in str(unfinished.exception)
     kept, keys = sweep.read(folder)
     written = json.loads((folder / sweep.DEFINITION).read_text())
     assert written.pop("command") == "bench sweep linear --dataset pelican_twin --name ridge"

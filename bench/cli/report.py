@@ -1,7 +1,10 @@
-"""`bench report`: a finished study as one HTML file."""
+"""`bench report`: a finished study or sweep as one HTML file."""
 
 import re
+import shutil
+from collections.abc import Iterable
 from pathlib import Path
+from typing import TypeVar
 
 import click
 
@@ -10,12 +13,13 @@ from bench.cli import options
 from bench.conclude import REPORT, Concluded, concluded
 from registry.errors import BenchError
 
+T = TypeVar("T")
 TITLE = re.compile(r"(?P<name>.+) on (?P<dataset>.+?)(?: \((?P<preset>\w+)\))?(?:, .*)?")
 """Of a finished study, as `bench run` makes it: what, on which data, preset, options."""
 
 
 @click.command("report")
-@click.argument("name", metavar="STUDY|SPEC")
+@click.argument("name", metavar="STUDY|SPEC|SWEEP")
 @options.dataset
 @click.option("--preset", type=click.Choice(study.PRESETS), help="Size of the study.")
 @options.results
@@ -26,12 +30,18 @@ def report_command(name: str, dataset: str | None, preset: str | None, results: 
     \b
     bench report washout_vs_mlp
     bench report washout_vs_mlp --dataset nanodrone --preset laptop -o report.html
+    bench report NAME                                    the page of a sweep, by its folder in results/sweeps
 
     What was asked, the paper's figure and ours, tables, error of every step, spread, worst predictions, training,
-    provenance, and the command that makes it again. `bench run` writes the same page into the study's folder.
+    provenance, and the command that makes it again. `bench run` writes the same page into the study's folder, and
+    `bench sweep` that of a sweep: the verdict, history, importances and the Pareto front.
     """
     from bench import study_page
 
+    page = sweep_page(name, dataset, preset, results)
+    if page is not None:
+        _deliver(page, output)
+        return
     found = finished_study(name, dataset, preset, results)
     missing = [k for k in found.keys if not record.exists(results / "runs", k)]
     if missing:
@@ -45,6 +55,50 @@ def report_command(name: str, dataset: str | None, preset: str | None, results: 
     click.echo(str(path))
 
 
+def sweep_page(name: str, dataset: str | None, preset: str | None, results: Path) -> Path | None:
+    """The page of the sweep of that name; of its target too where no finished study is meant. None: there is none.
+
+    Raises:
+        BenchError: the sweep has not ended.
+    """
+    from bench.sweep import journal as sweeps
+
+    titles = {folder: sweeps.read(folder)[0].title for folder in sweeps.sweeps(results)}
+    found = [f for f, title in titles.items() if name in (f.name, title)]
+    if not found and not _fitting(((c, c.title) for c in concluded(results)), name, dataset, preset):
+        found = _fitting(((f, t.removeprefix("sweep of ")) for f, t in titles.items()), name, dataset, preset)
+    if len(found) > 1:
+        raise BenchError(f"{len(found)} sweeps fit: give one of {'; '.join(f.name for f in found)}.")
+    if not found:
+        return None
+    page = found[0] / sweeps.REPORT
+    if not page.is_file():
+        command = sweeps.read(found[0])[0].command
+        raise BenchError(f"The sweep {found[0].name} has not ended: go on with `{command} --resume`.")
+    return page
+
+
+def _deliver(page: Path, output: Path | None) -> None:
+    if output is not None:
+        try:
+            shutil.copyfile(page, output)
+        except OSError as error:
+            raise BenchError(f"The report {output} cannot be written: {error.strerror or error}.") from error
+    click.echo(str(output or page))
+
+
+def _fitting(titled: Iterable[tuple[T, str]], name: str, dataset: str | None, preset: str | None) -> list[T]:
+    """Those whose title says this name, data set and preset."""
+    return [
+        each
+        for each, title in titled
+        if (match := TITLE.fullmatch(title))
+        and match["name"] == name
+        and dataset in (None, match["dataset"])
+        and preset in (None, match["preset"])
+    ]
+
+
 def finished_study(name: str, dataset: str | None, preset: str | None, results: Path) -> Concluded:
     """The finished study of that name (of its folder, of its title), data set and preset.
 
@@ -53,14 +107,7 @@ def finished_study(name: str, dataset: str | None, preset: str | None, results: 
     """
     every = list(concluded(results))
     exact = [c for c in every if name in (c.folder.name, c.title)]
-    fitting = exact or [
-        c
-        for c in every
-        if (match := TITLE.fullmatch(c.title))
-        and match["name"] == name
-        and dataset in (None, match["dataset"])
-        and preset in (None, match["preset"])
-    ]
+    fitting = exact or _fitting(((c, c.title) for c in every), name, dataset, preset)
     if len(fitting) == 1:
         return fitting[0]
     if fitting:
