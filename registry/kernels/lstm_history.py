@@ -98,7 +98,7 @@ class History:
 class Back:
     """Of the way back, a chunk of t steps at a time.
 
-    dg: gradients of the gates before their nonlinearity (M, 4, H, t, B); x, c, m: of the operands (M, K, B), cells and
+    dg: gradients of the gates before their nonlinearity (t, M, 4, H, B); x, c, m: of the operands (M, K, B), cells and
     outputs (M, H, B) where the way back now is; y, u: of outputs and inputs, kept like these.
     """
 
@@ -107,9 +107,9 @@ class Back:
         widths, self.s, new = [s.width(i) for i in range(s.L)], s, like.detach().new_zeros
         self.y, self.u = new(T + s.D, M, s.outputs, B), new(T + s.D - 1, M, s.m, B)
         self.x, self.c, self.m = [new(M, k, B) for k in widths], [new(M, H, B) for _ in widths], new(M, H, B)
-        self.dg, self.slopes = [new(M, 4, H, t, B) for _ in widths], [new(2, t, M, H, B) for _ in widths]
-        self.operands, self.peepholes = [new(M, k, t, B) for k in widths], new(M, 3, H, t, B)
-        self.tops, self.outputs = new(M, H, t, B), new(M, s.outputs, t, B)
+        self.dg, self.slopes = [new(t, M, 4, H, B) for _ in widths], [new(2, t, M, H, B) for _ in widths]
+        self.peepholes = new(M, 3, H, t, B)
+        self.tops, self.outputs = new(M, H, T, B), new(M, s.outputs, T, B)
         self.said, self.own, self.below = (
             self.y.unbind(0),
             [x[:, :H] for x in self.x],
@@ -122,10 +122,7 @@ class Back:
         self.to_u = [self.u[T - 1 - k : T - 1 - k + s.D] for k in range(T)]
         each = [
             zip(
-                d[:, 3].unbind(2),
-                d[:, :3].unbind(3),
-                d.flatten(1, 2).unbind(2),
-                *(k.unbind(0) for k in slopes),
+                *(k.unbind(0) for k in (d[:, :, 3], d[:, :, :3], d.flatten(2, 3), *slopes)),
                 strict=True,
             )
             for d, slopes in zip(self.dg, self.slopes, strict=True)
@@ -151,16 +148,14 @@ class Back:
             self.own[i].copy_(hidden[..., rows].mT), self.c[i].copy_(cell[..., rows].mT)
 
     def meet(self, h: History, i: int, steps: slice, peep_i: Tensor, peep_f: Tensor, peep_o: Tensor) -> None:
-        """Layer i's operands of these steps, and what their gradients are multiplied by.
+        """What the gradients of layer i are multiplied by at these steps.
 
         dg is set to dc / di, dc / df, dc / dz and dm / do, the slopes to dm / dc by both of its ways and to dc / dc of
         the step before.
         """
         t = steps.stop - steps.start
-        if t < self.s.chunk:
-            self.dg[i].zero_(), self.operands[i].zero_()
         (gi, gf, z, o, tc), c0 = h.g[i][steps].unflatten(2, (5, h.s.H)).unbind(2), h.c[i][steps]
-        di, df, dz, do = self.dg[i][:, :, :, :t].permute(1, 3, 0, 2, 4).unbind(0)
+        di, df, dz, do = self.dg[i][:t].unbind(2)
         through, carried = self.slopes[i][:, :t].unbind(0)
         sigmoid_grad(z, gi, grad_input=di)
         sigmoid_grad(c0, gf, grad_input=df)
@@ -168,23 +163,19 @@ class Back:
         sigmoid_grad(tc, o, grad_input=do)
         tanh_grad(o, tc, grad_input=through).addcmul_(do, peep_o)
         torch.addcmul(gf, di, peep_i, out=carried).addcmul_(df, peep_f)
-        self.operands[i][:, :, :t].copy_(side_by_side(h.x[i][steps]))
 
     def peephole_gradient(self, h: History, i: int, steps: slice) -> Tensor:
         """(M, 3, H) of layer i; a row a peephole is summed: its order does not depend on M."""
         c, t = h.c[i], steps.stop - steps.start
-        dg, to = self.dg[i][:, :, :, :t], self.peepholes[:, :, :, :t]
+        dg, to = self.dg[i][:t].permute(1, 2, 3, 0, 4), self.peepholes[:, :, :, :t]
         torch.mul(dg[:, :2], side_by_side(c[steps]).unsqueeze(1), out=to[:, :2])
         torch.mul(dg[:, 3], side_by_side(c[steps.start + 1 : steps.stop + 1]), out=to[:, 2])
         return to.flatten(-2).sum(-1)
 
-    def look(self, h: History, steps: slice) -> None:
-        """What the read-out saw at these steps, and the gradients of what it said."""
-        s, t = self.s, steps.stop - steps.start
-        if t < s.chunk:
-            self.tops.zero_(), self.outputs.zero_()
-        self.tops[:, :, :t].copy_(side_by_side(h.tops[steps]))
-        self.outputs[:, :, :t].copy_(side_by_side(self.y[s.T - steps.stop : s.T - steps.start].flip(0)))
+    def look(self, h: History) -> None:
+        """What the read-out saw at every step, and the gradients of what it said."""
+        self.tops.copy_(side_by_side(h.tops))
+        self.outputs.copy_(side_by_side(self.y[: self.s.T].flip(0)))
 
 
 def before(x: Tensor, count: int) -> Tensor:

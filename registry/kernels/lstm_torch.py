@@ -41,12 +41,13 @@ def run(
 class _Layer:
     """One layer's weights, laid out for the products."""
 
-    def __init__(self, weights: tuple[Tensor, ...], leading: int, columns: int) -> None:
+    def __init__(self, weights: tuple[Tensor, ...], leading: int, columns: int, batch: int) -> None:
         """
         Args:
             weights: input, recurrent, bias, peephole.
             leading: this many columns of the input weight come after the others.
             columns: with padding.
+            batch: windows.
         """
         w_in, w_rec, bias, peephole = weights
         H, k, self.leading = w_rec.shape[-1], w_rec.shape[-1] + w_in.shape[-1], leading
@@ -65,8 +66,8 @@ class _Layer:
         self.doubled = self.w.clone()
         self.doubled[:, 2 * H : 3 * H] *= 2
         self.i, self.f, self.o = peephole.unsqueeze(-1).unbind(1)  # (M, H, 1)
-        self.i_f = peephole[:, :2].unsqueeze(-1)
-        self.o_tanh = torch.stack([peephole[:, 2], torch.full_like(peephole[:, 2], 2)], 1).unsqueeze(-1)
+        self.i_f = peephole[:, :2, :, None].repeat(1, 1, 1, batch)  # a number for every lane: three times faster
+        self.o_tanh = torch.stack([self.o, torch.full_like(self.o, 2)], 1).repeat(1, 1, 1, batch)
 
     def gradients(self, dw: Tensor, d_peephole: Tensor) -> list[Tensor]:
         """Of the four weights, from that of ``w`` and of the peepholes."""
@@ -90,7 +91,7 @@ class _LSTM(torch.autograd.Function):
         s = Shape(M, B, T, m, n, D, L, H, mask is not None)
         space = Reused((s, inputs.dtype, inputs.device), lambda: History(s, inputs))
         h = space.thing
-        layers = [_Layer(weights[4 * i : 4 * i + 4], 0 if i else D * m, s.width(i)) for i in range(L)]
+        layers = [_Layer(weights[4 * i : 4 * i + 4], 0 if i else D * m, s.width(i), B) for i in range(L)]
         past_u, past_y, hidden, cell = state.split([(D - 1) * m, D * n, L * H, L * H], -1)
         for i in range(L):
             h.x[i][0, :, :H], h.c[i][0] = hidden[..., i * H : (i + 1) * H].mT, cell[..., i * H : (i + 1) * H].mT
@@ -148,7 +149,7 @@ class _LSTM(torch.autograd.Function):
         d_fed = b.y.new_zeros(s.T + s.D, s.M, s.n, s.B) if ctx.forced else b.y[:, :, : s.n]
         b.begin(given, ends, d_fed)
         woT, WT = wo.mT, [v.w.mT for v in layers]
-        d_wo, d_bias, d_w = torch.zeros_like(wo), wo.new_zeros(wo.shape[:2]), [torch.zeros_like(v.w) for v in layers]
+        d_w = [torch.zeros_like(v.w) for v in layers]
         d_peephole = [wo.new_zeros(s.M, 3, s.H) for _ in layers]
         for first in reversed(range(0, s.T, s.chunk)):
             last = min(s.T, first + s.chunk)
@@ -172,6 +173,7 @@ class _LSTM(torch.autograd.Function):
                     d_ifz.mul_(dc.unsqueeze(1))
                     dc.mul_(carried)
                     torch.bmm(WT[i], dg, out=b.x[i])
+                    d_w[i].baddbmm_(dg, h.steps[t][i][0].mT)
                 if b.from_y is not None and not ctx.forced:
                     b.to_y[t].add_(b.from_y)
                 elif b.from_y is not None and t < s.D:
@@ -179,15 +181,12 @@ class _LSTM(torch.autograd.Function):
                 if b.from_u is not None and (t < s.D - 1 or inputs_too):
                     b.to_u[t].add_(b.from_u)
             for i in range(s.L):
-                d_w[i].baddbmm_(b.dg[i].flatten(3).flatten(1, 2), b.operands[i].flatten(2).mT)
                 d_peephole[i].add_(b.peephole_gradient(h, i, slice(first, last)))
-            if s.n:
-                b.look(h, slice(first, last))
-                d_wo.baddbmm_(b.outputs.flatten(2), b.tops.flatten(2).mT)
-                d_bias.add_(b.outputs.flatten(2).sum(-1))
         flat = [g for v, dw, d in zip(layers, d_w, d_peephole, strict=True) for g in v.gradients(dw, d)]
         if s.n:
-            flat += [d_wo[:, : s.n], d_bias[:, : s.n]]
+            b.look(h)  # a row an output is summed: its order does not depend on M
+            said = b.outputs.flatten(2)
+            flat += [torch.bmm(said, b.tops.flatten(2).mT)[:, : s.n], said.sum(-1)[:, : s.n]]
         d_state = [x.permute(1, 3, 0, 2).flatten(-2) for x in (b.u[s.T :], d_fed[s.T :])]
         d_inputs = b.u[: s.T].flip(0).permute(1, 3, 0, 2) if inputs_too else None
         return d_inputs, torch.cat([*d_state, *(x.mT for x in (*b.own, *b.c))], -1), None, None, None, *flat
