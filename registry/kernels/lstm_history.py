@@ -12,7 +12,7 @@ from torch import Tensor
 
 from registry.kernels.pointwise import pad16, sigmoid_grad, tanh_grad
 
-CHUNK = 1 << 16
+CHUNK = 1 << 18
 """Numbers of a layer's gates that the way back takes at once, while they are in the cache."""
 
 
