@@ -155,7 +155,6 @@ def _inline(hear: Hear) -> Iterator[Crew]:
 @contextmanager
 def _processes(workers: int, ahead: int) -> Iterator[Crew]:
     context = multiprocessing.get_context("spawn")
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     messages = context.Queue()
     pool = ProcessPoolExecutor(workers, context, _start_worker, (messages,))
     try:

@@ -1,7 +1,6 @@
 """Several processes at once, each training its own model on one thread."""
 
 import multiprocessing
-import os
 import statistics
 import time
 from collections.abc import Iterator
@@ -40,7 +39,6 @@ def _turn(workers: list[Connection], steps: int) -> float:
 @contextmanager
 def _workers(row: Row, kernel: str) -> Iterator[list[Connection]]:
     context = multiprocessing.get_context("spawn")
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     pipes = [context.Pipe() for _ in range(row.processes)]
     processes = [context.Process(target=_work, args=(row, kernel, far), daemon=True) for _, far in pipes]
     try:
