@@ -383,6 +383,18 @@ def test_the_claims_that_the_paper_makes_are_there() -> None:
         assert said in notes
 
 
+def test_an_installed_package_reads_the_checkout_that_one_stands_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = claims_file.checkout()
+    monkeypatch.setattr(claims_file, "__file__", str(tmp_path / "site-packages" / "bench" / "claims" / "claim.py"))
+    monkeypatch.chdir(there)
+    assert claims_file.checkout() == Path() and claims_file.read().claims
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BenchError, match="work in the checkout"):
+        claims_file.read()
+
+
 @pytest.mark.parametrize("preset", ["laptop", "paper"])
 def test_every_pattern_of_a_claim_is_run_by_its_study(preset: str) -> None:
     for c in CLAIMS.claims:

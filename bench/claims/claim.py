@@ -13,7 +13,7 @@ from bench.claims.counting import Fact
 from bench.claims.estimate import Kind, number
 from registry.errors import BenchError, near
 
-RESULTS = Path(__file__).parents[2] / "results"
+FILE = Path("results", "paper", "claims.toml")
 """Of the checkout that this code belongs to."""
 KINDS: dict[str, type[Kind] | type[Fact]] = {
     "ratio": comparing.Ratio,
@@ -80,17 +80,23 @@ class Claims:
     """Configurations of the sizes that the paper trained; a verdict on others is labelled."""
 
 
+def checkout() -> Path:
+    """The checkout: where this package lies, or the working directory where it was installed elsewhere."""
+    beside = Path(__file__).parents[2]
+    return beside if (beside / FILE).is_file() else Path()
+
+
 def read(path: Path | None = None) -> Claims:
-    """The claims of ``path``, by default those of the checkout.
+    """The claims of ``path``, by default those of the `checkout`.
 
     Raises:
         BenchError: no such file, or what is wrong in it.
     """
-    path = path or RESULTS / "paper" / "claims.toml"
+    path = path or checkout() / FILE
     try:
         content = tomllib.loads(path.read_text())
     except FileNotFoundError:
-        raise BenchError(f"There is no {path}: name a file of claims with --claims.") from None
+        raise BenchError(f"There is no {path}: work in the checkout, or name a file of claims with --claims.") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise BenchError(f"{path} cannot be read: {error}.") from error
     claims = tuple(_claim(entry, f"{path.name}, claim {i + 1}") for i, entry in enumerate(content.get("claim", [])))

@@ -59,7 +59,7 @@ def check_command(
     from bench.claims import claim, evidence, judge, markdown
     from bench.claims import published as regression
 
-    published = published or claim.RESULTS / "published"
+    published = published or claim.checkout() / "results" / "published"
     if write and not rerun:
         raise click.UsageError("--write belongs to --rerun.")
     if rerun:
