@@ -1,6 +1,7 @@
 """The commands that find missing physics: their help, one sentence for a mistake, and MLflow's falling error."""
 
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,10 @@ from click.testing import CliRunner
 
 from bench import track
 from bench.cli import cli
+from bench.cli.diagnosing import write_model
 from bench.diagnose.diagnosis import GroupError
 from registry.errors import BenchError
+from registry.physics.oscillator import Oscillator
 
 COMMANDS = ("compare", "locate", "discover", "extend", "diagnose")
 
@@ -108,3 +111,14 @@ def test_every_extension_is_a_run_that_draws_the_fall(tmp_path: Path) -> None:
         assert rows(curve, last, "falling_error/velocity m per s") == [(0, 0.4), (1, 0.2), (2, 0.1)]
         assert rows(curve, last, "velocity over floor") == [(0, 2.0)]
         assert rows("SELECT value FROM params WHERE run_uuid = ?", last) == [("0.00012",)]
+
+
+def test_a_model_that_was_there_is_kept(tmp_path: Path) -> None:
+    target, model = tmp_path / "model.toml", Oscillator()
+    assert write_model(target, model, ()) == write_model(target, model, ()) == [target]
+    first = target.read_text()
+    written = write_model(target, replace(model, mass=2.0), ())
+    assert [p.name for p in written] == ["model.toml", "model.previous.toml"]
+    assert written[1].read_text() == first != target.read_text()
+    write_model(target, replace(model, mass=2.0), ())  # the same again is no reason to forget it
+    assert written[1].read_text() == first and len(list(tmp_path.iterdir())) == 2

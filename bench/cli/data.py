@@ -83,7 +83,8 @@ def check_command(folder: Path) -> None:
     click.echo(f"{len(loaded.recordings)} recording(s), {seconds:.1f} s in all, read without an error.")
     for f in loaded.findings:
         click.echo(f"  {f.recording}: {f.detail}")
-    click.echo(f'Next: bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}')
+    click.echo(f"Next: bench diagnose {folder}   (which physics a model of it lacks)")
+    click.echo(f'  or: bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}   (a network that predicts it)')
 
 
 def _render(rows: list[dict[str, Any]], findings: list[Finding]) -> None:

@@ -15,10 +15,12 @@ from bench.cli.diagnosing import (
     print_notes,
     say_next,
     say_problems,
+    say_written,
     show_extension,
     table,
     track_extension,
     write_json,
+    write_model,
 )
 from bench.cli.progress import announcer
 from registry.core import EFFECTS
@@ -239,7 +241,6 @@ def extend_command(
     bench discover flights/ --model flights/diagnosis/model.toml            what else?
     bench extend flights/ --model flights/diagnosis/model.toml --add inflow_thrust_loss
     """
-    from bench.diagnose import model_file as files
     from bench.diagnose.extend import extend
 
     check_effects(add)
@@ -249,10 +250,10 @@ def extend_command(
         say_problems(subject)
         done = extend(subject, start, add, tick, horizon_s=horizon)
     target = folder / "model.toml"
-    files.write(target, done.model, done.effects)
+    written = write_model(target, done.model, done.effects)
     console = options.console()
     show_extension(console, done)
-    console.print(f"\nWrote {target}", highlight=False, soft_wrap=True)
+    say_written(console, written)
     errors = {s.name: s.error for s in done.stages}
     write_json(to_json, {"dataset": subject.name, "error": errors, "effects": [asdict(e) for e in done.effects]})
     if not no_track:
@@ -287,7 +288,6 @@ def diagnose_command(
     bench diagnose flights/ --system mine.py:Tailsitter    your own physics
     bench diagnose flights/ --without mass --out second/   another look
     """
-    from bench.diagnose import model_file as files
     from bench.diagnose import page, story
     from bench.diagnose.diagnose import diagnose
 
@@ -304,8 +304,7 @@ def diagnose_command(
     page.write(written[0], found)
     found.write(written[1])
     if found.verdict != "data_problem":
-        written.append(folder / "model.toml")
-        files.write(written[-1], extended, found.effects)
+        written += write_model(folder / "model.toml", extended, found.effects)
     if to_json is not None:
         found.write(to_json)
-    console.print(f"\nWrote {', '.join(map(str, written))}", highlight=False, soft_wrap=True)
+    say_written(console, written)

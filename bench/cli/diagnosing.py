@@ -1,6 +1,7 @@
 """What the diagnosing commands share: measurements and models in, tables, files and MLflow runs out."""
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from registry.core import DATASETS, EFFECTS
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
-    from bench.diagnose.diagnosis import DataProblem
+    from bench.diagnose.diagnosis import DataProblem, NamedEffect
     from bench.diagnose.extend import Extension
     from bench.diagnose.subject import Subject
     from registry.dynamics import PhysicsModel
@@ -80,6 +81,29 @@ def say_problems(subject: "Subject") -> None:
         click.echo(f"data problem: {p.recording}{where}: {p.signal}: {p.kind}: {p.detail}", err=True)
     if len(found) > 4:
         click.echo(f"data problem: and {len(found) - 4} more; `bench diagnose` lists them.", err=True)
+
+
+def write_model(target: Path, model: "PhysicsModel", effects: "Sequence[NamedEffect]") -> list[Path]:
+    """Write the model; another one that was there is kept beside it. Returns the files written."""
+    from bench.diagnose import model_file as files
+
+    copy, former = target.with_name(".model.toml.former"), target.with_name("model.previous.toml")
+    if not target.is_file():
+        files.write(target, model, effects)
+        return [target]
+    shutil.copyfile(target, copy)
+    files.write(target, model, effects)
+    if copy.read_bytes() == target.read_bytes():
+        copy.unlink()
+        return [target]
+    copy.replace(former)
+    return [target, former]
+
+
+def say_written(console: Any, written: Sequence[Path]) -> None:
+    """Name the files, and what a former model is called now."""
+    former = " (the model that was there)" if written[-1].name == "model.previous.toml" else ""
+    console.print(f"\nWrote {', '.join(map(str, written))}{former}", highlight=False, soft_wrap=True)
 
 
 def show_extension(console: Any, done: "Extension") -> None:
