@@ -72,7 +72,8 @@ def fitted(
     shot = shoot(model, subject, subject.training, tick)
     if shot.after < WORTH * shot.before:
         by_name = {(e.owner, e.label): e.value for e in shot.free}
-        spread = {(e.owner, e.label): s for e, s in zip(shot.free, np.sqrt(np.diag(shot.covariance)), strict=True)}
+        sigma = np.sqrt(np.maximum(np.diag(shot.covariance), 0.0))
+        spread = {(e.owner, e.label): s for e, s in zip(shot.free, sigma, strict=True)}
         moved = []
         for x in found:
             key = (x.entry.owner, x.entry.label)
