@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from bench import engine
+from bench import conclude, engine
+from bench.claims.published import check
 from bench.config import RunConfig
 from bench.notation import parse
 from registry.core import DATASETS
@@ -17,11 +18,17 @@ SPEC = "MLFC: 1x50 - MLP: 60x10"
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["helicopter_twin", "tailsitter", "nanodrone"])
 def test_a_published_network_is_found_again(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    """To 1 %: on another kind of processor rounding differs and training amplifies it."""
+    """As `bench check` judges it: equal where it is the same run, else within what seeds differ by."""
     if name != "helicopter_twin":
         request.getfixturevalue("bench_data")
-    runs = json.loads((PUBLISHED / name / "study.json").read_text())["runs"]
-    published = next(r for r in runs if (r["spec"], r["horizon"], r["seed"]) == (SPEC, 40, 0))
+    study = json.loads((PUBLISHED / name / "study.json").read_text())
+    published = next(r for r in study["runs"] if (r["spec"], r["horizon"], r["seed"]) == (SPEC, 40, 0))
     config = RunConfig(*parse(SPEC), DATASETS.get(name)(), outputs=tuple(published["outputs"]))
-    (again,) = engine.execute(engine.plan([config], tmp_path), tmp_path)
-    assert again.summary["metrics"] == pytest.approx(published["metrics"], rel=0.01)
+    (again,) = engine.execute(engine.plan([config], tmp_path / "runs"), tmp_path / "runs")
+    folder = tmp_path / "studies" / "again"
+    folder.mkdir(parents=True)
+    study["runs"] = [{field: again.summary[field] for field in conclude.PUBLISHED}]
+    (folder / "study.json").write_text(json.dumps(study))
+    held = check(PUBLISHED / name, tmp_path)
+    assert held and max(h.band for h in held) < 0.3
+    assert all(h.holds for h in held), held
