@@ -109,8 +109,9 @@ def tell(message: Any) -> None:
     cluster.tell(message)
 
 
-def die_with_parent() -> None:
-    """Have this process killed when the one that started it ends, however that ends."""
+def serve_parent() -> None:
+    """Leave Ctrl-C to the process that started this one, and be killed when that ends, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
     parent = multiprocessing.parent_process()
@@ -168,8 +169,7 @@ def _processes(workers: int, ahead: int) -> Iterator[Crew]:
 def _start_worker(messages: Any) -> None:
     global _ticks
     _ticks = messages
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the driver's to handle
-    die_with_parent()
+    serve_parent()
 
 
 def _drain(messages: Any, hear: Hear) -> None:

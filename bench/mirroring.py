@@ -6,7 +6,6 @@ What a server that is slow or down has not taken when the study ends, `bench syn
 import multiprocessing
 import os
 import queue
-import signal
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.config import RunConfig
-from bench.executor import die_with_parent
+from bench.executor import serve_parent
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
@@ -100,8 +99,7 @@ class Mirroring:
 
 def _serve(inbox: Any, outbox: Any, uri: str, experiment: str, study: str | None) -> None:
     """The process: log what comes in, again and again where a server fails, until the driver has nothing more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the driver's to handle
-    die_with_parent()
+    serve_parent()
     os.nice(5)  # where there are fewer cores than processes, training goes first
     from bench import track
     from registry.errors import BenchError

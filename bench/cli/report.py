@@ -63,18 +63,17 @@ def sweep_page(name: str, dataset: str | None, preset: str | None, results: Path
     """
     from bench.sweep import journal as sweeps
 
-    titles = {folder: sweeps.read(folder)[0].title for folder in sweeps.sweeps(results)}
-    found = [f for f, title in titles.items() if name in (f.name, title)]
+    known = {folder: sweeps.read(folder)[0] for folder in sweeps.sweeps(results)}
+    found = [f for f, sweep in known.items() if name in (f.name, sweep.title)]
     if not found and not _fitting(((c, c.title) for c in concluded(results)), name, dataset, preset):
-        found = _fitting(((f, t.removeprefix("sweep of ")) for f, t in titles.items()), name, dataset, preset)
+        found = _fitting(((f, s.title.removeprefix("sweep of ")) for f, s in known.items()), name, dataset, preset)
     if len(found) > 1:
         raise BenchError(f"{len(found)} sweeps fit: give one of {'; '.join(f.name for f in found)}.")
     if not found:
         return None
     page = found[0] / sweeps.REPORT
     if not page.is_file():
-        command = sweeps.read(found[0])[0].command
-        raise BenchError(f"The sweep {found[0].name} has not ended: go on with `{command} --resume`.")
+        raise BenchError(f"The sweep {found[0].name} has not ended: go on with `{known[found[0]].command} --resume`.")
     return page
 
 

@@ -37,7 +37,7 @@ class _Share(click.ParamType):
 
 @click.command("score-discovery")
 @click.option("--quick", is_flag=True, help="A seventh to an eleventh of the cases, with fewer and shorter flights.")
-@click.option("--workers", type=click.IntRange(1, 512), help="Processes, one thread each; default: one a core.")
+@options.workers
 @click.option(
     "--seed",
     type=click.Choice(["reported", "development"]),

@@ -1,12 +1,9 @@
 """Diagnose many cases in several processes; what is finished is kept, line by line."""
 
-import ctypes
 import hashlib
 import json
 import multiprocessing
 import os
-import signal
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -16,6 +13,7 @@ from math import ceil
 from pathlib import Path
 from typing import Any
 
+from bench.executor import serve_parent
 from bench.score.attempt import Answer, attempt, to_json
 from bench.score.case import Case, truth
 from bench.score.judge import FAILED
@@ -199,9 +197,7 @@ def _start_worker() -> None:
 
     import bench.score.alternatives  # noqa: F401
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the driver's to handle
-    if sys.platform == "linux":  # a driver that is killed takes its workers along
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+    serve_parent()
     torch.set_num_threads(1)
     _codes.update({kind: digest(kind) for kind in COST})
 
