@@ -1,11 +1,13 @@
 """What keeps noise from being named, and an effect from being dropped for a constant that imitates it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_compare import TRUE, flights, subject_of
 
+from bench.diagnose import verify
 from bench.diagnose.choose import accepted
 from bench.diagnose.linearise import Directions, Start
 from bench.diagnose.parameters import Entry
@@ -70,3 +72,14 @@ def test_a_widely_uncertain_constant_does_not_stand_in_for_an_effect_that_is_tak
         normal = rows.normal([np.ones(1)] * rows.channels)
         misfits.append(Subsets(linear, normal, search.nominal).fit(drop=range(len(model.effects))).misfit)
     assert misfits[0] == pytest.approx(misfits[1], rel=1e-6)
+
+
+def test_crumbs_of_something_that_is_not_understood_are_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first effect imitates: what it gained is not understood, and the second gains too little beside that."""
+    misfit = {(): 100.0, (0,): 1100.0, (1,): 200.0, (2,): 1000.0}
+    subsets = SimpleNamespace(fit=lambda drop=(): SimpleNamespace(misfit=misfit[tuple(drop)]))
+    view = SimpleNamespace(subsets=subsets)
+    monkeypatch.setattr(verify, "needed", lambda view, place, traces: place != 0)
+    assert verify.understood(view, [0, 1, 2], [], total=50.0) == [2]  # type: ignore[arg-type]
+    monkeypatch.setattr(verify, "needed", lambda view, place, traces: True)
+    assert verify.understood(view, [0, 1, 2], [], total=50.0) == [0, 1, 2]  # type: ignore[arg-type]
