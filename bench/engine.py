@@ -56,8 +56,8 @@ class Task:
 
     @property
     def checkpoint(self) -> str:
-        """File name of its checkpoint: a function of the runs in it."""
-        return hashlib.sha256("".join(self.keys).encode()).hexdigest()[:24] + ".safetensors"
+        """File name of its checkpoint: the run that is recorded first, and a function of all of them."""
+        return f"{self.keys[0]}-{hashlib.sha256(''.join(self.keys).encode()).hexdigest()[:24]}.safetensors"
 
 
 @dataclass
@@ -181,14 +181,21 @@ def execute(
             yield task, _work, (plain, list(task.keys), checkpoint, weight)
 
     with closing(work_off(jobs(), min(workers, len(todo.tasks)), tick, lambda t: t.name, cluster)) as done:
-        for task, outcomes in done:
+        for _, outcomes in done:
             for outcome in outcomes:
                 finished(write(outcome, runs))
-            for left in partial.glob(f"{task.checkpoint}*"):  # drafts of killed workers as well
-                left.unlink(missing_ok=True)
+            _forget(partial, runs)
+    _forget(partial, runs)
     with suppress(OSError):
         partial.rmdir()  # stays while another driver's checkpoints are in it
     return [RunRecord(runs / key) for key in todo.keys]
+
+
+def _forget(partial: Path, runs: Path) -> None:
+    """Remove the checkpoints, and drafts of them, whose runs are recorded: by this driver or by one that was killed."""
+    for left in partial.glob("*"):
+        if record.exists(runs, left.name.split("-")[0]):
+            left.unlink(missing_ok=True)
 
 
 def write(outcome: Outcome, runs: Path) -> RunRecord:

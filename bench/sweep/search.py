@@ -1,7 +1,8 @@
 """The driver of a sweep: asks Optuna for configurations, hands them to workers, tells, stops what is not worth it."""
 
+import shutil
 from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +49,8 @@ def search(
         for asked, outcome in done:
             driver.tell(asked, outcome)
             ended(study.get_trials(deepcopy=False)[asked.number])
-    for left in (driver.partial, driver.stops):
-        with suppress(OSError):
-            left.rmdir()
+    for left in (driver.partial, driver.stops):  # every trial is told: a checkpoint there is a killed driver's
+        shutil.rmtree(left, ignore_errors=True)
 
 
 class _Driver:

@@ -84,6 +84,16 @@ def test_kills_at_random_moments_leave_whole_records(
     faults("the driver, at random moments of a small study (kill -9)", KILLS, 0, 0, "what it had in hand")
 
 
+def test_the_checkpoint_of_a_driver_killed_between_record_and_checkpoint_is_removed(tmp_path: Path) -> None:
+    """All is recorded, so the next driver has nothing to train and still clears up."""
+    configs, runs = study(1), tmp_path / "runs"
+    kill = lambda _: os.kill(os.getpid(), signal.SIGKILL)  # noqa: E731
+    _, status = os.waitpid(forked(lambda: engine.execute(engine.plan(configs, runs), runs, finished=kill)), 0)
+    assert os.WIFSIGNALED(status) and list((runs / ".partial").iterdir()) and len(sound(runs)) == 1
+    run(configs, runs)
+    assert not (runs / ".partial").exists()
+
+
 STEPS = 10
 """Seven files and their folder flushed, the folder renamed, the folder around it flushed."""
 
