@@ -22,10 +22,19 @@ def effort(seeds: int, updates: int, every: int = 0) -> Effort:
     return Effort(seeds, Training(updates=updates, evaluate_every=every or max(1, updates // 20)))
 
 
+def horizons(preset: str, paper_seeds: int = 3) -> dict[int, Effort]:
+    """What the studies of the paper spend on 0.4 s and 1.9 s: prediction length T [samples] → effort."""
+    return {
+        "smoke": {5: effort(2, 40)},
+        "laptop": {40: effort(3, 2000), 190: effort(3, 1000)},
+        "paper": {t: effort(paper_seeds, 30_000) for t in (40, 190)},
+    }[preset]
+
+
 def grid(
     specs: Sequence[str],
     dataset: Dataset,
-    horizons: Mapping[int, Effort],
+    efforts: Mapping[int, Effort],
     problems: Sequence[tuple[str, ...]] = ((),),
     test_stride: int = 10,
 ) -> list[RunConfig]:
@@ -34,12 +43,12 @@ def grid(
     Args:
         specs: in the paper's notation.
         dataset: on which.
-        horizons: T → seeds and training.
+        efforts: T → seeds and training.
         problems: the outputs of each problem; () is what the predictor is for.
         test_stride: samples between the starts of test windows.
     """
     made = []
-    for horizon, spent in horizons.items():
+    for horizon, spent in efforts.items():
         for outputs in problems:
             for spec in specs:
                 predictor, initializer = parse(spec)

@@ -1,7 +1,7 @@
 """Error over the horizon of the helicopter's black-box models (paper, figure HeliMeanCompare)."""
 
 from bench.config import RunConfig
-from bench.grid import effort, grid
+from bench.grid import grid, horizons
 from bench.study import Study
 from registry.contracts import Dataset
 from studies.mlp_vs_rnn_init import BASELINES, architectures
@@ -9,14 +9,9 @@ from studies.mlp_vs_rnn_init import BASELINES, architectures
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The four architectures on the velocity and on the rotational rates, a network each."""
-    horizons = {
-        "smoke": {5: effort(2, 40)},
-        "laptop": {40: effort(3, 800), 190: effort(2, 300)},
-        "paper": {t: effort(3, 30_000) for t in (40, 190)},
-    }[preset]
     problems = [(dataset.velocity,), (dataset.rates,)]
     stride = 50 if preset == "smoke" else 10
-    return grid((*architectures(preset), *BASELINES), dataset, horizons, problems, stride)
+    return grid((*architectures(preset), *BASELINES), dataset, horizons(preset), problems, stride)
 
 
 STUDY = Study(
@@ -40,7 +35,7 @@ STUDY = Study(
     ),
     presets={
         "smoke": "tiny networks, 40 updates, T = 5: seconds, for tests",
-        "laptop": "2x50 in place of 7x200; 800 updates and three seeds at T = 40, 300 and two at T = 190",
+        "laptop": "2x50 in place of 7x200; 2,000 updates at T = 40, 1,000 at T = 190, three seeds",
         "paper": "7x200, MLP 15000, RNN 2500; 30,000 updates, three seeds: days on a GPU, weeks on two cores",
     },
 )

@@ -1,7 +1,7 @@
 """How long a history: washout and MLP initialization from 5 to 40 samples (paper, two remarks in the text)."""
 
 from bench.config import RunConfig
-from bench.grid import effort, grid
+from bench.grid import grid, horizons
 from bench.study import Study
 from registry.contracts import Dataset
 
@@ -13,12 +13,7 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """One network for all three rotational rates, initialized from histories of four lengths in two ways."""
     size, width = ("1x10", 20) if preset == "smoke" else ("1x50", 60)
     specs = [f"LSTM: {size} - {i}{t}" for i in ("Washout: ", f"MLP: {width}x") for t in LENGTHS]
-    horizons = {
-        "smoke": {5: effort(2, 40)},
-        "laptop": {40: effort(3, 800), 190: effort(2, 300)},
-        "paper": {t: effort(5, 30_000) for t in (40, 190)},
-    }[preset]
-    return grid((*specs, *BASELINES), dataset, horizons, [(dataset.rates,)], 50 if preset == "smoke" else 10)
+    return grid((*specs, *BASELINES), dataset, horizons(preset, 5), [(dataset.rates,)], 50 if preset == "smoke" else 10)
 
 
 STUDY = Study(
@@ -39,7 +34,7 @@ STUDY = Study(
     paper_says="No figure: two remarks in the text, tested here by a sweep.",
     presets={
         "smoke": "tiny networks, 40 updates, T = 5: seconds, for tests",
-        "laptop": "1x50; 800 updates and three seeds at T = 40, 300 and two at T = 190",
+        "laptop": "1x50; 2,000 updates at T = 40, 1,000 at T = 190, three seeds",
         "paper": "1x50; 30,000 updates, five seeds at both horizons: a night on two cores",
     },
 )

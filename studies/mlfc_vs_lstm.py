@@ -1,7 +1,7 @@
 """Error against number of weights, MLFC and LSTM (paper, section "MLFC vs. LSTM", figure HeliSizeCompare)."""
 
 from bench.config import RunConfig
-from bench.grid import effort, grid
+from bench.grid import grid, horizons
 from bench.study import Study
 from registry.contracts import Dataset
 from registry.units import SIGNALS
@@ -18,13 +18,8 @@ BASELINES = ("constant", "linear")
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The five architectures on each of the three rotational rates, each of them a MISO problem of its own."""
-    horizons = {
-        "smoke": {5: effort(2, 40)},
-        "laptop": {40: effort(3, 800), 190: effort(2, 300)},
-        "paper": {t: effort(5, 30_000) for t in (40, 190)},
-    }[preset]
     axes = [(f"{dataset.rates}.{axis}",) for axis in SIGNALS[dataset.rates].axes]
-    return grid((*ARCHITECTURES, *BASELINES), dataset, horizons, axes, 50 if preset == "smoke" else 10)
+    return grid((*ARCHITECTURES, *BASELINES), dataset, horizons(preset, 5), axes, 50 if preset == "smoke" else 10)
 
 
 STUDY = Study(
@@ -41,7 +36,7 @@ STUDY = Study(
     ),
     presets={
         "smoke": "40 updates, T = 5: seconds, for tests",
-        "laptop": "the paper's sizes; 800 updates and three seeds at T = 40, 300 updates and two seeds at T = 190",
+        "laptop": "the paper's sizes; 2,000 updates at T = 40, 1,000 at T = 190, three seeds",
         "paper": "30,000 updates, five seeds at both horizons: a night on two cores",
     },
 )

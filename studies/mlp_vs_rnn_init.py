@@ -1,7 +1,7 @@
 """MLP against RNN initializers (paper, section "MLP vs RNN Initializers", figure HeliSizeCompareEuler)."""
 
 from bench.config import RunConfig
-from bench.grid import effort, grid
+from bench.grid import grid, horizons
 from bench.study import Study
 from registry.contracts import Dataset
 
@@ -22,13 +22,8 @@ def architectures(preset: str) -> tuple[str, ...]:
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The four architectures, inputs → all three rotational rates at once."""
-    horizons = {
-        "smoke": {5: effort(2, 40)},
-        "laptop": {40: effort(3, 800), 190: effort(2, 300)},
-        "paper": {t: effort(3, 30_000) for t in (40, 190)},
-    }[preset]
     stride = 50 if preset == "smoke" else 10
-    return grid((*architectures(preset), *BASELINES), dataset, horizons, [(dataset.rates,)], stride)
+    return grid((*architectures(preset), *BASELINES), dataset, horizons(preset), [(dataset.rates,)], stride)
 
 
 STUDY = Study(
@@ -50,7 +45,7 @@ STUDY = Study(
     paper_says="Total RMSSE of the Euler rates at 0.4 s and 1.9 s: the four trained models behave similarly.",
     presets={
         "smoke": "tiny networks, 40 updates, T = 5: seconds, for tests",
-        "laptop": "2x50 in place of 7x200; 800 updates and three seeds at T = 40, 300 and two at T = 190",
+        "laptop": "2x50 in place of 7x200; 2,000 updates at T = 40, 1,000 at T = 190, three seeds",
         "paper": "7x200, MLP 15000, RNN 2500; 30,000 updates, three seeds: days on a GPU, weeks on two cores",
     },
 )

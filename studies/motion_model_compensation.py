@@ -1,7 +1,7 @@
 """The motion model's own error before and after compensation (paper, figure MM_Dis)."""
 
 from bench.config import RunConfig
-from bench.grid import effort, grid
+from bench.grid import grid, horizons
 from bench.study import Study
 from registry.contracts import Dataset
 from studies.quadrotor_hybrid import SIZES
@@ -10,14 +10,9 @@ from studies.quadrotor_hybrid import SIZES
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The hybrid, whose motion model is judged before its error is compensated, and the physics alone."""
     size, mlp = SIZES[preset]
-    horizons = {
-        "smoke": {5: effort(2, 40)},
-        "laptop": {40: effort(3, 800), 190: effort(2, 300)},
-        "paper": {t: effort(3, 30_000) for t in (40, 190)},
-    }[preset]
     both = [(dataset.velocity, dataset.rates)]
     specs = (f"Hybrid: {size} - MLP: {mlp}", "physics", "constant")
-    return grid(specs, dataset, horizons, both, 50 if preset == "smoke" else 10)
+    return grid(specs, dataset, horizons(preset), both, 50 if preset == "smoke" else 10)
 
 
 STUDY = Study(

@@ -1,7 +1,7 @@
 """Black-box models of the quadrotor, teacher-forced and practical (paper, figure QuadMeanCompare)."""
 
 from bench.config import RunConfig
-from bench.grid import effort, grid
+from bench.grid import grid, horizons
 from bench.study import Study
 from registry.contracts import Dataset
 
@@ -18,14 +18,9 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """Cascades of two networks, and one network for velocity and rates together."""
     size, mlp, rnn = SIZES[preset]
     cascades = [f"{p}: {size} - {i}" for p in ("Cascade", "Cascade TDL") for i in (f"MLP: {mlp}", f"RNN: {rnn}")]
-    horizons = {
-        "smoke": {5: effort(2, 40)},
-        "laptop": {40: effort(3, 800), 190: effort(2, 300)},
-        "paper": {t: effort(3, 30_000) for t in (40, 190)},
-    }[preset]
     both = [(dataset.velocity, dataset.rates)]
     stride = 50 if preset == "smoke" else 10
-    return grid((*cascades, f"LSTM: {size} - MLP: {mlp}", *BASELINES), dataset, horizons, both, stride)
+    return grid((*cascades, f"LSTM: {size} - MLP: {mlp}", *BASELINES), dataset, horizons(preset), both, stride)
 
 
 STUDY = Study(
@@ -53,7 +48,7 @@ STUDY = Study(
     ),
     presets={
         "smoke": "tiny networks, 40 updates, T = 5: seconds, for tests",
-        "laptop": "1x50 in place of 7x200; 800 updates and three seeds at T = 40, 300 and two at T = 190",
+        "laptop": "1x50 in place of 7x200; 2,000 updates at T = 40, 1,000 at T = 190, three seeds",
         "paper": "7x200, MLP 15000, RNN 2500; 30,000 updates, three seeds: days on a GPU, weeks on two cores",
     },
 )

@@ -1,7 +1,7 @@
 """Hybrid (physics and networks) against black box (paper, figures GB_BB_Dist_*)."""
 
 from bench.config import RunConfig
-from bench.grid import effort, grid
+from bench.grid import grid, horizons
 from bench.study import Study
 from registry.contracts import Dataset
 
@@ -14,13 +14,8 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The hybrid, two variants of it, the black box in practical mode, the physics alone."""
     size, mlp = SIZES[preset]
     networks = [f"{p}: {size} - MLP: {mlp}" for p in ("Hybrid", "Hybrid residual", "Hybrid unsummed", "Cascade")]
-    horizons = {
-        "smoke": {5: effort(2, 40)},
-        "laptop": {40: effort(3, 800), 190: effort(2, 300)},
-        "paper": {t: effort(3, 30_000) for t in (40, 190)},
-    }[preset]
     both = [(dataset.velocity, dataset.rates)]
-    return grid((*networks, *BASELINES), dataset, horizons, both, 50 if preset == "smoke" else 10)
+    return grid((*networks, *BASELINES), dataset, horizons(preset), both, 50 if preset == "smoke" else 10)
 
 
 STUDY = Study(
@@ -48,7 +43,7 @@ STUDY = Study(
     ),
     presets={
         "smoke": "tiny networks, 40 updates, T = 5: seconds, for tests",
-        "laptop": "1x50 in place of 4x200; 800 updates and three seeds at T = 40, 300 and two at T = 190",
+        "laptop": "1x50 in place of 4x200; 2,000 updates at T = 40, 1,000 at T = 190, three seeds",
         "paper": "4x200, MLP 5000; 30,000 updates, three seeds: weeks on two cores",
     },
 )

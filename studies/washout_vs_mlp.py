@@ -1,7 +1,7 @@
 """Neural initialization against washout (paper, section "NN-based Initialization vs. Washout", figure HeliCompare)."""
 
-from bench.config import RunConfig, Training
-from bench.grid import Effort, effort, grid
+from bench.config import RunConfig
+from bench.grid import grid, horizons
 from bench.study import Study
 from registry.contracts import Dataset
 from registry.units import SIGNALS
@@ -19,13 +19,10 @@ BASELINES = ("constant", "linear")
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """Architectures and baselines on each of the three rotational rates, each of them a MISO problem of its own."""
-    horizons = {
-        "smoke": {5: effort(2, 40)},
-        "laptop": {40: Effort(3, Training()), 190: Effort(1, Training())},
-        "paper": {t: Effort(5, Training(updates=30_000, evaluate_every=500, patience=12)) for t in (40, 190)},
-    }[preset]
     axes = [(f"{dataset.rates}.{axis}",) for axis in SIGNALS[dataset.rates].axes]
-    return grid((*ARCHITECTURES, *OWN_FEEDBACK, *BASELINES), dataset, horizons, axes, 50 if preset == "smoke" else 10)
+    return grid(
+        (*ARCHITECTURES, *OWN_FEEDBACK, *BASELINES), dataset, horizons(preset, 5), axes, 50 if preset == "smoke" else 10
+    )
 
 
 STUDY = Study(
@@ -46,7 +43,7 @@ STUDY = Study(
     ),
     presets={
         "smoke": "40 updates, T = 5: seconds, for tests",
-        "laptop": "2,000 updates; T = 40 with three seeds, T = 190 with one: minutes on two cores",
+        "laptop": "2,000 updates at T = 40, 1,000 at T = 190, three seeds: minutes on two cores",
         "paper": "30,000 updates, five seeds at both horizons: a night on two cores",
     },
 )
