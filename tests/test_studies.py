@@ -5,6 +5,7 @@ from collections import defaultdict
 import pytest
 
 from bench import study
+from bench.cli.datasets import choose
 from bench.grid import matched
 from registry.core import DATASETS
 
@@ -84,3 +85,9 @@ def test_patterns_name_configurations_and_not_their_relatives() -> None:
         (specs[1], "linear"),
         (specs[2], "linear"),
     ]
+
+
+def test_a_study_flies_the_twin_in_full_unless_told_otherwise() -> None:
+    assert choose("pelican_twin", full=True).size == "full"  # type: ignore[attr-defined]
+    assert choose("pelican_twin", {"size": "small"}, full=True).size == "small"  # type: ignore[attr-defined]
+    assert choose("emps", full=True) == choose("emps")

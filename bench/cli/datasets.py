@@ -8,12 +8,13 @@ from registry.contracts import Dataset
 from registry.core import DATASETS
 
 
-def choose(name: str, options: dict[str, str] | None = None) -> Dataset:
+def choose(name: str, options: dict[str, str] | None = None, full: bool = False) -> Dataset:
     """The data set of that name, or the `folder` data set where ``name`` is a folder with a dataset.toml.
 
     Args:
         name: registered name or path.
         options: field → text, converted to each field's type.
+        full: where a data set comes in sizes, the full one, unless the options say otherwise.
 
     Raises:
         BenchError: neither a name nor such a folder, or an unknown option.
@@ -21,5 +22,7 @@ def choose(name: str, options: dict[str, str] | None = None) -> Dataset:
     given: dict[str, Any] = dict(options or {})
     if (Path(name) / "dataset.toml").is_file():
         name, given = "folder", {"path": str(Path(name).resolve()), **given}
+    if full and name in DATASETS.names() and hasattr(DATASETS.get(name), "size"):
+        given = {"size": "full", **given}
     made: Dataset = build_entry(DATASETS, name, given)
     return made

@@ -26,7 +26,11 @@ ALL = "all"
 @click.argument("target", metavar="STUDY|SPEC|all")
 @options.dataset
 @click.option(
-    "--preset", type=click.Choice(study.PRESETS), default="laptop", show_default=True, help="Size of a study."
+    "--preset",
+    type=click.Choice(study.PRESETS),
+    default="laptop",
+    show_default=True,
+    help="Size of a study. Simulated data are as many as the paper's, for smoke a small part of them.",
 )
 @click.option("--seeds", type=click.IntRange(1, 100), help="How many seeds (SPEC only; default 1).")
 @click.option("--horizon", "-T", type=click.IntRange(1), help="Prediction length in samples (default: 40).")
@@ -95,7 +99,8 @@ def run_command(
     def job(name: str) -> Job:
         """The runs of one study or configuration."""
         found = known.get(name)
-        chosen = choose(dataset or (found.default_dataset if found else "pelican_twin"), data_options)
+        source = dataset or (found.default_dataset if found else "pelican_twin")
+        chosen = choose(source, data_options, full=found is not None and preset != "smoke")
         configs = found.runs(preset, chosen) if found else _one(name, chosen, seeds or 1)
         if physics and not any(hasattr(c.predictor, "model") for c in configs):
             raise BenchError(f"{name} has no physics: --physics belongs to `physics` and to hybrids.")
