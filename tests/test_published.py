@@ -7,9 +7,9 @@ import pytest
 
 from bench import conclude, engine
 from bench.claims.published import check
+from bench.cli.datasets import choose
 from bench.config import RunConfig
 from bench.notation import parse
-from registry.core import DATASETS
 
 PUBLISHED = Path(__file__).parent.parent / "results" / "published" / "washout_vs_mlp"
 SPEC = "MLFC: 1x50 - MLP: 60x10"
@@ -23,7 +23,7 @@ def test_a_published_network_is_found_again(name: str, tmp_path: Path, request: 
         request.getfixturevalue("bench_data")
     study = json.loads((PUBLISHED / name / "study.json").read_text())
     published = next(r for r in study["runs"] if (r["spec"], r["horizon"], r["seed"]) == (SPEC, 40, 0))
-    config = RunConfig(*parse(SPEC), DATASETS.get(name)(), outputs=tuple(published["outputs"]))
+    config = RunConfig(*parse(SPEC), choose(name, full=True), outputs=tuple(published["outputs"]))
     (again,) = engine.execute(engine.plan([config], tmp_path / "runs"), tmp_path / "runs")
     folder = tmp_path / "studies" / "again"
     folder.mkdir(parents=True)
