@@ -173,6 +173,8 @@ class Dataset(ABC):
     """Relative 1σ of these constants, where it is not the model's default."""
     processing: ClassVar[dict[str, Any]] = {}
     """What was done to the recordings, as [processing] of a dataset.toml says it."""
+    in_full: ClassVar[dict[str, str]] = {}
+    """Options of the whole of the data, where they come in sizes; studies take it for all but smoke tests."""
 
     @property
     def label(self) -> str:

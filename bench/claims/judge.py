@@ -145,6 +145,7 @@ def _bound(claims: Claims, claim: Claim, ordered: Sequence[Evidence], facts: boo
 def _recorded(kind: Fact, dataset: str) -> list[Estimate]:
     """What the recordings say; nothing where they cannot be had."""
     try:
-        return kind.count(load(DATASETS.get(dataset)()))
+        entry = DATASETS.get(dataset)
+        return kind.count(load(entry(**entry.in_full)))
     except BenchError:
         return []

@@ -14,7 +14,7 @@ def choose(name: str, options: dict[str, str] | None = None, full: bool = False)
     Args:
         name: registered name or path.
         options: field → text, converted to each field's type.
-        full: where a data set comes in sizes, the full one, unless the options say otherwise.
+        full: the whole of the data where they come in sizes, unless the options say otherwise.
 
     Raises:
         BenchError: neither a name nor such a folder, or an unknown option.
@@ -22,7 +22,7 @@ def choose(name: str, options: dict[str, str] | None = None, full: bool = False)
     given: dict[str, Any] = dict(options or {})
     if (Path(name) / "dataset.toml").is_file():
         name, given = "folder", {"path": str(Path(name).resolve()), **given}
-    if full and name in DATASETS.names() and hasattr(DATASETS.get(name), "size"):
-        given = {"size": "full", **given}
+    if full and name in DATASETS.names():
+        given = {**DATASETS.get(name).in_full, **given}
     made: Dataset = build_entry(DATASETS, name, given)
     return made

@@ -70,6 +70,7 @@ class Twin(Dataset):
     size: str = option("small", "number and length of flights", choices=("small", "full"))
     seed: int = option(0, "of references, gusts and measurement errors", low=0)
 
+    in_full: ClassVar[dict[str, str]] = {"size": "full"}
     recorded: ClassVar[tuple[Channel, ...]]
     """Columns, the four inputs first."""
 
