@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from bench import durable
 from bench.claims.evidence import FILE, write_evidence
@@ -55,13 +56,17 @@ def concluded(results: Path) -> Iterator[Concluded]:
         yield found
 
 
-def all_steps(records: Sequence[RunRecord]) -> pd.DataFrame:
-    """One long table: key, spec, seed, horizon and the columns of `RunRecord.steps`."""
-    tables = [
-        r.steps.assign(key=r.key, spec=r.summary["spec"], seed=r.summary["seed"], horizon=r.summary["horizon"])
-        for r in records
-    ]
-    return pd.concat(tables, ignore_index=True)
+def write_steps(records: Sequence[RunRecord], path: Path) -> None:
+    """One long table: the columns of `RunRecord.steps`, key, spec, seed and horizon; a record at a time in memory."""
+
+    def rows(r: RunRecord) -> pa.Table:
+        said = {"key": r.key, **{name: r.summary[name] for name in ("spec", "seed", "horizon")}}
+        return pa.Table.from_pandas(r.steps.assign(**said), preserve_index=False)
+
+    kept = [r for r in records if not r.steps.empty] or records[:1]  # one that diverged has no rows, and no types
+    with pq.ParquetWriter(path, rows(kept[0]).schema, compression="zstd") as target:
+        for r in kept:
+            target.write_table(rows(r))
 
 
 def conclude(
@@ -105,7 +110,7 @@ def _write(records: Sequence[RunRecord], title: str, study: Study | None, comman
         figures.box_figure(records[0], folder / "error_distribution.png")
     (folder / "table.md").write_text(report.to_markdown(records, pairs, title, command, "error_per_step.png", within))
     study_page.write(folder / REPORT, records, title, study, command)
-    all_steps(records).to_parquet(folder / STEPS, index=False)
+    write_steps(records, folder / STEPS)
     write_evidence(records, folder / FILE)
     files = [p for p in sorted(folder.iterdir()) if p.suffix in (".png", ".svg", ".md", ".html")]
     content = {

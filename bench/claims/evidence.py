@@ -29,14 +29,18 @@ FILE = "evidence.parquet"
 KEPT_BITS = 12
 """Bits of a value's fraction that are kept: a relative error below 2⁻¹³, 0.013 %, and half the file."""
 COST = "validation cost"
+_NAMES = ("key", "quantity", "norm", "unit", "statistic")
+_SCHEMA = pa.schema(
+    [(name, pa.dictionary(pa.int32(), pa.string())) for name in _NAMES]
+    + [("step", pa.int32()), ("value", pa.float32())]
+)
 HISTORY = 10
 """The paper's initialization length; other ones are looked at only where they are swept."""
 
 
-def evidence_table(records: Sequence[RunRecord]) -> pd.DataFrame:
-    """The rows of all records that claims can rest on."""
-    tables = []
-    names = ["key", "quantity", "norm", "unit", "step", "statistic", "value"]
+def evidence_table(records: Sequence[RunRecord]) -> pa.Table:
+    """The rows of all records that claims can rest on, names as indices into a dictionary."""
+    tables = [_SCHEMA.empty_table()]
     for record in records:
         t = record.steps
         if t.empty:  # diverged
@@ -47,29 +51,27 @@ def evidence_table(records: Sequence[RunRecord]) -> pd.DataFrame:
         kept = t[(means & ((t.norm != "axis") | alone)) | ((t.norm == "axis") & (t.statistic == "q99"))]
         learned = record.curve.rename(columns={"update": "step", "validation_loss": "value"})
         learned = learned.assign(quantity=COST, norm="scaled", unit="1", statistic="mean")
-        tables += [part.assign(key=record.key)[names] for part in (kept, learned)]
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=names)
+        rows = pd.concat([kept, learned], ignore_index=True).assign(key=record.key)
+        rows = rows.assign(value=_rounded(rows["value"].to_numpy(np.float32)))
+        tables.append(pa.Table.from_pandas(rows, _SCHEMA, preserve_index=False))
+    return pa.concat_tables(tables).unify_dictionaries().combine_chunks()
+
+
+def _rounded(values: np.ndarray) -> np.ndarray:
+    """float32 values of which `KEPT_BITS` bits are kept, the finite ones rounded to them."""
+    bits, drop = values.view(np.uint32), np.uint32(23 - KEPT_BITS)
+    rounded = (bits + (np.uint32(1) << (drop - np.uint32(1)))) >> drop << drop
+    return np.where(np.isfinite(values), rounded, bits).view(np.float32)
 
 
 def write_evidence(records: Sequence[RunRecord], path: Path) -> None:
     """Write the table, compressed."""
-    table = evidence_table(records)
-    bits = table["value"].to_numpy(np.float32).view(np.uint32)
-    drop = np.uint32(23 - KEPT_BITS)
-    finite = np.isfinite(bits.view(np.float32))
-    rounded = (bits + (np.uint32(1) << (drop - np.uint32(1)))) >> drop << drop
-    columns: dict[str, Any] = {
-        name: pa.array(table[name].astype(str)).dictionary_encode()
-        for name in ("key", "quantity", "norm", "unit", "statistic")
-    }
-    columns["step"] = pa.array(table["step"].astype(np.int32))
-    columns["value"] = pa.array(np.where(finite, rounded, bits).view(np.float32))
     pq.write_table(
-        pa.table(columns),
+        evidence_table(records),
         path,
         compression="zstd",
         compression_level=19,
-        use_dictionary=[name for name in columns if name != "value"],
+        use_dictionary=[name for name in _SCHEMA.names if name != "value"],
         column_encoding={"value": "BYTE_STREAM_SPLIT"},
         store_schema=False,
     )

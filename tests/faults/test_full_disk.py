@@ -72,7 +72,7 @@ def test_a_study_whose_report_does_not_fit_keeps_its_runs(
     records = engine.execute(engine.plan(study(2), runs), runs)
     before, folder = sound(runs), tmp_path / "studies" / "s"
     with monkeypatch.context() as patch, pytest.raises(BenchError, match="No space left on device; every finished"):
-        patch.setattr(conclude.pd.DataFrame, "to_parquet", full)
+        patch.setattr(conclude.pq.ParquetWriter, "write_table", full)
         conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
     assert sound(runs) == before and not list(conclude.concluded(tmp_path))
     conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)

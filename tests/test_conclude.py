@@ -1,0 +1,37 @@
+"""The long tables that a study leaves, against the records that they are made of."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import synthetic_study
+from rich.console import Console
+
+from bench import conclude
+from bench.claims.evidence import COST, FILE
+
+
+def test_the_tables_hold_every_step_of_every_run_that_did_not_diverge(tmp_path: Path) -> None:
+    lost = synthetic_study.record(tmp_path / "runs", synthetic_study.MLP, ("body_rates.q",), 7, 3, 2, diverged=True)
+    rest = synthetic_study.study(tmp_path / "runs", {5: 2, 7: 1}, axes="p", recordings=2)
+    conclude.conclude(Console(quiet=True), [lost, *rest], "s", None, "bench run s", tmp_path / "out")
+    steps = pd.read_parquet(tmp_path / "out" / conclude.STEPS)
+    evidence = pd.read_parquet(tmp_path / "out" / FILE)
+    assert list(dict.fromkeys(steps.key)) == list(dict.fromkeys(evidence.key)) == [r.key for r in rest]
+    for r in rest:
+        mine = steps[steps.key == r.key].reset_index(drop=True)
+        pd.testing.assert_frame_equal(mine[r.steps.columns], r.steps)
+        assert set(zip(mine.spec, mine.seed, mine.horizon, strict=True)) == {
+            (r.summary["spec"], r.summary["seed"], r.summary["horizon"])
+        }
+        kept = r.steps[r.steps.statistic.str.startswith("mean") | (r.steps.statistic == "q99")]
+        shown = evidence[(evidence.key == r.key) & (evidence.quantity != COST)]
+        assert list(shown.statistic) == list(kept.statistic) and list(shown.step) == list(kept.step)
+        np.testing.assert_allclose(shown.value, kept.value, rtol=2**-12)
+
+
+def test_a_study_of_which_every_run_diverged_has_empty_tables(tmp_path: Path) -> None:
+    lost = synthetic_study.record(tmp_path / "runs", synthetic_study.MLP, ("body_rates.q",), 7, 3, 2, diverged=True)
+    conclude.conclude(Console(quiet=True), [lost], "s", None, "bench run s", tmp_path / "out")
+    for name in (conclude.STEPS, FILE):
+        assert pd.read_parquet(tmp_path / "out" / name).empty
