@@ -81,7 +81,11 @@ class Mirroring:
         if self.process.is_alive():
             self.process.kill()
         self.process.join()
-        self.inbox.cancel_join_thread()
+        self.inbox.close()
+        if self.process.exitcode == 0:
+            self.inbox.join_thread()  # all was read; at the interpreter's end this thread would leave semaphores behind
+        else:
+            self.inbox.cancel_join_thread()  # nobody reads the rest
 
     def _listen(self, seconds: float) -> None:
         while True:
@@ -134,6 +138,8 @@ def _serve(inbox: Any, outbox: Any, uri: str, experiment: str, study: str | None
         except BenchError as error:
             outbox.put((0, str(error)))
             if known is None:  # no address at all
+                while _collect(inbox, waiting, None):
+                    waiting.clear()
                 return
             waiting.popleft()  # a record that was damaged meanwhile
 

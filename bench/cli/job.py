@@ -119,7 +119,8 @@ def mirroring(place: Place, title: str, name: str | None) -> Iterator[Mirroring 
 
 def browse(out: Console, missing: int, title: str, place: Place) -> None:
     """Where to look next."""
-    where = f"--results {escape(str(place.results))}"
+    tracking = ["--tracking", place.tracking] if place.tracking else []
+    where = escape(shlex.join(["--results", str(place.results), *tracking]))
     if missing:
         out.print(f"{missing} runs are not in MLflow yet: [bold]bench sync {where}[/] logs them.")
     else:

@@ -1,11 +1,13 @@
 """An MLflow server that hangs, is killed, comes back: training does not notice; `bench sync` brings what is missing."""
 
+import io
 import os
 import signal
 import socket
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -13,9 +15,11 @@ from pathlib import Path
 
 import pytest
 from faults.test_cluster import bench, free_port, made, started, until
+from rich.console import Console
 from synthetic_records import synthetic_record
 
 from bench import mirroring, track
+from bench.cli.job import Place, browse
 from bench.mirroring import Mirroring
 
 RUN = ["run", "LSTM: 1x6 - MLP: 6x10", "--seeds", "4", "--dataset", "helicopter_twin", "--set", "training.updates=200"]
@@ -42,13 +46,28 @@ def test_a_server_that_never_answers_costs_no_time(tmp_path: Path, monkeypatch: 
         assert time.monotonic() - began < 15 and not mirror.process.is_alive()
 
 
-def test_a_dead_server_is_said_once(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("address", "says"), [("http://127.0.0.1:{}", "run `bench sync` later."), ("nonsense", "or http://HOST:PORT.")]
+)
+def test_a_dead_server_is_said_once(address: str, says: str, tmp_path: Path) -> None:
     said: list[str] = []
-    mirror = Mirroring(f"http://127.0.0.1:{free_port()}", "e", None, said.append)
-    mirror.add([tmp_path / "a", tmp_path / "b"])
-    assert mirror.finish() == 2
+    before = set(threading.enumerate())
+    mirror = Mirroring(address.format(free_port()), "e", None, said.append)
+    mirror.add(tmp_path / f"{i:0100}" for i in range(1000))  # more than a pipe holds
+    assert mirror.finish() == 1000
     (sentence,) = said
-    assert sentence.endswith("run `bench sync` later.")
+    assert sentence.endswith(says)
+    # A thread that is alive when the interpreter ends leaves a semaphore, and Python prints a warning.
+    assert set(threading.enumerate()) <= before
+
+
+def test_the_way_to_what_is_missing_names_the_server() -> None:
+    out = Console(file=io.StringIO(), width=200)
+    browse(out, 2, "t", Place(Path("a b"), "http://127.0.0.1:5001", False, None))
+    browse(out, 0, "t", Place(Path("r"), None, False, None))
+    missing, whole = out.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    assert "bench sync --results 'a b' --tracking http://127.0.0.1:5001 logs" in missing
+    assert "bench ui --results r (opens" in whole
 
 
 def test_what_a_killed_driver_left_running_is_repaired(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
