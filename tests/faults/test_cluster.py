@@ -10,9 +10,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import optuna
 import pytest
+from optuna.trial import TrialState
 
 from bench import record
+from bench.config import RunConfig, Training
+from bench.notation import parse
+from bench.sweep import journal as sweep
+from bench.sweep.search import search
+from bench.sweep.space import parse_search
+from registry.core import DATASETS
 
 pytest.importorskip("distributed", reason="the cluster extra is not installed")
 RUN = ["run", "LSTM: 1x6 - MLP: 6x10", "--seeds", "8", "--no-track", "--dataset", "helicopter_twin"]
@@ -103,8 +111,6 @@ def test_kills_on_a_cluster_lose_only_what_was_in_hand(tmp_path: Path, faults: C
 @pytest.mark.faults
 def test_a_sweep_on_a_cluster_is_that_of_one_process(tmp_path: Path, faults: Callable[..., None]) -> None:
     """One worker, killed in the middle of a trial, then another: proposals, errors and finalists are the same."""
-    from bench.sweep import journal as sweep
-
     command = ["sweep", "LSTM: 1x6 - MLP: 6x10", "--dataset", "helicopter_twin", "--no-track", "--name", "s"]
     command += ["--trials", "4", "--objective", "weights", "--set", "training.updates=200"]
     command += ["--search", "predictor.hidden=6:12", "--search", "predictor.layers=1:2"]
@@ -141,6 +147,28 @@ def test_a_sweep_on_a_cluster_is_that_of_one_process(tmp_path: Path, faults: Cal
         0,
         "the updates since its checkpoint",
     )
+
+
+@pytest.mark.faults
+def test_a_trial_that_is_not_worth_it_stops_on_a_cluster(tmp_path: Path) -> None:
+    """A pruner that stops everything stands in for a trial that is worse than the others."""
+    training = Training(updates=20_000, evaluate_every=50)
+    config = RunConfig(*parse("LSTM: 1x6 - MLP: 6x10"), DATASETS.get("helicopter_twin")(), training=training)
+    space = dict([parse_search("training.learning_rate=1e-3:2e-3", [config])])
+    asked = sweep.Sweep("stopped", (config,), space)
+    study = sweep.begin(asked, tmp_path / "s", resume=False)
+    study.pruner = optuna.pruners.ThresholdPruner(upper=0.0)
+    address = f"tcp://127.0.0.1:{(port := free_port())}"
+    scheduler = ("dask", "scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+    worker = ("dask", "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    with (
+        started(*scheduler, says="Scheduler at", log=tmp_path / "scheduler"),
+        started(*worker, says="Registered to", log=tmp_path / "worker"),
+    ):
+        search(asked, study, tmp_path / "s", trials=2, cluster=address)
+    assert [t.state for t in study.trials] == [TrialState.PRUNED] * 2
+    assert all(t.user_attrs["updates"] < training.updates / 2 for t in study.trials)
+    assert sorted(p.name for p in (tmp_path / "s").iterdir()) == [sweep.JOURNAL, sweep.DEFINITION]
 
 
 @pytest.mark.faults
