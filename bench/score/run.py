@@ -1,19 +1,19 @@
 """Diagnose many cases in several processes; what is finished is kept, line by line."""
 
+import functools
 import hashlib
 import json
-import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from math import ceil
 from pathlib import Path
 from typing import Any
 
-from bench.executor import serve_parent
+import torch
+
+from bench.executor import work_off
 from bench.score.attempt import Answer, attempt, to_json
 from bench.score.case import Case, truth
 from bench.score.judge import FAILED
@@ -156,62 +156,39 @@ def run(
         todo: from `jobs`.
         store: where answers are kept.
         cache: folder of the flights.
-        workers: processes, one thread each.
+        workers: processes, one thread each; 1 stays in this one.
         starting: called when a job is handed out.
         finished: called when its answer is kept.
         do: the work; must be importable by name.
 
     Raises:
-        BenchError: the results cannot be written, a worker died, or code was changed while the workers started.
+        BenchError: the results cannot be written, workers die again and again, or code was changed while they started.
     """
     held = store.read()
     waiting = [job for job in todo if job.key not in held]
-    with _pool(max(1, min(workers, len(waiting)))) as pool:
-        pending: dict[Future[tuple[str, dict[str, Any]]], Job] = {}
-        while waiting or pending:
-            while waiting and len(pending) < workers:
-                job = waiting.pop(0)
-                starting(job)
-                pending[pool.submit(_in_worker, do, job, cache)] = job
-            for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                job = pending.pop(future)
-                try:
-                    code, found = future.result()
-                except BrokenProcessPool:
-                    raise BenchError(
-                        f"A worker process died over {job.case.id} or beside it (out of memory?): what was finished is "
-                        "kept, start again, with fewer --workers if it happens twice."
-                    ) from None
-                if code != store.codes[job.kind]:
-                    raise BenchError("The code was changed while the workers started: start again.")
-                store.append(job, found)
-                finished(job)
+
+    def handed() -> Iterator[tuple[Job, Callable[..., tuple[str, dict[str, Any]]], tuple[Any, ...]]]:
+        for job in waiting:
+            starting(job)
+            yield job, _in_worker, (do, job, cache)
+
+    hands = min(workers, len(waiting))
+    with closing(work_off(handed(), hands, lambda message: None, lambda job: job.case.id, ahead=1)) as done:
+        for job, (code, found) in done:
+            if code != store.codes[job.kind]:
+                raise BenchError("The code was changed while the workers started: start again.")
+            store.append(job, found)
+            finished(job)
 
 
-_codes: dict[str, str] = {}
-
-
-def _start_worker() -> None:
-    """Once a process: all code is loaded now, so that what is changed later does not mix with it."""
-    import torch
-
+@functools.cache
+def _loaded() -> dict[str, str]:
+    """Digests of the code of this process, all of it loaded, so that what is changed later does not mix with it."""
     import bench.score.alternatives  # noqa: F401
 
-    serve_parent()
+    return {kind: digest(kind) for kind in COST}
+
+
+def _in_worker(do: Callable[[Job, Path], dict[str, Any]], job: Job, folder: Path) -> tuple[str, dict[str, Any]]:
     torch.set_num_threads(1)
-    _codes.update({kind: digest(kind) for kind in COST})
-
-
-def _in_worker(do: Callable[[Job, Path], dict[str, Any]], job: Job, cache: Path) -> tuple[str, dict[str, Any]]:
-    return _codes[job.kind], do(job, cache)
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _start_worker)
-    try:
-        yield pool
-    finally:
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-        pool.shutdown(wait=False, cancel_futures=True)
+    return _loaded()[job.kind], do(job, folder)

@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("rotorpy")
 
+from bench import executor
 from bench.score.case import Case
 from bench.score.cases import DEVELOPMENT, cases
 from bench.score.judge import FAILED
@@ -50,13 +51,18 @@ def test_what_is_finished_is_not_done_again(tmp_path: Path) -> None:
     assert kept["b", DIAGNOSIS] == {"answer": "b", "noise": float("inf")} and ("d", ALTERNATIVES) in kept
 
 
-def test_a_worker_that_dies_loses_only_what_it_had_in_hand(tmp_path: Path) -> None:
+def test_a_case_that_kills_its_worker_loses_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executor, "PATIENCE", 1)
     seen = tmp_path / "seen"
     seen.mkdir()
     todo = sorted(jobs(SUITE, alternatives=False), key=lambda job: job.case.id)
     with pytest.raises(BenchError, match="fewer --workers"):
-        run(todo, Store(tmp_path), seen, 1, do=stop)
-    assert {name for name, _ in Store(tmp_path).read()} == {"a", "b"}
+        run(todo, Store(tmp_path), seen, 2, do=stop)
+    kept, before = {name for name, _ in Store(tmp_path).read()}, marks(seen)
+    assert kept and "c" not in kept
+    run(todo, Store(tmp_path), seen, 1, do=note)
+    assert {name for name, _ in Store(tmp_path).read()} == set("abcd")
+    assert all(marks(seen)[f"{name}-diagnosis"] == before[f"{name}-diagnosis"] == 1 for name in kept)
 
 
 def test_a_half_written_line_is_skipped_and_the_next_begins_anew(tmp_path: Path) -> None:
