@@ -1,114 +1,23 @@
-"""Sweeps of cheap models on the toy data; what they should find is planted or worked out by hand."""
+"""The search of a sweep: what it finds, what it looks at, what it stops, and what a kill leaves of it."""
 
 import json
 import os
-import re
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
-import optuna
 import pytest
-from click.testing import CliRunner, Result
 from conftest import Toy
 from optuna.trial import TrialState
+from synthetic_sweep import RATES, TRAINING, NoValidation, Planted, PoisonedToy, essence, swept, toy
 
-from bench import track, train
-from bench.cli import cli
-from bench.config import RunConfig, Training
-from bench.notation import parse
-from bench.sweep import finalists, search
+from bench import train
 from bench.sweep import journal as sweep
-from bench.sweep import page as sweep_page
-from bench.sweep.space import default_params, default_space, parse_search
-from registry.contracts import Loaded, Predictor, PredictorEntry, Split, StateLayout
-from registry.core import DATASETS, PREDICTORS, option
 from registry.errors import BenchError
-
-
-class HeldOff(Predictor):
-    """The last sample, off by a distance."""
-
-    def __init__(self, problem, distance):
-        super().__init__(problem)
-        self.layout, self.history, self.distance = StateLayout(self.n_outputs, 0, 0), 1, distance
-
-    def fill(self, inputs, outputs):
-        return outputs[..., -1, : self.n_outputs]
-
-    def rollout(self, inputs, state, feedback=None):
-        shape = (*inputs.shape[:-1], self.n_outputs)
-        return (state.unsqueeze(-2) + self.distance).expand(shape), state
-
-
-@PREDICTORS.register("planted")
-@dataclass(frozen=True)
-class Planted(PredictorEntry):
-    """Right where x = 7.3 and rate = 0.02 alone; for tests."""
-
-    training: ClassVar[str] = "none"
-    stateful: ClassVar[bool] = False
-    x: float = option(1.0, "place", low=0.0, high=10.0, search=(0.0, 10.0))
-    rate: float = option(1.0, "rate", low=1e-4, high=10.0, log=True, search=(1e-4, 10.0))
-
-    def build(self, problem):
-        return HeldOff(problem, 10 * (abs(self.x - 7.3) / 10 + abs(np.log10(self.rate / 0.02)) / 5))
-
-
-@DATASETS.register("poisoned toy")
-@dataclass(frozen=True)
-class PoisonedToy(Toy):
-    """The toy with garbage in its test recording; for tests."""
-
-    def read(self) -> Loaded:
-        *kept, last = super().read().recordings
-        rng = np.random.default_rng(1)
-        noise = {name: 1e3 * rng.normal(size=getattr(last, name).shape) for name in ("inputs", "outputs")}
-        return Loaded((*kept, replace(last, **noise)), ())
-
-
-@DATASETS.register("toy without validation")
-@dataclass(frozen=True)
-class NoValidation(Toy):
-    """The toy with two parts; for tests."""
-
-    def split(self, names):
-        return Split(tuple(names[:-1]), (), (names[-1],))
-
-
-TRAINING = Training(updates=40, evaluate_every=4, batch=32)
-
-
-RATES = "1e-5:2e-2:log"
-"""Learning rates of which half learn nothing in so few updates."""
-
-
-def toy(spec: str = "LSTM: 1x8 - MLP: 9x10", dataset: Toy | None = None) -> RunConfig:
-    return RunConfig(*parse(spec), dataset or Toy(), horizon=6, training=TRAINING)
-
-
-def swept(
-    folder: Path, config: RunConfig, trials: int, objectives: tuple[str, ...] = ("rmsse",), **searched: str
-) -> tuple[sweep.Sweep, optuna.Study]:
-    """A sweep in this process; ``predictor_hidden="8:16"`` searches an option."""
-    space = default_space([config])
-    if "predictor.hidden" in space:
-        searched = {"predictor_hidden": "8:16", "predictor_layers": "1,2", "initializer_hidden": "9:16"} | searched
-    space |= dict(parse_search(f"{path.replace('_', '.', 1)}={v}", [config]) for path, v in searched.items())
-    asked = sweep.Sweep("toy sweep", (config,), space, objectives, 0, "bench sweep toy")
-    study = sweep.begin(asked, folder, resume=True)
-    search.search(asked, study, folder, trials)
-    return asked, study
-
-
-def essence(study: optuna.Study) -> list[tuple]:
-    return [(t.params, t.state, t.values, t.user_attrs.get("curve")) for t in sweep.told(study)]
 
 
 def test_a_planted_optimum_is_found_and_chance_does_not_find_it(tmp_path: Path) -> None:
@@ -163,8 +72,8 @@ def test_a_driver_killed_at_work_ends_in_the_same_sweep(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     _, unbroken = swept(whole / "s", toy(), 10)
     code = (
-        "import sys; sys.path.insert(0, sys.argv[2]); from pathlib import Path; from test_sweep import swept, toy\n"
-        "swept(Path(sys.argv[1]), toy(), 10)\n"
+        "import sys; sys.path.insert(0, sys.argv[2]); from pathlib import Path\n"
+        "from synthetic_sweep import swept, toy; swept(Path(sys.argv[1]), toy(), 10)\n"
     )
     process = subprocess.Popen([sys.executable, "-c", code, str(killed / "s"), str(Path(__file__).parent)])
     deadline = time.monotonic() + 90
@@ -213,35 +122,6 @@ def test_what_cannot_be_is_a_failed_trial(tmp_path: Path) -> None:
     assert len(sweep.told(study)) == len(study.trials) == 6
 
 
-def test_the_space_comes_from_the_entries_and_holds_the_default() -> None:
-    config = toy("LSTM: 3x300 - Washout: 4")
-    space = default_space([config], fixed=["training.learning_rate"])
-    assert list(space) == ["predictor.layers", "predictor.hidden", "initializer.history"]
-    assert (space["predictor.hidden"].high, space["initializer.history"].low) == (300, 4)  # type: ignore[attr-defined]
-    assert default_params(space, [config]) == dict(zip(space, (3, 300, 4), strict=True))
-    two = [toy(), toy("LSTM: 1x8 - Washout: 10")]
-    assert list(default_space(two)) == ["spec", "training.learning_rate"]
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("predictor.hiden=1:9", "did you mean predictor.hidden"),
-        ("horizon=5:9", "would change what is measured"),
-        ("training.evaluate_every=5:9", "would change what is measured"),
-        ("predictor.hidden=9:1", "smaller value first"),
-        ("predictor.hidden=0:9", "must be from 1 to 2000"),
-        ("predictor.dropout=0:0.5:log", "above 0"),
-        ("predictor.hidden=1:9:lin", "not understood"),
-        ("predictor.hidden", "not understood"),
-        ("training.batch=32,many", "must be an integer"),
-    ],
-)
-def test_a_wrong_range_is_one_sentence(text: str, sentence: str) -> None:
-    with pytest.raises(BenchError, match=re.escape(sentence)):
-        parse_search(text, [toy()])
-
-
 def test_a_sweep_that_cannot_begin_is_one_sentence(tmp_path: Path) -> None:
     asked, _ = swept(tmp_path, toy("planted"), 2)
     with pytest.raises(BenchError, match=r"go on with --resume, or give this one another --name\.$"):
@@ -255,81 +135,3 @@ def test_a_sweep_that_cannot_begin_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BenchError, match="cannot be written"):
         sweep.begin(asked, tmp_path / "file" / "s", resume=False)
-
-
-def test_finalists_are_judged_on_both_parts_and_the_page_escapes_names(tmp_path: Path) -> None:
-    from bench import engine
-
-    evil = '<script>alert("x")</script>'
-    asked, study = swept(tmp_path / "s", toy(), 8)
-    asked = replace(asked, title=evil, command=f"bench sweep {evil}")
-    best, default = finalists.finalists(asked, study)
-    assert {c.seed for c in (*best, *default)} == {1, 2, 3}
-    records = engine.execute(engine.plan([*best, *default], tmp_path / "runs"), tmp_path / "runs")
-    verdicts = finalists.judge(records[:3], records[3:])
-    assert [v.part for v in verdicts] == ["validation", "test"]
-    # One output scale for all: the RMSSE of the record, in SI, from that of the page.
-    scale = np.concatenate([r.outputs for r in Toy().load().recordings[:3]]).std(0)
-    axes = ("roll", "pitch", "yaw")
-    for record, (mine,) in zip(records[:3], verdicts[1].best, strict=True):
-        si = np.array([record.summary["metrics"][f"rmsse.euler_rates.{a}"] for a in axes])
-        assert mine == pytest.approx(np.sqrt(np.mean((si / scale) ** 2)), rel=1e-4)
-    swapped = finalists.judge(records[3:], records[:3])
-    assert swapped[0].comparison.ratio == pytest.approx(1 / verdicts[0].comparison.ratio)
-    page = sweep_page.render(sweep_page.Content(asked, study, verdicts, records[:3], records[3:]))
-    assert evil not in page and "&lt;script&gt;" in page
-    assert not re.search("https?://", page) and all(v.sentence in page for v in verdicts)
-    finalists.write(tmp_path / "result.json", asked, study, records, verdicts)
-    assert json.loads((tmp_path / "result.json").read_text())["verdicts"]["test"]["trainings"] == 3
-
-
-def test_trials_are_mirrored_once_with_every_look(tmp_path: Path) -> None:
-    asked, study = swept(tmp_path / "s", toy(), 9)
-    uri = track.default_uri(tmp_path)
-    for _ in range(2):
-        track.mirror_trials(uri, asked.title, "s", asked.configs, sweep.told(study))
-    with sqlite3.connect(tmp_path / "mlflow.db") as database:
-        statuses = dict(database.execute("SELECT status, count(*) FROM runs GROUP BY status").fetchall())
-        looks = database.execute("SELECT count(*) FROM metrics WHERE key = 'learning/validation_rmsse'").fetchone()[0]
-        errors = database.execute("SELECT value FROM metrics WHERE key = 'validation/rmsse'").fetchall()
-        rates = {float(v) for (v,) in database.execute("SELECT value FROM params WHERE key = 'training.learning_rate'")}
-        studies = database.execute("SELECT DISTINCT value FROM tags WHERE key = 'study'").fetchall()
-    states = [t.state for t in study.trials]
-    assert statuses == {"FINISHED": states.count(TrialState.COMPLETE), "KILLED": states.count(TrialState.PRUNED)}
-    assert looks == sum(len(t.user_attrs["curve"]) for t in study.trials)
-    assert sorted(v for (v,) in errors) == sorted(
-        t.values[0] for t in study.trials if t.values and t.user_attrs["status"] == "finished"
-    )
-    assert rates == {t.params["training.learning_rate"] for t in study.trials}
-    assert studies == [("s",)]
-
-
-def test_two_workers_from_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The toy is not known to a fresh process, so this uses an embedded data set and a model that is quick to fit."""
-    args = ["sweep", "linear", "--dataset", "pelican_twin", "--name", "ridge", "--results", str(tmp_path), "--no-track"]
-    monkeypatch.setattr(sys, "argv", ["bench", *args])
-
-    def bench(*more: str) -> Result:
-        return CliRunner().invoke(cli, [*args, *more])
-
-    assert (first := bench("--trials", "3", "--workers", "2")).exit_code == 0, first.exception
-    assert "--resume" in str(bench("--trials", "5").exception)
-    more = bench("--trials", "5", "--workers", "1", "--resume")
-    assert more.exit_code == 0 and "5 trials, 3 told" in more.stdout, more.exception
-    folder = tmp_path / "sweeps" / "ridge"
-    study = sweep.load(folder)
-    assert [t.state for t in study.trials] == [TrialState.COMPLETE] * 5
-    result = json.loads((folder / sweep.RESULT).read_text())
-    assert result["trials"] == 5 and result["best"]["rmsse"] == min(t.values[0] for t in study.trials)
-    assert "bench sweep linear" in (folder / sweep.REPORT).read_text()
-    for name in ("ridge", "linear"):
-        told = CliRunner().invoke(cli, ["report", name, "--results", str(tmp_path), "-o", str(tmp_path / "copy.html")])
-        assert told.exit_code == 0 and (tmp_path / "copy.html").read_text() == (folder / sweep.REPORT).read_text()
-        (tmp_path / "copy.html").unlink()
-    (folder / sweep.REPORT).unlink()
-    unfinished = CliRunner().invoke(cli, ["report", "ridge", "--results", str(tmp_path)])
-    assert "has not ended: go on with `bench sweep linear" in str(unfinished.exception)
-    kept, keys = sweep.read(folder)
-    written = json.loads((folder / sweep.DEFINITION).read_text())
-    assert written.pop("command") == "bench sweep linear --dataset pelican_twin --name ridge"
-    assert kept.definition == written and keys == result["keys"]
