@@ -83,6 +83,19 @@ class Sweep:
         prepare(self.default)
 
 
+class _Journal(JournalFileBackend):
+    """Optuna's; that it cannot be written is one sentence."""
+
+    def append_logs(self, logs: list[dict[str, Any]]) -> None:
+        try:
+            super().append_logs(logs)
+        except OSError as error:
+            raise BenchError(
+                f"The journal of the sweep, {self._file_path}, cannot be written: {error.strerror or error}; every "
+                "trial that was told is kept, and the same command with --resume goes on."
+            ) from error
+
+
 def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
     """The study in ``folder``, new or gone on with; trials that died with their driver are put back in line.
 
@@ -107,7 +120,7 @@ def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
             durable.write_text(told, json_text({**sweep.definition, "command": sweep.command}))
         study = optuna.create_study(
             study_name=folder.name,
-            storage=optuna.storages.JournalStorage(JournalFileBackend(str(folder / JOURNAL))),
+            storage=optuna.storages.JournalStorage(_Journal(str(folder / JOURNAL))),
             directions=["minimize"] * len(sweep.objectives),
             pruner=optuna.pruners.MedianPruner(STARTUP, n_warmup_steps=sweep.default.training.updates // 5),
             load_if_exists=True,
@@ -144,7 +157,7 @@ def read(folder: Path) -> tuple[Sweep, list[str]]:
 
 def load(folder: Path) -> optuna.Study:
     """The study of a sweep as it stands, to be read."""
-    storage = optuna.storages.JournalStorage(JournalFileBackend(str(folder / JOURNAL)))
+    storage = optuna.storages.JournalStorage(_Journal(str(folder / JOURNAL)))
     return optuna.load_study(study_name=folder.name, storage=storage)
 
 

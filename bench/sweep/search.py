@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +64,8 @@ class _Driver:
         for left in self.stops.glob("*"):
             left.unlink()
         for made in (self.partial, self.stops):
-            made.mkdir(exist_ok=True)
+            with suppress(OSError):  # a full disk costs checkpoints and early ends; the journal says that it is full
+                made.mkdir(exist_ok=True)
 
     def jobs(self, trials: int) -> Iterator[tuple[optuna.Trial, Callable[..., trial.Outcome], tuple[Any, ...]]]:
         """Proposals, each made when a worker is free."""
@@ -98,7 +99,8 @@ class _Driver:
         if len(self.sweep.objectives) == 1:
             self._report(asked, curve)
             if asked.should_prune():
-                (self.stops / str(number)).touch()
+                with suppress(OSError):
+                    (self.stops / str(number)).touch()
 
     def _advance(self, number: int, share: float) -> None:
         self.tick(max(0.0, min(1.0, share) - self.share[number]))

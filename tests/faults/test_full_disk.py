@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 from faults.test_kills import sound, study
+from optuna.storages.journal import JournalFileBackend
 from rich.console import Console
+from synthetic_sweep import essence, swept, toy
 
 from bench import checkpoint, conclude, durable, engine, record
+from bench.sweep.journal import JOURNAL
 from registry.errors import BenchError
 
 
@@ -65,6 +68,29 @@ def test_a_torn_checkpoint_is_not_gone_on_from(tmp_path: Path) -> None:
     assert place.load() is None
 
 
+def test_a_sweep_whose_journal_does_not_fit_goes_on_when_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is full from the 60th entry on, which a trial in the middle makes, and has torn its line."""
+    _, unbroken = swept(tmp_path / "whole", toy("planted"), 10)
+    journal, real, left = tmp_path / "s" / JOURNAL, JournalFileBackend.append_logs, [60]
+
+    def fill(self: JournalFileBackend, logs: list[dict[str, object]]) -> None:
+        left[0] -= 1
+        if left[0] == 0:
+            with journal.open("a") as torn:
+                torn.write('{"op_code": 6, "wor')
+            full()
+        real(self, logs)
+
+    with monkeypatch.context() as patch, pytest.raises(BenchError, match="No space left on device; every") as error:
+        patch.setattr(JournalFileBackend, "append_logs", fill)
+        swept(tmp_path / "s", toy("planted"), 10)
+    assert "--resume" in str(error.value) and "\n" not in str(error.value)
+    _, resumed = swept(tmp_path / "s", toy("planted"), 10)
+    assert essence(resumed) == essence(unbroken) and len(resumed.trials) == 11
+
+
 def test_a_study_whose_report_does_not_fit_keeps_its_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, faults: Callable[..., None]
 ) -> None:
@@ -77,4 +103,4 @@ def test_a_study_whose_report_does_not_fit_keeps_its_runs(
     assert sound(runs) == before and not list(conclude.concluded(tmp_path))
     conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
     assert [c.title for c in conclude.concluded(tmp_path)] == ["s"]
-    faults("the disk, full at every place that writes (ENOSPC, RLIMIT_FSIZE)", 7, 0, 0, "what did not fit")
+    faults("the disk, full at every place that writes (ENOSPC, RLIMIT_FSIZE)", 8, 0, 0, "what did not fit")
