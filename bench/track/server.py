@@ -4,6 +4,8 @@ import json
 import logging
 import os
 import re
+import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +21,7 @@ from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 from sqlalchemy.exc import SQLAlchemyError
 
+from bench import durable
 from registry.errors import BenchError
 
 VIEW = "bench"
@@ -43,7 +46,7 @@ def artifact_root(uri: str) -> Path:
 
 
 def prepare(uri: str) -> None:
-    """Create the database's tables. Call it once, in one process, before others use the database.
+    """Create the database's tables, where there are none.
 
     Raises:
         TrackingError: the server or the database cannot be reached.
@@ -74,13 +77,34 @@ def connected(uri: str) -> Iterator[MlflowClient]:
         raise BenchError(f"{uri!r} cannot hold MLflow runs: give sqlite:///FILE or http://HOST:PORT.")
     try:
         if uri.startswith("sqlite:///"):
-            Path(uri.removeprefix("sqlite:///")).parent.mkdir(parents=True, exist_ok=True)
+            _create(Path(uri.removeprefix("sqlite:///")))
         yield MlflowClient(tracking_uri=uri)
     except (MlflowException, SQLAlchemyError, OSError) as error:
         reason = str(error).strip().splitlines()[0][:160]
         raise TrackingError(
             f"MLflow at {uri} cannot be used ({reason}); the records are safe, run `bench sync` later."
         ) from error
+
+
+def _create(database: Path) -> None:
+    """Make a database elsewhere and put it in its place whole, where there is none.
+
+    MLflow makes its tables in dozens of steps; what a kill or a full disk leaves of them it can neither use nor mend.
+    """
+    if database.exists():
+        return
+    database.parent.mkdir(parents=True, exist_ok=True)
+    draft = database.with_name(f".{database.name}.{os.getpid()}")
+    with tempfile.TemporaryDirectory() as elsewhere:
+        made = Path(elsewhere) / database.name
+        MlflowClient(tracking_uri=f"sqlite:///{made}").search_experiments(max_results=1)
+        try:
+            shutil.copyfile(made, draft)
+            durable.flush(draft)
+            if not database.exists():  # another process may have been quicker
+                durable.move(draft, database)
+        finally:
+            draft.unlink(missing_ok=True)
 
 
 def experiment_of(client: MlflowClient, uri: str, name: str, sections: Mapping[str, bool]) -> str:

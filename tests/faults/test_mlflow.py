@@ -15,7 +15,10 @@ from pathlib import Path
 
 import pytest
 from faults.test_cluster import bench, free_port, made, started, until
+from faults.test_kills import forked
 from rich.console import Console
+from sqlalchemy import event
+from sqlalchemy.engine import Engine
 from synthetic_records import synthetic_record
 
 from bench import mirroring, track
@@ -68,6 +71,23 @@ def test_the_way_to_what_is_missing_names_the_server() -> None:
     missing, whole = out.file.getvalue().splitlines()  # type: ignore[attr-defined]
     assert "bench sync --results 'a b' --tracking http://127.0.0.1:5001 logs" in missing
     assert "bench ui --results r (opens" in whole
+
+
+def test_a_kill_while_the_database_is_made_leaves_none(tmp_path: Path) -> None:
+    """MLflow goes through all its migrations; the kill comes while one copies a table."""
+
+    def dying() -> None:
+        def kill(_: object, __: object, statement: str, *___: object) -> None:
+            if statement.startswith("INSERT INTO _alembic_tmp"):
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        event.listen(Engine, "before_cursor_execute", kill)
+        track.prepare(track.default_uri(tmp_path))
+
+    _, status = os.waitpid(forked(dying), 0)
+    assert os.WIFSIGNALED(status) and not list(tmp_path.iterdir())
+    track.prepare(track.default_uri(tmp_path))
+    assert [p.name for p in tmp_path.iterdir()] == ["mlflow.db"]
 
 
 def test_what_a_killed_driver_left_running_is_repaired(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
