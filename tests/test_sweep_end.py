@@ -78,6 +78,7 @@ def test_two_workers_from_the_command_line(tmp_path: Path, monkeypatch: pytest.M
 
     assert (first := bench("--trials", "3", "--workers", "2")).exit_code == 0, first.exception
     assert "--resume" in str(bench("--trials", "5").exception)
+    assert "use letters and digits" in str(bench("--name", "../").exception)
     more = bench("--trials", "5", "--workers", "1", "--resume")
     assert more.exit_code == 0 and "5 trials, 3 told" in more.stdout, more.exception
     folder = tmp_path / "sweeps" / "ridge"

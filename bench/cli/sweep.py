@@ -131,6 +131,8 @@ def sweep_command(
     command = shlex.join(["bench", *portable(sys.argv[1:])])
     sweep = sweeps.Sweep(title, tuple(configs), space, wanted, seed, command)
     sweep.check()
+    if name is not None and not slug(name):
+        raise BenchError(f"--name {name!r} gives no name of a folder: use letters and digits.")
     folder = results / "sweeps" / slug(name or title)
     if dry_run:
         estimate(out, sweep, trials, place)

@@ -32,6 +32,8 @@ def search(
 ) -> None:
     """Train until ``trials`` are told.
 
+    One trial a job, not several side by side: their shapes differ, and each is proposed from what the others told.
+
     Args:
         sweep: what is searched.
         study: from `begin`.
