@@ -12,15 +12,17 @@ from registry.dynamics import PhysicsModel
 SUSPECT = 0.5
 """Shift of all recordings that is mentioned [samples]."""
 CERTAIN = 0.7
-"""Samples by which all recordings must move before their inputs for a fault of the log."""
+"""Samples by which recordings, all of them by some, must move before their inputs for a fault of the log."""
 DIFFERENT = 1.5
 """Shift of one recording against the others that is a fault [samples]."""
 APART = 5.0
 """Times as far as the others are from each other that it must be."""
-SMOOTHING = 9
-"""Local quadratic that both go through before they are compared [samples]: slopes are noisy."""
-SLOW = 61
-"""What a local quadratic over as many samples follows is left out: missing physics, such as damping, shifts it."""
+SMOOTHING = 13
+"""Local quadratic that all go through before they are compared [samples]: slopes are noisy."""
+SLOW = 121
+"""What a local quadratic over as many samples follows is left out: missing physics shifts it."""
+ENDS = SLOW // 2
+"""Samples at either end where that is another filter, which a shifted signal meets at another place."""
 SURE = 0.8
 """Least correlation where a recording differs from the others."""
 CLEAR = 0.5
@@ -69,7 +71,7 @@ def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
         f"the motion comes {abs(middle):.1f} samples ({abs(middle) * ms:.3g} ms) {side} what {signal} says: {cause}"
     )
     sentence = f"in {len(clear)} of {len(lags)} recordings {detail}"
-    if max(clear.values()) < -CERTAIN:
+    if middle < -CERTAIN:
         # No vehicle moves before its inputs: what acts is filed too late, whatever else is missing.
         return [
             DataProblem(n, signal, "time shift", (0, len(by_name[n]) - 1), f"{sentence} No input_delay explains that.")
@@ -79,20 +81,25 @@ def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
 
 
 def _lag(model: PhysicsModel, log: Log) -> tuple[float, float]:
-    """By how many samples motion follows the inputs, and how well the two agree; agreement 0 where nothing is told."""
+    """By how many samples motion follows the inputs, and how well the two agree; agreement 0 where nothing is told.
+
+    What goes with the rates themselves is left out: missing damping makes motion lead what drives it.
+    """
     count = log.inputs.shape[1] - len(model.extras)
     valid = extent(~widen(~log.valid.numpy(), 2))
     among = pairs(model, log.measured)
     turning = [p for p in among if p.turns] or among
-    if not count or not turning or valid.stop - valid.start < 100:
+    if not count or not turning or valid.stop - valid.start < 2 * SLOW:
         return 0.0, 0.0
     channels = [c for p in turning for c in (p.rates[:2] if p.turns else p.rates)]
     x = log.states.numpy()
     steady = log.inputs.clone()
     steady[:, :count] = log.inputs[valid, :count].mean(dim=0)
     own, forced = (_rates(model, log, u)[:, channels] for u in (steady, log.inputs))
-    caused, seen = forced - own, slope(x[:, channels], False, log.dt) - own
-    lag, how = delay(*(smooth(a, SMOOTHING) - smooth(a, SLOW) for a in (caused[valid], seen[valid])))
+    moving = x[:, channels]
+    caused, seen = forced - own, slope(moving, False, log.dt) - own
+    bands = [(smooth(a[valid], SMOOTHING) - smooth(a[valid], SLOW))[ENDS:-ENDS] for a in (caused, seen, moving)]
+    lag, how = delay(bands[0], bands[1], beside=bands[2])
     # A held command acts after its sample: the slope about a sample has half of it from the step before.
     return lag - (0.5 if model.input_hold == "previous" else 0.0), how
 

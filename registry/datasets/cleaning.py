@@ -62,27 +62,41 @@ def widen(mask: np.ndarray, samples: int) -> np.ndarray:
     return scipy.ndimage.binary_dilation(mask, iterations=samples) if samples and mask.any() else mask
 
 
-def delay(cause: np.ndarray, effect: np.ndarray, widest: int = 10) -> tuple[float, float]:
+def delay(
+    cause: np.ndarray, effect: np.ndarray, widest: int = 10, beside: np.ndarray | None = None
+) -> tuple[float, float]:
     """By how many samples (a fraction too) ``effect`` (N, c) comes after ``cause`` (N, c), and how well they agree.
 
-    The peak of the cross-correlation summed over channels, refined by a parabola through its three top values.
+    The peak of the cross-correlation summed over channels, refined by a parabola through its three top values; with
+    ``beside`` (N, c), that of the partial correlation: what goes with this other cause of the effect, which acts at
+    once, is taken out of both, channel by channel.
 
     Returns:
         Delay [samples], within ±``widest``, and the correlation there (−1 to 1).
     """
     n = len(cause)
     middle = slice(widest, n - widest)
-    a = effect[middle] - effect[middle].mean(axis=0)
+    other = np.zeros((n - 2 * widest, cause.shape[1])) if beside is None else _level(beside[middle])
+    power = (other * other).sum(axis=0)
+
+    def apart(x: np.ndarray) -> np.ndarray:
+        x = _level(x)
+        return np.asarray(x - other * ((other * x).sum(axis=0) / np.where(power > 0, power, 1.0)))
+
+    a = apart(effect[middle])
     score = []
     for k in range(-widest, widest + 1):
-        b = cause[widest - k : n - widest - k]
-        b = b - b.mean(axis=0)
+        b = apart(cause[widest - k : n - widest - k])
         norm = np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
         score.append(float(np.mean((a * b).sum(axis=0) / np.where(norm > 0, norm, 1.0))))
     best = int(np.clip(np.argmax(score), 1, 2 * widest - 1))
     before, top, after = score[best - 1 : best + 2]
     bend = before - 2 * top + after
     return best - widest + (0.5 * (before - after) / bend if bend < 0 else 0.0), top
+
+
+def _level(x: np.ndarray) -> np.ndarray:
+    return np.asarray(x - x.mean(axis=0))
 
 
 def airborne(height: np.ndarray, above: float, margin: int) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Faults put into flights whose motion, attitude and rotor speeds follow from a path by flatness, not from a model."""
 
+import re
 import time
 from collections.abc import Callable
 
@@ -33,8 +34,11 @@ SIGNAL = {"t": "time"}
 KIND = {"swapped_sign": "swapped sign", "clock_jump": "clock jump", "clock_rate": "clock rate"}
 
 
-def flight(seed: int, vigour: float = 1.0, noise: float = 1.0, seconds: float = 16.0) -> Columns:
-    """A log of a flight along sums of sines: inverse dynamics, then noise and a Savitzky–Golay filter."""
+def flight(seed: int, vigour: float = 1.0, noise: float = 1.0, seconds: float = 16.0, damping: float = 0.0) -> Columns:
+    """A log of a flight along sums of sines: inverse dynamics, then noise and a Savitzky–Golay filter.
+
+    The air brakes every rotation by ``damping`` [1/s] times its rate.
+    """
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds / DT)) * DT
     fine = np.arange(-200, 10 * len(t) + 200) * DT / 10
@@ -52,7 +56,7 @@ def flight(seed: int, vigour: float = 1.0, noise: float = 1.0, seconds: float = 
     attitude = Rotation.from_matrix(np.stack([np.cross(side, up), side, up], axis=2))
     turning = (attitude[:-2].inv() * attitude[2:]).as_rotvec() / (2 * h)
     rates = np.concatenate([turning[:1], turning, turning[-1:]])
-    torque = INERTIA * np.gradient(rates, h, axis=0) + np.cross(rates, INERTIA * rates)
+    torque = INERTIA * (np.gradient(rates, h, axis=0) + damping * rates) + np.cross(rates, INERTIA * rates)
     wrench = np.column_stack([MASS * np.linalg.norm(pull, axis=1), torque])
     mixer = np.stack([np.ones(4), HUBS[:, 1], -HUBS[:, 0], SPINS * K_M / K_F])
     speed = np.sqrt(np.maximum(np.linalg.solve(mixer, wrench.T).T / K_F, 0))
@@ -176,6 +180,18 @@ def test_a_shift_of_all_recordings_is_a_suspicion_or_a_fault_by_its_sign_and_of_
     (fault,) = problems(made(logs)).problems
     assert (fault.recording, fault.signal, fault.kind) == ("flight_3", "rotor_speed", "time shift")
     assert "-2.0 samples" in fault.detail or "-1.9 samples" in fault.detail
+
+
+def test_damping_that_the_model_lacks_is_no_time_shift_and_hides_none() -> None:
+    """Damped motion leads what drives it, as if the inputs had been filed too late."""
+    for damping in (4.0, 8.0):
+        logs = flights(7, noise=0.3, damping=damping)
+        assert problems(made(logs)) == Checked((), ()), damping
+        late, early = ([time_shift(log, i, s)[0] for i, log in enumerate(logs)] for s in (0.01, -0.01))
+        faults = problems(made(late)).problems
+        assert len(faults) == len(logs) and all("input_delay explains" in f.detail for f in faults), damping
+        stopping, (suspected,) = problems(made(early))
+        assert not stopping and re.search(r"(0\.9|1\.0) samples .* after", suspected.detail), damping
 
 
 def test_what_a_sensor_does_all_the_time_does_not_stop_the_analysis() -> None:
