@@ -105,7 +105,7 @@ def compare(
         for name, model in models.items():
             squared[name] = _finite(errors(free_run(model, logs, at, steps), measured, judged)[:, ends])
         for model in reversed(models.values()):
-            squared["floor"] = _finite(floor(model, logs, at, steps, noise, judged)[:, ends])
+            squared["floor"] = _finite(floor(model, logs, at, steps, noise, judged).mean(0)[:, ends])
             if np.isfinite(squared["floor"]).all():
                 break
     units, basis = _units(logs, at, every, steps, squared[next(reversed(models))])

@@ -95,7 +95,7 @@ def locate(
     with torch.no_grad():
         at = _starts(logs, steps, margin(logs, reach(noise.smoothing)), WINDOWS)
         squared = errors(free_run(model, logs, at, steps), measured_windows(logs, at, steps), judged)[:, -1].numpy()
-        chance = floor(model, logs, at, steps, noise, judged)[:, -1].numpy()
+        chance = floor(model, logs, at, steps, noise, judged)[:, :, -1].flatten(0, 1).numpy()
         diverged = 1e3 * float(squared[np.isfinite(squared)].max(initial=1.0))
         squared = np.nan_to_num(squared, nan=diverged, posinf=diverged)
         chance = np.where(np.isfinite(chance), chance, 0.0)
@@ -104,7 +104,7 @@ def locate(
         ratio = (squared - chance.mean(0)) / least
         above = {g.name: float(ratio[:, i].mean()) for i, g in enumerate(judged)}
         # Both means vary; windows that overlap count once.
-        error = np.sqrt(2 * OVERLAP / len(chance)) * chance.std(0) / least
+        error = np.sqrt(2 * OVERLAP / len(squared)) * chance.std(0) / least
         visible = ratio.mean(0) > np.maximum(VISIBLE, SIGNIFICANT * error)
         recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
         found: list[tuple[Region, Condition]] = []

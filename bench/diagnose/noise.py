@@ -24,6 +24,8 @@ QUIET = slice(SEGMENT // 4, SEGMENT // 2)
 """Frequencies of a spectrum, from a quarter to half the sampling rate, at which motion is small against noise."""
 UNLIKE = 0.35
 """Mean distance, in natural logarithms, from which no known filter has the spectrum that was found."""
+DRAWS = 8
+"""Draws of the noise for each window of a floor: one alone leaves the floor a few per cent in the hand of chance."""
 FAINT = 1e-4
 """Of a filter's largest gain: spectra are not believed to fall lower."""
 
@@ -100,7 +102,7 @@ def noise_of(subject: Subject) -> Noise:
 def floor(
     model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray], steps: int, noise: Noise, of: Sequence[Group]
 ) -> Tensor:
-    """Squared errors (W, steps + 1, groups) that an exact model would make in the same windows.
+    """Squared errors (DRAWS, W, steps + 1, groups) that an exact model would make in the same windows.
 
     The model's own free run, begun a filter's reach before each window, is taken for the truth; it is measured with
     noise and smoothed as the data were; the same model, run from the smoothed start with noisy inputs, is compared with
@@ -119,12 +121,15 @@ def floor(
     early = [k - r for k in at]
     inputs, dt = windows([log.inputs for log in logs], early, steps + 2 * r), logs[0].dt
     true = roll(model, past(model, logs, early), inputs, dt)
-    measured = measure(true[..., :size], noise, model.state_channels, dt, generator)
-    start = torch.cat([measured[..., 0, :], true[..., r, size:]], dim=-1)
-    hiss = generator.normal(size=(len(start), steps + 2 * r + 1, len(noise.inputs))) * np.array(noise.inputs)
-    hiss = _convolved(hiss, _weights(noise.input_smoothing, False), r)
-    noisy = inputs[..., r : r + steps + 1, :] + torch.from_numpy(hiss)
-    return errors(roll(model, start, noisy, dt)[..., :size], measured, of)
+    found = []
+    for _ in range(DRAWS):
+        measured = measure(true[..., :size], noise, model.state_channels, dt, generator)
+        start = torch.cat([measured[..., 0, :], true[..., r, size:]], dim=-1)
+        hiss = generator.normal(size=(len(start), steps + 2 * r + 1, len(noise.inputs))) * np.array(noise.inputs)
+        hiss = _convolved(hiss, _weights(noise.input_smoothing, False), r)
+        noisy = inputs[..., r : r + steps + 1, :] + torch.from_numpy(hiss)
+        found.append(errors(roll(model, start, noisy, dt)[..., :size], measured, of))
+    return torch.stack(found)
 
 
 def reach(smoothing: Smoothing) -> int:
