@@ -1,5 +1,6 @@
 """All four steps in one: compare, locate, discover, extend."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from bench.diagnose.discover import Discovery, discover
 from bench.diagnose.extend import extend, pooled
 from bench.diagnose.locate import Location, locate
 from bench.diagnose.noise import noise_of
+from bench.diagnose.parameters import entries
 from bench.diagnose.problems import problems
 from bench.diagnose.subject import Subject, load
 from bench.diagnose.unmeasured import hidden
@@ -209,12 +211,17 @@ def _ranking(found: Discovery) -> tuple[tuple[Candidate, ...], ...]:
 
 
 def _calibration(subject: Subject, found: Discovery) -> tuple[Calibration, ...]:
+    given = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
     out = []
-    nominal = {p.name: p.value for p in subject.model.parameters()}
     for x in found.constants:
-        e = x.entry
-        given = nominal[e.name] if e.component is None else nominal[e.name][e.component]
-        out.append(Calibration(e.label, float(given), x.value, e.unit, (x.value - float(given)) / e.scale))
+        e, nominal = x.entry, given[x.entry.label]
+        out.append(Calibration(e.label, nominal, x.value, e.unit, (x.value - nominal) / e.scale, x.low, x.high))
+    for r in found.ratios:
+        a, b = r.over, r.under
+        nominal = given[a.label] / given[b.label]
+        sigma = (r.value / nominal - 1) / math.hypot(a.scale / given[a.label], b.scale / given[b.label])
+        name, unit = f"{a.label} / {b.label}", f"{a.unit} / ({b.unit})" if " " in b.unit else f"{a.unit} / {b.unit}"
+        out.append(Calibration(name, nominal, r.value, unit, sigma, r.low, r.high))
     return tuple(out)
 
 

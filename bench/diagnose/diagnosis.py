@@ -152,14 +152,23 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A base constant before and after calibration."""
+    """A base constant, or the ratio of two, before and after calibration."""
 
     constant: str
+    """A ratio: "thrust_coefficient / mass"."""
     nominal: float
     calibrated: float
     unit: str
     sigma: float
     """By how many of its stated uncertainties it moved."""
+    low: float = math.nan
+    high: float = math.nan
+    """95 % interval; NaN: there is none."""
+
+    @property
+    def moved(self) -> bool:
+        """Whether the interval excludes the nominal value."""
+        return self.low > self.nominal or self.high < self.nominal
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,19 @@ from bench.diagnose.parameters import entries
 from bench.diagnose.search import Search, View
 from bench.diagnose.subject import Subject
 from bench.diagnose.subset import Fit, t_value
-from bench.diagnose.verify import LEFT, Estimate, Trace, estimates, left_over, neighbour, pinned, rivals, understood
+from bench.diagnose.verify import (
+    LEFT,
+    Estimate,
+    Ratio,
+    Trace,
+    estimates,
+    left_over,
+    neighbour,
+    pinned,
+    ratios,
+    rivals,
+    understood,
+)
 from bench.diagnose.weak import mean_rates
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
@@ -59,6 +71,7 @@ class Discovery:
     rounds: tuple[tuple[Loser, ...], ...]
     traces: tuple[Trace, ...]
     constants: tuple[Estimate, ...]
+    ratios: tuple[Ratio, ...] = ()
     imitators: tuple[str, ...] = ()
     """Effects that would imitate what is left, and were not named."""
     faint: tuple[Trace, ...] = ()
@@ -139,6 +152,7 @@ def discover(
         rounds,
         tuple(traces) if total > LEFT * view.floor else (),
         tuple(x for x in numbers if x.entry.constant),
+        tuple(ratios(view, fit)),
         tuple(names[i] for i in imitators),
         tuple(t for t in traces if t.gain > FAINT),
         search.notes,

@@ -209,14 +209,22 @@ def _calibration(d: Diagnosis) -> str:
             f"<tr><td>{escape(words.named(c.constant))}</td>"
             f'<td class="number" data-label="stated">{words.number(c.nominal * factor, 4)}</td>'
             f'<td class="number" data-label="calibrated">{words.number(c.calibrated * factor, 4)}</td>'
+            f'<td class="number" data-label="low">{words.number(c.low * factor, 4)}</td>'
+            f'<td class="number" data-label="high">{words.number(c.high * factor, 4)}</td>'
             f'<td data-label="unit">{escape(unit)}</td><td class="number" data-label="change">{change}</td>'
             f'<td class="number" data-label="moved by"><span{off}>{words.number(c.sigma, 2)} σ</span></td></tr>'
         )
     if not rows:
         return ""
-    intro = "<p>Base constants fitted before any effect, each held near its stated value by its uncertainty σ.</p>"
+    intro = (
+        "<p>Base constants fitted together with the effects that were found, each held near its stated value by its "
+        "uncertainty σ; intervals are 95 %. Where motion tells the ratio of two constants better than either, so does "
+        "the table: which of the two is off rests on what was stated of them.</p>"
+    )
     return intro + page.table(
-        ["constant", "stated", "calibrated", "unit", "change", "moved by"], rows, numbers=(1, 2, 4, 5)
+        ["constant", "stated", "calibrated", "low", "high", "unit", "change", "moved by"],
+        rows,
+        numbers=(1, 2, 3, 4, 6, 7),
     )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.stats import t as student
@@ -24,6 +25,8 @@ CRUMBS = 0.5
 """Gain, relative to all that is not understood, below which an effect may be a part of that."""
 LEFT = 0.15
 """What a dictionary of signals may still explain, as a share of what noise leaves, before something is missing."""
+TOGETHER = 0.5
+"""Uncertainty of a ratio of two constants, relative to that of the better known one, below which it is told as well."""
 SAME = ({"rotor_gyroscopic_torque", "rotor_reaction_torque"},)
 """Effects that share a constant: not rivals of each other."""
 
@@ -33,6 +36,17 @@ class Estimate:
     """One number of a model with its 95 % interval."""
 
     entry: Entry
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Ratio:
+    """Two constants of the base model that are known better together than each alone, with the 95 % interval."""
+
+    over: Entry
+    under: Entry
     value: float
     low: float
     high: float
@@ -61,6 +75,27 @@ def estimates(view: View, fit: Fit) -> list[Estimate]:
     for e, b, s in zip(own, fit.beta, spread, strict=False):
         value = float(np.clip(e.value + b, e.low, e.high))
         out.append(Estimate(e, value, max(value - reach * s, e.low), min(value + reach * s, e.high)))
+    return out
+
+
+def ratios(view: View, fit: Fit) -> list[Ratio]:
+    """Ratios of constants that are better known than the constants, best first; none that follows from those before.
+
+    Motion often tells thrust over mass, or torque over inertia; which of the two is off, only what is stated of them.
+    """
+    values = {x.entry.label: x.value for x in estimates(view, fit) if x.entry.constant}
+    own = [(i, e) for i, e in enumerate(view.linear.own) if e.label in values]
+    index, at = [i for i, _ in own], np.array([values[e.label] for _, e in own])
+    relative = view.subsets.covariance(fit)[np.ix_(index, index)] / np.outer(at, at)
+    alone = np.diag(relative)
+    together = alone[:, None] + alone - 2 * relative
+    reach = float(student.ppf(0.975, max(2, len(view.subsets.normal.fold) - 1)))
+    out, linked = [], np.arange(len(own))
+    for i, j in sorted(combinations(range(len(own)), 2), key=lambda pair: together[pair]):
+        if 0 < together[i, j] < TOGETHER**2 * min(alone[i], alone[j]) and linked[i] != linked[j]:
+            linked[linked == linked[j]] = linked[i]
+            value, half = float(at[j] / at[i]), reach * float(together[i, j]) ** 0.5
+            out.append(Ratio(own[j][1], own[i][1], value, value * (1 - half), value * (1 + half)))
     return out
 
 

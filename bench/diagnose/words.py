@@ -2,10 +2,10 @@
 
 import math
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from bench.diagnose.diagnosis import LINES, ByGroup, DataProblem, Diagnosis, NamedEffect, ParameterEstimate
+from bench.diagnose.diagnosis import LINES, ByGroup, Calibration, DataProblem, Diagnosis, NamedEffect, ParameterEstimate
 from registry.core import EFFECTS
 from registry.units import display
 
@@ -15,7 +15,9 @@ NOTHING = "–"
 LITTLE = 0.02
 """Share of the squared error above the floor below which a reader need not know what it follows."""
 OFF = 2.0
-"""Stated uncertainties beyond which a calibrated constant is called wrong."""
+"""Stated uncertainties beyond which a calibrated constant is marked."""
+MENTIONED = 2
+"""Constants, and ratios of them, that are said to be off; the page has them all."""
 
 
 def shown(si_unit: str, signal: str = "", values: Iterable[float] = ()) -> tuple[str, float]:
@@ -206,10 +208,31 @@ def remainder(diagnosis: Diagnosis) -> str:
 
 
 def miscalibrated(diagnosis: Diagnosis) -> str:
-    """A sentence about base constants that are off by more than their stated uncertainty allows."""
-    off = [c for c in diagnosis.evidence.calibration if abs(c.sigma) > OFF and c.nominal]
-    moved = (f"{named(c.constant)} by {percent(c.calibrated / c.nominal - 1)} ({abs(c.sigma):.1f} σ)" for c in off)
-    return f"Stated constants are off: {listed(moved)}." if off else ""
+    """A sentence about base constants whose intervals exclude what was stated, and ratios of them that do."""
+    moved = [c for c in diagnosis.evidence.calibration if c.moved]
+    alone, ratios = ([c for c in moved if (" / " in c.constant) is both] for both in (False, True))
+    if not moved:
+        return ""
+    if not alone:
+        return f"Calibration moved ratios of stated constants, of which either may be off: {_first(ratios)}."
+    better = f"; known better are ratios: {_first(ratios)}" if ratios else ""
+    return f"Calibration moved stated constants: {_first(alone)}{better}."
+
+
+def _first(moved: Sequence[Calibration]) -> str:
+    """The constants that moved most by their stated uncertainties, and how many others did."""
+    first = sorted(moved, key=lambda c: -abs(c.sigma))[:MENTIONED]
+    more = [f"{len(moved) - len(first)} more"] if len(moved) > len(first) else []
+    return listed([*map(change, first), *more])
+
+
+def change(c: Calibration) -> str:
+    """Such as "thrust coefficient by 5.6 % (4.3 % to 6.9 %; 2.8 σ)", σ being the stated uncertainty."""
+    value, *ends = (100 * (v / c.nominal - 1) for v in (c.calibrated, c.low, c.high))
+    low, high = sorted(ends)
+    digits = max(0, min(3, 1 - math.floor(math.log10(high - low)))) if high > low else 1
+    by, least, most = (f"{x:.{digits}f} %".replace("-", "−") for x in (value, low, high))
+    return f"{named(c.constant)} by {by} ({least} to {most}; {abs(c.sigma):.1f} σ)"
 
 
 def commands(diagnosis: Diagnosis) -> list[str]:

@@ -42,6 +42,8 @@ class Answer:
     """The true ones: recording, signal, kind, rows (first and last)."""
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
+    constants: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
+    """Of the base model, and ratios of two: nominal, calibrated, low, high."""
     extra: dict[str, Any] = field(default_factory=dict)
 
 
@@ -79,6 +81,7 @@ def answer(case: Case, said: Diagnosis, faults: Any, seconds: float) -> Answer:
         tuple((f"flight_{f.recording + 1}", f.signal, f.kind, (f.rows[0], f.rows[1] - 1)) for f in faults),
         said.evidence.notes,
         seconds,
+        {c.constant: (c.nominal, c.calibrated, c.low, c.high) for c in said.evidence.calibration},
     )
 
 

@@ -127,6 +127,16 @@ def parameters(case: Case) -> dict[str, Any]:
     return out | true
 
 
+def changed_constants(case: Case) -> dict[str, tuple[str, float]]:
+    """By hidden effect that is nothing but another base constant, that constant of the model and its true value."""
+    true, changed = parameters(case), {}
+    if "mass" in case.effects:
+        changed["mass"] = ("mass", true["mass"] + case.effects["mass"]["delta"])
+    if "thrust_scale" in case.effects:
+        changed["thrust_scale"] = ("thrust_coefficient", true["k_eta"] * (1 + case.effects["thrust_scale"]["eps"]))
+    return changed
+
+
 def nominal(case: Case) -> dict[str, Any]:
     """The constants that the user is given, as in `dataset.toml` [physics]; SI."""
     p = _rotorpy(case.vehicle)

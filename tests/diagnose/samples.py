@@ -94,7 +94,7 @@ def _window(recording: str, start: float, group: str, channels: str, extended: f
 
 def _calibration() -> tuple[Calibration, ...]:
     return (
-        Calibration("mass", 0.5, 0.5062, "kg", 1.2),
+        Calibration("mass", 0.5, 0.5062, "kg", 1.2, 0.4995, 0.5129),
         Calibration("thrust_coefficient", 5.57e-6, 5.61e-6, "N s^2", 0.4),
         Calibration("torque_coefficient", 1.36e-7, 1.34e-7, "N m s^2", -0.7),
     )
@@ -259,7 +259,7 @@ def nothing() -> Diagnosis:
         held_out=HELD_OUT,
         curves=_curves(FLOOR, ("calibrated", "floor"), {g: 1.06 * v for g, v in FLOOR.items()}),
         ranking=(candidates,),
-        calibration=(Calibration("mass", 0.5, 0.5621, "kg", 12.4),),
+        calibration=(Calibration("mass", 0.5, 0.5621, "kg", 12.4, 0.5596, 0.5646),),
         notes=("The recordings are gentle: speeds stay below 0.8 m/s, where drag can hardly be seen.",),
     )
     return replace(

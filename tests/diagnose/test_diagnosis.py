@@ -90,7 +90,7 @@ def test_the_story_is_short_and_says_the_verdict(verdict: str) -> None:
     for said in {
         "named": ["rotor drag and rotor reaction torque", "1.152×10⁻⁴ to 1.224×10⁻⁴", "81.0 → 9.40 mm", "96 %"],
         "tie": ["rotor drag or linear drag", "heavier payload"],
-        "nothing": ["No effect", "mass by 12 % (12.4 σ)"],
+        "nothing": ["No effect", "moved stated constants: mass by 12.4 % (11.9 % to 12.9 %; 12.4 σ)."],
         "unknown_effect": ["not in the catalogue", "acts on velocity z", "follows position x", "93 %"],
         "data_problem": ["frozen", "flight_03", "body rates r", "samples 1202 to 1466", "velocity x, all samples"],
     }[verdict]:

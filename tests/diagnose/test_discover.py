@@ -130,6 +130,20 @@ def test_a_flight_without_a_hidden_effect_gets_none(cache):
     assert (answer.verdict, answer.named) == ("nothing", {})
 
 
+def test_a_constant_that_is_off_within_what_is_stated_is_calibrated_and_said(cache):
+    """What turns and lifts tells thrust over mass to a thousandth, and which of them is off to a per cent."""
+    from bench.score.case import changed_constants, parameters
+
+    case = flights.Case("stronger", effects={"thrust_scale": {"eps": 0.05}}, recordings=4, seconds=12.0, flight_seed=80)
+    answer = diagnosed(case, cache)
+    assert (answer.verdict, answer.named) == ("nothing", {})
+    _, true = changed_constants(case)["thrust_scale"]
+    nominal, _, low, high = answer.constants["thrust_coefficient"]
+    assert nominal < low < true < high < 1.05 * low
+    nominal, _, low, high = answer.constants["thrust_coefficient / mass"]
+    assert nominal < low < true / parameters(case)["mass"] < high < 1.003 * low
+
+
 def test_a_force_that_goes_with_the_place_is_followed_there(cache):
     force = {"position_force": {"axis": 1.0, "amplitude": 0.4, "wavelength": 2.2}}
     case = flights.Case("place", effects=force, recordings=4, seconds=12.0, condition="unknown", flight_seed=79)
