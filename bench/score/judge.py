@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import permutations
 from typing import Any
 
-from bench.score.case import Case
+from bench.score.case import Case, changed_constants
 
 INERTIA = ("rotor_gyroscopic_torque", "rotor_reaction_torque")
 """They share a constant: either alone or both is right where the truth is the rotor inertia."""
@@ -85,19 +85,45 @@ class Judged:
     @property
     def exact(self) -> bool:
         """Whether the effects named are the true ones: all that must be, and none that is not there."""
+        return self._exact(self.required)
+
+    @property
+    def calibrated(self) -> set[str]:
+        """Effects that must be named, were not, and were found all the same: as a change of a base constant.
+
+        Constants are calibrated within three of their stated uncertainties before an effect is named. An effect that is
+        nothing but another constant is found there if that constant's interval excludes the nominal value, so that the
+        answer says that it is off, and holds the true one.
+        """
+        found = set()
+        if self.verdict in ("nothing", "named"):
+            for effect, (constant, true) in changed_constants(self.case).items():
+                nominal, _, low, high = self.said.get("constants", {}).get(constant, (math.nan,) * 4)
+                if effect not in self.named and not low <= nominal <= high and low <= true <= high:
+                    found.add(token(effect))
+        return found & self.required
+
+    @property
+    def answered(self) -> bool:
+        """Whether the set is exact where a constant calibrated to its true value counts as named; not in a tie."""
+        return self.exact or (self.case.condition != "tie" and self._exact(self.required - self.calibrated))
+
+    def _exact(self, required: set[str]) -> bool:
         # Both effects of the rotors' inertia stand for one truth.
         by_token = {token(name): self.candidates(name) for name in self.named}
         if len(by_token) > len(self.truth):
             return False
         return any(
-            self.required <= set(order) and all(t in of for t, of in zip(order, by_token.values(), strict=True))
+            required <= set(order) and all(t in of for t, of in zip(order, by_token.values(), strict=True))
             for order in permutations(self.truth, len(by_token))
         )
 
     @property
     def first(self) -> bool:
-        """Whether the effect named first is a true one."""
-        return bool(self.named) and bool(self.candidates(next(iter(self.named))))
+        """Whether the effect named first is a true one, or a calibrated constant says it and none is named."""
+        if not self.named:
+            return bool(self.calibrated)
+        return bool(self.candidates(next(iter(self.named))))
 
     @property
     def estimates(self) -> list[Estimate]:
@@ -186,7 +212,7 @@ class Judged:
             return verdict == "data_problem" and self.rows
         if condition == "shifted":
             return self.shift
-        return self.exact and (condition != "tie" or verdict == "tie")
+        return self.answered and (condition != "tie" or verdict == "tie")
 
     @property
     def told(self) -> str:

