@@ -1,15 +1,17 @@
 """One case diagnosed, and what is right about the answer."""
 
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from bench.diagnose.compare import compare
 from bench.diagnose.diagnose import diagnose
 from bench.diagnose.diagnosis import ByGroup, Diagnosis
-from bench.score.case import UNCERTAINTY, Case, fly_and_faults, nominal
+from bench.score.case import UNCERTAINTY, Case, fly_and_faults, nominal, parameters
 from bench.score.logs import subject
 from registry.core import EFFECTS
+from registry.dynamics import PhysicsModel
 
 INERTIA = {"rotor_gyroscopic_torque", "rotor_reaction_torque"}
 """They share a constant: either, or both, is right where the truth is the rotor inertia."""
@@ -35,7 +37,11 @@ class Answer:
     rivals: dict[str, tuple[str, ...]]
     follows: tuple[str, ...]
     error: dict[str, dict[str, float]]
-    """By line (nominal, calibrated, extended, floor) and group, at the longest horizon, SI."""
+    """By line (nominal, calibrated, extended, floor, true) and group, at the longest horizon, SI.
+
+    "true" is the error of the simulator with the hidden effects and constants put in: what these recordings' own noise
+    leaves, beside the floor, which is what such noise leaves on average.
+    """
     problems: tuple[tuple[str, str, str, tuple[int, int] | None, str], ...] = ()
     """Recording, signal, kind, rows (first and last; None: all), detail."""
     faults: tuple[tuple[str, str, str, tuple[int, int]], ...] = ()
@@ -55,11 +61,26 @@ def attempt(case: Case, cache: Path) -> Answer:
     who = subject(case.id, columns, nominal(case), uncertainty, {k: dict(v) for k, v in case.known.items()}, case.drive)
     began = time.perf_counter()
     said, _ = diagnose(who, catalogue=names, brief=case.condition not in MEASURED)
-    return answer(case, said, faults, time.perf_counter() - began)
+    seconds = time.perf_counter() - began
+    exact = compare(who, {"true": true_model(case, who.model)}).error("true") if case.condition in MEASURED else {}
+    return answer(case, said, faults, seconds, exact)
 
 
-def answer(case: Case, said: Diagnosis, faults: Any, seconds: float) -> Answer:
-    """What a diagnosis says of a case, as plain values."""
+def true_model(case: Case, base: PhysicsModel) -> PhysicsModel:
+    """``base`` with the true constants and the hidden effects."""
+    p = parameters(case)
+    constants: dict[str, Any] = {
+        "mass": p["mass"],
+        "inertia": (p["Ixx"], p["Iyy"], p["Izz"]),
+        "thrust_coefficient": p["k_eta"],
+        "torque_coefficient": p["k_m"],
+    }
+    hidden = (EFFECTS.get(name)(**values) for name, values in case.effects.items())
+    return replace(base, **constants, effects=(*base.effects, *hidden))
+
+
+def answer(case: Case, said: Diagnosis, faults: Any, seconds: float, exact: ByGroup) -> Answer:
+    """What a diagnosis says of a case, as plain values; ``exact`` is the error of the true model."""
 
     def plain(errors: ByGroup) -> dict[str, float]:
         return {g: e.rmse for g, e in errors.items()}
@@ -76,7 +97,7 @@ def answer(case: Case, said: Diagnosis, faults: Any, seconds: float) -> Answer:
         {e.id: {n: (p.value, p.low, p.high) for n, p in e.parameters.items()} for e in said.effects},
         {e.id: e.indistinguishable_from for e in said.effects},
         said.unexplained.follows,
-        {**lines, "floor": plain(said.noise_floor)},
+        {**lines, "floor": plain(said.noise_floor), "true": plain(exact)},
         tuple((p.recording, p.signal, p.kind, p.rows, p.detail) for p in said.data_problems),
         tuple((f"flight_{f.recording + 1}", f.signal, f.kind, (f.rows[0], f.rows[1] - 1)) for f in faults),
         said.evidence.notes,

@@ -16,6 +16,8 @@ NEAR, SLACK = 10, 100
 """Samples by which said rows may miss the spoilt ones, and by how many they may be more."""
 FAILED = "failed"
 """Key of the sentence that stands for the alternatives' answers where they raised."""
+REACHED = 1.15
+"""Times the floor that the error of the true model may be; chance moves it by 2 to 4 %."""
 LEFT = 0.05
 """Of what was above the floor, that an extended model may leave."""
 
@@ -144,8 +146,10 @@ class Judged:
 
     # ------------------------------------------------------------------------------------------- the forecast
 
-    def left(self, error: Mapping[str, float], reference: Mapping[str, Mapping[str, float]]) -> float:
-        """(E − floor) / (nominal − floor), each pooled over output groups in units of the nominal error; inf: none."""
+    def left(
+        self, error: Mapping[str, float], reference: Mapping[str, Mapping[str, float]], least: str = "floor"
+    ) -> float:
+        """(E − least) / (nominal − least), each pooled over output groups in units of the nominal error; inf: none."""
         if not error or not reference.get("nominal"):
             return math.inf
         nominal = reference["nominal"]
@@ -153,14 +157,29 @@ class Judged:
         def pooled(of: Mapping[str, float]) -> float:
             return math.sqrt(sum((of[g] / nominal[g]) ** 2 for g in nominal) / len(nominal))
 
-        above = 1 - pooled(reference["floor"])
-        return (pooled(error) - pooled(reference["floor"])) / above if above > 0 else math.inf
+        above = 1 - pooled(reference[least])
+        return (pooled(error) - pooled(reference[least])) / above if above > 0 else math.inf
 
     @property
     def remaining(self) -> float:
         """What the extended model leaves of the error above the floor; more than 1 is worse than nominal."""
         error = self.said["error"]
         return self.left(error.get("extended", {}), error)
+
+    @property
+    def beyond_truth(self) -> float:
+        """What the extended model leaves above the error that the true one makes on the same recordings; NaN: unknown.
+
+        The floor is what noise makes on average: where an effect is weak beside it, a few per cent more or less of it
+        in the recordings at hand are as large as what is asked for. Where the true numbers do not reach the floor (as
+        with a swinging load, whose equation is an approximation) it stays the reference.
+        """
+        error = self.said["error"]
+        true, floor = error.get("true", {}), error.get("floor", {})
+        if not true:
+            return math.nan
+        reached = all(true[g] <= REACHED * floor[g] for g in floor)
+        return self.left(error.get("extended", {}), error, "true" if reached else "floor")
 
     # --------------------------------------------------------------------------------- what is not an effect
 

@@ -129,6 +129,10 @@ def _effects(judged: Sequence[Judged]) -> tuple[Line, ...]:
         _at_least(
             f"at most {_round(LEFT)} of the error above the floor left", 1.0, (j.remaining <= LEFT for j in judged)
         ),
+        _rate(
+            f"… at most {_round(LEFT)} above the true model's error on the same recordings",
+            (j.beyond_truth <= LEFT for j in judged if not math.isnan(j.beyond_truth)),
+        ),
         _at_most("worse than the nominal model", 0.0, (not j.remaining <= 1 for j in judged)),
         Line("most that is left of the error above the floor", percent(worst)),
     )

@@ -114,6 +114,11 @@ def test_what_is_left_is_counted_from_the_floor_to_the_nominal_error() -> None:
     worse = {**ERRORS, "extended": {"velocity": 1.1, "body_rates": 2.2}}
     assert judged(DRAG, said("named", "rotor_drag", error=worse)).remaining == pytest.approx(1.0 / 0.9)
     assert judged(DRAG, said("error", error={})).remaining == math.inf
+    noisy = judged(DRAG, said("named", "rotor_drag", error={**ERRORS, "true": {"velocity": 0.11, "body_rates": 0.22}}))
+    assert noisy.beyond_truth == pytest.approx(0.01 / 0.89) and noisy.remaining == one.remaining
+    assert math.isnan(one.beyond_truth)
+    load = {**ERRORS, "true": {"velocity": 0.11, "body_rates": 0.26}}  # which is not the noise of these recordings
+    assert judged(DRAG, said("named", "rotor_drag", error=load)).beyond_truth == one.remaining
 
 
 FAULT = ["flight_2", "body_rates", "spike", [500, 501]]
