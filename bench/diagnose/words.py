@@ -1,6 +1,7 @@
 """How a diagnosis is put in words: numbers with units, and the verdict in a sentence. Plain text, not escaped."""
 
 import math
+import re
 import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -35,8 +36,9 @@ def united(value: str, unit: str) -> str:
 
 
 def named(identifier: str) -> str:
-    """ "rotor_drag" and "body_rates.p" as words."""
-    return identifier.replace("_", " ").replace(".", " ")
+    """ "rotor_drag", "body_rates.p" and "inertia[2]" (about z) as words."""
+    about = re.sub(r"\binertia\[([012])\]", lambda found: f"inertia about {'xyz'[int(found[1])]}", identifier)
+    return about.replace("_", " ").replace(".", " ")
 
 
 def number(value: float, digits: int = 3) -> str:
