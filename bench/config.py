@@ -167,11 +167,16 @@ def run_key(config: RunConfig, data_digest: str, split: Split) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
 
 
+FREE = ("seed", "outputs", "training.learning_rate")
+"""Options in which runs that train side by side may differ."""
+
+
 def shape_key(config: RunConfig) -> str:
-    """Runs of one shape key differ only in seed and predicted channel and may train side by side."""
+    """Runs of one shape key differ only in `FREE`, predict as many signals, and may train side by side."""
     plain = to_json(config.resolved())
-    plain.pop("seed")
-    plain.pop("outputs")
+    for path in FREE:
+        part, _, name = path.rpartition(".")
+        (plain[part] if part else plain).pop(name)
     return json.dumps([plain, len(config.outputs)], sort_keys=True)
 
 

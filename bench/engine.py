@@ -88,10 +88,7 @@ def plan(configs: Iterable[RunConfig], runs: Path) -> Plan:
             result.done.append(key)
             continue
         data = prepare(config)
-        side_by_side = (
-            config.predictor.training == "gradient" and independent(config) and len(data.train) >= config.training.batch
-        )
-        shape = (shape_key(config), len(data.output_channels), "" if side_by_side else key)
+        shape = (shape_key(config), len(data.output_channels), "" if independent(config, data) else key)
         groups.setdefault(shape, []).append((config, key))
     for members in groups.values():
         for i in range(0, len(members), GROUP):

@@ -35,9 +35,9 @@ def per_update(configs: tuple[RunConfig, ...]) -> float:
     data = [prepare(c) for c in configs]
 
     def timed(updates: int) -> float:
-        budget = replace(configs[0].training, updates=updates, evaluate_every=updates, validation_windows=1)
+        budget = {"updates": updates, "evaluate_every": updates, "validation_windows": 1}
         started = time.perf_counter()
-        train([replace(c, training=budget) for c in configs], data)
+        train([replace(c, training=replace(c.training, **budget)) for c in configs], data)
         return time.perf_counter() - started
 
     once = timed(1)  # with everything that is done once

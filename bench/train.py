@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 from torch.func import functional_call
 
+from bench.adam import Adam
 from bench.checkpoint import Checkpoint
 from bench.config import RunConfig, Training
 from bench.data import Prepared
@@ -25,7 +26,6 @@ Curve = list[tuple[int, float, float]]
 """(update, training cost since the last look, validation cost L_pred), scaled units."""
 DIVERGED = 1e6
 """A training cost (scaled units) above this has diverged: predictions a thousand deviations off."""
-BETAS, EPS = (0.9, 0.999), 1e-8
 
 
 @dataclass
@@ -56,8 +56,8 @@ class Run:
     ended_at: int = 0
 
 
-def independent(config: RunConfig) -> bool:
-    """Whether runs like this keep their bits in a group.
+def independent(config: RunConfig, data: Prepared) -> bool:
+    """Whether runs like this are trained in updates, and keep their bits in a group.
 
     They do when they draw no random numbers while training, when their batches are whole vectors (see
     `registry.kernels.pointwise.pad_batch`) and when their layers are not too thin for BLAS to treat them alike.
@@ -65,11 +65,13 @@ def independent(config: RunConfig) -> bool:
     dropout, hidden = (getattr(config.predictor, o, 0) for o in ("dropout", "hidden"))
     sizes = (hidden, getattr(config.initializer, "hidden", hidden))
     return (
-        config.predictor.side_by_side
+        config.predictor.training == "gradient"
+        and config.predictor.side_by_side
         and not dropout
         and getattr(config.initializer, "start", "zero") == "zero"
         and min(sizes) >= 8
         and config.training.batch % 32 == 0
+        and config.training.batch <= len(data.train)
     )
 
 
@@ -83,7 +85,7 @@ def train(
     """Train models of one shape side by side.
 
     Args:
-        configs: equal but for seed and predicted channels.
+        configs: equal but for `bench.config.FREE`.
         data: what each run trains on.
         progress: called with the number of updates done since the last call, summed over models.
         checkpoint: file for the state at every look at the validation part; a second call goes on from there. It is
@@ -155,6 +157,8 @@ class Group:
         self.leaves = list(self.network.parameters())
         for name, p in self.network.named_parameters():
             p.data = weights[name]
+        rates = [self.runs[i].config.training.learning_rate for i in active]
+        self.adam = Adam(self.options, rates, (self.theta, self.gradient, self.m, self.v))
 
     def _leave_ended(self) -> None:
         """Take the rows of runs that have ended out."""
@@ -226,32 +230,12 @@ class Group:
         if any(not n <= o.clip for n in steep):
             self.gradient.mul_((o.clip / norms.clamp(min=o.clip)).unsqueeze(-1))
         self.update += 1
-        torch._fused_adamw_(
-            [self.theta],
-            [self.gradient],
-            [self.m],
-            [self.v],
-            [],
-            [torch.tensor(float(self.update))],
-            lr=self._rate(),
-            beta1=BETAS[0],
-            beta2=BETAS[1],
-            weight_decay=o.weight_decay,
-            eps=EPS,
-            amsgrad=False,
-            maximize=False,
-        )
+        self.adam.step(self.update)
         if not all(healthy):
             for i, fine in zip(self.active, healthy, strict=True):
                 if not fine:
                     self.runs[i].ended, self.runs[i].ended_at = "diverged", self.update
             self._leave_ended()
-
-    def _rate(self) -> float:
-        """Of the latest update: cosine from the learning rate to its final fraction over the budget."""
-        o = self.options
-        fall = 0.5 * (1 + math.cos(math.pi * (self.update - 1) / o.updates))
-        return o.learning_rate * (o.final_rate + (1 - o.final_rate) * fall)
 
     def _look(self, since: int) -> None:
         """Cost of free runs on the validation part, ``since`` updates after the last look.

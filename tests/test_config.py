@@ -41,9 +41,11 @@ def test_data_change_the_key_and_spelled_out_defaults_do_not() -> None:
     assert run_key(replace(BASE, outputs=("euler_rates",)), "d", SPLIT) == run_key(BASE, "d", SPLIT)
 
 
-def test_seed_and_channel_share_a_shape_and_size_does_not() -> None:
+def test_seed_channel_and_learning_rate_share_a_shape_and_size_does_not() -> None:
     miso = replace(BASE, outputs=("euler_rates.roll",))
     assert shape_key(miso) == shape_key(replace(miso, outputs=("euler_rates.yaw",), seed=2))
+    assert shape_key(miso) == shape_key(changed(miso, {"training.learning_rate": "0.1"}))
+    assert shape_key(miso) != shape_key(changed(miso, {"training.final_rate": "0.1"}))
     assert shape_key(miso) != shape_key(replace(miso, predictor=parse("LSTM: 2x5 - MLP: 6x10")[0]))
 
 

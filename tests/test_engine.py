@@ -32,8 +32,14 @@ def runs(spec: str, count: int = 3, **changes: object) -> list[RunConfig]:
     ["LSTM: 1x8 - MLP: 9x10", "LSTM: 2x9 - Washout: 10", "MLFC: 2x8 - Washout: 10", "LSTM TDL: 1x8 - RNN: 9x10"],
 )
 def test_a_models_record_does_not_depend_on_its_group(spec: str, tmp_path: Path) -> None:
-    configs = runs(spec, 5)
-    together = engine.execute(engine.plan(configs, tmp_path / "a"), tmp_path / "a")
+    rates = (5e-3, 5e-3, 1e-3, 2e-2, 1e-3)
+    configs = [
+        replace(c, training=replace(c.training, learning_rate=rate))
+        for c, rate in zip(runs(spec, 5), rates, strict=True)
+    ]
+    todo = engine.plan(configs, tmp_path / "a")
+    assert [len(task.configs) for task in todo.tasks] == [5]
+    together = engine.execute(todo, tmp_path / "a")
     for config, grouped in zip(configs, together, strict=True):
         (alone,) = engine.execute(engine.plan([config], tmp_path / "b"), tmp_path / "b")
         assert record.differences(grouped, alone) == []
