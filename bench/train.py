@@ -6,7 +6,7 @@ bits do not depend on what it is trained beside. Divergence is a result, not a c
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -26,6 +26,8 @@ Curve = list[tuple[int, float, float]]
 """(update, training cost since the last look, validation cost L_pred), scaled units."""
 DIVERGED = 1e6
 """A training cost (scaled units) above this has diverged: predictions a thousand deviations off."""
+Looked = Callable[[list[Curve]], Iterable[int]]
+"""Called with every model's curve so far; gives the models, by place, that need not go on."""
 
 
 @dataclass
@@ -35,7 +37,7 @@ class Trained:
     model: Model
     """With the weights of the best update."""
     status: str
-    """"finished" or "diverged"."""
+    """"finished", "diverged", or "pruned" where it was not to go on."""
     updates: int
     best_update: int
     diverged_at: int | None
@@ -80,7 +82,7 @@ def train(
     data: Sequence[Prepared],
     progress: Callable[[int], None] = lambda updates: None,
     checkpoint: Path | None = None,
-    looked: Callable[[list[Curve]], None] = lambda curves: None,
+    looked: Looked = lambda curves: (),
 ) -> list[Trained]:
     """Train models of one shape side by side.
 
@@ -90,7 +92,7 @@ def train(
         progress: called with the number of updates done since the last call, summed over models.
         checkpoint: file for the state at every look at the validation part; a second call goes on from there. It is
             the caller's to remove once the outcome is safe.
-        looked: called with every model's curve so far after each look, and when a checkpoint is gone on from.
+        looked: called after each look, and when a checkpoint is gone on from; what it gives ends as "pruned".
     """
     models = [build_scaled(c, d) for c, d in zip(configs, data, strict=True)]
     if configs[0].predictor.training != "gradient":
@@ -192,14 +194,12 @@ class Group:
             self.orders[seed] = epoch, torch.from_numpy(drawn)
         return self.orders[seed][1]
 
-    def train(
-        self, progress: Callable[[int], None], looked: Callable[[list[Curve]], None] = lambda curves: None
-    ) -> list[Trained]:
-        """Run to the end: budget, early stopping or divergence, model by model."""
+    def train(self, progress: Callable[[int], None], looked: Looked = lambda curves: ()) -> list[Trained]:
+        """Run to the end: budget, early stopping, divergence or `looked`, model by model."""
         if self.checkpoint:
             self._resume()
             progress(self.update * len(self.runs))
-            looked([r.curve for r in self.runs])
+            self._prune(looked)
         o = self.options
         while self.update < o.updates and self.active:
             self.step()
@@ -209,7 +209,7 @@ class Group:
                 if self.checkpoint:
                     self._save()
                 progress(since * len(self.runs))
-                looked([r.curve for r in self.runs])
+                self._prune(looked)
         progress((o.updates - self.update) * len(self.runs))
         return [self._trained(i) for i in range(len(self.runs))]
 
@@ -264,6 +264,13 @@ class Group:
         self.train_cost.zero_()
         self._leave_ended()
 
+    def _prune(self, looked: Looked) -> None:
+        """Show the curves, and end the runs that need not go on."""
+        for i in looked([r.curve for r in self.runs]):
+            if not self.runs[i].ended:
+                self.runs[i].ended, self.runs[i].ended_at = "pruned", self.update
+        self._leave_ended()
+
     def _trained(self, i: int) -> Trained:
         run, model = self.runs[i], self.models[i]
         named = {n: w[0] for n, w in self.named(self.best[i : i + 1]).items()}
@@ -271,15 +278,8 @@ class Group:
             for name, weight in model.named_parameters():
                 weight.copy_(named[name])
         model.eval()
-        diverged = run.ended == "diverged"
-        return Trained(
-            model,
-            "diverged" if diverged else "finished",
-            run.ended_at or self.update,
-            run.best_update,
-            run.ended_at if diverged else None,
-            run.curve,
-        )
+        at, diverged = run.ended_at or self.update, run.ended == "diverged"
+        return Trained(model, run.ended or "finished", at, run.best_update, at if diverged else None, run.curve)
 
     def _save(self) -> None:
         assert self.checkpoint

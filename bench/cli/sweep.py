@@ -92,9 +92,10 @@ def sweep_command(
 
     Each trial trains on the training part and is judged on the validation part (RMSSE of the outputs, each in units of
     its standard deviation). Optuna's TPE proposes; a trial that is worse than the median of the others at the same
-    update is stopped (on a cluster where workers see the results folder; elsewhere it goes to its end). At the end the
-    best configuration and the default one are trained from three fresh seeds and compared on the validation and, for
-    the first time, on the test part.
+    update is stopped (on a cluster where workers see the results folder; elsewhere it goes to its end). Where the
+    learning rate alone is searched, the sizes being given with --set, a process trains up to nine trials at once, which
+    is faster. At the end the best configuration and the default one are trained from three fresh seeds and compared on
+    the validation and, for the first time, on the test part.
 
     Nothing that was told is lost: after Ctrl-C, a crash or a power cut, the same command with --resume goes on.
     """

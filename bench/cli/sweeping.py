@@ -1,5 +1,6 @@
 """A sweep on its way: search, train the best and the default, report; progress and answer on the terminal."""
 
+import math
 import os
 import time
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ from bench.sweep import finalists
 from bench.sweep import journal as sweeps
 from bench.sweep import page as sweep_page
 from bench.sweep.journal import Sweep
-from bench.sweep.search import search
+from bench.sweep.search import search, side_by_side
 from bench.sweep.space import SPEC, configured, options, said
 from registry.errors import BenchError
 
@@ -141,10 +142,11 @@ def estimate(out: Console, sweep: Sweep, trials: int, place: Place) -> None:
     """What the sweep would cost here, were no trial stopped early."""
     out.print(_searched(sweep), highlight=False, markup=False)
     workers = _workers(place)
+    together = 1 if place.cluster else min(side_by_side(sweep), math.ceil(trials / workers))
     largest = configured(sweep.configs, {path: _last(values) for path, values in sweep.space.items()})
     with out.status("timing a few updates"):
         times = [
-            per_update((c,)) * c.training.updates if c.predictor.training == "gradient" else 0.0
+            per_update((c,) * together) / together * c.training.updates if c.predictor.training == "gradient" else 0.0
             for c in (sweep.default, largest)
         ]
     finals = 2 * finalists.SEEDS

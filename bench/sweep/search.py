@@ -1,5 +1,10 @@
-"""The driver of a sweep: asks Optuna for configurations, hands them to workers, tells, stops what is not worth it."""
+"""The driver of a sweep: asks Optuna for configurations, hands them to workers, tells, stops what is not worth it.
 
+Trials train side by side where all that is searched may differ there; elsewhere one trial is a job, proposed from what
+all before it told.
+"""
+
+import math
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
@@ -10,14 +15,18 @@ import optuna
 import torch
 from optuna.trial import FrozenTrial, TrialState
 
-from bench.config import to_json
-from bench.engine import key_of
+from bench.config import FREE, RunConfig, to_json
+from bench.data import prepare
+from bench.engine import GROUP, key_of
 from bench.executor import work_off
 from bench.seeds import derive
 from bench.sweep import trial
 from bench.sweep.journal import Sweep, begun
 from bench.sweep.space import configured
+from bench.train import independent
 from registry.errors import BenchError
+
+Group = tuple[optuna.Trial, ...]
 
 
 def search(
@@ -32,8 +41,6 @@ def search(
 ) -> None:
     """Train until ``trials`` are told.
 
-    One trial a job, not several side by side: their shapes differ, and each is proposed from what the others told.
-
     Args:
         sweep: what is searched.
         study: from `begin`.
@@ -46,13 +53,29 @@ def search(
     """
     torch.set_num_threads(1)  # the run key names the thread count
     driver = _Driver(sweep, study, folder, tick)
-    jobs = driver.jobs(trials)
-    with closing(work_off(jobs, workers, driver.hear, lambda t: f"trial {t.number}", cluster, ahead=1)) as done:
-        for asked, outcome in done:
-            driver.tell(asked, outcome)
-            ended(study.get_trials(deepcopy=False)[asked.number])
+    # Workers of a cluster come and go, so that there is no telling how many have to share the trials.
+    jobs = driver.jobs(trials, 1 if cluster else side_by_side(sweep), workers)
+    with closing(work_off(jobs, workers, driver.hear, _named, cluster, ahead=1)) as done:
+        for group, outcomes in done:
+            for asked, outcome in zip(group, outcomes, strict=True):
+                driver.tell(asked, outcome)
+                ended(study.get_trials(deepcopy=False)[asked.number])
+            driver.forget(group)
     for left in (driver.partial, driver.stops):  # every trial is told: a checkpoint there is a killed driver's
         shutil.rmtree(left, ignore_errors=True)
+
+
+def side_by_side(sweep: Sweep) -> int:
+    """Trials that train side by side at most.
+
+    Raises:
+        BenchError: the default does not fit its data.
+    """
+    return GROUP if set(sweep.space) <= set(FREE) and independent(sweep.default, prepare(sweep.default)) else 1
+
+
+def _named(group: Group) -> str:
+    return f"trial {', '.join(str(t.number) for t in group)}"
 
 
 class _Driver:
@@ -69,27 +92,48 @@ class _Driver:
             with suppress(OSError):  # a full disk costs checkpoints and early ends; the journal says that it is full
                 made.mkdir(exist_ok=True)
 
-    def jobs(self, trials: int) -> Iterator[tuple[optuna.Trial, Callable[..., trial.Outcome], tuple[Any, ...]]]:
-        """Proposals, each made when a worker is free."""
-        while (number := len(begun(self.study))) < trials:
-            # A sampler of its own for every trial: proposals after a resume are those of an unbroken sweep.
-            seed = derive(self.sweep.seed, f"proposal/{number}") % 2**32
-            self.study.sampler = optuna.samplers.TPESampler(seed=seed)
-            asked = self.study.ask(self.sweep.space)
-            try:
-                config = configured(self.sweep.configs, asked.params)
-                key = key_of(config)
-            except BenchError as error:
-                self.tell(asked, trial.Outcome("impossible", problem=str(error)))
-                continue
-            asked.set_user_attr("spec", config.spec)
-            self.out[asked.number], self.share[asked.number] = asked, 0.0
-            paths = str(self._checkpoint(asked).resolve()), str((self.stops / str(asked.number)).resolve())
-            yield asked, trial.work, (to_json(config), key, asked.number, *paths)
+    def jobs(
+        self, trials: int, together: int, workers: int
+    ) -> Iterator[tuple[Group, Callable[..., list[trial.Outcome]], tuple[Any, ...]]]:
+        """Proposals made when a worker is free: ``together`` at most, and no more than its share of what is left."""
+        while (left := trials - len(begun(self.study))) > 0:
+            size = min(together, math.ceil(left / workers))
+            if proposed := [p for p in (self._propose(together > 1) for _ in range(size)) if p]:
+                group, configs, keys = zip(*proposed, strict=True)
+                numbers = [asked.number for asked in group]
+                paths = str(self._checkpoint(group).resolve()), str(self.stops.resolve())
+                yield group, trial.work, ([to_json(c) for c in configs], keys, numbers, *paths)
 
-    def _checkpoint(self, asked: optuna.Trial) -> Path:
-        """A trial that is asked for again goes on from the checkpoint of the one that was killed."""
-        return self.partial / f"{asked.user_attrs.get('first', asked.number)}.safetensors"
+    def _propose(self, apart: bool) -> tuple[optuna.Trial, RunConfig, str] | None:
+        """The next trial with its configuration and key; None where it cannot be, which is told.
+
+        Args:
+            apart: whether it keeps away from trials that are not told yet.
+        """
+        # A sampler of its own for every trial: proposals after a resume are those of an unbroken sweep.
+        seed = derive(self.sweep.seed, f"proposal/{len(begun(self.study))}") % 2**32
+        chance = GROUP if apart else 10  # Optuna's own would leave the second group to chance as well
+        self.study.sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=chance, constant_liar=apart)
+        asked = self.study.ask(self.sweep.space)
+        try:
+            config = configured(self.sweep.configs, asked.params)
+            key = key_of(config)
+        except BenchError as error:
+            self.tell(asked, trial.Outcome("impossible", problem=str(error)))
+            return None
+        asked.set_user_attr("spec", config.spec)
+        self.out[asked.number], self.share[asked.number] = asked, 0.0
+        return asked, config, key
+
+    def _checkpoint(self, group: Group) -> Path:
+        """Trials that are asked for again go on from the checkpoint of those that were killed, if all are together."""
+        names = "-".join(str(asked.user_attrs.get("first", asked.number)) for asked in group)
+        return self.partial / f"{names}.safetensors"
+
+    def forget(self, group: Group) -> None:
+        """Remove the checkpoint of a group that is told, and drafts of killed workers."""
+        for left in self.partial.glob(f"{self._checkpoint(group).name}*"):
+            left.unlink(missing_ok=True)
 
     def hear(self, message: tuple[int, list[tuple[int, float]]]) -> None:
         """A worker has looked at the validation part."""
@@ -135,6 +179,4 @@ class _Driver:
         self.out.pop(asked.number, None)
         if asked.number in self.share:
             self._advance(asked.number, 1.0)
-        for left in self.partial.glob(f"{self._checkpoint(asked).name}*"):  # drafts of killed workers as well
-            left.unlink(missing_ok=True)
         (self.stops / str(asked.number)).unlink(missing_ok=True)

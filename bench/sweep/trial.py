@@ -1,8 +1,8 @@
-"""One trial of a sweep: a configuration trained, and judged on the validation part alone."""
+"""Trials of a sweep: configurations trained, and judged on the validation part alone."""
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from bench.engine import refuse_others, shared
 from bench.executor import tell
 from bench.model import Model
 from bench.seeds import derive
-from bench.train import Curve, train
+from bench.train import Curve, Trained, train
 from registry.errors import BenchError
 
 TIMED = 25
@@ -46,10 +46,6 @@ class Outcome:
     """Why it was impossible."""
 
 
-class Pruned(Exception):
-    """The driver has seen enough of this trial."""
-
-
 def scaled_rmsse(errors: np.ndarray, scale: np.ndarray) -> float:
     """√ of the mean of (e / σ)² over windows, steps and outputs: 1 for a predictor as bad as the mean.
 
@@ -61,38 +57,39 @@ def scaled_rmsse(errors: np.ndarray, scale: np.ndarray) -> float:
 
 
 def run(
-    config: RunConfig,
+    configs: Sequence[RunConfig],
     checkpoint: Path | None = None,
-    looked: Callable[[list[tuple[int, float]]], None] = lambda curve: None,
-) -> Outcome:
-    """Train and judge on the validation part; the test part is not looked at.
+    looked: Callable[[list[list[tuple[int, float]]]], Iterable[int]] = lambda curves: (),
+) -> list[Outcome]:
+    """Train side by side and judge each on the validation part; the test part is not looked at.
 
     Args:
-        config: of the run.
+        configs: as `bench.train.train` takes them.
         checkpoint: file to go on from; it is the caller's to remove.
-        looked: called with `Outcome.curve` as it grows; it may raise `Pruned`.
+        looked: called with each one's `Outcome.curve` as it grows; gives those, by place, that need not go on.
     """
     torch.set_num_threads(1)  # one thread is bit-repeatable, and the run key names it
     started = time.monotonic()
     try:
-        data = prepare(config)
+        data = [prepare(c) for c in configs]
     except BenchError as error:
-        return Outcome("impossible", problem=str(error))
-    outputs = len(data.output_channels)
-    seen: list[tuple[int, float]] = []
+        return [Outcome("impossible", problem=str(error)) for _ in configs]
+    outputs = len(data[0].output_channels)
 
-    def look(curves: list[Curve]) -> None:
+    def seen(curve: Curve) -> list[tuple[int, float]]:
         # The cost is a mean over windows and steps of the sum over outputs of squared scaled errors.
-        seen[:] = [(update, math.sqrt(cost / outputs)) for update, _, cost in curves[0]]
-        looked(seen)
+        return [(update, math.sqrt(cost / outputs)) for update, _, cost in curve]
 
-    try:
-        (trained,) = train([config], [data], checkpoint=checkpoint, looked=look)
-    except Pruned:
-        return Outcome("pruned", updates=seen[-1][0], curve=seen, seconds=time.monotonic() - started)
-    spent = time.monotonic() - started
+    trained = train(configs, data, checkpoint=checkpoint, looked=lambda curves: looked([seen(c) for c in curves]))
+    share = (time.monotonic() - started) / len(configs)
+    return [_judged(*each, share, seen(each[-1].curve)) for each in zip(configs, data, trained, strict=True)]
+
+
+def _judged(
+    config: RunConfig, data: Prepared, trained: Trained, seconds: float, curve: list[tuple[int, float]]
+) -> Outcome:
     made = Outcome(trained.status, math.nan, trained.model.weight_count(), math.nan, trained.updates)
-    made.best_update, made.seconds, made.curve = trained.best_update, spent, seen
+    made.best_update, made.seconds, made.curve = trained.best_update, seconds, curve
     if trained.status == "finished":
         torch.manual_seed(derive(config.seed, "validation"))  # a random washout start
         errors = validation_errors(trained.model, data)
@@ -119,18 +116,20 @@ def latency(model: Model, data: Prepared) -> float:
     return 1000 * float(np.median(times))
 
 
-def work(plain: dict[str, Any], key: str, number: int, checkpoint: str, stop: str) -> Outcome:
-    """In a worker: run a trial, tell the driver about every look, end when the driver has put the file ``stop``.
+def work(
+    plain: Sequence[dict[str, Any]], keys: Sequence[str], numbers: Sequence[int], checkpoint: str, stops: str
+) -> list[Outcome]:
+    """In a worker: run trials, tell the driver about every look, end those whose file it has put into ``stops``.
 
-    Where the sweep's folder is not there, as on another machine, a trial runs to its end.
+    Where the sweep's folder is not there, as on another machine, trials run to their ends.
     """
     torch.set_num_threads(1)  # the run key names the thread count
-    config = from_json(plain)
-    refuse_others([config], [key])
+    configs = [from_json(p) for p in plain]
+    refuse_others(configs, keys)
 
-    def looked(curve: Sequence[tuple[int, float]]) -> None:
-        tell((number, list(curve)))
-        if Path(stop).exists():
-            raise Pruned
+    def looked(curves: list[list[tuple[int, float]]]) -> list[int]:
+        for number, curve in zip(numbers, curves, strict=True):
+            tell((number, curve))
+        return [i for i, number in enumerate(numbers) if (Path(stops) / str(number)).exists()]
 
-    return run(config, shared(checkpoint), looked)
+    return run(configs, shared(checkpoint), looked)
