@@ -14,7 +14,7 @@ import samples
 from rich.console import Console
 
 from bench.diagnose import story, words
-from bench.diagnose.diagnosis import Diagnosis, ParameterEstimate, schema
+from bench.diagnose.diagnosis import Calibration, Diagnosis, ParameterEstimate, schema
 from registry.errors import BenchError
 
 VALIDATOR = jsonschema.Draft202012Validator(schema())
@@ -126,3 +126,20 @@ def test_an_estimate_has_the_digits_and_the_unit_that_a_reader_wants(
     name: str, estimate: ParameterEstimate, said: str
 ) -> None:
     assert words.estimate(name, estimate) == said
+
+
+def test_constants_are_said_to_have_moved_where_their_interval_leaves_the_stated_value_out() -> None:
+    d = samples.named()
+
+    def said(*constants: Calibration) -> str:
+        return words.miscalibrated(replace(d, evidence=replace(d.evidence, calibration=constants)))
+
+    held = Calibration("mass", 0.5, 0.506, "kg", 1.2, 0.499, 0.513)
+    unknown = Calibration("mass", 0.5, 0.506, "kg", 1.2)
+    moved = Calibration("inertia[1]", 2e-3, 1.9e-3, "kg m^2", -0.5, 1.88e-3, 1.92e-3)
+    ratio = Calibration("torque_coefficient / inertia[2]", 2.0, 2.1, "", 0.5, 2.08, 2.12)
+    assert said(held, unknown) == ""
+    assert said(held, moved) == (
+        "Calibration moved stated constants: inertia about y by −5.0 % (−6.0 % to −4.0 %; 0.5 σ)."
+    )
+    assert "ratios of stated constants, of which either may be off: torque coefficient / inertia about z" in said(ratio)
