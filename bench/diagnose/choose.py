@@ -44,12 +44,12 @@ def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
     among: Sequence[Start] = starts
     promising: dict[str, Start] = {}
     for size in range(1, MOST + 1):
-        if size <= LARGEST:
-            field = subsets.best(size, among, list(promising.values()) if size == 2 else ())
+        grown = _grown(view, fields[-1][0]) if size > 2 else []
+        if size > LARGEST:
+            field = grown
         else:
-            known = {s.id for s in fields[-1][0].starts}
-            grown = [subsets.fit((*fields[-1][0].starts, s)) for s in starts if s.id not in known]
-            field = sorted(grown, key=subsets.cost)[:12]
+            among = [*among, *(f.starts[-1] for f in grown if f.starts[-1] not in among)]
+            field = subsets.best(size, among, list(promising.values()) if size == 2 else ())
         if not field:
             break
         fields.append(field)
@@ -67,6 +67,20 @@ def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
                 best.setdefault(s.id, s)
             among = list(best.values())[:10]
     return taken, fields
+
+
+def _grown(view: View, fit: Fit) -> list[Fit]:
+    """The best sets of one effect more than ``fit``, of every other effect its best start, best first.
+
+    They hold what shows only beside the others, and so in no smaller set.
+    """
+    known, best = set(fit.ids), dict[str, Fit]()
+    for s in view.subsets.starts:
+        if s.id not in known:
+            larger = view.subsets.fit((*fit.starts, s))
+            if s.id not in best or larger.loss < best[s.id].loss:
+                best[s.id] = larger
+    return sorted(best.values(), key=view.subsets.cost)[:5]
 
 
 def sound(view: View, fit: Fit) -> bool:

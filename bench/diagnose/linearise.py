@@ -80,10 +80,10 @@ class Directions:
         columns = self.columns.copy()
         same = len(self.own) + len(self.removals) + sum(map(len, self.reduced))
         columns[:same] = noisy.columns[:same]
-        by_id = {s.id: s for s in noisy.starts}
+        same_start = {(s.id, s.effect): s for s in noisy.starts}
         for s in self.starts:
-            if s.id in by_id:
-                for mine, its in zip(s.columns, by_id[s.id].columns, strict=True):
+            if (s.id, s.effect) in same_start:
+                for mine, its in zip(s.columns, same_start[s.id, s.effect].columns, strict=True):
                     columns[mine] = noisy.columns[its]
         return replace(self, rates=noisy.rates, columns=columns)
 
@@ -223,8 +223,9 @@ def directions(
             offset = not plain
             first, width = len(columns), len(where) + offset
             columns += [x[0] - at] * offset + list((x[1:] - x[0]) / steps[:, None, None, None])
-            low = (*[1.0] * offset, *(e.low - e.value for e in where))
-            high = (*[1.0] * offset, *(e.high - e.value for e in where))
+            reach = [_reach(kind, e) for e in where]
+            low = (*[1.0] * offset, *(r[0] - e.value for r, e in zip(reach, where, strict=True)))
+            high = (*[1.0] * offset, *(r[1] - e.value for r, e in zip(reach, where, strict=True)))
             starts.append(Start(name, effect, tuple(where), tuple(range(first, first + width)), low, high))
     measured = [i for i in range(at.shape[-1]) if all(log.measured[i] for log in stack.logs)]
     channels = [i for i in measured if any(np.abs(c[..., i]).max() > 0 for c in columns)]
@@ -247,6 +248,13 @@ def _dependants(model: PhysicsModel, place: int) -> frozenset[int]:
     """The places of effects that need the one in this place, and have no other that would do."""
     rest = {EFFECTS.name_of(type(e)) for j, e in enumerate(model.effects) if j != place} | set(model.provides)
     return frozenset(j for j, e in enumerate(model.effects) if j != place and e.requires and not rest & set(e.requires))
+
+
+def _reach(kind: type[Effect], entry: Entry) -> tuple[float, float]:
+    """Between which values an effect linearised at ``entry`` is believed: to the next ones of its search grid."""
+    grid = kind.screen.get(entry.name, ())
+    below, above = [v for v in grid if v < entry.value], [v for v in grid if v > entry.value]
+    return max(below, default=entry.low), min(above, default=entry.high)
 
 
 def _starting_points(kind: type[Effect]) -> list[Effect]:

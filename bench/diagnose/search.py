@@ -16,7 +16,7 @@ from bench.diagnose.subject import Log, Subject
 from bench.diagnose.subset import Subsets
 from bench.diagnose.weak import Stack, TestFunctions
 from registry.core import EFFECTS
-from registry.dynamics import Effect, PhysicsModel
+from registry.dynamics import Effect, InputEffect, PhysicsModel
 
 HOP = 0.06
 """From one test function to the next [s] where the motion is slower; a test function is two hops long."""
@@ -121,9 +121,9 @@ class Search:
         words = dictionary(model, self.stack, linear.channels) if broad else None
         if self.noisy is None:
             return Look(linear, None, words, None)
-        # The costly candidates look at the inputs' past, where noise averages out.
-        quick = [(n, k) for n, k in candidates if not k.screen]
-        moved = linear.moved(directions(model, nominal, spread, self.noisy, quick))
+        # Of the costly candidates those that act on the inputs themselves carry their noise.
+        touched = [(n, k) for n, k in candidates if not k.screen or issubclass(k, InputEffect)]
+        moved = linear.moved(directions(model, nominal, spread, self.noisy, touched))
         return Look(linear, moved, words, dictionary(model, self.noisy, linear.channels) if broad else None)
 
     def views(self, look: Look, explained: float = 0.0) -> list[View]:

@@ -8,39 +8,79 @@ import pytest
 from test_compare import TRUE, flights, subject_of
 
 from bench.diagnose import verify
-from bench.diagnose.choose import accepted
+from bench.diagnose.choose import accepted, choose
 from bench.diagnose.linearise import Directions, Start
 from bench.diagnose.parameters import Entry
 from bench.diagnose.regression import Normal
 from bench.diagnose.search import Search, View
 from bench.diagnose.subset import Subsets
-from bench.diagnose.weak import TestFunctions
+from bench.diagnose.weak import TestFunctions, mean_rates
 from registry.core import EFFECTS
+from registry.effects.actuation import LONGEST_DELAY
 
 BLOCKS, ROWS = 40, 1000
 
 
-def view_of(gain: float) -> View:
-    """Four recordings of white noise in which one column explains ``gain`` times what noise leaves, everywhere."""
-    rng = np.random.default_rng(0)
-    constant, x, noise = rng.normal(size=(3, BLOCKS, ROWS))
-    rows = np.stack([constant, x, gain**0.5 * x + noise], axis=-1)
+def view_of(residual: np.ndarray, **effects: np.ndarray) -> View:
+    """Four recordings (blocks, rows) of a residual, with one column an effect."""
+    constant = np.random.default_rng(1).normal(size=residual.shape)
+    rows = np.stack([constant, *effects.values(), residual], axis=-1)
     grams = np.einsum("bri,brj->bij", rows, rows)[:, None]
     entry = Entry(0, "k", None, "1", 0.0, 1.0, -np.inf, np.inf)
     mass = Entry(-1, "mass", None, "kg", 1.0, 0.01, 0.97, 1.03)
-    start = Start("drag", None, (entry,), (1,), (-np.inf,), (np.inf,))  # type: ignore[arg-type]
+    starts = tuple(
+        Start(name, None, (entry,), (i + 1,), (-np.inf,), (np.inf,))  # type: ignore[arg-type]
+        for i, name in enumerate(effects)
+    )
     nothing = np.empty(0)
-    linear = Directions(None, None, (mass,), (start,), nothing, nothing, (), (), (), ())  # type: ignore[arg-type]
+    linear = Directions(None, None, (mass,), starts, nothing, nothing, (), (), (), ())  # type: ignore[arg-type]
     normal = Normal(grams, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
     return View(linear, (), Subsets(linear, normal, {"mass": 1.0}), (), (), 0.0, frozenset())
 
 
 @pytest.mark.parametrize(("gain", "named"), [(0.006, False), (0.03, True)])
 def test_what_noise_dwarfs_is_not_named_however_significant_it_is(gain: float, named: bool) -> None:
-    view = view_of(gain)
+    x, noise = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))
+    view = view_of(gain**0.5 * x + noise, drag=x)
     smaller, larger = view.subsets.fit(), view.subsets.fit(view.subsets.starts)
     assert smaller.misfit - larger.misfit > 10 * view.subsets.penalty  # 0.6 % of 40 000 rows is significant
     assert accepted(view, smaller, larger) is named
+
+
+def test_an_effect_that_shows_only_beside_two_others_is_found() -> None:
+    """Load explains nothing alone, and beside mass less than the many that resemble drag."""
+    mass, drag, own, noise, *others = np.random.default_rng(0).normal(size=(24, BLOCKS, ROWS))
+    load = own - mass - drag
+    residual = 30 * mass + 30 * drag + 20 * load + noise
+    like_drag = {f"rival_{i}": drag + 0.1 * x for i, x in enumerate(others)}
+    view = view_of(residual, added_mass=mass, drag=drag, load=load, **like_drag)
+    fit, fields = choose(view)
+    assert not any("load" in f.ids for field in fields[1:3] for f in field)
+    assert set(fit.ids) == {"added_mass", "drag", "load"}
+
+
+def test_what_is_linearised_at_a_value_is_believed_to_the_next_one_that_is_tried() -> None:
+    states, force = flights(count=3, samples=500)
+    search = Search(subject_of(TRUE, states, force), ["input_delay"], lambda what: None)
+    starts = search.look(search.subject.model, broad=False).linear.starts
+    tried = [0.0, *EFFECTS.get("input_delay").screen["delay"], LONGEST_DELAY]
+    assert len(starts) == len(tried) - 2
+    for before, start, after in zip(tried, starts, tried[2:], strict=False):
+        ends = [start.effect_at(b).delay for b in (start.low, start.high)]  # type: ignore[attr-defined]
+        assert ends == pytest.approx([before, after])
+
+
+def test_the_noise_of_a_delayed_input_is_accounted_for() -> None:
+    """The mean of two delayed inputs has less noise than one, which must not be taken for a better model."""
+    states, force = flights(count=3, samples=500)
+    hiss = np.random.default_rng(2).normal(0, 0.1 * force.std(), force.shape)
+    search = Search(subject_of(TRUE, states, force + hiss), ["input_delay"], lambda what: None)
+    look = search.look(search.subject.model, broad=False)
+    assert look.moved is not None and search.noisy is not None
+    for start in look.linear.starts:
+        delayed = replace(search.subject.model, effects=(start.effect,))
+        expected = mean_rates(delayed, search.noisy).numpy()[..., list(look.linear.channels)]
+        assert look.moved.rates + look.moved.columns[start.columns[0]] == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize(("share", "buried"), [(0.02, False), (1.5, True)])
