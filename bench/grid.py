@@ -15,6 +15,8 @@ class Effort:
 
     seeds: int
     training: Training
+    test_stride: int = 10
+    """Samples between the starts of test windows."""
 
 
 def effort(seeds: int, updates: int, every: int = 0) -> Effort:
@@ -25,7 +27,7 @@ def effort(seeds: int, updates: int, every: int = 0) -> Effort:
 def horizons(preset: str, paper_seeds: int = 3) -> dict[int, Effort]:
     """What the studies of the paper spend on 0.4 s and 1.9 s: prediction length T [samples] → effort."""
     return {
-        "smoke": {5: effort(2, 40)},
+        "smoke": {5: replace(effort(2, 40), test_stride=50)},
         "laptop": {40: effort(3, 2000), 190: effort(3, 1000)},
         "paper": {t: effort(paper_seeds, 30_000) for t in (40, 190)},
     }[preset]
@@ -36,16 +38,14 @@ def grid(
     dataset: Dataset,
     efforts: Mapping[int, Effort],
     problems: Sequence[tuple[str, ...]] = ((),),
-    test_stride: int = 10,
 ) -> list[RunConfig]:
     """One run for each configuration, problem, horizon and seed; what is not trained by gradient runs once.
 
     Args:
         specs: in the paper's notation.
         dataset: on which.
-        efforts: T → seeds and training.
+        efforts: T → seeds, training and test windows.
         problems: the outputs of each problem; () is what the predictor is for.
-        test_stride: samples between the starts of test windows.
     """
     made = []
     for horizon, spent in efforts.items():
@@ -59,7 +59,7 @@ def grid(
                     outputs=outputs,
                     horizon=horizon,
                     training=spent.training,
-                    test_stride=test_stride,
+                    test_stride=spent.test_stride,
                 )
                 count = spent.seeds if predictor.training == "gradient" else 1
                 made += [replace(run, seed=seed) for seed in range(count)]

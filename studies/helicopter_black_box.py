@@ -10,8 +10,7 @@ from studies.mlp_vs_rnn_init import BASELINES, architectures
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The four architectures on the velocity and on the rotational rates, a network each."""
     problems = [(dataset.velocity,), (dataset.rates,)]
-    stride = 50 if preset == "smoke" else 10
-    return grid((*architectures(preset), *BASELINES), dataset, horizons(preset), problems, stride)
+    return grid((*architectures(preset), *BASELINES), dataset, horizons(preset), problems)
 
 
 STUDY = Study(

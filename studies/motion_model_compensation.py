@@ -12,7 +12,7 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     size, mlp = SIZES[preset]
     both = [(dataset.velocity, dataset.rates)]
     specs = (f"Hybrid: {size} - MLP: {mlp}", "physics", "constant")
-    return grid(specs, dataset, horizons(preset), both, 50 if preset == "smoke" else 10)
+    return grid(specs, dataset, horizons(preset), both)
 
 
 STUDY = Study(

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from bench.config import RunConfig, Training
-from bench.grid import Effort, effort, grid
+from bench.grid import effort, grid
 from bench.study import Study
 from registry.contracts import Dataset
 from registry.datasets.nanodrone import Nanodrone
@@ -24,11 +24,12 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The published kinds of models and the load hybrid, judged at every start and step h = 1 .. 50 of 10 ms."""
     size, mlp = SIZES[preset]
     networks = [f"{p}: {size} - MLP: {mlp}" for p in ("Cascade", "Hybrid")]
-    both, stride = [(dataset.velocity, dataset.rates)], 50 if preset == "smoke" else 1
+    both = [(dataset.velocity, dataset.rates)]
     spent = {"smoke": effort(2, 40), "laptop": effort(3, 800), "paper": effort(3, 30_000)}[preset]
-    own = spent if preset == "smoke" else Effort(3, TRAINING)
-    made = grid((*networks, *BASELINES), dataset, {50: spent}, both, stride)
-    return made + [replace(run, history=HISTORY) for run in grid((LOAD,), dataset, {50: own}, both, stride)]
+    spent = replace(spent, test_stride=50 if preset == "smoke" else 1)
+    own = spent if preset == "smoke" else replace(spent, training=TRAINING)
+    made = grid((*networks, *BASELINES), dataset, {50: spent}, both)
+    return made + [replace(run, history=HISTORY) for run in grid((LOAD,), dataset, {50: own}, both)]
 
 
 STUDY = Study(

@@ -19,8 +19,7 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     size, mlp, rnn = SIZES[preset]
     cascades = [f"{p}: {size} - {i}" for p in ("Cascade", "Cascade TDL") for i in (f"MLP: {mlp}", f"RNN: {rnn}")]
     both = [(dataset.velocity, dataset.rates)]
-    stride = 50 if preset == "smoke" else 10
-    return grid((*cascades, f"LSTM: {size} - MLP: {mlp}", *BASELINES), dataset, horizons(preset), both, stride)
+    return grid((*cascades, f"LSTM: {size} - MLP: {mlp}", *BASELINES), dataset, horizons(preset), both)
 
 
 STUDY = Study(

@@ -15,7 +15,7 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     size, mlp = SIZES[preset]
     networks = [f"{p}: {size} - MLP: {mlp}" for p in ("Hybrid", "Hybrid residual", "Hybrid unsummed", "Cascade")]
     both = [(dataset.velocity, dataset.rates)]
-    return grid((*networks, *BASELINES), dataset, horizons(preset), both, 50 if preset == "smoke" else 10)
+    return grid((*networks, *BASELINES), dataset, horizons(preset), both)
 
 
 STUDY = Study(

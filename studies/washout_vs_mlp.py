@@ -20,9 +20,7 @@ BASELINES = ("constant", "linear")
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """Architectures and baselines on each of the three rotational rates, each of them a MISO problem of its own."""
     axes = [(f"{dataset.rates}.{axis}",) for axis in SIGNALS[dataset.rates].axes]
-    return grid(
-        (*ARCHITECTURES, *OWN_FEEDBACK, *BASELINES), dataset, horizons(preset, 5), axes, 50 if preset == "smoke" else 10
-    )
+    return grid((*ARCHITECTURES, *OWN_FEEDBACK, *BASELINES), dataset, horizons(preset, 5), axes)
 
 
 STUDY = Study(
