@@ -1,7 +1,7 @@
 """A model and its rivals, linearised on measured states: directions that a regression can choose from."""
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -12,7 +12,7 @@ from bench.diagnose.parameters import Entry, effect_entries, entries, probes, wi
 from bench.diagnose.regression import Normal, filtered
 from bench.diagnose.weak import Stack, TestFunctions, mean_rates
 from registry.core import EFFECTS
-from registry.dynamics import Effect, PhysicsModel
+from registry.dynamics import Effect, InputEffect, PhysicsModel
 
 UNSTABLE = 1e6
 """Rates, relative to the model's own, that no physical effect adds."""
@@ -35,6 +35,8 @@ class Start:
     """The offset from no effect to this value (if any), then a column a parameter."""
     low: tuple[float, ...]
     high: tuple[float, ...]
+    instead: Mapping[int, int] = field(default_factory=dict)
+    """By column of a widely uncertain constant, the one that it has with the effect, where that acts on the inputs."""
 
     def effect_at(self, beta: Sequence[float]) -> Effect:
         """The effect with the parameters that coefficients of its columns say."""
@@ -62,7 +64,7 @@ class Directions:
     """An effect of the model: the column that takes it away, with those that cannot do without it."""
     dependants: tuple[frozenset[int], ...]
     """An effect of the model: the places of those that cannot do without it."""
-    reduced: tuple[dict[int, int], ...]
+    reduced: tuple[Mapping[int, int], ...]
     """An effect of the model: by column of a widely uncertain constant, the one that it has without the effect."""
 
     def away(self, dropped: Collection[int]) -> tuple[set[int], list[int]]:
@@ -70,9 +72,10 @@ class Directions:
         follow = {j for i in dropped for j in self.dependants[i]}
         return follow | set(dropped), [self.removals[i] for i in sorted(set(dropped) - follow)]
 
-    def without(self, columns: Sequence[int], dropped: Collection[int]) -> list[int]:
-        """Columns of ``own`` as they are where the effects in the places ``dropped`` are taken away."""
+    def changed(self, columns: Sequence[int], dropped: Collection[int], added: Sequence[Start] = ()) -> list[int]:
+        """Columns of ``own`` as they are without the effects in the places ``dropped``, and with those ``added``."""
         instead = {c: r for i in dropped for c, r in self.reduced[i].items()}
+        instead |= {c: r for s in added for c, r in s.instead.items()}
         return [instead.get(c, c) for c in columns]
 
     def moved(self, noisy: "Directions") -> "Directions":
@@ -83,8 +86,9 @@ class Directions:
         same_start = {(s.id, s.effect): s for s in noisy.starts}
         for s in self.starts:
             if (s.id, s.effect) in same_start:
-                for mine, its in zip(s.columns, same_start[s.id, s.effect].columns, strict=True):
-                    columns[mine] = noisy.columns[its]
+                its = same_start[s.id, s.effect]
+                columns[list(s.columns)] = noisy.columns[list(its.columns)]
+                columns[list(s.instead.values())] = noisy.columns[list(its.instead.values())]
         return replace(self, rates=noisy.rates, columns=columns)
 
     def project(self, tests: TestFunctions, more: Dictionary | None = None) -> "Rows":
@@ -198,10 +202,7 @@ def directions(
         columns.append(without - at)
         first = len(own) + len(model.effects) + len(by_constant)
         reduced.append({j: first + k for k, j in enumerate(wide)})
-        if wide:
-            changed, widths = probes([own[j] for j in wide])
-            found = mean_rates(with_values(rest, [own[j] for j in wide], changed[1:]), stack).numpy()
-            by_constant += list((found - without) / widths[:, None, None, None])
+        by_constant += _by_constant(rest, [own[j] for j in wide], without, stack)
     columns += by_constant
     scale = float(np.abs(at).max()) or 1.0
     starts: list[Start] = []
@@ -226,7 +227,12 @@ def directions(
             reach = [_reach(kind, e) for e in where]
             low = (*[1.0] * offset, *(r[0] - e.value for r, e in zip(reach, where, strict=True)))
             high = (*[1.0] * offset, *(r[1] - e.value for r, e in zip(reach, where, strict=True)))
-            starts.append(Start(name, effect, tuple(where), tuple(range(first, first + width)), low, high))
+            instead = {}
+            if issubclass(kind, InputEffect) and offset:
+                instead = {j: len(columns) + k for k, j in enumerate(wide)}
+                here = replace(model, effects=(*model.effects, effect))
+                columns += _by_constant(here, [own[j] for j in wide], x[0], stack)
+            starts.append(Start(name, effect, tuple(where), tuple(range(first, first + width)), low, high, instead))
     measured = [i for i in range(at.shape[-1]) if all(log.measured[i] for log in stack.logs)]
     channels = [i for i in measured if any(np.abs(c[..., i]).max() > 0 for c in columns)]
     kept = np.stack([c[..., channels] for c in columns])
@@ -242,6 +248,15 @@ def directions(
         dependants,
         tuple(reduced),
     )
+
+
+def _by_constant(model: PhysicsModel, constants: Sequence[Entry], at: np.ndarray, stack: Stack) -> list[np.ndarray]:
+    """How the rates ``at`` of ``model`` change with each of its constants (L, N − 1, s)."""
+    if not constants:
+        return []
+    values, steps = probes(constants)
+    found = mean_rates(with_values(model, constants, values[1:]), stack).numpy()
+    return list((found - at) / steps[:, None, None, None])
 
 
 def _dependants(model: PhysicsModel, place: int) -> frozenset[int]:

@@ -93,7 +93,7 @@ class Subsets:
             drop: places in ``model.effects`` of effects to do without; what needs them goes too.
         """
         gone, taken = self.linear.away(drop)
-        own = self.linear.without(self.own, drop)
+        own = self.linear.changed(self.own, drop, starts)
         columns = [*own, *(c for s in starts for c in s.columns), *more, *taken]
         extra = len(columns) - len(self.own)
         fixed = np.array([e.owner in gone for e in self.linear.own], dtype=bool)

@@ -145,7 +145,7 @@ def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], flo
     """What the residual of a fit follows, and the loss that all of it saves on recordings not fitted."""
     own = view.linear.own
     gone, taken = view.linear.away(dropped)
-    kept = view.linear.without([c for c in range(len(own)) if own[c].owner not in gone], dropped)
+    kept = view.linear.changed([c for c in range(len(own)) if own[c].owner not in gone], dropped)
     grams = view.grams
     if dropped:  # the residual without these effects
         shift = np.zeros(grams[0].shape[0])
@@ -206,7 +206,7 @@ def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
     gone, taken = view.linear.away([place])
     mine = [c for c, e in enumerate(own) if e.owner in gone]
     shift[taken] = -1.0
-    rest = view.linear.without([c for c in range(len(own)) if c not in mine], [place])
+    rest = view.linear.changed([c for c in range(len(own)) if c not in mine], [place])
     allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
     without_it = [_shifted(g, shift) for g in view.grams]
     terms = [column for column, _ in follow(without_it, rest, first, len(mine), allowed)]

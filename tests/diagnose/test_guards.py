@@ -114,6 +114,23 @@ def test_a_widely_uncertain_constant_does_not_stand_in_for_an_effect_that_is_tak
     assert misfits[0] == pytest.approx(misfits[1], rel=1e-6)
 
 
+def test_a_widely_uncertain_constant_acts_on_the_delayed_input_where_a_delay_is_tried() -> None:
+    states, force = flights(count=3, samples=500)
+    subject = subject_of(TRUE, states, force, uncertainty={"mass": 0.7, "stiffness": 0.1})
+    linear = Search(subject, ["input_delay"], lambda what: None).look(subject.model, broad=False).linear
+    mass = next(i for i, e in enumerate(linear.own) if e.name == "mass")
+    others = [i for i in range(len(linear.own)) if i != mass]
+    for start in linear.starts:
+        now = linear.changed(range(len(linear.own)), (), [start])
+        assert [now[i] for i in others] == others
+        lighter, heavier = (
+            mean_rates(replace(subject.model, mass=1.0 + step, effects=(start.effect,)), linear.stack).numpy()
+            for step in (-1e-4, 1e-4)
+        )
+        expected = (heavier - lighter)[..., list(linear.channels)] / 2e-4
+        assert linear.columns[now[mass]] == pytest.approx(expected, rel=1e-2, abs=1e-2 * np.abs(expected).max())
+
+
 def test_crumbs_of_something_that_is_not_understood_are_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first effect imitates: what it gained is not understood, and the second gains too little beside that."""
     misfit = {(): 100.0, (0,): 1100.0, (1,): 200.0, (2,): 1000.0}
