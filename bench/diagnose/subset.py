@@ -66,7 +66,9 @@ class Subsets:
         self.starts = tuple(s for s in linear.starts if not set(s.columns) & set(buried))
         own: tuple[Entry, ...] = linear.own
         self.own = list(range(len(own)))
-        self.prior = np.array([e.scale**-2 if e.constant else 0.0 for e in own])
+        self.stated = np.array([e.scale**-2 if e.constant else 0.0 for e in own])
+        """Precision 1/σ² of what is stated of the constants."""
+        self.prior = self.stated.copy()
         self.centre = np.array([nominal[e.label] - e.value if e.constant else 0.0 for e in own])
         self.low = np.array([e.low - e.value for e in own])
         self.high = np.array([e.high - e.value for e in own])

@@ -143,22 +143,34 @@ def pinned(numbers: Sequence[Estimate], place: int) -> bool:
 
 def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], float]:
     """What the residual of a fit follows, and the loss that all of it saves on recordings not fitted."""
-    own = view.linear.own
-    gone, taken = view.linear.away(dropped)
-    kept = view.linear.changed([c for c in range(len(own)) if own[c].owner not in gone], dropped)
-    grams = view.grams
-    if dropped:  # the residual without these effects
-        shift = np.zeros(grams[0].shape[0])
-        shift[taken] = -1.0
-        grams = tuple(_shifted(g, shift) for g in grams)
+    kept, grams = _anchored(view, dropped)
     first = len(view.linear.columns)
     allowed = [first + i for i, reach in enumerate(view.reach) if not reach <= view.doubtful]
-    found = follow(list(grams), kept, first, allowed=allowed)
+    found = follow(grams, kept, first, allowed=allowed)
     traces = []
     for column, gain in found:
         term = view.dictionary[column - first]
         traces.append(Trace(term.axis, term.signal, term.text, gain / view.floor, column))
     return traces, sum(g for _, g in found)
+
+
+def _anchored(view: View, dropped: Sequence[int] = ()) -> tuple[list[int], list[np.ndarray]]:
+    """Columns of the model's numbers without some effects, and a fold's normal equations of what is left then.
+
+    What is stated of the constants is a part of them: a fold that says little of one must not run away with it.
+    """
+    own, subsets = view.linear.own, view.subsets
+    gone, taken = view.linear.away(dropped)
+    mine = [c for c in range(len(own)) if own[c].owner not in gone]
+    kept = view.linear.changed(mine, dropped)
+    width = view.grams[0].shape[0]
+    shift, stated = np.zeros(width), np.zeros((width, width))
+    shift[taken] = -1.0
+    pull = subsets.stated[mine] * subsets.centre[mine]
+    stated[kept, kept] = subsets.stated[mine]
+    stated[kept, -1] = stated[-1, kept] = pull
+    stated[-1, -1] = pull @ subsets.centre[mine]
+    return kept, [_shifted(g, shift) + stated / len(view.grams) for g in view.grams]
 
 
 def _shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
@@ -196,20 +208,16 @@ def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
         place: of the effect in ``model.effects``.
         traces: what is left, of which only that counts which acts where the effect does.
     """
-    own, subsets = view.linear.own, view.subsets
+    subsets = view.subsets
     gains = (subsets.losses(subsets.fit(drop=[place])) - subsets.losses(subsets.fit())).sum(0)
     acting = {int(c) for c in np.flatnonzero(gains > 0.1 * gains.sum())}
     first = len(view.linear.columns)
     if gains.sum() < view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting):
         return False  # crumbs of something larger that is not understood
-    shift = np.zeros(view.grams[0].shape[0])
-    gone, taken = view.linear.away([place])
-    mine = [c for c, e in enumerate(own) if e.owner in gone]
-    shift[taken] = -1.0
-    rest = view.linear.changed([c for c in range(len(own)) if c not in mine], [place])
+    numbers, with_it = _anchored(view)
+    rest, without_it = _anchored(view, [place])
     allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
-    without_it = [_shifted(g, shift) for g in view.grams]
-    terms = [column for column, _ in follow(without_it, rest, first, len(mine), allowed)]
+    terms = [column for column, _ in follow(without_it, rest, first, len(numbers) - len(rest), allowed)]
 
     def loss(gram: np.ndarray, index: list[int]) -> float:
         some = gram[np.ix_([*index, -1], [*index, -1])]
@@ -217,11 +225,11 @@ def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
         return float(vector @ some @ vector)
 
     by_terms = loss(np.asarray(sum(without_it)), [*rest, *terms])
-    by_effect = loss(np.asarray(sum(view.grams)), list(range(len(own))))
+    by_effect = loss(np.asarray(sum(with_it)), numbers)
     if by_terms > by_effect - max(LEFT * view.floor, BEATEN * view.explained):
         return True
     # The terms may have found something else that is left: then the effect still has its own share beside them.
-    beside = by_terms - loss(np.asarray(sum(view.grams)), [*range(len(own)), *terms])
+    beside = by_terms - loss(np.asarray(sum(with_it)), [*numbers, *terms])
     return beside > BESIDE * (loss(np.asarray(sum(without_it)), rest) - by_effect)
 
 

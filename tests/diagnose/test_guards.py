@@ -9,6 +9,7 @@ from test_compare import TRUE, flights, subject_of
 
 from bench.diagnose import verify
 from bench.diagnose.choose import accepted, choose
+from bench.diagnose.generic import Term
 from bench.diagnose.linearise import Directions, Start
 from bench.diagnose.parameters import Entry
 from bench.diagnose.regression import Normal
@@ -57,6 +58,29 @@ def test_an_effect_that_shows_only_beside_two_others_is_found() -> None:
     fit, fields = choose(view)
     assert not any("load" in f.ids for field in fields[1:3] for f in field)
     assert set(fit.ids) == {"added_mass", "drag", "load"}
+
+
+def test_a_constant_of_which_a_recording_says_little_does_not_make_a_trace() -> None:
+    """Left free, a fit to the first three recordings runs away with the constant, and any term that tames it gains."""
+    rng = np.random.default_rng(0)
+    constant, term, residual = rng.normal(size=(3, 4, ROWS))
+    constant[:3] *= 1e-3
+    term[:3] = constant[:3]
+    rows = np.stack([constant, np.zeros_like(constant), term, residual], axis=-1)  # what takes an effect away: none
+    grams = tuple(np.einsum("ri,rj->ij", x, x) for x in rows)
+    said = Term("speed", "v", "force x")
+    view = view_of(residual[:1].repeat(BLOCKS, 0), drag=residual[:1].repeat(BLOCKS, 0))
+    linear = replace(view.linear, columns=np.empty((2, 0)))
+    view = replace(view, linear=linear, dictionary=(said,), grams=grams, reach=(frozenset({0}),))
+    assert verify.left_over(view)[1] < 0.01 * view.floor
+
+
+@pytest.mark.parametrize(("others", "named"), [(0.0, True), (1e5, True), (1e5, False)])
+def test_what_clears_all_that_is_left_is_relevant_however_much_others_explain(others: float, named: bool) -> None:
+    x, other, noise = np.random.default_rng(0).normal(size=(3, BLOCKS, ROWS))
+    rest = 0.0 if named else 3.0  # times the noise, which the effect does not explain
+    view = replace(view_of(2**0.5 * x + rest**0.5 * other + noise, drag=x), explained=others * BLOCKS * ROWS)
+    assert accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts)) is named
 
 
 def test_what_is_linearised_at_a_value_is_believed_to_the_next_one_that_is_tried() -> None:
