@@ -25,7 +25,7 @@ VISIBLE = 0.01
 RELEVANT = 0.004
 """Least gain of an effect, as a share of all that effects explain."""
 CLEARING = 0.8
-"""Share of what is left above the noise with which an effect is relevant, however much others explain."""
+"""Share of what is left, where that exceeds the noise, with which an effect is relevant whatever others explain."""
 DOUBTED = 5.0
 """Relief of the constants' prior (χ², beyond the price of parameters) that is evidence in itself."""
 DISTINCT = 2.5
@@ -128,7 +128,8 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
     if price <= 0 and gained > 0:
         return True
     everything = max(view.explained, view.subsets.fit().misfit - view.floor)
-    clears = gained > max(view.floor, CLEARING * (smaller.misfit - view.floor))
+    left = smaller.misfit - view.floor
+    clears = left > view.floor and gained > CLEARING * left
     if gained < VISIBLE * view.floor or (gained < RELEVANT * everything and not clears):
         return False
     saved = (subsets.held_out(smaller.starts, drop=drop) - subsets.held_out(larger.starts)).sum(1)

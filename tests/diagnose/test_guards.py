@@ -83,6 +83,13 @@ def test_what_clears_all_that_is_left_is_relevant_however_much_others_explain(ot
     assert accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts)) is named
 
 
+def test_nothing_is_cleared_where_more_was_taken_off_than_there_was_of_noise() -> None:
+    x, noise = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))
+    view = replace(view_of(2**0.5 * x + noise, drag=x), explained=1e5 * BLOCKS * ROWS)
+    view.subsets.normal.grams[..., -1, -1] -= 4 * ROWS
+    assert not accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts))
+
+
 def test_what_is_linearised_at_a_value_is_believed_to_the_next_one_that_is_tried() -> None:
     states, force = flights(count=3, samples=500)
     search = Search(subject_of(TRUE, states, force), ["input_delay"], lambda what: None)
