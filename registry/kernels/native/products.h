@@ -20,10 +20,28 @@ template <class R> struct Arena {
   }
 };
 
-// sums (ROWS, block) += A (ROWS, K) X (K, block); A is stored column after column.
-template <class R, int ROWS>
-static inline void accumulate(int K, const R* __restrict a, const R* __restrict x, Pair<R> (&sums)[ROWS]) {
+// What is read soon, in memory far away. Products, which wait for no memory, ask for it on their way.
+struct Soon {
+  struct Part {
+    const char *at, *end;
+  } parts[3] = {};
+  template <class R> static Part part(const R* p, size_t count) {
+    return {reinterpret_cast<const char*>(p), reinterpret_cast<const char*>(p + count)};
+  }
+  // Where the next `lines` cache lines to ask for begin, or null.
+  const char* take(int lines) {
+    for (Part& p : parts)
+      if (p.at < p.end) return (p.at += 64 * lines) - 64 * lines;
+    return nullptr;
+  }
+};
+
+// sums (ROWS, block) += A (ROWS, K) X (K, block); A is stored column after column. soon: K lines to ask for.
+template <class R, int ROWS, bool ASK = false>
+static inline void accumulate(int K, const R* __restrict a, const R* __restrict x, Pair<R> (&sums)[ROWS],
+                              const char* soon = nullptr) {
   for (int k = 0; k < K; k++, a += ROWS, x += Width<R>::block) {
+    if constexpr (ASK) __builtin_prefetch(soon + 64 * (size_t)k, 0, 2);
     const Pair<R> lanes(x);
 #pragma GCC unroll 16
     for (int r = 0; r < ROWS; r++) sums[r] = sums[r] + a[r] * lanes;
@@ -47,21 +65,25 @@ template <class R> struct Packed {
   // out (blocks, rows, block) = A x + start, a number a row or null; x and out advance by their strides a block.
   // Panels that begin after the first `wanted` rows are left out.
   void multiply(int blocks, const R* x, size_t x_stride, R* out, size_t out_stride, const R* start = nullptr,
-                int wanted = INT_MAX) const {
+                int wanted = INT_MAX, Soon soon = {}) const {
     for (int r = 0; r < std::min(rows, wanted); r += TILE_ROWS)
       for (int b = 0; b < blocks; b++)
         panel<TILE_ROWS>(std::min(TILE_ROWS, rows - r), data + (size_t)r * K, x + b * x_stride,
-                         out + b * out_stride + (size_t)r * Width<R>::block, start ? start + r : nullptr);
+                         out + b * out_stride + (size_t)r * Width<R>::block, start ? start + r : nullptr, soon.take(K));
   }
 
  private:
-  template <int ROWS> void panel(int count, const R* a, const R* x, R* out, const R* start) const {
+  template <int ROWS>
+  void panel(int count, const R* a, const R* x, R* out, const R* start, const char* soon) const {
     if constexpr (ROWS > 1)
-      if (count < ROWS) return panel<ROWS - 1>(count, a, x, out, start);
+      if (count < ROWS) return panel<ROWS - 1>(count, a, x, out, start, soon);
     Pair<R> sums[ROWS];
 #pragma GCC unroll 16
     for (int r = 0; r < ROWS; r++) sums[r] = start ? start[r] : R(0);
-    accumulate<R, ROWS>(K, a, x, sums);
+    if (soon)
+      accumulate<R, ROWS, true>(K, a, x, sums, soon);
+    else
+      accumulate<R, ROWS>(K, a, x, sums);
 #pragma GCC unroll 16
     for (int r = 0; r < ROWS; r++) sums[r].store_to(out + r * Width<R>::block);
   }
@@ -114,6 +136,7 @@ template <class R> struct WeightGradient {
     if constexpr (ROWS > 1)
       if (count < ROWS) return tile<ROWS - 1, VECTORS>(count, blocks, g, to);
     constexpr int V = Width<R>::vector;
+    for (int i = 0; i < ROWS * W; i += 64 / sizeof(R)) __builtin_prefetch(to + i, 1);  // of a wide layer: far away
     Vector<R> acc[ROWS][VECTORS] = {};  // added to what was there at the end only: a long sum in parts rounds less
     const R* x = turned;
     for (int i = 0; i < blocks; i++) {

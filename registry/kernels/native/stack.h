@@ -122,7 +122,7 @@ template <class R> class Stack {
           const R* m = mask.at(l, b);
           gates<TILE_ROWS>(std::min(TILE_ROWS, 4 * (H - j)), y, j, x(l, t, b), cell(l, t, b) + at, cell(l, t + 1, b) + at,
                            y.g ? y.g + ((size_t)t * s.blocks + b) * 4 * H * W + 4 * at : nullptr, x(l, t + 1, b) + at,
-                           up ? up + at : nullptr, m ? m + j * mask.lanes : nullptr, mask.lanes);
+                           up ? up + at : nullptr, m ? m + j * mask.lanes : nullptr, mask.lanes, b == 0 && s.blocks > 1);
         }
     }
   }
@@ -183,10 +183,8 @@ template <class R> class Stack {
         cells(y, y.g + ((size_t)t * s.blocks + b) * 4 * H * W, cell(l, t, b), cell(l, t + 1, b), d_x(l, b), above,
               mask.at(l, b), mask.lanes, y.dc + (size_t)b * H * W, dg + (size_t)b * 4 * H * W);
       }
-      for (int j = 0; t && j < std::min(AHEAD, H); j++)
-        ahead(y.g + ((size_t)(t - 1) * s.blocks * H + j) * 4 * W, 4), ahead(cell(l, t - 1, 0) + (size_t)j * W, 1);
       y.backward.multiply(s.blocks, dg, (size_t)4 * H * W, y.dx, (size_t)y.backward.rows * W, nullptr,
-                          l ? INT_MAX : H + wanted);
+                          l ? INT_MAX : H + wanted, l ? soon(l - 1, t) : t ? soon(s.layers - 1, t - 1) : Soon{});
       if (t % chunk == 0) {
         const R* x0 = x(l, t, 0);
         const size_t width = (size_t)y.width * W;
@@ -217,6 +215,12 @@ template <class R> class Stack {
   }
 
  private:
+  // The histories that the way back reads of a layer at step t.
+  Soon soon(int l, int t) {
+    const size_t block = (size_t)s.blocks * W, gates = 4 * s.cells * block;
+    return {{Soon::part(layers[l].g + t * gates, gates), Soon::part(cell(l, t, 0), s.cells * block),
+             Soon::part(x(l, t, 0), layers[l].width * block)}};
+  }
   // Histories are read once on the way back, from far away: they are asked for this many cells ahead.
   static constexpr int AHEAD = 8;
   static void ahead(const R* p, int rows) {
@@ -226,27 +230,30 @@ template <class R> class Stack {
   R* entering_layer(int l, int t, int b) { return x(l, t, b) + (size_t)s.cells * W; }
   R* d_x(int l, int b) { return layers[l].dx + (size_t)b * layers[l].backward.rows * W; }
 
-  // One tile: the gates of up to TILE_ROWS / 4 cells from cell j on, then their cells and outputs.
+  // One tile: the gates of up to TILE_ROWS / 4 cells from cell j on, then their cells and outputs. ask: for the weights
+  // of the next tile.
   template <int ROWS>
   void gates(int rows, const Layer& y, int j, const R* x, const R* c0, R* c1, R* g, R* m, R* up, const R* mask,
-             size_t mask_lanes) {
+             size_t mask_lanes, bool ask) {
     if constexpr (ROWS > 4)
-      if (rows < ROWS) return gates<ROWS - 4>(rows, y, j, x, c0, c1, g, m, up, mask, mask_lanes);
+      if (rows < ROWS) return gates<ROWS - 4>(rows, y, j, x, c0, c1, g, m, up, mask, mask_lanes, ask);
     Lanes sums[ROWS];
 #pragma GCC unroll 16
     for (int r = 0; r < ROWS; r++) sums[r] = y.start[4 * j + r];
-    accumulate<R, ROWS>(y.width, y.forward.data + (size_t)4 * j * y.width, x, sums);
+    const R* w = y.forward.data + (size_t)4 * j * y.width;
+    if (ask)
+      accumulate<R, ROWS, true>(y.width, w, x, sums, reinterpret_cast<const char*>(w + ROWS * y.width));
+    else
+      accumulate<R, ROWS>(y.width, w, x, sums);
     const int H = s.cells;
 #pragma GCC unroll 4
     for (int q = 0; q < ROWS / 4; q++) {
       const R pi = y.peephole[j + q], pf = y.peephole[H + j + q], po = y.peephole[2 * H + j + q];
       const size_t at = (size_t)q * W;
       const Lanes before(c0 + at);
-      Lanes i = sums[4 * q] + pi * before, f = sums[4 * q + 1] + pf * before, z = sums[4 * q + 2];
-      gate<R>(i, f, z);
-      const Lanes after = f * before + i * z;
-      Lanes o = sums[4 * q + 3] + po * after;
-      const Lanes out = gate<R>(o, after) * o;
+      const Lanes i = sigmoid_of<R>(sums[4 * q] + pi * before), f = sigmoid_of<R>(sums[4 * q + 1] + pf * before);
+      const Lanes z = tanh_of<R>(sums[4 * q + 2]), after = f * before + i * z;
+      const Lanes o = sigmoid_of<R>(sums[4 * q + 3] + po * after), out = tanh_of<R>(after) * o;
       after.store_to(c1 + at);
       out.store_to(m + at);
       if (up) (mask ? out * Lanes(mask + q * mask_lanes) : out).store_to(up + at);

@@ -38,13 +38,13 @@ template <class R> static inline R sum(Vector<R> v) {
 template <class R> struct Exponent;
 template <> struct Exponent<float> {
   typedef int32_t bits;
-  static constexpr float magic = 12582912.f, limit = 41;  // 1.5 · 2^23: its last bits are whole numbers
-  static constexpr bits magic_bits = 0x4b400000, bias = 127, shift = 23;
+  static constexpr float magic = 12582912.f + 127, limit = 125;  // 1.5 · 2^23: its last bits are whole numbers
+  static constexpr int shift = 23;
 };
 template <> struct Exponent<double> {
   typedef int64_t bits;
-  static constexpr double magic = 6755399441055744., limit = 300;
-  static constexpr bits magic_bits = 0x4338000000000000, bias = 1023, shift = 52;
+  static constexpr double magic = 6755399441055744. + 1023, limit = 1020;
+  static constexpr int shift = 52;
 };
 
 // Of each pair of groups of S lanes: the first ones of a and b, or the second ones.
@@ -105,9 +105,9 @@ template <class R> struct Pair {
 // 2^r − 1, |r| <= 1/2; error 2e-9 of 2^r, below a rounding of the type (doubles: Taylor).
 template <class R> static inline Pair<R> power_less_one(const Pair<R>& r) {
   if constexpr (sizeof(R) == 4) {
-    const Pair<R> s = r * r;
-    const Pair<R> b = 5.5503324710e-2f * r + 2.4022647914e-1f, c = 1.3398874455e-3f * r + 9.6184373585e-3f;
-    return ((1.5353361785e-4f * s + c) * s + b) * s + 6.9314720286e-1f * r;
+    Pair<R> p = 1.5353361785e-4f * r + 1.3398874455e-3f;
+    p = p * r + 9.6184373585e-3f, p = p * r + 5.5503324710e-2f, p = p * r + 2.4022647914e-1f;
+    return (p * r + 6.9314720286e-1f) * r;
   } else {
     constexpr double c[] = {1.3691488853904128e-12, 2.5678435993488206e-11, 4.4455382718708116e-10,
                             7.054911620801123e-9,   1.0178086009239699e-7,  1.3215486790144309e-6,
@@ -120,42 +120,27 @@ template <class R> static inline Pair<R> power_less_one(const Pair<R>& r) {
   }
 }
 
-// exp(a x) + 1 and exp(a x) − 1, the exponent kept in ±limit so that the product of three is finite. The scale
-// multiplies: a NaN cannot lose its exponent.
-template <class R> struct Exponential {
-  Pair<R> plus, minus;
-  Exponential(Pair<R> x, R a) {
-    typedef Exponent<R> E;
-    typedef typename E::bits Bits __attribute__((vector_size(REGISTER_BYTES)));
-    const R per = a * R(1.4426950408889634074);
-    for (auto& v : x.v) v = clamp<R>(v, E::limit / (per < 0 ? -per : per));
-    const Pair<R> n = x * per + E::magic;
-    Pair<R> scale;
-    for (int k = 0; k < 2; k++) {
-      Bits i;
-      std::memcpy(&i, &n.v[k], sizeof i);
-      i = (i - (E::magic_bits - E::bias)) << E::shift;
-      std::memcpy(&scale.v[k], &i, sizeof i);
-    }
-    const Pair<R> p = power_less_one<R>(x * per - (n - E::magic));
-    plus = p * scale + (scale + R(1)), minus = p * scale + (scale - R(1));
+// exp(a x) + sign, sign ±1, the exponent kept in ±limit. The scale multiplies: a NaN cannot lose its exponent.
+template <class R> [[gnu::always_inline]] static inline Pair<R> exponential(Pair<R> x, R a, R sign) {
+  typedef Exponent<R> E;
+  typedef typename E::bits Bits __attribute__((vector_size(REGISTER_BYTES)));
+  const R per = a * R(1.4426950408889634074);
+  for (auto& v : x.v) v = clamp<R>(v, E::limit / (per < 0 ? -per : per));
+  const Pair<R> n = x * per + E::magic;
+  Pair<R> scale;
+  for (int k = 0; k < 2; k++) {
+    Bits i;
+    std::memcpy(&i, &n.v[k], sizeof i);
+    i <<= E::shift;
+    std::memcpy(&scale.v[k], &i, sizeof i);
   }
-};
+  return power_less_one<R>(x * per - (n - E::magic)) * scale + (scale + sign);
+}
 
-template <class R> static inline Pair<R> tanh_of(const Pair<R>& x) {
-  const Exponential<R> e(x, R(2));
-  return e.minus / e.plus;
+template <class R> [[gnu::always_inline]] static inline Pair<R> sigmoid_of(const Pair<R>& x) {
+  return R(1) / exponential<R>(x, -1, 1);
 }
-// σ(i), σ(f) and tanh(z) in place: one division for all, since divisions are what gates take longest for.
-template <class R> static inline void gate(Pair<R>& i, Pair<R>& f, Pair<R>& z) {
-  const Exponential<R> a(i, R(-1)), b(f, R(-1)), c(z, R(2));
-  const Pair<R> ab = a.plus * b.plus, inverse = R(1) / (ab * c.plus), of_ab = inverse * c.plus;
-  i = of_ab * b.plus, f = of_ab * a.plus, z = c.minus * (inverse * ab);
-}
-// σ(o) in place; tanh(c) is returned.
-template <class R> static inline Pair<R> gate(Pair<R>& o, const Pair<R>& c) {
-  const Exponential<R> a(o, R(-1)), b(c, R(2));
-  const Pair<R> inverse = R(1) / (a.plus * b.plus);
-  o = inverse * b.plus;
-  return b.minus * (inverse * a.plus);
+template <class R> [[gnu::always_inline]] static inline Pair<R> tanh_of(const Pair<R>& x) {
+  const Pair<R> e = exponential<R>(x, 2, -1);
+  return e / (e + R(2));
 }
