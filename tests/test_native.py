@@ -212,6 +212,20 @@ def test_a_models_bits_do_not_depend_on_its_neighbours(batch: int, name: str) ->
                 ] == []
 
 
+@pytest.mark.parametrize("name", KERNELS)
+@pytest.mark.parametrize("forced", [False, True])
+def test_one_model_needs_no_model_dimension(forced: bool, name: str) -> None:
+    case = Case(layers=2, cells=9, taps=2, batch=20, forced=forced, dropout=0.3)
+    with kernel(name):
+        a = case.arrays(F32)
+        one = {k: x[0].detach().requires_grad_(x.requires_grad) for k, x in a.items()}
+        wide = one["recurrent1"].detach().repeat(1, 2)[:, :9].requires_grad_()  # rows without gaps, in a wider matrix
+        one["recurrent1"] = wide
+        assert all(torch.equal(x, y[0]) for x, y in zip(case.run(one), case.run(a), strict=True))
+        whole = gradients(case.run, a)
+        assert all(torch.equal(x, whole[k][0]) for k, x in gradients(case.run, one).items())
+
+
 def test_work_space_that_was_used_before_changes_no_bit() -> None:
     small, large = Case(layers=2, cells=9, batch=50, taps=2), Case(layers=2, cells=10, batch=64, taps=2)
     with kernel("native"):

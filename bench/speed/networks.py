@@ -127,9 +127,8 @@ def training_flat(run: Callable[[], Tensor], network: nn.Module, start: Tensor, 
 
     def step() -> None:
         cost = (run() - target).square().mean()
-        slopes = torch.autograd.grad(cost, [*leaves, start], allow_unused=True)
-        for to, slope in zip(gradients, slopes, strict=False):
-            to.zero_() if slope is None else to.copy_(slope)
+        slopes = torch.autograd.grad(cost, [*leaves, start], allow_unused=True, materialize_grads=True)
+        torch._foreach_copy_(gradients, slopes[:-1])
         optimizer.step()
 
     return step

@@ -33,13 +33,9 @@ class RNNInitializer(Initializer):
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
         """See `Initializer.initialize`."""
         x = torch.cat([inputs, outputs], -1)[..., -self.history :, :]
-        single = x.dim() == 3
-        lead = (lambda v: v.unsqueeze(0)) if single else (lambda v: v)
-        layer = Layer(*(lead(w) for w in (self.input_weight, self.recurrent_weight, self.bias, self.peephole)))
-        x = lead(x)
-        _, after = lstm(x, x.new_zeros(*x.shape[:2], 2 * self.hidden), [layer])
-        last = after[..., : self.hidden]
-        states = affine(last[0] if single else last, self.output_weight, self.output_bias)
+        layer = Layer(self.input_weight, self.recurrent_weight, self.bias, self.peephole)
+        _, after = lstm(x, x.new_zeros(*x.shape[:-2], 2 * self.hidden), [layer])
+        states = affine(after[..., : self.hidden], self.output_weight, self.output_bias)
         return bounded(predictor, predictor.fill(inputs, outputs), states)
 
 

@@ -40,7 +40,7 @@ def lstm(
     dropout: float = 0.0,
     delays: int = 1,
 ) -> tuple[Tensor, Tensor]:
-    """Run T steps.
+    """Run T steps, of M models or, where no argument has a model dimension, of one.
 
     Args:
         inputs: (M, B, T, m).
@@ -58,7 +58,8 @@ def lstm(
     weights = [w for layer in layers for w in (layer.input, layer.recurrent, layer.bias, layer.peephole)]
     if output_weight is not None and output_bias is not None:
         weights += [output_weight, output_bias]
-    models, batch, steps, _ = inputs.shape
+    *lead, batch, steps, _ = inputs.shape
+    models = lead[0] if lead else 1
     mask = dropout_mask(dropout, inputs, len(layers), steps, models, layers[0].recurrent.shape[-1], batch + -batch % 32)
     core = library.core_for(inputs, state, forced, *weights)
     if core is None:

@@ -30,6 +30,10 @@ def run(
         mask: (L, T, M, H, B') what dropout lets through, B' the batch as `pad_batch` leaves it; None: all.
         weights: input, recurrent, bias and peephole of every layer, then weight and bias of the read-out, if any.
     """
+    if inputs.dim() == 3:
+        fed, one = None if forced is None else forced.unsqueeze(0), [w.unsqueeze(0) for w in weights]
+        outputs, state = run(inputs.unsqueeze(0), state.unsqueeze(0), fed, mask, one, delays)
+        return outputs[0], state[0]
     batch = inputs.shape[1]
     inputs, state = pad_batch(inputs), pad_batch(state)
     forced = None if forced is None else pad_batch(forced)

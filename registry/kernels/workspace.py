@@ -19,9 +19,9 @@ class Workspace:
         fitting = [
             i
             for i, b in enumerate(_free)
-            if b.dtype == like.dtype and b.device == like.device and size <= len(b) <= 2 * size
+            if b.dtype == like.dtype and b.device == like.device and size <= b.numel() <= 2 * size
         ]
-        best = min(fitting, key=lambda i: len(_free[i]), default=None)
+        best = min(fitting, key=lambda i: _free[i].numel(), default=None)
         self.buffer = like.new_empty(size) if best is None else _free.pop(best)
 
     @property

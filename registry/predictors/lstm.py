@@ -55,23 +55,17 @@ class LSTMPredictor(Predictor):
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`."""
-        single = inputs.dim() == 3
-        lead = (lambda x: x.unsqueeze(0)) if single else (lambda x: x)
-        layers = [
-            Layer(*(lead(w) for w in ws))
-            for ws in zip(self.input_weight, self.recurrent_weight, self.bias, self.peephole, strict=True)
-        ]
-        outputs, state = lstm(
-            lead(inputs),
-            lead(state),
-            layers,
-            lead(self.output_weight),
-            lead(self.output_bias),
-            None if feedback is None else lead(feedback),
+        weights = zip(self.input_weight, self.recurrent_weight, self.bias, self.peephole, strict=True)
+        return lstm(
+            inputs,
+            state,
+            [Layer(*ws) for ws in weights],
+            self.output_weight,
+            self.output_bias,
+            feedback,
             self.dropout if self.training else 0.0,
             self.delays,
         )
-        return (outputs[0], state[0]) if single else (outputs, state)
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
         """W_y m^L + b_y (the paper's A_s = [W_y 0], c = y − b_y)."""

@@ -29,16 +29,18 @@ class _Run(Call):
         self, core: Core, inputs: Tensor, state: Tensor, forced: Tensor | None, mask: Tensor | None,
         weights: Sequence[Tensor], delays: int, keep: bool,
     ) -> None:  # fmt: skip
+        *lead, batch, steps, m = inputs.shape
         # each model's weights without gaps; the models themselves may lie apart
-        self.weights = [w if w.is_contiguous() or w[0].is_contiguous() else w.contiguous() for w in weights]
-        models, batch, steps, m = inputs.shape
+        whole = [w.is_contiguous() or (bool(lead) and w[0].is_contiguous()) for w in weights]
+        self.weights = [w if one else w.contiguous() for w, one in zip(weights, whole, strict=True)]
+        self.models = lead[0] if lead else 1
         layers = len(weights) // 4
         n = weights[-2].shape[-2] if len(weights) > 4 * layers else 0
         super().__init__(
-            core, inputs, models=models, batch=batch, steps=steps, inputs=m, outputs=n, taps=delays, layers=layers,
+            core, inputs, models=self.models, batch=batch, steps=steps, inputs=m, outputs=n, taps=delays, layers=layers,
             cells=weights[1].shape[-1], mask_lanes=0 if mask is None else mask.shape[-1], keep=keep,
         )  # fmt: skip
-        self.y, self.state = (models, batch, steps, n), state.shape
+        self.y, self.state = (*lead, batch, steps, n), state.shape
         self.point("u", inputs)
         self.point("state", state)
         self.point("forced", forced)
@@ -46,9 +48,9 @@ class _Run(Call):
         self.table("weights", [v for w in self.weights for v in (w.data_ptr(), w.stride(0))])
 
     def forward(self) -> tuple[Tensor, Tensor]:
-        """Outputs (M, B, T, n) and the state (M, B, s) after the run."""
+        """Outputs (…, B, T, n) and the state (…, B, s) after the run."""
         made = self.new("y", self.y), self.new("end_state", self.state)
-        self.run("forward", self.y[0])
+        self.run("forward", self.models)
         return made
 
     def backward(self, dy: Tensor | None, d_end: Tensor | None, inputs_too: bool) -> tuple[Tensor | None, ...]:
