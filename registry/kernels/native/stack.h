@@ -215,18 +215,12 @@ template <class R> class Stack {
   }
 
  private:
-  // The histories that the way back reads of a layer at step t.
+  // The histories that the way back reads of a layer at step t, once and from far away.
   Soon soon(int l, int t) {
     const size_t block = (size_t)s.blocks * W, gates = 4 * s.cells * block;
     return {{Soon::part(layers[l].g + t * gates, gates), Soon::part(cell(l, t, 0), s.cells * block),
              Soon::part(x(l, t, 0), layers[l].width * block)}};
   }
-  // Histories are read once on the way back, from far away: they are asked for this many cells ahead.
-  static constexpr int AHEAD = 8;
-  static void ahead(const R* p, int rows) {
-    for (size_t i = 0; i < rows * W * sizeof(R); i += 64) __builtin_prefetch(reinterpret_cast<const char*>(p) + i);
-  }
-
   R* entering_layer(int l, int t, int b) { return x(l, t, b) + (size_t)s.cells * W; }
   R* d_x(int l, int b) { return layers[l].dx + (size_t)b * layers[l].backward.rows * W; }
 
@@ -269,7 +263,6 @@ template <class R> class Stack {
              size_t mask_lanes, R* dc, R* dg) {
     const int H = s.cells;
     for (int j = 0; j < H; j++) {
-      ahead(g + (size_t)4 * (j + AHEAD) * W, 4), ahead(c0 + (size_t)(j + AHEAD) * W, 1);
       const R pi = y.peephole[j], pf = y.peephole[H + j], po = y.peephole[2 * H + j];
       R* sums = y.d_peephole + (size_t)3 * j * V;
       const size_t at = (size_t)j * W, row = 4 * at;
