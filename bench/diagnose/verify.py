@@ -68,7 +68,10 @@ class Trace:
 def estimates(view: View, fit: Fit) -> list[Estimate]:
     """Numbers of the model with 95 % intervals."""
     own = view.linear.own
-    spread = np.sqrt(np.maximum(np.diag(view.subsets.covariance(fit)), 0.0))
+    variance = np.diag(view.subsets.covariance(fit))[: len(own)]
+    # Where more noise was taken off a column than there is of it, the data say nothing of its coefficient.
+    stated = np.array([e.scale if e.constant else np.inf for e in own])
+    spread = np.where(variance > 0, np.sqrt(np.abs(variance)), stated)
     blocks = len(view.subsets.normal.fold)
     reach = float(student.ppf(0.975, max(2, blocks - 1)))
     out = []

@@ -90,6 +90,20 @@ def test_nothing_is_cleared_where_more_was_taken_off_than_there_was_of_noise() -
     assert not accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts))
 
 
+def test_a_coefficient_that_the_data_say_nothing_of_has_no_narrow_interval() -> None:
+    """With more noise taken off its column than there is of it, a variance would be negative."""
+    x, noise = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))
+    view = view_of(x + noise, drag=x)
+    own = (*view.linear.own, Entry(0, "k", None, "1", 0.5, 1.0, -2.0, 2.0))
+    linear = replace(view.linear, own=own, starts=())
+    for taken_off, width in ((0.0, 0.02), (2.0, 4.0)):
+        normal = replace(view.subsets.normal, grams=view.subsets.normal.grams.copy())
+        normal.grams[..., 1, 1] -= taken_off * ROWS
+        free = replace(view, linear=linear, subsets=Subsets(linear, normal, {"mass": 1.0}))
+        k = verify.estimates(free, free.subsets.fit())[1]
+        assert k.high - k.low == pytest.approx(width, rel=0.2)
+
+
 def test_what_is_linearised_at_a_value_is_believed_to_the_next_one_that_is_tried() -> None:
     states, force = flights(count=3, samples=500)
     search = Search(subject_of(TRUE, states, force), ["input_delay"], lambda what: None)
