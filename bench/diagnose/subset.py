@@ -66,15 +66,16 @@ class Subsets:
         self.starts = tuple(s for s in linear.starts if not set(s.columns) & set(buried))
         own: tuple[Entry, ...] = linear.own
         self.own = list(range(len(own)))
-        self.stated = np.array([e.scale**-2 if e.constant else 0.0 for e in own])
-        """Precision 1/σ² of what is stated of the constants."""
-        self.prior = self.stated.copy()
+        self.prior = np.array([e.scale**-2 if e.constant else 0.0 for e in own])
+        self.anchor = self.prior.copy()
+        """As the prior, and where that is none, weakly: what holds a constant of which some recordings say little."""
         self.centre = np.array([nominal[e.label] - e.value if e.constant else 0.0 for e in own])
         self.low = np.array([e.low - e.value for e in own])
         self.high = np.array([e.high - e.value for e in own])
         for i in set(buried) & set(self.own):
             if own[i].constant:
                 self.prior[i] = 0.0
+                self.anchor[i] = max(abs(own[i].value), own[i].scale) ** -2
                 self.low[i], self.high[i] = -0.9 * abs(own[i].value), 9.0 * abs(own[i].value)
         self.penalty = float(np.log(max(normal.rows, 2)))
         """What a further parameter costs (Schwarz's criterion)."""

@@ -160,20 +160,20 @@ def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], flo
 def _anchored(view: View, dropped: Sequence[int] = ()) -> tuple[list[int], list[np.ndarray]]:
     """Columns of the model's numbers without some effects, and a fold's normal equations of what is left then.
 
-    What is stated of the constants is a part of them: a fold that says little of one must not run away with it.
+    What holds the constants is a part of them: a fold that says little of one must not run away with it.
     """
     own, subsets = view.linear.own, view.subsets
     gone, taken = view.linear.away(dropped)
     mine = [c for c in range(len(own)) if own[c].owner not in gone]
     kept = view.linear.changed(mine, dropped)
     width = view.grams[0].shape[0]
-    shift, stated = np.zeros(width), np.zeros((width, width))
+    shift, held = np.zeros(width), np.zeros((width, width))
     shift[taken] = -1.0
-    pull = subsets.stated[mine] * subsets.centre[mine]
-    stated[kept, kept] = subsets.stated[mine]
-    stated[kept, -1] = stated[-1, kept] = pull
-    stated[-1, -1] = pull @ subsets.centre[mine]
-    return kept, [_shifted(g, shift) + stated / len(view.grams) for g in view.grams]
+    pull = subsets.anchor[mine] * subsets.centre[mine]
+    held[kept, kept] = subsets.anchor[mine]
+    held[kept, -1] = held[-1, kept] = pull
+    held[-1, -1] = pull @ subsets.centre[mine]
+    return kept, [_shifted(g, shift) + held / len(view.grams) for g in view.grams]
 
 
 def _shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
