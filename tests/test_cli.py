@@ -18,7 +18,7 @@ def bench(*args: str, cwd: Path, **environment: str) -> subprocess.CompletedProc
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,  # the first use of a twin flies it: half a minute of CPU
     )
 
 
