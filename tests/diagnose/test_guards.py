@@ -75,6 +75,22 @@ def test_a_constant_of_which_a_recording_says_little_does_not_make_a_trace() -> 
     assert verify.left_over(view)[1] < 0.01 * view.floor
 
 
+def test_noise_that_buries_a_constant_is_not_followed_in_its_place() -> None:
+    """A regression takes such a constant far too small: it gives way, and is no trace of something missing."""
+    rng = np.random.default_rng(0)
+    constant, noise = rng.normal(size=(2, 4, ROWS))
+    residual = noise - 0.3 * constant  # 30 of the constant's stated 1σ
+    rows = np.stack([constant, np.zeros_like(constant), constant + 0.1 * rng.normal(size=(4, ROWS)), residual], axis=-1)
+    grams = tuple(np.einsum("ri,rj->ij", x, x) for x in rows)
+    view = view_of(residual[:1].repeat(BLOCKS, 0), drag=residual[:1].repeat(BLOCKS, 0))
+    linear = replace(view.linear, columns=np.empty((2, 0)))
+    said = Term("input", "u", "force x")
+    view = replace(view, linear=linear, dictionary=(said,), grams=grams, reach=(frozenset({0}),))
+    assert [t.signal for t in verify.left_over(view)[0]] == ["input"]
+    buried = Subsets(linear, view.subsets.normal, {"mass": 1.0}, {0})
+    assert verify.left_over(replace(view, subsets=buried))[1] < 1e-3 * view.floor
+
+
 @pytest.mark.parametrize(("others", "named"), [(0.0, True), (1e5, True), (1e5, False)])
 def test_what_clears_all_that_is_left_is_relevant_however_much_others_explain(others: float, named: bool) -> None:
     x, other, noise = np.random.default_rng(0).normal(size=(3, BLOCKS, ROWS))
