@@ -51,14 +51,16 @@ class _SquaredError(torch.autograd.Function):
     def forward(ctx: Any, predicted: Tensor, measured: Tensor) -> Tensor:
         error = predicted - measured
         ctx.save_for_backward(error)
-        return batch_mean(error.square().sum(-1).mean(-1))
+        windows, steps = error.shape[-3:-1]
+        each = [e.dot(e) for e in error.reshape(-1, error.shape[-3:].numel()).unbind(0)]
+        return torch.stack(each).view(error.shape[:-3]) / (windows * steps)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
         (error,) = ctx.saved_tensors
         windows, steps = error.shape[-3:-1]
-        slope = (grads[0] / windows / steps)[..., None, None, None] * (2 * error)
+        slope = (2 / (windows * steps) * grads[0])[..., None, None, None] * error
         return slope, -slope if ctx.needs_input_grad[1] else None
 
 
@@ -77,5 +79,5 @@ class _Distance(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
         error, distance = ctx.saved_tensors
-        slope = ((grads[0] / distance.shape[-1]).unsqueeze(-1) / (2 * distance)).unsqueeze(-1) * (2 * error)
+        slope = ((grads[0] / distance.shape[-1]).unsqueeze(-1) / distance).unsqueeze(-1) * error
         return slope, -slope if ctx.needs_input_grad[1] else None

@@ -79,6 +79,12 @@ def test_gates_read_the_rows() -> None:
         ("of nn.LSTM's time", 0.667, True),
         ("times the reference's speed, PyTorch kernel", 1.429, False),
     }
+    limits = {(g.what, round(v, 3)) for g in GATES if (v := g.limit(plain)) is not None}
+    assert limits == {
+        ("times the reference's speed", 2.105),
+        ("of nn.LSTM's time", 0.633),
+        ("times the reference's speed, PyTorch kernel", 2.105),
+    }
     two = Measured(Row("LSTM", 1, 50, 40, 64, processes=2), native_ms=10.0, more={"one_process_ms": 9.0})
     assert [g.value([two.plain()]) for g in GATES if g.over == "one_process_ms"] == [1.8]
     every = [

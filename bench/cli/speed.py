@@ -131,7 +131,9 @@ def _sentences(host: dict[str, Any], rows: "Sequence[Measured]") -> list[str]:
         lines.append(f"[bold]{held} of {len(known)} aims hold:[/]")
     for gate, value in known:
         mark = "[green]holds[/]" if gate.holds(value) else f"[{'red' if counts else 'yellow'}]missed[/]"
-        lines.append(f"  {mark}  {gate.name}: {gate.written(value)} {gate.what} ({gate.bound})")
+        limit = gate.limit(plain)
+        why = "" if limit is None or gate.holds(limit) else f"; products alone give {gate.written(limit)} here"
+        lines.append(f"  {mark}  {gate.name}: {gate.written(value)} {gate.what} ({gate.bound}{why})")
     return lines
 
 

@@ -52,6 +52,12 @@ class Gate:
             return None if top is None or not bottom else self.factor * top / bottom
         return None
 
+    def limit(self, rows: Iterable[Plain]) -> float | None:
+        """`value` if a step took no longer than its products; None where no other implementation is compared with."""
+        if not {"naive_ms", "library_ms"} & {self.over, self.under}:
+            return None
+        return self.value({**row, "native_ms": row.get("floor_ms"), "torch_ms": row.get("floor_ms")} for row in rows)
+
     def holds(self, value: float) -> bool:
         """Whether a value is within the bound."""
         return (self.least is None or value >= self.least) and (self.most is None or value <= self.most)

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import cast
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
@@ -99,15 +99,13 @@ def with_kernel(kernel: str, work: Contender) -> Contender:
 
 def training(run: Callable[[], Tensor], weights: Sequence[Tensor], starts: Sequence[Tensor]) -> Contender:
     """Forward, squared error, backward to weights and initial states, fused Adam."""
-    optimizer = torch.optim.Adam(weights, lr=1e-4, fused=True)
-    target = torch.randn_like(run().detach())
+    target, update = torch.randn_like(run().detach()), _adam(weights)
 
     def step() -> None:
-        optimizer.zero_grad()
-        for start in starts:
-            start.grad = None
+        for leaf in (*weights, *starts):
+            leaf.grad = None
         (run() - target).square().mean().backward()
-        optimizer.step()
+        update([cast(Tensor, w.grad) for w in weights])
 
     return step
 
@@ -115,23 +113,36 @@ def training(run: Callable[[], Tensor], weights: Sequence[Tensor], starts: Seque
 def training_flat(run: Callable[[], Tensor], network: nn.Module, start: Tensor, models: int = 1) -> Contender:
     """The same where all weights are views of one tensor, as in `bench.train`; with ``models`` > 1 (M, …) each."""
     leaves = list(network.parameters())
-    theta = nn.Parameter(torch.cat([p.detach().flatten().expand(models, -1) for p in leaves], 1))
-    theta.grad = torch.zeros_like(theta)
+    theta = torch.cat([p.detach().flatten().expand(models, -1) for p in leaves], 1)
+    gradient = torch.zeros_like(theta)
     sizes, lead = [p.numel() for p in leaves], (models,) if models > 1 else ()
     shapes = [(*lead, *p.shape) for p in leaves]
-    gradients = [g.view(s) for g, s in zip(theta.grad.split(sizes, 1), shapes, strict=True)]
-    for p, w, s in zip(leaves, theta.detach().split(sizes, 1), shapes, strict=True):
+    gradients = [g.view(s) for g, s in zip(gradient.split(sizes, 1), shapes, strict=True)]
+    for p, w, s in zip(leaves, theta.split(sizes, 1), shapes, strict=True):
         p.data = w.view(s)
-    optimizer = torch.optim.Adam([theta], lr=1e-4, fused=True)
-    target = torch.randn_like(run().detach())
+    target, update = torch.randn_like(run().detach()), _adam([theta])
 
     def step() -> None:
         cost = (run() - target).square().mean()
         slopes = torch.autograd.grad(cost, [*leaves, start], allow_unused=True, materialize_grads=True)
         torch._foreach_copy_(gradients, slopes[:-1])
-        optimizer.step()
+        update([gradient])
 
     return step
+
+
+def _adam(weights: Sequence[Tensor]) -> Callable[[list[Tensor]], None]:
+    """torch's fused Adam, called as `bench.adam` does: its wrapper would add as much to each row, however small."""
+    given = [w.detach() for w in weights]
+    means, squares = ([torch.zeros_like(w) for w in given] for _ in range(2))
+    steps = [torch.zeros(()) for _ in given]
+    options: dict[str, Any] = {"lr": 1e-4, "beta1": 0.9, "beta2": 0.999, "weight_decay": 0.0, "eps": 1e-8}
+
+    def update(gradients: list[Tensor]) -> None:
+        torch._foreach_add_(steps, 1)
+        torch._fused_adam_(given, gradients, means, squares, [], steps, amsgrad=False, maximize=False, **options)
+
+    return update
 
 
 def predicting(run: Callable[[], Tensor]) -> Contender:

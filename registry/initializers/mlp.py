@@ -9,7 +9,7 @@ from torch.autograd.function import once_differentiable
 
 from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
 from registry.core import INITIALIZERS, option
-from registry.kernels.affine import affine
+from registry.kernels.mlp import mlp
 from registry.predictors.weights import uniform
 
 
@@ -55,8 +55,7 @@ class MLPInitializer(Initializer):
         """See `Initializer.initialize`."""
         u, y = inputs[..., -self.history :, :], outputs[..., -self.history :, :]
         x = torch.cat([u.flatten(-2), y.flatten(-2)], -1)
-        h = affine(x, self.hidden_weight, self.hidden_bias).tanh()
-        states = affine(h, self.output_weight, self.output_bias)
+        states = mlp(x, [(self.hidden_weight, self.hidden_bias), (self.output_weight, self.output_bias)])
         return bounded(predictor, predictor.fill(inputs, outputs), states)
 
 

@@ -9,8 +9,8 @@ from torch import Tensor, nn
 from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
 from registry.core import INITIALIZERS, option
 from registry.initializers.mlp import bounded
-from registry.kernels.affine import affine
 from registry.kernels.lstm import Layer, lstm
+from registry.kernels.mlp import affine
 from registry.predictors.lstm import LSTMWeights
 from registry.predictors.weights import uniform
 

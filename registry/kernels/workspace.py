@@ -5,7 +5,7 @@ from typing import Any, Generic, TypeVar
 
 from torch import Tensor
 
-_MOST = 6
+_MOST = 10
 """Buffers, and made things, that are kept at most, the latest given back."""
 _free: list[Tensor] = []
 _made: list[tuple[Hashable, Any]] = []

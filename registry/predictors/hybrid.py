@@ -10,9 +10,9 @@ from torch import Tensor, nn
 from registry.contracts import Composite, Dataset, Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.errors import BenchError
-from registry.kernels.affine import affine
 from registry.kernels.lstm import Layer
 from registry.kernels.lstm_cell import LSTMCell
+from registry.kernels.mlp import affine
 from registry.kernels.native import hybrid as native
 from registry.kernels.native.library import Core, core_for
 from registry.physics.quadrotor import Quadrotor

@@ -8,8 +8,8 @@ from torch import Tensor, nn
 
 from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
-from registry.kernels.affine import affine
 from registry.kernels.mlfc import mlfc
+from registry.kernels.mlp import affine
 from registry.predictors.lstm import newest_first
 from registry.predictors.weights import uniform
 

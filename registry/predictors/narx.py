@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
-from registry.kernels.affine import affine
+from registry.kernels.mlp import mlp
 from registry.predictors.lstm import newest_first
 from registry.predictors.weights import uniform
 
@@ -55,9 +55,8 @@ class NARXPredictor(Predictor):
 
     def _network(self, x: Tensor) -> Tensor:
         """f: (…, D(m + n)) → (…, n), one row a step."""
-        for weight, bias in zip(self.weight, self.bias, strict=True):
-            x = affine(x, weight, bias).tanh()
-        return affine(x, self.output_weight, self.output_bias)
+        hidden = zip(self.weight, self.bias, strict=True)
+        return mlp(x, [*hidden, (self.output_weight, self.output_bias)])
 
 
 def newest(buffer: Tensor, sequence: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 import ctypes
 from array import array
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import torch
@@ -27,6 +28,7 @@ class Call:
         self.core, self.like = core, like
         self.fields: Any = self.structure(**sizes)
         self.held: list[Any] = []
+        self.weights: list[Tensor] = []
         self.kept: Workspace | None = None
 
     def point(self, name: str, x: Tensor | None, at: int | None = None) -> None:
@@ -41,6 +43,18 @@ class Call:
         numbers = array("q", entries)
         self.held.append(numbers)
         self._set(name, numbers.buffer_info()[0], None)
+
+    def read(self, weights: Sequence[Tensor], models: bool) -> None:
+        """Set ``weights`` to a table of `Weight`: each model's without gaps, the models themselves may lie apart."""
+        whole = [w.is_contiguous() or (models and w[0].is_contiguous()) for w in weights]
+        self.weights = [w if one else w.contiguous() for w, one in zip(weights, whole, strict=True)]
+        self.table("weights", [v for w in self.weights for v in (w.data_ptr(), w.stride(0))])
+
+    def gradients(self) -> list[Tensor]:
+        """Set ``gradients`` to a table of fresh arrays like the weights."""
+        made = [torch.empty_like(w, memory_format=torch.contiguous_format) for w in self.weights]
+        self.table("gradients", addresses(made))
+        return made
 
     def new(self, name: str, shape: tuple[int, ...], at: int | None = None) -> Tensor:
         """A fresh array to be written."""

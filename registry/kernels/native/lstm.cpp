@@ -3,11 +3,6 @@
 
 namespace {
 
-struct Weight {
-  const void* data;
-  int64_t stride;  // numbers from a model to the next
-};
-
 // Filled by lstm.py, field by field.
 struct Call {
   int64_t models, batch, steps, inputs, outputs, taps, layers, cells, mask_lanes, keep, input_gradient;

@@ -30,9 +30,6 @@ class _Run(Call):
         weights: Sequence[Tensor], delays: int, keep: bool,
     ) -> None:  # fmt: skip
         *lead, batch, steps, m = inputs.shape
-        # each model's weights without gaps; the models themselves may lie apart
-        whole = [w.is_contiguous() or (bool(lead) and w[0].is_contiguous()) for w in weights]
-        self.weights = [w if one else w.contiguous() for w, one in zip(weights, whole, strict=True)]
         self.models = lead[0] if lead else 1
         layers = len(weights) // 4
         n = weights[-2].shape[-2] if len(weights) > 4 * layers else 0
@@ -45,7 +42,7 @@ class _Run(Call):
         self.point("state", state)
         self.point("forced", forced)
         self.point("mask", mask)
-        self.table("weights", [v for w in self.weights for v in (w.data_ptr(), w.stride(0))])
+        self.read(weights, bool(lead))
 
     def forward(self) -> tuple[Tensor, Tensor]:
         """Outputs (…, B, T, n) and the state (…, B, s) after the run."""
@@ -58,8 +55,7 @@ class _Run(Call):
         held = len(self.held)
         self.point("dy", dy)
         self.point("d_end_state", d_end)
-        gradients = [torch.empty_like(w, memory_format=torch.contiguous_format) for w in self.weights]
-        self.table("gradients", [g.data_ptr() for g in gradients])
+        gradients = self.gradients()
         self.fields.input_gradient = inputs_too
         du = self.new("du", tuple(self.like.shape)) if inputs_too else None
         d_state = self.new("d_state", self.state)

@@ -17,8 +17,8 @@ struct Call {
   void *y, *end_hidden;
   const void *dy, *d_end_hidden;
   void *du, *d_fed, *d_hidden;
-  const void* const* weights;  // of every layer (H, columns), then of the read-out (n, columns), models one after the other
-  void* const* gradients;      // of the same
+  const Weight* weights;   // of every layer (H, columns), then of the read-out (n, columns)
+  void* const* gradients;  // of the same, models one after the other
   void *kept, *scratch;
   int64_t kept_size, scratch_size;  // numbers: of one model, of all
 };
@@ -91,7 +91,7 @@ template <class R> class Run {
   void pack(int model, bool backward) {
     for (int l = 0; l <= L; l++) {
       const int h = height(l);
-      const R* w = in(c.weights[l], model, (size_t)h * columns);
+      const R* w = in(c.weights[l].data, model, c.weights[l].stride);
       auto at = [&](int row, int r) { return w[(size_t)row * columns + column(l, r)]; };
       if (backward)
         layers[l].backward.pack([&](int r, int row) { return at(row, r); });

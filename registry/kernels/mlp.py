@@ -1,4 +1,7 @@
-"""An affine map whose bits do not depend on how many models run beside it."""
+"""Affine maps, and multi-layer perceptrons of them, whose bits do not depend on how many models run beside them.
+
+Two implementations of one interface: C++ for the CPU, where there is a compiler, and PyTorch.
+"""
 
 from functools import lru_cache
 from typing import Any
@@ -7,6 +10,8 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from registry.kernels.native import library
+from registry.kernels.native import mlp as native
 from registry.kernels.pointwise import pad16, pad_batch
 
 
@@ -20,17 +25,30 @@ def affine(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
 
     Returns:
         (B, O) or (M, B, O).
-
-    The bias joins the product as one more column, and both are padded: thin products (one
-    output) and sums over the batch take other routes in BLAS when they are alone than in a group.
     """
+    return mlp(x, [(weight, bias)])
+
+
+def mlp(x: Tensor, layers: list[tuple[Tensor, Tensor]]) -> Tensor:
+    """W_L tanh(… tanh(W_1 x + b_1) …) + b_L: as `affine`, with weight and bias of each layer."""
+    weights = [w for layer in layers for w in layer]
+    core = library.core_for(x, *weights)
+    if core is not None:
+        return native.mlp(core, x, weights)
     if x.dim() == 2:
-        return affine(x.unsqueeze(0), weight.unsqueeze(0), bias.unsqueeze(0))[0]
-    y: Tensor = _Affine.apply(x, weight, bias)
+        return mlp(x.unsqueeze(0), [(w.unsqueeze(0), b.unsqueeze(0)) for w, b in layers])[0]
+    for weight, bias in layers[:-1]:
+        x = _Affine.apply(x, weight, bias).tanh()
+    y: Tensor = _Affine.apply(x, *layers[-1])
     return y
 
 
 class _Affine(torch.autograd.Function):
+    """The bias joins the product as one more column, and both are padded.
+
+    Thin products (one output) and sums over the batch take other routes in BLAS when they are alone than in a group.
+    """
+
     @staticmethod
     def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
         (models, batch, k), n = x.shape, weight.shape[-2]
