@@ -41,7 +41,7 @@ class Adam:
                 means,
                 squares,
                 [],
-                [torch.tensor(float(update))] * len(weights),
+                [torch.tensor(float(update), device=weights[0].device)] * len(weights),
                 lr=rate * (o.final_rate + (1 - o.final_rate) * fall),
                 beta1=BETAS[0],
                 beta2=BETAS[1],

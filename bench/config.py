@@ -9,11 +9,11 @@ from typing import Any
 
 import torch
 
+from bench.device import kernel
 from bench.notation import write
 from registry.contracts import Dataset, InitializerEntry, PredictorEntry, Split
 from registry.core import DATASETS, INITIALIZERS, PREDICTORS, Registry, check_options, option
 from registry.errors import BenchError, near
-from registry.kernels.native.library import name as kernel
 
 NUMERICS = 3
 """Raised whenever a change alters the numbers of a run: old records keep their keys, new runs get new ones."""
@@ -143,10 +143,10 @@ def from_json(data: Mapping[str, Any]) -> RunConfig:
     return config
 
 
-def environment() -> dict[str, Any]:
+def environment(config: RunConfig) -> dict[str, Any]:
     """What the bits of a run depend on besides its configuration and data."""
     return {
-        "kernel": kernel(),
+        "kernel": kernel(config),
         "torch": torch.__version__.partition("+")[0],
         "threads": torch.get_num_threads(),
         "cpu": torch.backends.cpu.get_cpu_capability(),
@@ -160,7 +160,7 @@ def run_key(config: RunConfig, data_digest: str, split: Split) -> str:
         "config": to_json(config.resolved(), defaults=False),
         "data": data_digest,
         "split": [split.train, split.validation, split.test],
-        "env": environment(),
+        "env": environment(config),
     }
     if files := config.predictor.content():
         content["files"] = files

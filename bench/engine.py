@@ -117,8 +117,9 @@ def key_of(config: RunConfig) -> str:
 def refuse_others(configs: Sequence[RunConfig], keys: Sequence[str]) -> None:
     """In a worker: raise `BenchError` where this machine would make other numbers than the driver's."""
     if [key_of(c) for c in configs] != list(keys):
+        processor = environment(configs[0])["cpu"]
         raise BenchError(
-            f"The worker on {platform.node()} would make other records: its torch, processor ({environment()['cpu']}), "
+            f"The worker on {platform.node()} would make other records: its torch, processor ({processor}), "
             "data or this package differ from the driver's; run the driver on a machine like it."
         )
 

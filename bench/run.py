@@ -84,7 +84,7 @@ def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float
         "metrics": metrics,
         "windows": {"train": len(data.train), "validation": len(data.validation), "test": len(data.test)},
         "recordings": {p: list(getattr(data.split, p)) for p in ("train", "validation", "test")},
-        "environment": environment(),
+        "environment": environment(config),
     }
     curve = pd.DataFrame(trained.curve, columns=["update", "train_loss", "validation_loss"]).astype(
         {"update": "int64", "train_loss": "float64", "validation_loss": "float64"}

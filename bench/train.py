@@ -19,6 +19,7 @@ from bench.adam import Adam
 from bench.checkpoint import Checkpoint
 from bench.config import RunConfig, Training
 from bench.data import Prepared
+from bench.device import device
 from bench.model import Model, build_scaled
 from bench.seeds import derive
 
@@ -26,6 +27,8 @@ Curve = list[tuple[int, float, float]]
 """(update, training cost since the last look, validation cost L_pred), scaled units."""
 DIVERGED = 1e6
 """A training cost (scaled units) above this has diverged: predictions a thousand deviations off."""
+SAVED = ("theta", "m", "v", "best")
+"""Tensors of a checkpoint."""
 Looked = Callable[[list[Curve]], Iterable[int]]
 """Called with every model's curve so far; gives the models, by place, that need not go on."""
 
@@ -69,6 +72,7 @@ def independent(config: RunConfig, data: Prepared) -> bool:
     return (
         config.predictor.training == "gradient"
         and config.predictor.side_by_side
+        and device(config).type == "cpu"
         and not dropout
         and getattr(config.initializer, "start", "zero") == "zero"
         and min(sizes) >= 8
@@ -119,11 +123,14 @@ class Group:
     def __init__(self, models: list[Model], runs: list[Run], checkpoint: Path | None = None) -> None:
         self.runs, self.models = runs, models
         self.options: Training = runs[0].config.training
+        self.device = device(runs[0].config)
+        for model in models:
+            model.to(self.device)
         self.shapes = {n: p.shape for n, p in models[0].named_parameters()}
         self.theta = torch.stack([self._flat(m) for m in models])
         self.m, self.v = torch.zeros_like(self.theta), torch.zeros_like(self.theta)
         self.best = self.theta.clone()
-        self.train_cost = torch.zeros(len(models))
+        self.train_cost = torch.zeros(len(models), device=self.device)
         self.update = 0
         self.checkpoint = Checkpoint(checkpoint) if checkpoint else None
         scaled = {id(r.data): self._scaled(m, r.data) for m, r in zip(models, runs, strict=True)}
@@ -138,12 +145,12 @@ class Group:
         flat = torch.cat([p.detach().flatten() for p in model.parameters()])
         return torch.nn.functional.pad(flat, (0, -len(flat) % 64))
 
-    @staticmethod
-    def _scaled(model: Model, data: Prepared) -> Prepared:
+    def _scaled(self, model: Model, data: Prepared) -> Prepared:
         """The run's data in scaled units, once."""
         p = model.predictor
-        context = data.context if p.context_scaler is None else p.context_scaler(data.context)
-        return replace(data, inputs=p.input_scaler(data.inputs), outputs=p.output_scaler(data.outputs), context=context)
+        inputs, outputs, context = (x.to(self.device) for x in (data.inputs, data.outputs, data.context))
+        context = context if p.context_scaler is None else p.context_scaler(context)
+        return replace(data, inputs=p.input_scaler(inputs), outputs=p.output_scaler(outputs), context=context)
 
     def named(self, theta: Tensor) -> dict[str, Tensor]:
         """Views of weights (M, P) by name, (M, …) each."""
@@ -154,7 +161,7 @@ class Group:
     def _train_only(self, active: list[int]) -> None:
         """Go on with these runs; the rows are theirs, in this order."""
         self.active = active
-        self.gradient, self.ones = torch.zeros_like(self.theta), torch.ones(len(active))
+        self.gradient, self.ones = torch.zeros_like(self.theta), torch.ones(len(active), device=self.device)
         self.gradients, weights = list(self.named(self.gradient).values()), self.named(self.theta)
         self.leaves = list(self.network.parameters())
         for name, p in self.network.named_parameters():
@@ -217,7 +224,7 @@ class Group:
         """One update of the runs that still train."""
         o = self.options
         if len(self.runs) == 1:  # noise of dropout or of a random washout start, the same after a resume
-            _draw_from(derive(self.runs[0].config.seed, f"noise/{self.update}"))
+            self._draw_from(f"noise/{self.update}")
         cost = self.network(*self._batch(), o.alpha, o.beta)
         torch._foreach_copy_(
             self.gradients, torch.autograd.grad(cost, self.leaves, self.ones, allow_unused=True, materialize_grads=True)
@@ -243,7 +250,7 @@ class Group:
         Keeps the best weights and ends a run that has stopped improving.
         """
         self.network.eval()
-        _draw_from(derive(self.runs[0].config.seed, f"validation/{self.update}"))  # a random washout start
+        self._draw_from(f"validation/{self.update}")  # a random washout start
         for j, i in enumerate(self.active):
             run = self.runs[i]
             with torch.no_grad():
@@ -277,13 +284,13 @@ class Group:
         with torch.no_grad():
             for name, weight in model.named_parameters():
                 weight.copy_(named[name])
-        model.eval()
+        model.cpu().eval()
         at, diverged = run.ended_at or self.update, run.ended == "diverged"
         return Trained(model, run.ended or "finished", at, run.best_update, at if diverged else None, run.curve)
 
     def _save(self) -> None:
         assert self.checkpoint
-        tensors = {"theta": self.theta, "m": self.m, "v": self.v, "best": self.best}
+        tensors = {name: getattr(self, name).cpu() for name in SAVED}
         runs = [
             {k: getattr(r, k) for k in ("curve", "best_update", "stale", "ended", "ended_at")}
             | {"best": r.best if math.isfinite(r.best) else None}
@@ -297,17 +304,20 @@ class Group:
         if found is None:
             return
         tensors, state = found
-        self.theta, self.m, self.v, self.best = (tensors[k] for k in ("theta", "m", "v", "best"))
+        for name in SAVED:
+            setattr(self, name, tensors[name].to(self.device))
         self.update = state["update"]
         for run, saved in zip(self.runs, state["runs"], strict=True):
             for name, value in saved.items():
                 setattr(run, name, value)
             run.best = math.inf if run.best is None else run.best
             run.curve = [(int(u), t, v) for u, t, v in run.curve]
-        self.train_cost = torch.zeros(len(self.theta))
+        self.train_cost = torch.zeros(len(self.theta), device=self.device)
         self._train_only([i for i, r in enumerate(self.runs) if not r.ended])
 
-
-def _draw_from(seed: int) -> None:
-    """Seed the generator of the CPU, where models train; `torch.manual_seed` takes as long as a small network."""
-    torch.default_generator.manual_seed(seed)
+    def _draw_from(self, what: str) -> None:
+        """Seed the generator of the device; `torch.manual_seed` takes as long as a small network."""
+        seed = derive(self.runs[0].config.seed, what)
+        if self.device.type == "cuda":
+            torch.cuda.manual_seed(seed)
+        torch.default_generator.manual_seed(seed)

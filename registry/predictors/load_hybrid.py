@@ -171,11 +171,11 @@ class LoadHybridPredictor(Predictor):
         batch, past = u.shape[:-2], u_history.shape[-2]
         line = self.input_scaler.invert(torch.cat([u_history, u], -2))
         if self.jitter:
-            line = _shifted(line, self.jitter * (2 * torch.rand(batch, dtype=line.dtype) - 1))
+            line = _shifted(line, self.jitter * (2 * torch.rand(batch, dtype=line.dtype).to(line) - 1))
         image = torch.randint(len(self.mirrors), batch)
-        rotors = self.mirrors.rotors[image].unsqueeze(-2).expand(line.shape)
+        rotors = self.mirrors.rotors[image].to(line.device).unsqueeze(-2).expand(line.shape)
         line = self.input_scaler(line.gather(-1, rotors))
-        signs = self.signs.to(y)[image].unsqueeze(-2)
+        signs = self.signs[image].to(y).unsqueeze(-2)
         offsets, scales = [self.output_scaler.offset], [self.output_scaler.scale]
         if self.context_scaler is not None:
             offsets.append(self.context_scaler.offset)
@@ -189,7 +189,7 @@ class LoadHybridPredictor(Predictor):
 
 def _shifted(line: Tensor, delay: Tensor) -> Tensor:
     """(…, K, m) delayed by (…) samples, interpolated; beyond its ends it stays."""
-    at = torch.arange(line.shape[-2]) - delay.unsqueeze(-1)
+    at = torch.arange(line.shape[-2], device=line.device) - delay.unsqueeze(-1)
     at = at.clamp(0, line.shape[-2] - 1)
     below = at.floor().long().clamp(max=line.shape[-2] - 2)
     part = (at - below).unsqueeze(-1)
