@@ -167,12 +167,18 @@ class Judged:
         return self.left(error.get("extended", {}), error)
 
     @property
+    def truth_leaves(self) -> float:
+        """What the model with the true numbers leaves of the error above the floor; NaN: unknown."""
+        true = self.said["error"].get("true", {})
+        return self.left(true, self.said["error"]) if true else math.nan
+
+    @property
     def beyond_truth(self) -> float:
         """What the extended model leaves above the error that the true one makes on the same recordings; NaN: unknown.
 
         The floor is what noise makes on average: where an effect is weak beside it, a few per cent more or less of it
         in the recordings at hand are as large as what is asked for. Where the true numbers do not reach the floor (as
-        with a swinging load, whose equation is an approximation) it stays the reference.
+        with a load that swings when the log begins, which no number of the model says) it stays the reference.
         """
         error = self.said["error"]
         true, floor = error.get("true", {}), error.get("floor", {})

@@ -1,8 +1,11 @@
 """The table of `bench score-discovery` on a terminal and as a page."""
 
+import math
+
 from rich.console import Console
 from rich.table import Table as RichTable
 
+from bench.score.judge import LEFT
 from bench.score.table import Method, Table, percent
 
 _MARK = {True: "yes", False: "no", None: ""}
@@ -51,9 +54,16 @@ def markdown(found: Table, command: str) -> str:
     if found.methods:
         out += ["", f"{_compared(found)}:", "", f"| {' | '.join(_METHODS)} |", "|---" * len(_METHODS) + "|"]
         out += [f"| {' | '.join(_row(m))} |" for m in found.methods]
+    out += ["", f"## More than {100 * LEFT:.0f} % of the error above the floor left ({len(found.leftovers)})", ""]
+    out += [f"- `{name}`: {_left(*shares)}" for name, *shares in found.leftovers] or ["None."]
     out += ["", f"## Wrong answers ({len(found.failures)})", ""]
     out += [f"- `{name}`: {truth} → {said}" for name, truth, said in found.failures] or ["None."]
     return "\n".join(out) + "\n"
+
+
+def _left(left: float, by_truth: float) -> str:
+    known = "" if math.isnan(by_truth) else f"; the model with the true numbers leaves {percent(by_truth)}"
+    return f"{percent(left)}{known}"
 
 
 def _compared(found: Table) -> str:

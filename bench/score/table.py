@@ -57,6 +57,8 @@ class Table:
     """Cases with effects, and without, on which the methods were compared."""
     failures: tuple[tuple[str, str, str], ...]
     """Case, truth, answer."""
+    leftovers: tuple[tuple[str, float, float], ...]
+    """Case, share of the error above the floor that is left, and that the model with the true numbers leaves."""
 
     @property
     def unmet(self) -> int:
@@ -97,7 +99,8 @@ def table(cases: Sequence[Case], found: Mapping[tuple[str, str], Mapping[str, An
     without = sum(j.case.condition in ("nothing", "gusts") for j, _ in paired)
     with_effect = sum(bool(j.required) for j, _ in paired)
     filled = tuple((title, lines) for title, lines in sections if lines)
-    return Table(len(judged), len(cases), filled, methods, (with_effect, without), tuple(failures))
+    leftovers = tuple((j.case.id, j.remaining, j.truth_leaves) for j in effects if not j.remaining <= LEFT)
+    return Table(len(judged), len(cases), filled, methods, (with_effect, without), tuple(failures), leftovers)
 
 
 # ------------------------------------------------------------------------------------------------- the sections

@@ -116,7 +116,17 @@ def test_what_is_left_is_counted_from_the_floor_to_the_nominal_error() -> None:
     assert judged(DRAG, said("error", error={})).remaining == math.inf
     noisy = judged(DRAG, said("named", "rotor_drag", error={**ERRORS, "true": {"velocity": 0.11, "body_rates": 0.22}}))
     assert noisy.beyond_truth == pytest.approx(0.01 / 0.89) and noisy.remaining == one.remaining
-    assert math.isnan(one.beyond_truth)
+    assert math.isnan(one.beyond_truth) and math.isnan(one.truth_leaves)
+    assert noisy.truth_leaves == pytest.approx(0.01 / 0.9)
+    much = said(
+        "named",
+        "rotor_drag",
+        shares={"rotor_drag": 1.0},
+        error={**worse, "true": {"velocity": 0.28, "body_rates": 0.56}},
+    )
+    found = table([DRAG], {(DRAG.id, "diagnosis"): much})
+    assert [(name, round(a, 3), round(b, 3)) for name, a, b in found.leftovers] == [(DRAG.id, 1.111, 0.2)]
+    assert f"- `{DRAG.id}`: 111 %; the model with the true numbers leaves 20 %" in markdown(found, "bench")
     load = {**ERRORS, "true": {"velocity": 0.11, "body_rates": 0.26}}  # which is not the noise of these recordings
     assert judged(DRAG, said("named", "rotor_drag", error=load)).beyond_truth == one.remaining
 
