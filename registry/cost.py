@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 if TYPE_CHECKING:  # contracts use the cost
     from registry.contracts import Predictor
@@ -21,8 +20,10 @@ def batch_mean(x: Tensor) -> Tensor:
 
 def prediction_cost(predicted: Tensor, measured: Tensor) -> Tensor:
     """L_pred (paper, eq. L_pred): mean over windows and steps of eᵀe; (…, B, T, n) → (…)."""
-    cost: Tensor = _SquaredError.apply(predicted, measured)
-    return cost
+    windows, steps = predicted.shape[-3:-1]
+    error = (predicted - measured).flatten(-3)
+    squares = error.dot(error) if error.dim() == 1 else torch.stack([e.dot(e) for e in error.unbind(0)])
+    return squares / (windows * steps)
 
 
 def state_initialization_cost(predictor: Predictor, state: Tensor, inputs: Tensor, outputs: Tensor) -> Tensor:
@@ -40,44 +41,4 @@ def state_initialization_cost(predictor: Predictor, state: Tensor, inputs: Tenso
     read = predictor.readout(state, inputs)
     if read is None:
         return outputs.new_zeros(outputs.shape[:-2])
-    cost: Tensor = _Distance.apply(read, outputs)
-    return cost
-
-
-class _SquaredError(torch.autograd.Function):
-    """Mean over windows and steps of the squared error, one step for autograd."""
-
-    @staticmethod
-    def forward(ctx: Any, predicted: Tensor, measured: Tensor) -> Tensor:
-        error = predicted - measured
-        ctx.save_for_backward(error)
-        windows, steps = error.shape[-3:-1]
-        each = [e.dot(e) for e in error.reshape(-1, error.shape[-3:].numel()).unbind(0)]
-        return torch.stack(each).view(error.shape[:-3]) / (windows * steps)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        (error,) = ctx.saved_tensors
-        windows, steps = error.shape[-3:-1]
-        slope = (2 / (windows * steps) * grads[0])[..., None, None, None] * error
-        return slope, -slope if ctx.needs_input_grad[1] else None
-
-
-class _Distance(torch.autograd.Function):
-    """Mean over windows of the Euclidean distance, one step for autograd."""
-
-    @staticmethod
-    def forward(ctx: Any, read: Tensor, outputs: Tensor) -> Tensor:
-        error = read - outputs
-        # the tiny constant keeps the gradient finite where the distance is exactly zero
-        distance = (error.square().sum(-1) + 1e-24).sqrt()
-        ctx.save_for_backward(error, distance)
-        return batch_mean(distance)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        error, distance = ctx.saved_tensors
-        slope = ((grads[0] / distance.shape[-1]).unsqueeze(-1) / distance).unsqueeze(-1) * error
-        return slope, -slope if ctx.needs_input_grad[1] else None
+    return batch_mean(torch.linalg.vector_norm(read - outputs, dim=-1))

@@ -1,11 +1,10 @@
 """The MLP initializer of the paper."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
-from torch.autograd.function import once_differentiable
 
 from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
 from registry.core import INITIALIZERS, option
@@ -15,26 +14,9 @@ from registry.predictors.weights import uniform
 
 def bounded(predictor: Predictor, buffers: Tensor, states: Tensor) -> Tensor:
     """State (…, s) of buffers and network states within their range: hidden through tanh, cell states as they are."""
-    state: Tensor = _Bounded.apply(buffers, states, predictor.layout.hidden)
-    return state
-
-
-class _Bounded(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, buffers: Tensor, states: Tensor, count: int) -> Tensor:
-        hidden = states[..., :count].tanh()
-        ctx.save_for_backward(hidden)
-        ctx.buffers = buffers.shape[-1]
-        return torch.cat([buffers, hidden, states[..., count:]], -1)
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        (hidden,) = ctx.saved_tensors
-        first = ctx.buffers
-        last = first + hidden.shape[-1]
-        slope = torch.ops.aten.tanh_backward(grads[0][..., first:last], hidden)
-        return grads[0][..., :first], torch.cat([slope, grads[0][..., last:]], -1), None
+    count = predictor.layout.hidden
+    hidden, cell = states.split([count, states.shape[-1] - count], -1)
+    return torch.cat([buffers, hidden.tanh(), cell], -1)
 
 
 class MLPInitializer(Initializer):
