@@ -1,4 +1,5 @@
 // The whole sequence of a stacked LSTM with delayed output feedback, for one model after another.
+#include "exports.h"
 #include "stack.h"
 
 namespace {
@@ -156,21 +157,6 @@ template <class R> class Run {
   }
 };
 
-template <class R> void sizes(Call* c) { Run<R>(*c, 0).sizes(*c); }
-template <class R> void forward(const Call* c) {
-  for (int model = 0; model < c->models; model++) Run<R>(*c, model).forward(model);
-}
-template <class R> void backward(const Call* c) {
-  for (int model = 0; model < c->models; model++) Run<R>(*c, model).backward(model);
-}
-
 }  // namespace
 
-extern "C" {
-void lstm_sizes_f(Call* c) { sizes<float>(c); }
-void lstm_sizes_d(Call* c) { sizes<double>(c); }
-void lstm_forward_f(const Call* c) { forward<float>(c); }
-void lstm_forward_d(const Call* c) { forward<double>(c); }
-void lstm_backward_f(const Call* c) { backward<float>(c); }
-void lstm_backward_d(const Call* c) { backward<double>(c); }
-}
+EXPORT(lstm)

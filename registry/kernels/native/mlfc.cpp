@@ -6,6 +6,7 @@
 // rows as long as a segment, and what it makes comes right after. The read-out reads such a run too.
 #include <vector>
 
+#include "exports.h"
 #include "lanes.h"
 
 namespace {
@@ -51,6 +52,7 @@ template <class R> class Run {
     WeightGradient<R> gradient;
   };
   R *streams, *d_streams, *seen, *d_seen, *dy, *sums;
+  size_t kept_size, scratch_size;
   std::vector<Layer> layers;  // the last one is the read-out
 
   const R* in(const void* p, int model, size_t count) const { return p ? static_cast<const R*>(p) + model * count : nullptr; }
@@ -86,7 +88,7 @@ template <class R> class Run {
     }
     kept_size = kept.used, scratch_size = scratch.used;
   }
-  size_t kept_size, scratch_size;
+  void sizes(Call& to) const { to.kept_size = kept_size, to.scratch_size = scratch_size; }
 
   void pack(int model, bool backward) {
     for (int l = 0; l <= L; l++) {
@@ -218,24 +220,6 @@ template <class R> class Run {
   }
 };
 
-template <class R> void sizes(Call* c) {
-  const Run<R> run(*c, 0);
-  c->kept_size = run.kept_size, c->scratch_size = run.scratch_size;
-}
-template <class R> void forward(const Call* c) {
-  for (int model = 0; model < c->models; model++) Run<R>(*c, model).forward(model);
-}
-template <class R> void backward(const Call* c) {
-  for (int model = 0; model < c->models; model++) Run<R>(*c, model).backward(model);
-}
-
 }  // namespace
 
-extern "C" {
-void mlfc_sizes_f(Call* c) { sizes<float>(c); }
-void mlfc_sizes_d(Call* c) { sizes<double>(c); }
-void mlfc_forward_f(const Call* c) { forward<float>(c); }
-void mlfc_forward_d(const Call* c) { forward<double>(c); }
-void mlfc_backward_f(const Call* c) { backward<float>(c); }
-void mlfc_backward_d(const Call* c) { backward<double>(c); }
-}
+EXPORT(mlfc)

@@ -1,6 +1,7 @@
 // A multi-layer perceptron, affine maps with tanh between them, for one model after another.
 #include <vector>
 
+#include "exports.h"
 #include "lanes.h"
 
 namespace {
@@ -102,21 +103,6 @@ template <class R> class Run {
   const R* weight(size_t i, int model) const { return in(c.weights[i].data, model, c.weights[i].stride); }
 };
 
-template <class R> void sizes(Call* c) { Run<R>(*c, 0).sizes(*c); }
-template <class R> void forward(const Call* c) {
-  for (int model = 0; model < c->models; model++) Run<R>(*c, model).forward(model);
-}
-template <class R> void backward(const Call* c) {
-  for (int model = 0; model < c->models; model++) Run<R>(*c, model).backward(model);
-}
-
 }  // namespace
 
-extern "C" {
-void mlp_sizes_f(Call* c) { sizes<float>(c); }
-void mlp_sizes_d(Call* c) { sizes<double>(c); }
-void mlp_forward_f(const Call* c) { forward<float>(c); }
-void mlp_forward_d(const Call* c) { forward<double>(c); }
-void mlp_backward_f(const Call* c) { backward<float>(c); }
-void mlp_backward_d(const Call* c) { backward<double>(c); }
-}
+EXPORT(mlp)
