@@ -11,7 +11,7 @@ import torch
 
 from bench.device import kernel
 from bench.notation import write
-from registry.contracts import Dataset, InitializerEntry, PredictorEntry, Split
+from registry.contracts import Dataset, InitializerEntry, PredictorEntry, Split, places
 from registry.core import DATASETS, INITIALIZERS, PREDICTORS, Registry, check_options, option
 from registry.errors import BenchError, near
 
@@ -73,7 +73,14 @@ class RunConfig:
         return write(self.predictor, self.initializer)
 
     def resolved(self) -> "RunConfig":
-        """With the data set's own signals where none are named."""
+        """With the data set's own signals where none are named.
+
+        Raises:
+            BenchError: one is named that the data set is known not to have.
+        """
+        if self.dataset.recorded:
+            named = (*self.inputs, *self.outputs, *self.context)
+            places(self.dataset.recorded, named, f"The data set {self.dataset.label}")
         inputs, outputs, context = self.predictor.signals(self.dataset)
         return replace(
             self,

@@ -92,14 +92,8 @@ class Recording:
         Raises:
             BenchError: nothing of that name was measured.
         """
+        picked = places(self.channels, selectors, f"Recording {self.name}")
         columns = np.concatenate([self.inputs, self.outputs], axis=1)
-        picked: list[int] = []
-        for selector in selectors:
-            found = [i for i, c in enumerate(self.channels) if selector in (c.name, c.group)]
-            if not found:
-                known = {c.group for c in self.channels} | {c.name for c in self.channels}
-                raise BenchError(f"Recording {self.name} has no signal {selector!r}: {near(selector, known)}")
-            picked += [i for i in found if i not in picked]
         return columns[:, picked], tuple(self.channels[i] for i in picked)
 
     def digest(self) -> str:
@@ -108,6 +102,22 @@ class Recording:
         for a in (self.inputs, self.outputs, self.valid):
             h.update(np.ascontiguousarray(a).tobytes())
         return h.hexdigest()
+
+
+def places(channels: Sequence[Channel], selectors: Sequence[str], owner: str) -> list[int]:
+    """Where the named groups or channels are among an owner's channels, in the order of the names.
+
+    Raises:
+        BenchError: it has none of that name.
+    """
+    picked: list[int] = []
+    for selector in selectors:
+        found = [i for i, c in enumerate(channels) if selector in (c.name, c.group)]
+        if not found:
+            known = {c.group for c in channels} | {c.name for c in channels}
+            raise BenchError(f"{owner} has no signal {selector!r}: {near(selector, known)}")
+        picked += [i for i in found if i not in picked]
+    return picked
 
 
 @dataclass(frozen=True)
@@ -173,6 +183,8 @@ class Dataset(ABC):
     """Relative 1σ of these constants, where it is not the model's default."""
     processing: ClassVar[dict[str, Any]] = {}
     """What was done to the recordings, as [processing] of a dataset.toml says it."""
+    recorded: ClassVar[tuple[Channel, ...]] = ()
+    """Channels of every recording, inputs first, where they are known before anything is read or simulated."""
     in_full: ClassVar[dict[str, str]] = {}
     """Options of the whole of the data, where they come in sizes; studies take it for all but smoke tests."""
 

@@ -1,11 +1,14 @@
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from conftest import Toy
 
 from bench.config import RunConfig, Training, changed, from_json, run_key, shape_key, to_json
+from bench.engine import plan
 from bench.notation import parse
 from registry.contracts import Split
+from registry.core import DATASETS
 from registry.errors import BenchError
 
 SPLIT = Split(("a",), ("b",), ("c",))
@@ -62,3 +65,11 @@ def test_seed_channel_and_learning_rate_share_a_shape_and_size_does_not() -> Non
 def test_a_wrong_option_says_so(assignment: dict[str, str], says: str) -> None:
     with pytest.raises(BenchError, match=says):
         changed(BASE, assignment)
+
+
+def test_a_signal_that_a_twin_cannot_have_is_told_before_it_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    twin = DATASETS.get("pelican_twin")()
+    monkeypatch.setattr(type(twin), "read", lambda self: pytest.fail("it was simulated"))
+    config = RunConfig(*parse("LSTM: 1x8 - MLP: 9x10"), twin, outputs=("body_rate",))
+    with pytest.raises(BenchError, match=r"pelican_twin has no signal 'body_rate': did you mean body_rates"):
+        plan([config], Path("runs"))

@@ -71,8 +71,6 @@ class Twin(Dataset):
     seed: int = option(0, "of references, gusts and measurement errors", low=0)
 
     in_full: ClassVar[dict[str, str]] = {"size": "full"}
-    recorded: ClassVar[tuple[Channel, ...]]
-    """Columns, the four inputs first."""
 
     def __post_init__(self) -> None:
         check_options(self, DATASETS.name_of(type(self)))
