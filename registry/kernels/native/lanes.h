@@ -2,11 +2,14 @@
 #pragma once
 #include "products.h"
 
-// As call.py describes it: the models themselves may lie apart.
-struct Weight {
-  const void* data;
-  int64_t stride;  // numbers from a model to the next
-};
+// A square of the machine's vectors, its rows to columns; both advance by their strides a row.
+template <class R> static inline void turn(const R* from, size_t from_stride, R* to, size_t to_stride) {
+  constexpr int V = Width<R>::vector;
+  Vector<R> square[V];
+  for (int k = 0; k < V; k++) square[k] = load(from + k * from_stride);
+  transpose<R>(square);
+  for (int k = 0; k < V; k++) store(to + k * to_stride, square[k]);
+}
 
 // out (count, block) = columns 0 .. count of rows b·block .. of src (batch, stride); zero where there is no such row.
 template <class R> static inline void lanes_in(const R* src, size_t stride, int count, int b, int batch, R* out) {
@@ -15,12 +18,7 @@ template <class R> static inline void lanes_in(const R* src, size_t stride, int 
   const int rows = std::min(W, batch - b * W);
   int i = 0;
   for (; rows == W && i + V <= count; i += V)
-    for (int lane = 0; lane < W; lane += V) {
-      Vector<R> square[V];
-      for (int k = 0; k < V; k++) square[k] = load(first + (lane + k) * stride + i);
-      transpose<R>(square);
-      for (int k = 0; k < V; k++) store(out + (i + k) * W + lane, square[k]);
-    }
+    for (int lane = 0; lane < W; lane += V) turn(first + lane * stride + i, stride, out + i * W + lane, W);
   for (; i < count; i++)
     for (int lane = 0; lane < W; lane++) out[i * W + lane] = lane < rows ? first[lane * stride + i] : R(0);
 }
@@ -32,12 +30,7 @@ template <class R> static inline void lanes_out(const R* src, int count, int b, 
   const int rows = std::min(W, batch - b * W);
   int i = 0;
   for (; rows == W && i + V <= count; i += V)
-    for (int lane = 0; lane < W; lane += V) {
-      Vector<R> square[V];
-      for (int k = 0; k < V; k++) square[k] = load(src + (i + k) * W + lane);
-      transpose<R>(square);
-      for (int k = 0; k < V; k++) store(first + (lane + k) * stride + i, square[k]);
-    }
+    for (int lane = 0; lane < W; lane += V) turn(src + i * W + lane, W, first + lane * stride + i, stride);
   for (; i < count; i++)
     for (int lane = 0; lane < rows; lane++) first[lane * stride + i] = src[i * W + lane];
 }

@@ -1,5 +1,5 @@
 // The whole sequence of a stacked LSTM with delayed output feedback, for one model after another.
-#include "exports.h"
+#include "models.h"
 #include "stack.h"
 
 namespace {
@@ -33,16 +33,12 @@ template <class R> class Run {
     return {int(c.layers), int(c.cells), blocks, int(c.steps), fed + u, u, c.input_gradient || c.taps > 1 ? fed + u : fed,
             c.keep != 0};
   }
-  template <class P> P* part(P* base, size_t model, size_t size) const { return base ? base + model * size : nullptr; }
-  const R* in(const void* p, int model, size_t size) const { return part(static_cast<const R*>(p), model, size); }
-  R* out(void* p, int model, size_t size) const { return part(static_cast<R*>(p), model, size); }
-  const R* weight(int i, int model) const { return in(c.weights[i].data, model, c.weights[i].stride); }
 
  public:
   Run(const Call& c, int model)
       : c(c), n(int(c.outputs)), m(int(c.inputs)), D(int(c.taps)), B(int(c.batch)), T(int(c.steps)), blocks((B + W - 1) / W),
         past_u((size_t)(D - 1) * m), past_y((size_t)D * n), states(c.layers * c.cells), size(past_u + past_y + 2 * states),
-        kept{out(c.kept, model, c.kept_size)}, scratch{static_cast<R*>(c.scratch)}, stack(shape(c, blocks), kept, scratch),
+        kept{out<R>(c.kept, model, c.kept_size)}, scratch{static_cast<R*>(c.scratch)}, stack(shape(c, blocks), kept, scratch),
         readout(n, int(c.cells), blocks, scratch), y(scratch.take((size_t)n * W)),
         dy(scratch.take((size_t)blocks * n * W)), d_taps(scratch.take((size_t)blocks * (D + 1) * (n + m) * W)) {}
 
@@ -56,16 +52,19 @@ template <class R> class Run {
 
   void pack(int model, bool backward) {
     std::vector<LayerWeights<R>> layers;
-    for (int l = 0; l < c.layers; l++)
-      layers.push_back({weight(4 * l, model), weight(4 * l + 1, model), weight(4 * l + 2, model), weight(4 * l + 3, model)});
+    for (int l = 0; l < c.layers; l++) {
+      const Weight* w = c.weights + 4 * l;
+      layers.push_back({in<R>(w[0], model), in<R>(w[1], model), in<R>(w[2], model), in<R>(w[3], model)});
+    }
     stack.pack(layers.data(), backward);
-    if (n) readout.pack(weight(4 * int(c.layers), model), weight(4 * int(c.layers) + 1, model));
+    const Weight* head = c.weights + 4 * c.layers;
+    if (n) readout.pack(in<R>(head[0], model), in<R>(head[1], model));
   }
 
   void forward(int model) {
-    const R *u = in(c.u, model, (size_t)B * T * m), *forced = in(c.forced, model, (size_t)B * T * n);
-    const R* state = in(c.state, model, B * size);
-    R *outputs = out(c.y, model, (size_t)B * T * n), *end = out(c.end_state, model, B * size);
+    const R *u = in<R>(c.u, model, (size_t)B * T * m), *forced = in<R>(c.forced, model, (size_t)B * T * n);
+    const R* state = in<R>(c.state, model, B * size);
+    R *outputs = out<R>(c.y, model, (size_t)B * T * n), *end = out<R>(c.end_state, model, B * size);
     pack(model, false);
     stack.states_in(state + past_u + past_y, state + past_u + past_y + states, size, B, 0);
     for (int b = 0; b < blocks; b++) {
@@ -100,8 +99,8 @@ template <class R> class Run {
   // The gradients of the taps, newest first, are those of the step after, each one tap earlier, and this step's own.
   void backward(int model) {
     const size_t one = (size_t)n * W, all = (D + 1) * one, u_one = (size_t)m * W, u_all = (D + 1) * u_one;
-    const R *given = in(c.dy, model, (size_t)B * T * n), *ends = in(c.d_end_state, model, B * size);
-    R *du = out(c.du, model, (size_t)B * T * m), *d_state = out(c.d_state, model, B * size);
+    const R *given = in<R>(c.dy, model, (size_t)B * T * n), *ends = in<R>(c.d_end_state, model, B * size);
+    R *du = out<R>(c.du, model, (size_t)B * T * m), *d_state = out<R>(c.d_state, model, B * size);
     R* const d_inputs = d_taps + blocks * all;
     pack(model, true);
     stack.begin(ends ? ends + past_u + past_y : nullptr, ends ? ends + past_u + past_y + states : nullptr, size, B);
@@ -149,11 +148,12 @@ template <class R> class Run {
     for (int l = 0; l < c.layers; l++) {
       void* const* g = c.gradients + 4 * l;
       const size_t k = l ? H : past_y + past_u + m;
-      layers.push_back({out(g[0], model, H4 * k), out(g[1], model, H4 * H), out(g[2], model, H4), out(g[3], model, 3 * H)});
+      layers.push_back({out<R>(g[0], model, H4 * k), out<R>(g[1], model, H4 * H), out<R>(g[2], model, H4),
+                        out<R>(g[3], model, 3 * H)});
     }
     stack.gradients(layers.data());
     void* const* head = c.gradients + 4 * c.layers;
-    if (n) readout.gradients(out(head[0], model, n * H), out(head[1], model, n));
+    if (n) readout.gradients(out<R>(head[0], model, n * H), out<R>(head[1], model, n));
   }
 };
 

@@ -6,8 +6,8 @@
 // rows as long as a segment, and what it makes comes right after. The read-out reads such a run too.
 #include <vector>
 
-#include "exports.h"
 #include "lanes.h"
+#include "models.h"
 
 namespace {
 
@@ -55,12 +55,10 @@ template <class R> class Run {
   size_t kept_size, scratch_size;
   std::vector<Layer> layers;  // the last one is the read-out
 
-  const R* in(const void* p, int model, size_t count) const { return p ? static_cast<const R*>(p) + model * count : nullptr; }
-  R* out(void* p, int model, size_t count) const { return p ? static_cast<R*>(p) + model * count : nullptr; }
   R* rows(int t, int b) const { return streams + ((size_t)b * slots + (c.keep ? t : 0)) * segment * W; }
   R* d_rows(int b) const { return d_streams + (size_t)b * 2 * segment * W; }
   const R* mask(int t, int model, int b) const {
-    return c.mask ? in(c.mask, t * int(c.models) + model, (size_t)size * c.mask_lanes) + (size_t)b * W : nullptr;
+    return c.mask ? in<R>(c.mask, t * int(c.models) + model, (size_t)size * c.mask_lanes) + (size_t)b * W : nullptr;
   }
   // The column of a weight, [u | ỹ | 1 | y¹ .. y^L], of row r of the run that layer l reads; the read-out is layer L.
   int column(int l, int r) const {
@@ -74,7 +72,7 @@ template <class R> class Run {
       : c(c), n(int(c.outputs)), m(int(c.inputs)), H(int(c.cells)), L(int(c.layers)), B(int(c.batch)), T(int(c.steps)),
         blocks((B + W - 1) / W), size(L * H), columns(m + n + 1 + size), segment(size + m + n),
         slots(c.keep ? T + 1 : 2), chunk(std::max(1, 256 / (blocks * W))) {
-    Arena<R> kept{out(c.kept, model, c.kept_size)}, scratch{static_cast<R*>(c.scratch)};
+    Arena<R> kept{out<R>(c.kept, model, c.kept_size)}, scratch{static_cast<R*>(c.scratch)};
     streams = kept.take((size_t)blocks * slots * segment * W);
     d_streams = scratch.take((size_t)blocks * 2 * segment * W);
     seen = scratch.take((size_t)segment * W), d_seen = scratch.take((size_t)segment * W);
@@ -93,7 +91,7 @@ template <class R> class Run {
   void pack(int model, bool backward) {
     for (int l = 0; l <= L; l++) {
       const int h = height(l);
-      const R* w = in(c.weights[l].data, model, c.weights[l].stride);
+      const R* w = in<R>(c.weights[l], model);
       auto at = [&](int row, int r) { return w[(size_t)row * columns + column(l, r)]; };
       if (backward)
         layers[l].backward.pack([&](int r, int row) { return at(row, r); });
@@ -104,12 +102,12 @@ template <class R> class Run {
   }
 
   void forward(int model) {
-    const R *u = in(c.u, model, (size_t)B * T * m), *forced = in(c.forced, model, (size_t)B * T * n);
-    R* y = out(c.y, model, (size_t)B * T * n);
+    const R *u = in<R>(c.u, model, (size_t)B * T * m), *forced = in<R>(c.forced, model, (size_t)B * T * n);
+    R* y = out<R>(c.y, model, (size_t)B * T * n);
     pack(model, false);
     for (int b = 0; b < blocks; b++) {
-      lanes_in(in(c.hidden, model, (size_t)B * size), size, size, b, B, rows(0, b));
-      lanes_in(in(c.fed, model, (size_t)B * n), n, n, b, B, rows(0, b) + (size_t)(size + m) * W);
+      lanes_in(in<R>(c.hidden, model, (size_t)B * size), size, size, b, B, rows(0, b));
+      lanes_in(in<R>(c.fed, model, (size_t)B * n), n, n, b, B, rows(0, b) + (size_t)(size + m) * W);
     }
     for (int t = 0; t < T; t++) {
       for (int b = 0; b < blocks; b++) lanes_in(u + (size_t)t * m, (size_t)T * m, m, b, B, rows(t, b) + (size_t)size * W);
@@ -129,18 +127,18 @@ template <class R> class Run {
         if (!c.keep) std::copy_n(rows(t, b) + (size_t)segment * W, (size_t)segment * W, rows(t, b));
       }
     }
-    for (int b = 0; b < blocks; b++) lanes_out(rows(T, b), size, b, B, out(c.end_hidden, model, (size_t)B * size), size);
+    for (int b = 0; b < blocks; b++) lanes_out(rows(T, b), size, b, B, out<R>(c.end_hidden, model, (size_t)B * size), size);
   }
 
   void backward(int model) {
-    const R* given = in(c.dy, model, (size_t)B * T * n);
-    R* du = out(c.du, model, (size_t)B * T * m);
+    const R* given = in<R>(c.dy, model, (size_t)B * T * n);
+    R* du = out<R>(c.du, model, (size_t)B * T * m);
     pack(model, true);
     for (Layer& layer : layers) layer.gradient.clear();
     std::fill_n(sums, (size_t)n * (segment + 1) * V, R(0));
     std::fill_n(d_streams, (size_t)blocks * 2 * segment * W, R(0));
     for (int b = 0; b < blocks; b++)
-      lanes_in(in(c.d_end_hidden, model, (size_t)B * size), size, size, b, B, d_rows(b) + (size_t)segment * W);
+      lanes_in(in<R>(c.d_end_hidden, model, (size_t)B * size), size, size, b, B, d_rows(b) + (size_t)segment * W);
     auto same = [](const Lanes& sum) { return sum; };
     for (int t = T - 1; t >= 0; t--) {  // d_rows: segment t, nothing yet, then segment t + 1
       for (int b = 0; b < blocks; b++) {
@@ -175,12 +173,12 @@ template <class R> class Run {
     }
     for (int b = 0; b < blocks; b++) {
       const R* d = d_rows(b) + (size_t)segment * W;
-      lanes_out(d, size, b, B, out(c.d_hidden, model, (size_t)B * size), size);
-      lanes_out(d + (size_t)(size + m) * W, n, b, B, out(c.d_fed, model, (size_t)B * n), n);
+      lanes_out(d, size, b, B, out<R>(c.d_hidden, model, (size_t)B * size), size);
+      lanes_out(d + (size_t)(size + m) * W, n, b, B, out<R>(c.d_fed, model, (size_t)B * n), n);
     }
     for (int l = 0; l <= L; l++) {
       const int h = height(l);
-      R* g = out(c.gradients[l], model, (size_t)h * columns);
+      R* g = out<R>(c.gradients[l], model, (size_t)h * columns);
       auto at = [&](int row, int r) {
         return l < L ? layers[l].gradient.at(row, r) : sum<R>(load(sums + ((size_t)row * (segment + 1) + r) * V));
       };

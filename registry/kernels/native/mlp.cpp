@@ -1,8 +1,8 @@
 // A multi-layer perceptron, affine maps with tanh between them, for one model after another.
 #include <vector>
 
-#include "exports.h"
 #include "lanes.h"
+#include "models.h"
 
 namespace {
 
@@ -36,13 +36,10 @@ template <class R> class Run {
   std::vector<Layer> layers;
   R* dx;
 
-  template <class P> P* part(P* base, size_t model, size_t size) const { return base ? base + model * size : nullptr; }
-  const R* in(const void* p, int model, size_t size) const { return part(static_cast<const R*>(p), model, size); }
-  R* out(void* p, int model, size_t size) const { return part(static_cast<R*>(p), model, size); }
 
  public:
   Run(const Call& c, int model)
-      : c(c), B(int(c.batch)), blocks((B + W - 1) / W), kept{out(c.kept, model, c.kept_size)},
+      : c(c), B(int(c.batch)), blocks((B + W - 1) / W), kept{out<R>(c.kept, model, c.kept_size)},
         scratch{static_cast<R*>(c.scratch)} {
     const size_t lanes = (size_t)blocks * W;
     R* x = kept.take(c.widths[0] * lanes);
@@ -61,46 +58,44 @@ template <class R> class Run {
   void forward(int model) {
     const int K = layers.front().k, n = layers.back().n;
     for (int b = 0; b < blocks; b++)
-      lanes_in(in(c.x, model, (size_t)B * K), K, K, b, B, layers.front().x + (size_t)b * K * W);
+      lanes_in(in<R>(c.x, model, (size_t)B * K), K, K, b, B, layers.front().x + (size_t)b * K * W);
     for (size_t l = 0; l < layers.size(); l++) {
       Layer& y = layers[l];
-      const R *w = weight(2 * l, model), *bias = weight(2 * l + 1, model);
+      const R *w = in<R>(c.weights[2 * l], model), *bias = in<R>(c.weights[2 * l + 1], model);
       y.forward.pack([&](int r, int k) { return w[(size_t)r * y.k + k]; });
       y.forward.multiply(blocks, y.x, (size_t)y.k * W, y.y, (size_t)y.n * W, bias);
       for (size_t i = 0; l + 1 < layers.size() && i < (size_t)blocks * y.n * W; i += W)
         tanh_of<R>(Lanes(y.y + i)).store_to(y.y + i);
     }
     for (int b = 0; b < blocks; b++)
-      lanes_out(layers.back().y + (size_t)b * n * W, n, b, B, out(c.y, model, (size_t)B * n), n);
+      lanes_out(layers.back().y + (size_t)b * n * W, n, b, B, out<R>(c.y, model, (size_t)B * n), n);
   }
 
   void backward(int model) {
     const int K = layers.front().k, n = layers.back().n;
     for (int b = 0; b < blocks; b++)
-      lanes_in(in(c.dy, model, (size_t)B * n), n, n, b, B, layers.back().dy + (size_t)b * n * W);
+      lanes_in(in<R>(c.dy, model, (size_t)B * n), n, n, b, B, layers.back().dy + (size_t)b * n * W);
     for (size_t l = layers.size(); l-- > 0;) {
       Layer& y = layers[l];
       y.gradient.clear();
       y.gradient.add(blocks, [&](int b) { return y.dy + (size_t)b * y.n * W; },
                      [&](int b) { return y.x + (size_t)b * y.k * W; });
-      R *dw = out(c.gradients[2 * l], model, (size_t)y.n * y.k), *db = out(c.gradients[2 * l + 1], model, y.n);
+      R *dw = out<R>(c.gradients[2 * l], model, (size_t)y.n * y.k), *db = out<R>(c.gradients[2 * l + 1], model, y.n);
       for (int r = 0; r < y.n; r++) {
         for (int k = 0; k < y.k; k++) dw[(size_t)r * y.k + k] = y.gradient.at(r, k);
         db[r] = y.gradient.at(r, y.k);
       }
       if (!l && !c.input_gradient) return;
       R* d = l ? layers[l - 1].dy : dx;
-      const R* w = weight(2 * l, model);
+      const R* w = in<R>(c.weights[2 * l], model);
       y.backward.pack([&](int k, int r) { return w[(size_t)r * y.k + k]; });
       y.backward.multiply(blocks, y.dy, (size_t)y.n * W, d, (size_t)y.k * W);
       for (size_t i = 0; l && i < (size_t)blocks * y.k * W; i += W)
         (Lanes(d + i) * (R(1) - Lanes(y.x + i) * Lanes(y.x + i))).store_to(d + i);
     }
-    for (int b = 0; b < blocks; b++) lanes_out(dx + (size_t)b * K * W, K, b, B, out(c.dx, model, (size_t)B * K), K);
+    for (int b = 0; b < blocks; b++) lanes_out(dx + (size_t)b * K * W, K, b, B, out<R>(c.dx, model, (size_t)B * K), K);
   }
 
- private:
-  const R* weight(size_t i, int model) const { return in(c.weights[i].data, model, c.weights[i].stride); }
 };
 
 }  // namespace
