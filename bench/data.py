@@ -94,7 +94,7 @@ def _at(signals: Tensor, starts: Tensor, length: int) -> Tensor:
     samples, width = signals.shape
     row, column = signals.stride()
     windows = signals.as_strided((samples - length + 1, length, width), (row, row, column))
-    return windows[starts.to(signals.device)]
+    return windows[starts]
 
 
 def prepare(config: RunConfig) -> Prepared:
