@@ -28,10 +28,11 @@ class Checkpoint:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             handle, name = tempfile.mkstemp(prefix=f"{self.path.name}.", dir=self.path.parent)
-            os.close(handle)
             draft = Path(name)
             whole, text = {k: t.contiguous() for k, t in tensors.items()}, json.dumps(state)
-            safetensors.torch.save_file(whole, draft, {"state": text, "digest": _digest(whole, text)})
+            # `save_file` writes to a draft of its own, which a kill would leave for good
+            with os.fdopen(handle, "wb") as file:
+                file.write(safetensors.torch.save(whole, {"state": text, "digest": _digest(whole, text)}))
             os.replace(draft, self.path)
         except (OSError, safetensors.SafetensorError):
             if draft is not None:
