@@ -31,10 +31,10 @@ class Model(nn.Module):
             u_history, y_history, u, y = p.vary((u_history, y_history, u, y))
         state = self.state(u_history, y_history)
         predicted = p.teach(u, y, state) if self.training else p.rollout(u, state)[0]
-        cost = _times(alpha, p.cost(predicted, y))
+        cost = times(alpha, p.cost(predicted, y))
         if beta and self.initializer is not None and self.initializer.uses_state_cost:
             last = y_history[..., -1, : p.n_outputs]
-            cost = cost + _times(beta, state_initialization_cost(p, state, u_history[..., -1, :], last))
+            cost = cost + times(beta, state_initialization_cost(p, state, u_history[..., -1, :], last))
         return cost
 
     def predict(self, u_history: Tensor, y_history: Tensor, u: Tensor) -> Tensor:
@@ -77,7 +77,8 @@ class Model(nn.Module):
         return self.predictor.weight_count() + (self.initializer.weight_count() if self.initializer else 0)
 
 
-def _times(weight: float, cost: Tensor) -> Tensor:
+def times(weight: float, cost: Tensor) -> Tensor:
+    """A weighted cost."""
     return cost if weight == 1 else weight * cost
 
 

@@ -20,6 +20,7 @@ from bench.checkpoint import Checkpoint
 from bench.config import RunConfig, Training
 from bench.data import Prepared
 from bench.device import device
+from bench.gradient import cost_and_gradient
 from bench.model import Model, build_scaled
 from bench.seeds import derive
 
@@ -161,10 +162,10 @@ class Group:
     def _train_only(self, active: list[int]) -> None:
         """Go on with these runs; the rows are theirs, in this order."""
         self.active = active
-        self.gradient, self.ones = torch.zeros_like(self.theta), torch.ones(len(active), device=self.device)
-        self.gradients, weights = list(self.named(self.gradient).values()), self.named(self.theta)
-        self.leaves = list(self.network.parameters())
-        for name, p in self.network.named_parameters():
+        self.gradient = torch.zeros_like(self.theta)
+        self.gradients, weights = self.named(self.gradient), self.named(self.theta)
+        self.parameters = dict(self.network.named_parameters())
+        for name, p in self.parameters.items():
             p.data = weights[name]
         rates = [self.runs[i].config.training.learning_rate for i in active]
         self.adam = Adam(self.options, rates, (self.theta, self.gradient, self.m, self.v))
@@ -225,12 +226,9 @@ class Group:
         o = self.options
         if len(self.runs) == 1:  # noise of dropout or of a random washout start, the same after a resume
             self._draw_from(f"noise/{self.update}")
-        cost = self.network(*self._batch(), o.alpha, o.beta)
-        torch._foreach_copy_(
-            self.gradients, torch.autograd.grad(cost, self.leaves, self.ones, allow_unused=True, materialize_grads=True)
-        )
+        cost, gradients = cost_and_gradient(self.network, self.parameters, self._batch(), o.alpha, o.beta)
+        torch._foreach_copy_([self.gradients[name] for name in gradients], list(gradients.values()))
         norms = torch.stack([g.norm() for g in self.gradient.unbind(0)])
-        cost = cost.detach()
         self.train_cost += cost
         size, steep = cost.tolist(), norms.tolist()
         healthy = [math.isfinite(c) and math.isfinite(n) and c < DIVERGED for c, n in zip(size, steep, strict=True)]

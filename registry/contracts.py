@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -326,6 +326,18 @@ class Scaler(nn.Module):
         return x * self.scale + self.offset
 
 
+Gradients = dict[str, Tensor]
+"""Of the parameters of a network, by name. Fresh tensors, to be added to."""
+RunVJP = Callable[[Tensor | None, Tensor | None], tuple[Tensor, Gradients]]
+"""From the gradients of outputs (…, B, T, n) and end state (…, B, s), None for zero, to that of the state at k0 and
+those of the parameters."""
+ReadoutVJP = Callable[[Tensor, Tensor], Gradients]
+"""From the gradient of what was read (…, B, n); adds to that of the state (…, B, s), its second argument."""
+InitialVJP = Callable[[Tensor], tuple[Gradients, Gradients]]
+"""From the gradient of the state (…, B, s), which may be overwritten, to those of the initializer's parameters and
+those of the predictor's."""
+
+
 class Predictor(nn.Module, ABC):
     """Predicts T steps of outputs from T inputs and a state, running free.
 
@@ -400,6 +412,16 @@ class Predictor(nn.Module, ABC):
         """A further prediction (B, T, len(viewed)), one of `views`, scaled, given what `rollout` and `teach` are."""
         raise NotImplementedError(f"{type(self).__name__} has no view {name!r}")
 
+    def rollout_vjp(
+        self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, RunVJP]:
+        """`rollout` on the compiled core without autograd, and its vector-Jacobian product: autograd's, bit for bit.
+
+        Not every predictor has one. A class that has it has `fill` and `readout_vjp` too; where a subclass changes
+        one of these methods alone, or `teach` or `cost`, training falls back on autograd.
+        """
+        raise NotImplementedError
+
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor | None:
         """ŷ_{k0} (B, n) as the output layer reads it from the state (B, s) and u_{k0} (B, m), scaled.
 
@@ -407,6 +429,10 @@ class Predictor(nn.Module, ABC):
         None: the predictor has no states to initialize.
         """
         return None
+
+    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP]:
+        """`readout` and its vector-Jacobian product; see `rollout_vjp`."""
+        raise NotImplementedError
 
     def fit(self, history_inputs: Tensor, history_outputs: Tensor, inputs: Tensor, outputs: Tensor) -> None:
         """Closed-form fit on scaled training windows, for predictors not trained by gradient."""
@@ -449,6 +475,10 @@ class Initializer(nn.Module, ABC):
     @abstractmethod
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
         """State (B, s) at k0 from the scaled history (B, τ, m), (B, τ, n + c)."""
+
+    def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
+        """`initialize` and its vector-Jacobian product, for a predictor that has one; see `Predictor.rollout_vjp`."""
+        raise NotImplementedError
 
     def forward(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
         """State (B, s) from the SI history (B, τ, m), (B, τ, n + c)."""

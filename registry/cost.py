@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 if TYPE_CHECKING:  # contracts use the cost
-    from registry.contracts import Predictor
+    from registry.contracts import Gradients, Predictor
 
 
 def batch_mean(x: Tensor) -> Tensor:
@@ -20,10 +21,24 @@ def batch_mean(x: Tensor) -> Tensor:
 
 def prediction_cost(predicted: Tensor, measured: Tensor) -> Tensor:
     """L_pred (paper, eq. L_pred): mean over windows and steps of eᵀe; (…, B, T, n) → (…)."""
-    windows, steps = predicted.shape[-3:-1]
-    error = (predicted - measured).flatten(-3)
-    squares = error.dot(error) if error.dim() == 1 else torch.stack([e.dot(e) for e in error.unbind(0)])
-    return squares / (windows * steps)
+    return _squares(predicted - measured) / (predicted.shape[-3] * predicted.shape[-2])
+
+
+def _squares(error: Tensor) -> Tensor:
+    """Their sum (…) over (…, B, T, n), each model by itself."""
+    flat = error.flatten(-3)
+    if flat.dim() == 1:
+        return flat.dot(flat)
+    return torch.stack([e.dot(e) for e in flat.unbind(0)]) if len(flat) > 1 else flat[0].dot(flat[0]).unsqueeze(0)
+
+
+def prediction_vjp(predicted: Tensor, measured: Tensor, weight: float) -> tuple[Tensor, Tensor]:
+    """`prediction_cost`, and the gradient of ``weight`` times it by what was predicted, which is overwritten.
+
+    Autograd's, bit for bit.
+    """
+    count, error = predicted.shape[-3] * predicted.shape[-2], predicted.sub_(measured)
+    return _squares(error) / count, error.mul_(2 * _share(weight, count, error.dtype))
 
 
 def state_initialization_cost(predictor: Predictor, state: Tensor, inputs: Tensor, outputs: Tensor) -> Tensor:
@@ -42,3 +57,26 @@ def state_initialization_cost(predictor: Predictor, state: Tensor, inputs: Tenso
     if read is None:
         return outputs.new_zeros(outputs.shape[:-2])
     return batch_mean(torch.linalg.vector_norm(read - outputs, dim=-1))
+
+
+def state_initialization_vjp(
+    predictor: Predictor, state: Tensor, inputs: Tensor, outputs: Tensor, weight: float
+) -> tuple[Tensor, Tensor, Gradients]:
+    """`state_initialization_cost`, and the gradients of ``weight`` times it by the state and by the parameters.
+
+    Autograd's, bit for bit.
+    """
+    read, back = predictor.readout_vjp(state, inputs)
+    distance = read.sub_(outputs)
+    norm = torch.linalg.vector_norm(distance, dim=-1, keepdim=True)
+    cost = batch_mean(norm.squeeze(-1))
+    norm.clamp_(min=torch.finfo(norm.dtype).tiny)  # a distance of zero has no direction
+    d_state = torch.zeros_like(state)
+    gradients = back(distance.div_(norm).mul_(_share(weight, norm.shape[-2], norm.dtype)), d_state)
+    return cost, d_state, gradients
+
+
+@lru_cache
+def _share(weight: float, count: int, dtype: torch.dtype) -> float:
+    """weight / count, rounded as autograd does."""
+    return float(torch.tensor(weight, dtype=dtype) / count)

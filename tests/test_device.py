@@ -14,6 +14,7 @@ from bench import train
 from bench.config import RunConfig, Training, environment, run_key
 from bench.data import prepare
 from bench.device import device
+from bench.gradient import cost_and_gradient
 from bench.model import build, build_scaled
 from bench.notation import parse
 from bench.speed.networks import channels
@@ -66,11 +67,9 @@ def test_data_and_optimizer_go_with_the_network(monkeypatch: pytest.MonkeyPatch)
     data = prepare(c)
     monkeypatch.setattr(train, "device", lambda config: META)
     group = train.Group([build_scaled(c, data)], [train.Run(c, data)])
-    cost = group.network(*group._batch(), 1.0, 1.0)
-    slopes = torch.autograd.grad(cost, group.leaves, group.ones)
-    torch._foreach_copy_(group.gradients, slopes)
+    cost, slopes = cost_and_gradient(group.network, group.parameters, group._batch(), 1.0, 1.0)
     kept = (group.theta, group.m, group.v, group.best, group.gradient, group.train_cost, *group.validation[0])
-    assert {x.device for x in kept} == {META} == {x.device for x in (*group.leaves, cost)}
+    assert {x.device for x in kept} == {META} == {x.device for x in (*slopes.values(), cost)}
 
 
 def test_a_wide_network_takes_the_gpu_where_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ from typing import Any, cast
 import torch
 from torch import Tensor, nn
 
+from bench.gradient import run_cost_and_gradient
 from bench.notation import parse
 from bench.speed.naive import NaiveLSTM, NaiveMLFC
 from bench.speed.rows import DELAYS, INPUTS, OUTPUTS, TAU, Row
@@ -110,22 +111,22 @@ def training(run: Callable[[], Tensor], weights: Sequence[Tensor], starts: Seque
     return step
 
 
-def training_flat(run: Callable[[], Tensor], network: nn.Module, start: Tensor, models: int = 1) -> Contender:
-    """The same where all weights are views of one tensor, as in `bench.train`; with ``models`` > 1 (M, …) each."""
-    leaves = list(network.parameters())
-    theta = torch.cat([p.detach().flatten().expand(models, -1) for p in leaves], 1)
+def training_flat(network: Predictor, u: Tensor, start: Tensor, models: int = 1) -> Contender:
+    """The same as `bench.train` does it: all weights are views of one tensor; with ``models`` > 1 (M, …) each."""
+    leaves = dict(network.named_parameters())
+    theta = torch.cat([p.detach().flatten().expand(models, -1) for p in leaves.values()], 1)
     gradient = torch.zeros_like(theta)
-    sizes, lead = [p.numel() for p in leaves], (models,) if models > 1 else ()
-    shapes = [(*lead, *p.shape) for p in leaves]
-    gradients = [g.view(s) for g, s in zip(gradient.split(sizes, 1), shapes, strict=True)]
-    for p, w, s in zip(leaves, theta.split(sizes, 1), shapes, strict=True):
-        p.data = w.view(s)
-    target, update = torch.randn_like(run().detach()), _adam([theta])
+    sizes, lead = [p.numel() for p in leaves.values()], (models,) if models > 1 else ()
+    views = [x.split(sizes, 1) for x in (theta, gradient)]
+    gradients = {}
+    for (name, p), w, g in zip(leaves.items(), *views, strict=True):
+        shape = (*lead, *p.shape)
+        p.data, gradients[name] = w.view(shape), g.view(shape)
+    target, update = torch.randn(*u.shape[:-1], network.n_outputs), _adam([theta])
 
     def step() -> None:
-        cost = (run() - target).square().mean()
-        slopes = torch.autograd.grad(cost, [*leaves, start], allow_unused=True, materialize_grads=True)
-        torch._foreach_copy_(gradients, slopes[:-1])
+        _, _, slopes = run_cost_and_gradient(network, leaves, u, start, target)
+        torch._foreach_copy_([gradients[name] for name in slopes], list(slopes.values()))
         update([gradient])
 
     return step
@@ -189,23 +190,15 @@ def _library(row: Row) -> Contender:
     return _contender(row, lambda: network(u, states), list(network.parameters()), states)
 
 
-class _Rollout(nn.Module):
-    def __init__(self, row: Row) -> None:
-        super().__init__()
-        self.predictor = predictor(row)
-
-    def forward(self, inputs: Tensor, state: Tensor) -> Tensor:
-        return self.predictor.rollout(inputs, state)[0]
-
-
 def ours(row: Row) -> Contender:
     """A predictor of this suite; several models in one call."""
-    network = _Rollout(row)
+    network = predictor(row)
     lead = (row.models,) if row.models > 1 else ()
     u = torch.randn(*lead, row.batch, row.horizon, INPUTS)
-    state = _start(network.predictor, row) if row.model == "Hybrid" else _state(*lead, row.batch, network.predictor)
-    run = lambda: network(u, state)  # noqa: E731
-    return predicting(run) if row.task == "predict" else training_flat(run, network, state, row.models)
+    state = _start(network, row) if row.model == "Hybrid" else _state(*lead, row.batch, network)
+    if row.task == "predict":
+        return predicting(lambda: network.rollout(u, state)[0])
+    return training_flat(network, u, state, row.models)
 
 
 def _contender(row: Row, run: Callable[[], Tensor], weights: Sequence[Tensor], starts: Sequence[Tensor]) -> Contender:
@@ -250,4 +243,4 @@ def parts(row: Row) -> Contender:
 
 
 def _alone(network: Predictor, u: Tensor, state: Tensor) -> Contender:
-    return training_flat(lambda: network.rollout(u, state)[0], network, state)
+    return training_flat(network, u, state)

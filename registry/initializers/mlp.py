@@ -6,10 +6,13 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
+from registry.contracts import Gradients, Initializer, InitializerEntry, InitialVJP, Predictor, Problem
 from registry.core import INITIALIZERS, option
-from registry.kernels.mlp import mlp
+from registry.kernels.mlp import mlp, mlp_vjp
+from registry.kernels.pointwise import tanh_grad
 from registry.predictors.weights import uniform
+
+WEIGHTS = "hidden_weight", "hidden_bias", "output_weight", "output_bias"
 
 
 def bounded(predictor: Predictor, buffers: Tensor, states: Tensor) -> Tensor:
@@ -17,6 +20,14 @@ def bounded(predictor: Predictor, buffers: Tensor, states: Tensor) -> Tensor:
     count = predictor.layout.hidden
     hidden, cell = states.split([count, states.shape[-1] - count], -1)
     return torch.cat([buffers, hidden.tanh(), cell], -1)
+
+
+def bounded_vjp(predictor: Predictor, state: Tensor, d_state: Tensor) -> Tensor:
+    """From the gradient of what `bounded` gave, which is overwritten, to that of the network states."""
+    d_states, count = d_state[..., predictor.layout.buffer :], predictor.layout.hidden
+    _, hidden, _ = predictor.layout.split(state)
+    tanh_grad(d_states[..., :count], hidden, grad_input=d_states[..., :count])
+    return d_states
 
 
 class MLPInitializer(Initializer):
@@ -35,10 +46,24 @@ class MLPInitializer(Initializer):
 
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
         """See `Initializer.initialize`."""
+        return bounded(predictor, predictor.fill(inputs, outputs), mlp(*self._run(inputs, outputs)))
+
+    def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
+        """See `Initializer.initialize_vjp`."""
+        states, back = mlp_vjp(*self._run(inputs, outputs))
+        state = bounded(predictor, predictor.fill(inputs, outputs), states)
+
+        def vjp(d_state: Tensor) -> tuple[Gradients, Gradients]:
+            _, gradients = back(bounded_vjp(predictor, state, d_state), False)
+            return dict(zip(WEIGHTS, gradients, strict=True)), {}
+
+        return state, vjp
+
+    def _run(self, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, list[tuple[Tensor, Tensor]]]:
+        """What `mlp` is given."""
         u, y = inputs[..., -self.history :, :], outputs[..., -self.history :, :]
         x = torch.cat([u.flatten(-2), y.flatten(-2)], -1)
-        states = mlp(x, [(self.hidden_weight, self.hidden_bias), (self.output_weight, self.output_bias)])
-        return bounded(predictor, predictor.fill(inputs, outputs), states)
+        return x, [(self.hidden_weight, self.hidden_bias), (self.output_weight, self.output_bias)]
 
 
 @INITIALIZERS.register("MLP")

@@ -6,13 +6,15 @@ from typing import ClassVar
 import torch
 from torch import Tensor, nn
 
-from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
+from registry.contracts import Gradients, Initializer, InitializerEntry, InitialVJP, Predictor, Problem
 from registry.core import INITIALIZERS, option
-from registry.initializers.mlp import bounded
-from registry.kernels.lstm import Layer, lstm
-from registry.kernels.mlp import affine
+from registry.initializers.mlp import bounded, bounded_vjp
+from registry.kernels.lstm import Layer, lstm, lstm_vjp
+from registry.kernels.mlp import affine, mlp_vjp
 from registry.predictors.lstm import LSTMWeights
 from registry.predictors.weights import uniform
+
+WEIGHTS = "input_weight", "recurrent_weight", "bias", "peephole", "output_weight", "output_bias"
 
 
 class RNNInitializer(Initializer):
@@ -32,11 +34,31 @@ class RNNInitializer(Initializer):
 
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
         """See `Initializer.initialize`."""
-        x = torch.cat([inputs, outputs], -1)[..., -self.history :, :]
-        layer = Layer(self.input_weight, self.recurrent_weight, self.bias, self.peephole)
-        _, after = lstm(x, x.new_zeros(*x.shape[:-2], 2 * self.hidden), [layer])
+        _, after = lstm(*self._run(inputs, outputs))
         states = affine(after[..., : self.hidden], self.output_weight, self.output_bias)
         return bounded(predictor, predictor.fill(inputs, outputs), states)
+
+    def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
+        """See `Initializer.initialize_vjp`."""
+        _, after, through_time = lstm_vjp(*self._run(inputs, outputs))
+        states, back = mlp_vjp(after[..., : self.hidden], [(self.output_weight, self.output_bias)])
+        state = bounded(predictor, predictor.fill(inputs, outputs), states)
+
+        def vjp(d_state: Tensor) -> tuple[Gradients, Gradients]:
+            d_last, head = back(bounded_vjp(predictor, state, d_state), True)
+            assert d_last is not None
+            d_after = torch.zeros_like(after)
+            d_after[..., : self.hidden] = d_last
+            _, gradients = through_time(None, d_after)
+            return dict(zip(WEIGHTS, [*gradients, *head], strict=True)), {}
+
+        return state, vjp
+
+    def _run(self, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor, list[Layer]]:
+        """What `lstm` is given."""
+        x = torch.cat([inputs, outputs], -1)[..., -self.history :, :]
+        layer = Layer(self.input_weight, self.recurrent_weight, self.bias, self.peephole)
+        return x, x.new_zeros(*x.shape[:-2], 2 * self.hidden), [layer]
 
 
 @INITIALIZERS.register("RNN")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
+from registry.contracts import Gradients, Initializer, InitializerEntry, InitialVJP, Predictor, Problem
 from registry.core import INITIALIZERS, option
 
 
@@ -18,6 +18,27 @@ class WashoutInitializer(Initializer):
 
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
         """See `Initializer.initialize`. The outputs during washout carry no cost; gradients flow through the run."""
+        start, run = self._run(predictor, inputs, outputs)
+        end = start if run is None else predictor.rollout(*run)[1]
+        return self._at_the_end(predictor, inputs, outputs, end)
+
+    def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
+        """See `Initializer.initialize_vjp`."""
+        start, run = self._run(predictor, inputs, outputs)
+        if run is None:
+            return self._at_the_end(predictor, inputs, outputs, start), lambda d_state: ({}, {})
+        _, end, back = predictor.rollout_vjp(*run)
+
+        def vjp(d_state: Tensor) -> tuple[Gradients, Gradients]:
+            d_state[..., : predictor.layout.buffer] = 0  # measured
+            return {}, back(None, d_state)[1]
+
+        return self._at_the_end(predictor, inputs, outputs, end), vjp
+
+    def _run(
+        self, predictor: Predictor, inputs: Tensor, outputs: Tensor
+    ) -> tuple[Tensor, tuple[Tensor, Tensor, Tensor | None] | None]:
+        """The state at the first sample, and what `Predictor.rollout` is given; None where that is the last one."""
         inputs, outputs = inputs[..., -self.period :, :], outputs[..., -self.period :, :]
         layout = predictor.layout
         lead = inputs.shape[:-2]
@@ -25,10 +46,13 @@ class WashoutInitializer(Initializer):
         if self.start == "random":
             hidden, cell = hidden.uniform_(-1, 1), cell.uniform_(-1, 1)
         state = torch.cat([predictor.fill(inputs[..., :1, :], outputs[..., :1, :]), hidden, cell], -1)
-        if inputs.shape[-2] > 1:
-            measured = outputs[..., 1:, : predictor.n_outputs] if self.feedback == "measured" else None
-            _, state = predictor.rollout(inputs[..., 1:, :], state, measured)
-        return torch.cat([predictor.fill(inputs, outputs), state[..., layout.buffer :]], -1)
+        measured = outputs[..., 1:, : predictor.n_outputs] if self.feedback == "measured" else None
+        return state, (inputs[..., 1:, :], state, measured) if inputs.shape[-2] > 1 else None
+
+    def _at_the_end(self, predictor: Predictor, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+        """Measured buffers, the network's states."""
+        inputs, outputs = inputs[..., -self.period :, :], outputs[..., -self.period :, :]
+        return torch.cat([predictor.fill(inputs, outputs), state[..., predictor.layout.buffer :]], -1)
 
 
 @INITIALIZERS.register("Washout")

@@ -6,6 +6,7 @@ and a model's bits do not depend on its neighbours. Two implementations of one i
 is a compiler, and PyTorch.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from torch import Tensor
@@ -55,13 +56,49 @@ def lstm(
     Returns:
         outputs (M, B, T, n) and the state (M, B, s) after the run.
     """
-    weights = [w for layer in layers for w in (layer.input, layer.recurrent, layer.bias, layer.peephole)]
-    if output_weight is not None and output_bias is not None:
-        weights += [output_weight, output_bias]
-    *lead, batch, steps, _ = inputs.shape
-    models = lead[0] if lead else 1
-    mask = dropout_mask(dropout, inputs, len(layers), steps, models, layers[0].recurrent.shape[-1], batch + -batch % 32)
+    weights, mask = _weights(layers, output_weight, output_bias), _mask(dropout, inputs, layers)
     core = library.core_for(inputs, state, forced, *weights)
     if core is None:
         return lstm_torch.run(inputs, state, forced, mask, weights, delays)
     return native.lstm(core, inputs, state, forced, mask, weights, delays)
+
+
+VJP = Callable[[Tensor | None, Tensor | None], tuple[Tensor, list[Tensor]]]
+"""From the gradients of outputs and of the state after a run (None: zero) to that of the state before it and those of
+the weights, as `Layer` has them, layer by layer, then of the read-out."""
+
+
+def lstm_vjp(
+    inputs: Tensor,
+    state: Tensor,
+    layers: list[Layer],
+    output_weight: Tensor | None = None,
+    output_bias: Tensor | None = None,
+    forced: Tensor | None = None,
+    dropout: float = 0.0,
+    delays: int = 1,
+) -> tuple[Tensor, Tensor, VJP]:
+    """`lstm` on the compiled core without autograd, and its vector-Jacobian product, to be called at most once."""
+    weights, mask = _weights(layers, output_weight, output_bias), _mask(dropout, inputs, layers)
+    core = library.core_for(inputs, state, forced, *weights)
+    assert core is not None
+    run = native.Run(core, inputs, state, forced, mask, weights, delays, keep=True)
+    outputs, end = run.forward()
+
+    def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, list[Tensor]]:
+        _, *found = run.backward(d_outputs, d_end, inputs_too=False)
+        d_state, *gradients = (g for g in found if g is not None)
+        return d_state, gradients
+
+    return outputs, end, vjp
+
+
+def _weights(layers: list[Layer], output_weight: Tensor | None, output_bias: Tensor | None) -> list[Tensor]:
+    weights = [w for layer in layers for w in (layer.input, layer.recurrent, layer.bias, layer.peephole)]
+    return weights if output_weight is None or output_bias is None else [*weights, output_weight, output_bias]
+
+
+def _mask(dropout: float, inputs: Tensor, layers: list[Layer]) -> Tensor | None:
+    *lead, batch, steps, _ = inputs.shape
+    models, cells = lead[0] if lead else 1, layers[0].recurrent.shape[-1]
+    return dropout_mask(dropout, inputs, len(layers), steps, models, cells, batch + -batch % 32)

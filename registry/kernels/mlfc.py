@@ -6,6 +6,7 @@ forward and backward skip connections of the paper are the plain content of S. L
 feature-major arrays as in `registry.kernels.lstm`.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -25,7 +26,7 @@ def mlfc(
     forced: Tensor | None = None,
     dropout: float = 0.0,
 ) -> tuple[Tensor, Tensor]:
-    """Run T steps.
+    """Run T steps, of M models or, where no argument has a model dimension, of one.
 
     Args:
         inputs: (M, B, T, m).
@@ -39,17 +40,51 @@ def mlfc(
     Returns:
         outputs (M, B, T, n) and hidden (M, B, L·H) after the run.
     """
-    batch, t = inputs.shape[1:3]
     core = library.core_for(inputs, fed, hidden, forced, readout, *layers)
     if core is not None:
-        mask = dropout_mask(dropout, inputs, t, inputs.shape[0], hidden.shape[-1], batch + -batch % 32)
-        return native.mlfc(core, inputs, fed, hidden, forced, mask, [*layers, readout])
+        return native.mlfc(core, inputs, fed, hidden, forced, _mask(dropout, inputs, hidden), [*layers, readout])
+    if inputs.dim() == 3:
+        one, of = (lambda x: x.unsqueeze(0)), None if forced is None else forced.unsqueeze(0)
+        outputs, hidden = mlfc(one(inputs), one(fed), one(hidden), [*map(one, layers)], one(readout), of, dropout)
+        return outputs[0], hidden[0]
+    batch, mask = inputs.shape[1], _mask(dropout, inputs, hidden)
     inputs, fed, hidden = (pad_batch(x) for x in (inputs, fed, hidden))
     forced = None if forced is None else pad_batch(forced)
-    mask = dropout_mask(dropout, inputs, t, inputs.shape[0], hidden.shape[-1], inputs.shape[1])
     run: tuple[Tensor, Tensor] = _MLFC.apply(inputs, fed, hidden, forced, mask, readout, *layers)
     outputs, hidden = run
     return outputs[:, :batch], hidden[:, :batch]
+
+
+VJP = Callable[[Tensor, Tensor], tuple[Tensor, Tensor, list[Tensor]]]
+"""From the gradients of outputs and hidden after a run to those of fed and hidden before it, of layers and readout."""
+
+
+def mlfc_vjp(
+    inputs: Tensor,
+    fed: Tensor,
+    hidden: Tensor,
+    layers: list[Tensor],
+    readout: Tensor,
+    forced: Tensor | None = None,
+    dropout: float = 0.0,
+) -> tuple[Tensor, Tensor, VJP]:
+    """`mlfc` on the compiled core without autograd, and its vector-Jacobian product, to be called at most once."""
+    core = library.core_for(inputs, fed, hidden, forced, readout, *layers)
+    assert core is not None
+    mask = _mask(dropout, inputs, hidden)
+    run = native.Run(core, inputs, fed, hidden, forced, mask, [*layers, readout], keep=True)
+    outputs, end = run.forward()
+
+    def vjp(d_outputs: Tensor, d_end: Tensor) -> tuple[Tensor, Tensor, list[Tensor]]:
+        _, d_fed, d_hidden, *gradients = run.backward(d_outputs, d_end)
+        return d_fed, d_hidden, gradients
+
+    return outputs, end, vjp
+
+
+def _mask(dropout: float, inputs: Tensor, hidden: Tensor) -> Tensor | None:
+    *lead, batch, steps, _ = inputs.shape
+    return dropout_mask(dropout, inputs, steps, lead[0] if lead else 1, hidden.shape[-1], batch + -batch % 32)
 
 
 class _MLFC(torch.autograd.Function):

@@ -3,6 +3,7 @@
 Two implementations of one interface: C++ for the CPU, where there is a compiler, and PyTorch.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -41,6 +42,25 @@ def mlp(x: Tensor, layers: list[tuple[Tensor, Tensor]]) -> Tensor:
         x = _Affine.apply(x, weight, bias).tanh()
     y: Tensor = _Affine.apply(x, *layers[-1])
     return y
+
+
+VJP = Callable[[Tensor, bool], tuple[Tensor | None, list[Tensor]]]
+"""From the gradient of the outputs to that of x, if wanted, and those of weight and bias of every layer."""
+
+
+def mlp_vjp(x: Tensor, layers: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, VJP]:
+    """`mlp` on the compiled core without autograd, and its vector-Jacobian product, to be called at most once."""
+    weights = [w for layer in layers for w in layer]
+    core = library.core_for(x, *weights)
+    assert core is not None
+    run = native.Run(core, x, weights)
+    y = run.forward()
+
+    def vjp(dy: Tensor, inputs_too: bool) -> tuple[Tensor | None, list[Tensor]]:
+        dx, *gradients = run.backward(dy, inputs_too)
+        return dx, [g for g in gradients if g is not None]
+
+    return y, vjp
 
 
 class _Affine(torch.autograd.Function):

@@ -1,15 +1,15 @@
 """LSTM predictors: layers in series, peepholes, outputs fed back to the first layer; with or without delay lines."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
-from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
+from registry.contracts import Gradients, Predictor, PredictorEntry, Problem, ReadoutVJP, RunVJP, StateLayout
 from registry.core import PREDICTORS, option
-from registry.kernels.lstm import Layer, lstm
-from registry.kernels.mlp import affine
+from registry.kernels.lstm import Layer, lstm, lstm_vjp
+from registry.kernels.mlp import affine, mlp_vjp
 from registry.predictors.weights import uniform
 
 
@@ -47,6 +47,8 @@ class LSTMPredictor(Predictor):
         self.bias, self.peephole = weights.bias, weights.peephole
         self.output_weight = uniform(n_outputs, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(n_outputs))
+        kinds = "input_weight", "recurrent_weight", "bias", "peephole"
+        self.names = [f"{kind}.{i}" for i in range(entry.layers) for kind in kinds] + ["output_weight", "output_bias"]
 
     def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Newest first: u_{k0} .. u_{k0−D+2}, then y_{k0} .. y_{k0−D+1}; a short history repeats its first sample."""
@@ -55,8 +57,24 @@ class LSTMPredictor(Predictor):
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`."""
+        return lstm(*self._run(inputs, state, feedback))
+
+    def rollout_vjp(
+        self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, RunVJP]:
+        """See `Predictor.rollout_vjp`."""
+        outputs, end, back = lstm_vjp(*self._run(inputs, state, feedback))
+
+        def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, Gradients]:
+            d_state, gradients = back(d_outputs, d_end)
+            return d_state, dict(zip(self.names, gradients, strict=True))
+
+        return outputs, end, vjp
+
+    def _run(self, inputs: Tensor, state: Tensor, feedback: Tensor | None) -> tuple[Any, ...]:
+        """What `lstm` is given."""
         weights = zip(self.input_weight, self.recurrent_weight, self.bias, self.peephole, strict=True)
-        return lstm(
+        return (
             inputs,
             state,
             [Layer(*ws) for ws in weights],
@@ -69,8 +87,24 @@ class LSTMPredictor(Predictor):
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
         """W_y m^L + b_y (the paper's A_s = [W_y 0], c = y − b_y)."""
+        return affine(self._top(state), self.output_weight, self.output_bias)
+
+    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP]:
+        """See `Predictor.readout_vjp`."""
+        read, back = mlp_vjp(self._top(state), [(self.output_weight, self.output_bias)])
+
+        def vjp(d_read: Tensor, d_state: Tensor) -> Gradients:
+            d_top, (d_weight, d_bias) = back(d_read, True)
+            assert d_top is not None
+            self._top(d_state).add_(d_top)
+            return {"output_weight": d_weight, "output_bias": d_bias}
+
+        return read, vjp
+
+    def _top(self, state: Tensor) -> Tensor:
+        """The last layer's hidden states, a part of the state."""
         end = self.layout.buffer + self.layout.hidden
-        return affine(state[..., end - self.hidden : end], self.output_weight, self.output_bias)
+        return state[..., end - self.hidden : end]
 
 
 def newest_first(sequence: Tensor, count: int) -> Tensor:

@@ -1,15 +1,15 @@
 """The multi-layer fully connected RNN of the paper."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 
-from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
+from registry.contracts import Gradients, Predictor, PredictorEntry, Problem, ReadoutVJP, RunVJP, StateLayout
 from registry.core import PREDICTORS, option
-from registry.kernels.mlfc import mlfc
-from registry.kernels.mlp import affine
+from registry.kernels.mlfc import mlfc, mlfc_vjp
+from registry.kernels.mlp import affine, mlp_vjp
 from registry.predictors.lstm import newest_first
 from registry.predictors.weights import uniform
 
@@ -39,48 +39,77 @@ class MLFCPredictor(Predictor):
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`."""
+        outputs, hidden = mlfc(*self._run(inputs, state, feedback))
+        return outputs, self._end(outputs, hidden, feedback)
+
+    def rollout_vjp(
+        self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, RunVJP]:
+        """See `Predictor.rollout_vjp`."""
+        outputs, hidden, back = mlfc_vjp(*self._run(inputs, state, feedback))
+        end = self._end(outputs, hidden, feedback)
+        shape = outputs.shape  # they may be overwritten before the way back
+
+        def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, Gradients]:
+            d_outputs = end.new_zeros(shape) if d_outputs is None else d_outputs
+            d_end = torch.zeros_like(end) if d_end is None else d_end
+            if feedback is None:
+                d_outputs[..., -1, :] += d_end[..., : self.n_outputs]
+            d_fed, d_hidden, (*layers, readout) = back(d_outputs, d_end[..., self.n_outputs :])
+            return torch.cat([d_fed, d_hidden], -1), self._separate(layers, readout)
+
+        return outputs, end, vjp
+
+    def _end(self, outputs: Tensor, hidden: Tensor, feedback: Tensor | None) -> Tensor:
+        """The state after a run: what is fed back next, and what the layers gave."""
+        return torch.cat([(outputs if feedback is None else feedback)[..., -1, :], hidden], -1)
+
+    def _run(self, inputs: Tensor, state: Tensor, feedback: Tensor | None) -> tuple[Any, ...]:
+        """What `mlfc` is given."""
         fed, hidden, _ = self.layout.split(state)
-        single = inputs.dim() == 3
-        lead = (lambda x: x.unsqueeze(0)) if single else (lambda x: x)
         seen = self.n_inputs + self.n_outputs  # columns of input_weight before the other layers'
         layers = []
         for i in range(self.layers):
-            w, before = self.input_weight[i], seen + i * self.hidden
-            layers.append(
-                lead(
-                    torch.cat(
-                        [
-                            w[..., :seen],
-                            self.bias[i].unsqueeze(-1),
-                            w[..., seen:before],
-                            self.feedback_weight[i],
-                            w[..., before:],
-                        ],
-                        -1,
-                    )
-                )
-            )
+            w, before, bias = self.input_weight[i], seen + i * self.hidden, self.bias[i].unsqueeze(-1)
+            own = self.feedback_weight[i]
+            layers.append(torch.cat([w[..., :seen], bias, w[..., seen:before], own, w[..., before:]], -1))
         no_fed = torch.zeros_like(self.output_bias).unsqueeze(-1).expand(*self.output_bias.shape, self.n_outputs)
         readout = torch.cat([self.direct_weight, no_fed, self.output_bias.unsqueeze(-1), self.output_weight], -1)
-        outputs, hidden = mlfc(
-            lead(inputs),
-            lead(fed),
-            lead(hidden),
-            layers,
-            lead(readout),
-            None if feedback is None else lead(feedback),
-            self.dropout if self.training else 0.0,
-        )
-        if single:
-            outputs, hidden = outputs[0], hidden[0]
-        latest = (outputs if feedback is None else feedback)[..., -1, :]
-        return outputs, torch.cat([latest, hidden], -1)
+        return inputs, fed, hidden, layers, readout, feedback, self.dropout if self.training else 0.0
+
+    def _separate(self, layers: list[Tensor], readout: Tensor) -> Gradients:
+        """Gradients of the parameters from those of what `_run` made of them."""
+        seen, found = self.n_inputs + self.n_outputs, {}
+        for i, d in enumerate(layers):
+            sizes = [seen, 1, i * self.hidden, self.hidden, (self.layers - 1 - i) * self.hidden]
+            entering, bias, before, own, after = d.split(sizes, -1)
+            found[f"input_weight.{i}"] = torch.cat([entering, before, after], -1)
+            found |= {f"bias.{i}": bias.squeeze(-1), f"feedback_weight.{i}": own}
+        direct, _, bias, weight = readout.split([self.n_inputs, self.n_outputs, 1, self.layers * self.hidden], -1)
+        return found | {"direct_weight": direct, "output_bias": bias.squeeze(-1), "output_weight": weight}
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
         """A [y¹ .. y^L] + B u + b (the paper's A_s = A, c = y − B u − b)."""
+        return affine(*self._read(state, inputs), self.output_bias)
+
+    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP]:
+        """See `Predictor.readout_vjp`."""
+        x, weight = self._read(state, inputs)
+        read, back = mlp_vjp(x, [(weight, self.output_bias)])
+
+        def vjp(d_read: Tensor, d_state: Tensor) -> Gradients:
+            d_x, (d_weight, d_bias) = back(d_read, True)
+            assert d_x is not None
+            size = self.layout.hidden
+            d_state[..., self.n_outputs :] += d_x[..., :size]
+            return {"output_weight": d_weight[..., :size], "direct_weight": d_weight[..., size:], "output_bias": d_bias}
+
+        return read, vjp
+
+    def _read(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, Tensor]:
+        """What the read-out reads of a state, and its weight."""
         _, hidden, _ = self.layout.split(state)
-        weight = torch.cat([self.output_weight, self.direct_weight], -1)
-        return affine(torch.cat([hidden, inputs], -1), weight, self.output_bias)
+        return torch.cat([hidden, inputs], -1), torch.cat([self.output_weight, self.direct_weight], -1)
 
 
 @PREDICTORS.register("MLFC")

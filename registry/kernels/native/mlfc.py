@@ -21,7 +21,9 @@ class _Structure(ctypes.Structure):
     )
 
 
-class _Run(Call):
+class Run(Call):
+    """Arguments as for `mlfc`; ``keep``: for a way back."""
+
     family: ClassVar[str] = "mlfc"
     structure: ClassVar[type[ctypes.Structure]] = _Structure
 
@@ -29,22 +31,23 @@ class _Run(Call):
         self, core: Core, inputs: Tensor, fed: Tensor, hidden: Tensor, forced: Tensor | None, mask: Tensor | None,
         weights: Sequence[Tensor], keep: bool,
     ) -> None:  # fmt: skip
-        self.models, batch, steps, m = inputs.shape
+        *lead, batch, steps, m = inputs.shape
+        self.models = lead[0] if lead else 1
         n = weights[-1].shape[-2]
         super().__init__(
             core, inputs, models=self.models, batch=batch, steps=steps, inputs=m, outputs=n, layers=len(weights) - 1,
             cells=weights[0].shape[-2], mask_lanes=0 if mask is None else mask.shape[-1], keep=keep,
         )  # fmt: skip
-        self.y, self.fed, self.hidden = (self.models, batch, steps, n), tuple(fed.shape), tuple(hidden.shape)
+        self.y, self.fed, self.hidden = (*lead, batch, steps, n), tuple(fed.shape), tuple(hidden.shape)
         self.point("u", inputs)
         self.point("fed", fed)
         self.point("hidden", hidden)
         self.point("forced", forced)
         self.point("mask", mask)
-        self.read(weights, True)
+        self.read(weights, bool(lead))
 
     def forward(self) -> tuple[Tensor, Tensor]:
-        """Outputs (M, B, T, n) and hidden states (M, B, L·H) after the run."""
+        """Outputs (…, B, T, n) and hidden states (…, B, L·H) after the run."""
         made = self.new("y", self.y), self.new("end_hidden", self.hidden)
         self.run("forward", self.models)
         return made
@@ -69,7 +72,7 @@ class _MLFC(torch.autograd.Function):
         *weights: Tensor,
     ) -> tuple[Tensor, Tensor]:  # fmt: skip
         ctx.save_for_backward(*weights)  # a change in place before the way back is an error
-        ctx.run = _Run(core, inputs, fed, hidden, forced, mask, weights, keep=True)
+        ctx.run = Run(core, inputs, fed, hidden, forced, mask, weights, keep=True)
         done: tuple[Tensor, Tensor] = ctx.run.forward()
         return done
 
@@ -104,4 +107,4 @@ def mlfc(
     if torch.is_grad_enabled() and any(x.requires_grad for x in (inputs, fed, hidden, *weights)):
         done: tuple[Tensor, Tensor] = _MLFC.apply(core, inputs, fed, hidden, forced, mask, *weights)
         return done
-    return _Run(core, inputs, fed, hidden, forced, mask, weights, keep=False).forward()
+    return Run(core, inputs, fed, hidden, forced, mask, weights, keep=False).forward()

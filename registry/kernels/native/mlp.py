@@ -18,7 +18,9 @@ class _Structure(ctypes.Structure):
     _fields_ = structure("models batch layers input_gradient", arrays="x y dy dx widths weights gradients")
 
 
-class _Run(Call):
+class Run(Call):
+    """Arguments as for `mlp`."""
+
     family: ClassVar[str] = "mlp"
     structure: ClassVar[type[ctypes.Structure]] = _Structure
 
@@ -54,7 +56,7 @@ class _MLP(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, core: Core, x: Tensor, *weights: Tensor) -> Tensor:
         ctx.save_for_backward(*weights)  # a change in place before the way back is an error
-        ctx.run = _Run(core, x, weights)
+        ctx.run = Run(core, x, weights)
         y: Tensor = ctx.run.forward()
         return y
 
@@ -70,4 +72,4 @@ def mlp(core: Core, x: Tensor, weights: list[Tensor]) -> Tensor:
     if torch.is_grad_enabled() and any(w.requires_grad for w in (x, *weights)):
         y: Tensor = _MLP.apply(core, x, *weights)
         return y
-    return _Run(core, x, weights).forward()
+    return Run(core, x, weights).forward()
