@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from bench.model import Model, times
-from registry.contracts import Gradients, Initializer, Predictor
+from registry.contracts import Composite, Gradients, Initializer, Predictor
 from registry.cost import prediction_vjp, state_initialization_vjp
 from registry.kernels.native.library import core_for
 
@@ -26,9 +26,8 @@ def cost_and_gradient(
         windows: scaled; see `Model.forward`.
         alpha, beta: weights of the two costs.
     """
-    first = model.initializer
-    both = first is not None and _starts_back(type(first)) and _goes_back(type(model.predictor))
-    if first is not None and both and core_for(*windows) is not None:
+    p, first = model.predictor, model.initializer
+    if first is not None and p.by_hand and _goes_back(type(p), _kinds(first)) and core_for(*windows) is not None:
         with torch.no_grad():
             return _by_hand(model, first, windows, alpha, beta)
     cost = model(*windows, alpha, beta)
@@ -40,11 +39,11 @@ def run_cost_and_gradient(
     predictor: Predictor, parameters: Mapping[str, Tensor], inputs: Tensor, state: Tensor, outputs: Tensor
 ) -> tuple[Tensor, Tensor, Gradients]:
     """The cost (…) of a run from a given state, and its gradients by the state and by the parameters."""
-    if core_for(inputs, state, outputs) is not None and _goes_back(type(predictor)):
+    if predictor.by_hand and _goes_back(type(predictor)) and core_for(inputs, state, outputs) is not None:
         with torch.no_grad():
-            predicted, _, run = predictor.rollout_vjp(inputs, state)
+            predicted, back = predictor.teach_vjp(inputs, outputs, state)
             cost, slope = prediction_vjp(predicted, outputs, 1.0)
-            return cost, *run(slope, None)
+            return cost, *back(slope)
     cost = predictor.cost(predictor.teach(inputs, outputs, state), outputs)
     d_state, *found = torch.autograd.grad(cost, [state, *parameters.values()], torch.ones_like(cost), allow_unused=True)
     return cost.detach(), d_state, _named(parameters, found)
@@ -54,20 +53,25 @@ def _named(parameters: Mapping[str, Tensor], found: Sequence[Tensor | None]) -> 
     return {name: g for name, g in zip(parameters, found, strict=True) if g is not None}
 
 
-@lru_cache
-def _goes_back(predictor: type[Predictor]) -> bool:
-    """Whether it has a way back, and nothing of what that goes along was changed by a subclass alone."""
-    own = _of_one_class(predictor, "fill", "rollout", "rollout_vjp", "readout", "readout_vjp")
-    return own and predictor.teach is Predictor.teach and predictor.cost is Predictor.cost
+def _kinds(initializer: Initializer) -> tuple[type, ...]:
+    """Its class, and those of its parts."""
+    return (type(initializer), *(type(x) for x in getattr(initializer, "parts", ())))
 
 
 @lru_cache
-def _starts_back(initializer: type[Initializer]) -> bool:
-    return _of_one_class(initializer, "initialize", "initialize_vjp")
+def _goes_back(predictor: type[Predictor], initializers: tuple[type, ...] = ()) -> bool:
+    """Whether all have a way back, and nothing that it goes along was changed by a subclass alone."""
+    run = "rollout" if predictor.teach is Predictor.teach else "teach"
+    pairs = [(run, f"{run}_vjp"), ("fill", f"{run}_vjp"), ("teach", "teach_vjp"), ("readout", "readout_vjp")]
+    pairs += [("join", "separate")] if issubclass(predictor, Composite) else []
+    own = predictor.cost is Predictor.cost and all(_known(predictor, *pair) for pair in pairs)
+    return own and all(_known(kind, "initialize", "initialize_vjp") for kind in initializers)
 
 
-def _of_one_class(kind: type, *methods: str) -> bool:
-    return len({next(c for c in kind.__mro__ if name in vars(c)) for name in methods}) == 1
+def _known(kind: type, method: str, vjp: str) -> bool:
+    """Whether the product is of the class that defines the method, or of one that builds on it."""
+    place = {name: next(i for i, c in enumerate(kind.__mro__) if name in vars(c)) for name in (method, vjp)}
+    return place[vjp] <= place[method]
 
 
 def _by_hand(
@@ -80,10 +84,10 @@ def _by_hand(
     if beta and initializer.uses_state_cost:  # before the long run, which empties the caches
         last = y_history[..., -1, : p.n_outputs]
         extra = state_initialization_vjp(p, state, u_history[..., -1, :], last, beta)
-    predicted, _, run = p.rollout_vjp(u, state)
+    predicted, back = p.teach_vjp(u, y, state)
     cost, slope = prediction_vjp(predicted, y, alpha)
     cost = times(alpha, cost)
-    d_state, gradients = run(slope, None)
+    d_state, gradients = back(slope)
     if extra is not None:
         distance, slope, more = extra
         cost = cost + times(beta, distance)

@@ -328,6 +328,8 @@ class Scaler(nn.Module):
 
 Gradients = dict[str, Tensor]
 """Of the parameters of a network, by name. Fresh tensors, to be added to."""
+CostVJP = Callable[[Tensor], tuple[Tensor, Gradients]]
+"""From the gradient of what the cost looks at (…, B, T, n) to that of the state at k0 and those of the parameters."""
 RunVJP = Callable[[Tensor | None, Tensor | None], tuple[Tensor, Gradients]]
 """From the gradients of outputs (…, B, T, n) and end state (…, B, s), None for zero, to that of the state at k0 and
 those of the parameters."""
@@ -348,6 +350,8 @@ class Predictor(nn.Module, ABC):
     layout: StateLayout
     history: int = 1
     """Samples of history that `fill` needs."""
+    by_hand: bool = True
+    """Whether this one, of a class with `rollout_vjp` or `teach_vjp`, can do without autograd."""
     views: tuple[str, ...] = ()
     """Names of further predictions that are judged beside the free run; see `view`."""
 
@@ -417,10 +421,15 @@ class Predictor(nn.Module, ABC):
     ) -> tuple[Tensor, Tensor, RunVJP]:
         """`rollout` on the compiled core without autograd, and its vector-Jacobian product: autograd's, bit for bit.
 
-        Not every predictor has one. A class that has it has `fill` and `readout_vjp` too; where a subclass changes
-        one of these methods alone, or `teach` or `cost`, training falls back on autograd.
+        Not every predictor has one. Where a subclass changes a method but not its product, or the cost, training falls
+        back on autograd.
         """
         raise NotImplementedError
+
+    def teach_vjp(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> tuple[Tensor, CostVJP]:
+        """`teach` and its vector-Jacobian product; see `rollout_vjp`."""
+        predicted, _, run = self.rollout_vjp(inputs, state)
+        return predicted, lambda d_outputs: run(d_outputs, None)
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor | None:
         """ŷ_{k0} (B, n) as the output layer reads it from the state (B, s) and u_{k0} (B, m), scaled.
@@ -430,9 +439,9 @@ class Predictor(nn.Module, ABC):
         """
         return None
 
-    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP]:
+    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP] | None:
         """`readout` and its vector-Jacobian product; see `rollout_vjp`."""
-        raise NotImplementedError
+        return None
 
     def fit(self, history_inputs: Tensor, history_outputs: Tensor, inputs: Tensor, outputs: Tensor) -> None:
         """Closed-form fit on scaled training windows, for predictors not trained by gradient."""
@@ -461,6 +470,10 @@ class Composite(Predictor):
     @abstractmethod
     def join(self, states: Sequence[Tensor], inputs: Tensor, outputs: Tensor) -> Tensor:
         """State (B, s) of the whole from those of its parts (B, s_i) and its own scaled history."""
+
+    def separate(self, d_state: Tensor) -> list[Tensor]:
+        """The gradients of the parts' states (B, s_i) from that of the whole (B, s): the way back of `join`."""
+        raise NotImplementedError
 
 
 class Initializer(nn.Module, ABC):

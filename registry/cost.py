@@ -66,7 +66,10 @@ def state_initialization_vjp(
 
     Autograd's, bit for bit.
     """
-    read, back = predictor.readout_vjp(state, inputs)
+    found = predictor.readout_vjp(state, inputs)
+    if found is None:
+        return outputs.new_zeros(outputs.shape[:-2]), torch.zeros_like(state), {}
+    read, back = found
     distance = read.sub_(outputs)
     norm = torch.linalg.vector_norm(distance, dim=-1, keepdim=True)
     cost = batch_mean(norm.squeeze(-1))

@@ -5,7 +5,7 @@ from typing import cast
 
 from torch import Tensor, nn
 
-from registry.contracts import Composite, Initializer, InitializerEntry, Predictor
+from registry.contracts import Composite, Gradients, Initializer, InitializerEntry, InitialVJP, Predictor
 
 
 class EachInitializer(Initializer):
@@ -28,6 +28,26 @@ class EachInitializer(Initializer):
             for i, (initializer, part) in enumerate(zip(self.parts, predictor.parts(), strict=True))
         ]
         return predictor.join(states, inputs, outputs)
+
+    def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
+        """See `Initializer.initialize_vjp`."""
+        assert isinstance(predictor, Composite)
+        names = {id(network): name for name, network in predictor.named_children()}
+        parts = [
+            (names[id(part)], *cast(Initializer, x).initialize_vjp(part, *predictor.part_history(i, inputs, outputs)))
+            for i, (x, part) in enumerate(zip(self.parts, predictor.parts(), strict=True))
+        ]
+
+        def vjp(d_state: Tensor) -> tuple[Gradients, Gradients]:
+            own: Gradients = {}
+            others: Gradients = {}
+            for i, ((name, _, back), d) in enumerate(zip(parts, predictor.separate(d_state), strict=True)):
+                mine, network = back(d)
+                own |= {f"parts.{i}.{n}": g for n, g in mine.items()}
+                others |= {f"{name}.{n}": g for n, g in network.items()}
+            return own, others
+
+        return predictor.join([state for _, state, _ in parts], inputs, outputs), vjp
 
 
 def build(entry: InitializerEntry, predictor: Predictor) -> Initializer:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from registry.contracts import Composite, Dataset, Predictor, Problem, StateLayout
+from registry.contracts import Composite, CostVJP, Dataset, Gradients, Predictor, Problem, ReadoutVJP, StateLayout
 from registry.core import PREDICTORS
 from registry.errors import BenchError
 from registry.predictors.lstm import LSTM, LSTMTDL, LSTMPredictor
@@ -51,8 +51,15 @@ class CascadePredictor(Composite):
 
     def join(self, states: Sequence[Tensor], inputs: Tensor, outputs: Tensor) -> Tensor:
         """Buffers, hidden and cell states of the first network, each followed by those of the second."""
-        pieces = zip(self.first.layout.split(states[0]), self.second.layout.split(states[1]), strict=True)
+        return self._joined(*states)
+
+    def _joined(self, one: Tensor, two: Tensor) -> Tensor:
+        pieces = zip(self.first.layout.split(one), self.second.layout.split(two), strict=True)
         return torch.cat([x for pair in pieces for x in pair], -1)
+
+    def separate(self, d_state: Tensor) -> list[Tensor]:
+        """See `Composite.separate`."""
+        return list(self._separate(d_state))
 
     def _separate(self, state: Tensor) -> tuple[Tensor, Tensor]:
         sizes = [s for pair in zip(self.first.layout.sizes, self.second.layout.sizes, strict=True) for s in pair]
@@ -79,6 +86,18 @@ class CascadePredictor(Composite):
         velocity, _ = self.second.rollout(torch.cat([inputs, outputs[..., 3:]], -1), two)
         return torch.cat([velocity, rates], -1)
 
+    def teach_vjp(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> tuple[Tensor, CostVJP]:
+        """See `Predictor.teach_vjp`."""
+        one, two = self._separate(state)
+        rates, _, first = self.first.rollout_vjp(inputs, one)
+        velocity, _, second = self.second.rollout_vjp(torch.cat([inputs, outputs[..., 3:]], -1), two)
+
+        def vjp(d_outputs: Tensor) -> tuple[Tensor, Gradients]:
+            (d_one, of_first), (d_two, of_second) = first(d_outputs[..., 3:], None), second(d_outputs[..., :3], None)
+            return self._joined(d_one, d_two), _named(of_first, of_second)
+
+        return torch.cat([velocity, rates], -1), vjp
+
     def viewed(self, name: str) -> list[int]:
         """The velocity."""
         return [0, 1, 2]
@@ -91,6 +110,23 @@ class CascadePredictor(Composite):
         """Of both networks, velocity first. LSTM read-outs do not look at the inputs."""
         one, two = self._separate(state)
         return torch.cat([self.second.readout(two, inputs), self.first.readout(one, inputs)], -1)
+
+    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP]:
+        """See `Predictor.readout_vjp`."""
+        one, two = self._separate(state)
+        (rates, first), (velocity, second) = self.first.readout_vjp(one, inputs), self.second.readout_vjp(two, inputs)
+
+        def vjp(d_read: Tensor, d_state: Tensor) -> Gradients:
+            d_one, d_two = torch.zeros_like(one), torch.zeros_like(two)
+            found = _named(first(d_read[..., 3:], d_one), second(d_read[..., :3], d_two))
+            d_state.add_(self._joined(d_one, d_two))
+            return found
+
+        return torch.cat([velocity, rates], -1), vjp
+
+
+def _named(first: Gradients, second: Gradients) -> Gradients:
+    return {f"first.{n}": g for n, g in first.items()} | {f"second.{n}": g for n, g in second.items()}
 
 
 @PREDICTORS.register("Cascade")

@@ -7,16 +7,26 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor, nn
 
-from registry.contracts import Composite, Dataset, Predictor, PredictorEntry, Problem, StateLayout
+from registry.contracts import (
+    Composite,
+    Dataset,
+    Gradients,
+    Predictor,
+    PredictorEntry,
+    Problem,
+    ReadoutVJP,
+    RunVJP,
+    StateLayout,
+)
 from registry.core import PREDICTORS, option
 from registry.errors import BenchError
 from registry.kernels.lstm import Layer
 from registry.kernels.lstm_cell import LSTMCell
-from registry.kernels.mlp import affine
+from registry.kernels.mlp import affine, mlp_vjp
 from registry.kernels.native import hybrid as native
-from registry.kernels.native.library import Core, core_for
+from registry.kernels.native.library import core_for
 from registry.physics.quadrotor import Quadrotor
-from registry.predictors.lstm import LSTMWeights
+from registry.predictors.lstm import LSTMWeights, names
 from registry.predictors.middle import AnyMiddle, Middle, RigidBodyMiddle, fitted, with_constants
 from registry.predictors.physics import digest
 from registry.predictors.white_box import WhiteBox, default_signals
@@ -108,6 +118,7 @@ class HybridPredictor(Composite):
         given = 4 if thrust else drives - self.box.extras
         self.input_network = Network(entry, problem, m + n, given)
         self.output_network = Network(entry, problem, m + n + given, n) if entry.output_model != "none" else None
+        self.by_hand = thrust and not entry.fit_constants
         self.views = ("uncompensated",) if self.output_network is not None else ()
         if thrust and not self.residual:
             with torch.no_grad():
@@ -143,6 +154,10 @@ class HybridPredictor(Composite):
         _, hidden, cell = zip(*(p.layout.split(s) for p, s in zip(self.parts(), states, strict=True)), strict=True)
         return torch.cat([self.fill(inputs, outputs), *hidden, *cell], -1)
 
+    def separate(self, d_state: Tensor) -> list[Tensor]:
+        """See `Composite.separate`."""
+        return [torch.cat(pair, -1) for pair in self._ends(d_state)]
+
     def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """What drives the physics model at k0, and its full state as the history leaves it, SI."""
         return self.box.fill(self, inputs, outputs)
@@ -151,13 +166,33 @@ class HybridPredictor(Composite):
         """ŷ_{k0}: what the output model adds at k0 to the measured y_{k0}, from which the physics model starts."""
         if self.output_network is None:
             return None
-        buffer, hidden, _ = self.layout.split(state)
-        own = affine(
-            hidden[..., -self.output_network.output_weight.shape[-1] :],
-            self.output_network.output_weight,
-            self.output_network.output_bias,
-        )
-        return own + self.output_scaler(self._states(buffer)[..., self.box.rows]) if self.added else own
+        last = self.output_network
+        return self._from(state, affine(self._top(state, last), last.output_weight, last.output_bias))
+
+    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP] | None:
+        """See `Predictor.readout_vjp`."""
+        last = self.output_network
+        if last is None:
+            return None
+        read, back = mlp_vjp(self._top(state, last), [(last.output_weight, last.output_bias)])
+
+        def vjp(d_read: Tensor, d_state: Tensor) -> Gradients:
+            d_top, (d_weight, d_bias) = back(d_read, True)
+            assert d_top is not None
+            self._top(d_state, last).add_(d_top)
+            return {"output_network.output_weight": d_weight, "output_network.output_bias": d_bias}
+
+        return self._from(state, read), vjp
+
+    def _top(self, state: Tensor, last: Network) -> Tensor:
+        """The hidden states that the output model's read-out sees, a part of the state."""
+        end = self.layout.buffer + self.layout.hidden
+        return state[..., end - last.output_weight.shape[-1] : end]
+
+    def _from(self, state: Tensor, read: Tensor) -> Tensor:
+        """ŷ_{k0} from what the output model says."""
+        buffer, _, _ = self.layout.split(state)
+        return read + self.output_scaler(self._states(buffer)[..., self.box.rows]) if self.added else read
 
     # ---------------------------------------------------------------------------------------------- prediction
 
@@ -165,6 +200,42 @@ class HybridPredictor(Composite):
         """See `Predictor.rollout`."""
         outputs, _, end = self._run(inputs, state, feedback)
         return outputs, end
+
+    def rollout_vjp(
+        self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, RunVJP]:
+        """See `Predictor.rollout_vjp`; for a rigid body without effects. What drives it is measured: no gradient."""
+        if inputs.dim() == 4:
+            fed = None if feedback is None else feedback[0]
+            outputs, end, back = self.rollout_vjp(inputs[0], state[0], fed)
+
+            def of_one(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, Gradients]:
+                d_state, found = back(*(None if d is None else d[0] for d in (d_outputs, d_end)))
+                return d_state.unsqueeze(0), {name: g.unsqueeze(0) for name, g in found.items()}
+
+            return outputs.unsqueeze(0), end.unsqueeze(0), of_one
+        last, start, middle = self._start(inputs, state)
+        core = core_for(inputs, state, feedback, self.input_network.output_weight)
+        assert core is not None and isinstance(middle, RigidBodyMiddle)
+        run = self._native(inputs, start, middle, self._ends(state), feedback)
+        outputs, x, ends, through_time = native.hybrid_vjp(core, *run)
+        end = self._end(last, x, ends)
+        shape = outputs.shape  # they may be overwritten before the way back
+
+        def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, Gradients]:
+            d_outputs = end.new_zeros(shape) if d_outputs is None else d_outputs
+            d_end = torch.zeros_like(end) if d_end is None else d_end
+            d_x = self._states(self.layout.split(d_end)[0])
+            d_start, d_states, weights = through_time(d_outputs, d_x, self._ends(d_end))
+            networks = ("input_network", "output_network")[: len(weights)]
+            found = {
+                f"{network}.{name}": g
+                for network, each in zip(networks, weights, strict=True)
+                for name, g in zip(names(self.input_network.layers), each, strict=True)
+            }
+            return self._end(torch.zeros_like(last), d_start, d_states), found
+
+        return outputs, end, vjp
 
     def view(self, name: str, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
         """What the physics model says in the free run, before the output model corrects it; the one view."""
@@ -175,20 +246,32 @@ class HybridPredictor(Composite):
         if inputs.dim() == 4:
             one = self._run(inputs[0], state[0], None if feedback is None else feedback[0])
             return one[0].unsqueeze(0), one[1].unsqueeze(0), one[2].unsqueeze(0)
-        buffer, hidden, cell = self.layout.split(state)
-        sizes = [p.layout.hidden for p in self._networks()]
-        states = list(zip(hidden.split(sizes, -1), cell.split(sizes, -1), strict=True))
-        driving = self.input_scaler.invert(inputs)[..., self.box.drives]
-        last = driving[..., -1, :] if inputs.shape[-2] else buffer[..., : len(self.box.drives)]
-        middle = self._middle(buffer[..., : len(self.box.drives)], driving)
-        start = self._states(buffer)
+        last, start, middle = self._start(inputs, state)
         core = core_for(inputs, state, feedback, self.input_network.output_weight)
         if core is not None and isinstance(middle, RigidBodyMiddle):
-            after, before, x, ends = self._native(core, inputs, start, middle, states, feedback)
+            run = self._native(inputs, start, middle, self._ends(state), feedback)
+            after, before, x, ends = native.hybrid(core, *run)
         else:
-            after, before, x, ends = self._loop(inputs, start, middle, states, feedback)
+            after, before, x, ends = self._loop(inputs, start, middle, self._ends(state), feedback)
+        return after, before, self._end(last, x, ends)
+
+    def _start(self, inputs: Tensor, state: Tensor) -> tuple[Tensor, Tensor, Middle]:
+        """What drives the physics model at the end of a run, its state before it, and what moves it."""
+        buffer, _, _ = self.layout.split(state)
+        driving = self.input_scaler.invert(inputs)[..., self.box.drives]
+        last = driving[..., -1, :] if inputs.shape[-2] else buffer[..., : len(self.box.drives)]
+        return last, self._states(buffer), self._middle(buffer[..., : len(self.box.drives)], driving)
+
+    def _ends(self, state: Tensor) -> States:
+        """The states of each network, parts of the state."""
+        _, hidden, cell = self.layout.split(state)
+        sizes = [p.layout.hidden for p in self._networks()]
+        return list(zip(hidden.split(sizes, -1), cell.split(sizes, -1), strict=True))
+
+    def _end(self, last: Tensor, x: Tensor, ends: States) -> Tensor:
+        """The state of the whole."""
         hidden, cell = (torch.cat(pair, -1) for pair in zip(*ends, strict=True))
-        return after, before, torch.cat([last, x, hidden, cell], -1)
+        return torch.cat([last, x, hidden, cell], -1)
 
     def _loop(self, inputs: Tensor, x: Tensor, middle: Middle, states: States, feedback: Tensor | None) -> Ran:
         """Step by step, for any physics."""
@@ -223,15 +306,15 @@ class HybridPredictor(Composite):
         return after, before, x.T, [network.ends() for network in networks]
 
     def _native(
-        self, core: Core, inputs: Tensor, x: Tensor, middle: RigidBodyMiddle, states: States, feedback: Tensor | None
-    ) -> Ran:
-        """All steps in one call."""
+        self, inputs: Tensor, x: Tensor, middle: RigidBodyMiddle, states: States, feedback: Tensor | None
+    ) -> tuple[Any, ...]:
+        """What `native.hybrid` is given, for all steps in one call."""
         scaler = self.output_scaler
         between = native.Between(
             self.rows, scaler.scale, scaler.offset, middle.scale.squeeze(-1), middle.held, self.added
         )
         networks = [native.Network(p.weights(), *pair) for p, pair in zip(self._networks(), states, strict=True)]
-        return native.hybrid(core, inputs, x, middle.body, between, networks, middle.given, feedback)
+        return inputs, x, middle.body, between, networks, middle.given, feedback
 
     def _states(self, buffer: Tensor) -> Tensor:
         return buffer[..., len(self.box.drives) :]

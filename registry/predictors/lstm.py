@@ -29,6 +29,12 @@ class LSTMWeights(nn.Module):
                 bias[hidden : 2 * hidden] = forget_bias
 
 
+def names(layers: int) -> list[str]:
+    """Of the weights of a network, layer by layer, then of its read-out."""
+    kinds = "input_weight", "recurrent_weight", "bias", "peephole"
+    return [f"{kind}.{i}" for i in range(layers) for kind in kinds] + ["output_weight", "output_bias"]
+
+
 class LSTMPredictor(Predictor):
     """Network of `LSTM` and `LSTM TDL`; ``delays`` taps of inputs and outputs enter the first layer."""
 
@@ -47,8 +53,7 @@ class LSTMPredictor(Predictor):
         self.bias, self.peephole = weights.bias, weights.peephole
         self.output_weight = uniform(n_outputs, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(n_outputs))
-        kinds = "input_weight", "recurrent_weight", "bias", "peephole"
-        self.names = [f"{kind}.{i}" for i in range(entry.layers) for kind in kinds] + ["output_weight", "output_bias"]
+        self.names = names(entry.layers)
 
     def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Newest first: u_{k0} .. u_{k0−D+2}, then y_{k0} .. y_{k0−D+1}; a short history repeats its first sample."""

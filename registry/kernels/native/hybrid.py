@@ -1,6 +1,7 @@
 """Input model, rigid body and output model of a hybrid, the whole sequence in C++ (hybrid.cpp)."""
 
 import ctypes
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -53,7 +54,9 @@ class _Structure(ctypes.Structure):
     )
 
 
-class _Run(Call):
+class Run(Call):
+    """Arguments as for `hybrid`; ``keep``: for a way back."""
+
     family: ClassVar[str] = "hybrid"
     structure: ClassVar[type[ctypes.Structure]] = _Structure
 
@@ -130,14 +133,14 @@ class _Hybrid(torch.autograd.Function):
 
 def _assembled(
     core: Core, body: RigidBodyStep, between: Between, forced: Tensor | None, count: int, tensors: Any, keep: bool
-) -> _Run:
+) -> Run:
     """From a flat list: inputs, state, given, coupling, states of each network, weights of each."""
     u, state, given, coupling, *rest = tensors
     states, weights = rest[: 2 * count], rest[2 * count :]
     each = len(weights) // count
     networks = [Network(weights[i * each : (i + 1) * each], states[2 * i], states[2 * i + 1]) for i in range(count)]
     arrays = {"u": u, "forced": forced, "state": state, "given": given, "coupling": coupling}
-    return _Run(core, body, between, arrays, networks, keep)
+    return Run(core, body, between, arrays, networks, keep)
 
 
 def hybrid(
@@ -175,3 +178,39 @@ def hybrid(
         made = _assembled(core, body, between, forced, len(networks), tensors, keep=False).forward()
     after, before, end, *ends = made
     return after, before, end, list(zip(ends[::2], ends[1::2], strict=True))
+
+
+Ends = list[tuple[Tensor, Tensor]]
+"""Hidden and cell states (B, L·H) of each network."""
+VJP = Callable[[Tensor, Tensor, Ends], tuple[Tensor, Ends, list[list[Tensor]]]]
+"""From the gradients of outputs, of the body's state after a run and of the networks' to those of the body's state
+before it, of the networks', and of the weights of each network."""
+
+
+def hybrid_vjp(
+    core: Core,
+    inputs: Tensor,
+    state: Tensor,
+    body: RigidBodyStep,
+    between: Between,
+    networks: list[Network],
+    given: Tensor | None = None,
+    forced: Tensor | None = None,
+) -> tuple[Tensor, Tensor, Ends, VJP]:
+    """`hybrid` without autograd: outputs, the ends, and its vector-Jacobian product, to be called at most once."""
+    arrays = {"u": inputs, "forced": forced, "state": state, "given": given, "coupling": body.coupling}
+    run, count = Run(core, body, between, arrays, networks, keep=True), len(networks)
+    after, before, end, *ends = run.forward()
+
+    def vjp(d_after: Tensor, d_end: Tensor, d_ends: Ends) -> tuple[Tensor, Ends, list[list[Tensor]]]:
+        slopes = (d_after, torch.zeros_like(before), d_end, *(d for pair in d_ends for d in pair))
+        d_state, _, *found = (g for g in run.backward(slopes, inputs_too=False, given_too=False) if g is not None)
+        states, weights = found[: 2 * count], found[2 * count :]
+        each = len(weights) // count
+        return (
+            d_state,
+            list(zip(states[::2], states[1::2], strict=True)),
+            [weights[i * each : (i + 1) * each] for i in range(count)],
+        )
+
+    return after, end, list(zip(ends[::2], ends[1::2], strict=True)), vjp
