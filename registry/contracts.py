@@ -331,8 +331,8 @@ Gradients = dict[str, Tensor]
 CostVJP = Callable[[Tensor], tuple[Tensor, Gradients]]
 """From the gradient of what the cost looks at (…, B, T, n) to that of the state at k0 and those of the parameters."""
 RunVJP = Callable[[Tensor | None, Tensor | None], tuple[Tensor, Gradients]]
-"""From the gradients of outputs (…, B, T, n) and end state (…, B, s), None for zero, to that of the state at k0 and
-those of the parameters."""
+"""From the gradients of outputs (…, B, T, n) and end state (…, B, s), which may be overwritten (None: zero), to that of
+the state at k0 and those of the parameters."""
 ReadoutVJP = Callable[[Tensor, Tensor], Gradients]
 """From the gradient of what was read (…, B, n); adds to that of the state (…, B, s), its second argument."""
 InitialVJP = Callable[[Tensor], tuple[Gradients, Gradients]]

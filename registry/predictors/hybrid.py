@@ -118,6 +118,8 @@ class HybridPredictor(Composite):
         given = 4 if thrust else drives - self.box.extras
         self.input_network = Network(entry, problem, m + n, given)
         self.output_network = Network(entry, problem, m + n + given, n) if entry.output_model != "none" else None
+        networks = ("input_network", "output_network")[: len(self._networks())]
+        self.names = [f"{network}.{name}" for network in networks for name in names(entry.layers)]
         self.by_hand = thrust and not entry.fit_constants
         self.views = ("uncompensated",) if self.output_network is not None else ()
         if thrust and not self.residual:
@@ -220,20 +222,14 @@ class HybridPredictor(Composite):
         run = self._native(inputs, start, middle, self._ends(state), feedback)
         outputs, x, ends, through_time = native.hybrid_vjp(core, *run)
         end = self._end(last, x, ends)
-        shape = outputs.shape  # they may be overwritten before the way back
 
         def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, Gradients]:
-            d_outputs = end.new_zeros(shape) if d_outputs is None else d_outputs
+            d_outputs = torch.zeros_like(outputs) if d_outputs is None else d_outputs
             d_end = torch.zeros_like(end) if d_end is None else d_end
             d_x = self._states(self.layout.split(d_end)[0])
             d_start, d_states, weights = through_time(d_outputs, d_x, self._ends(d_end))
-            networks = ("input_network", "output_network")[: len(weights)]
-            found = {
-                f"{network}.{name}": g
-                for network, each in zip(networks, weights, strict=True)
-                for name, g in zip(names(self.input_network.layers), each, strict=True)
-            }
-            return self._end(torch.zeros_like(last), d_start, d_states), found
+            gradients = dict(zip(self.names, weights, strict=True))
+            return self._end(torch.zeros_like(last), d_start, d_states), gradients
 
         return outputs, end, vjp
 

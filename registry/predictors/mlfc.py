@@ -48,10 +48,9 @@ class MLFCPredictor(Predictor):
         """See `Predictor.rollout_vjp`."""
         outputs, hidden, back = mlfc_vjp(*self._run(inputs, state, feedback))
         end = self._end(outputs, hidden, feedback)
-        shape = outputs.shape  # they may be overwritten before the way back
 
         def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, Gradients]:
-            d_outputs = end.new_zeros(shape) if d_outputs is None else d_outputs
+            d_outputs = torch.zeros_like(outputs) if d_outputs is None else d_outputs
             d_end = torch.zeros_like(end) if d_end is None else d_end
             if feedback is None:
                 d_outputs[..., -1, :] += d_end[..., : self.n_outputs]

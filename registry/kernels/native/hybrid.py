@@ -182,9 +182,9 @@ def hybrid(
 
 Ends = list[tuple[Tensor, Tensor]]
 """Hidden and cell states (B, L·H) of each network."""
-VJP = Callable[[Tensor, Tensor, Ends], tuple[Tensor, Ends, list[list[Tensor]]]]
+VJP = Callable[[Tensor, Tensor, Ends], tuple[Tensor, Ends, list[Tensor]]]
 """From the gradients of outputs, of the body's state after a run and of the networks' to those of the body's state
-before it, of the networks', and of the weights of each network."""
+before it, of the networks', and of the weights, network by network."""
 
 
 def hybrid_vjp(
@@ -202,15 +202,10 @@ def hybrid_vjp(
     run, count = Run(core, body, between, arrays, networks, keep=True), len(networks)
     after, before, end, *ends = run.forward()
 
-    def vjp(d_after: Tensor, d_end: Tensor, d_ends: Ends) -> tuple[Tensor, Ends, list[list[Tensor]]]:
+    def vjp(d_after: Tensor, d_end: Tensor, d_ends: Ends) -> tuple[Tensor, Ends, list[Tensor]]:
         slopes = (d_after, torch.zeros_like(before), d_end, *(d for pair in d_ends for d in pair))
         d_state, _, *found = (g for g in run.backward(slopes, inputs_too=False, given_too=False) if g is not None)
-        states, weights = found[: 2 * count], found[2 * count :]
-        each = len(weights) // count
-        return (
-            d_state,
-            list(zip(states[::2], states[1::2], strict=True)),
-            [weights[i * each : (i + 1) * each] for i in range(count)],
-        )
+        hidden, cells, weights = found[: 2 * count : 2], found[1 : 2 * count : 2], found[2 * count :]
+        return d_state, list(zip(hidden, cells, strict=True)), weights
 
     return after, end, list(zip(ends[::2], ends[1::2], strict=True)), vjp
