@@ -27,7 +27,7 @@ class Measured:
     floor_ms: float | None = None
     more: dict[str, float] = field(default_factory=dict)
     """What a row has beside: "parts_ms" of a hybrid model's two LSTMs alone, "networks_ms" of an update's networks
-    alone, "one_process_ms"."""
+    alone (of the compiled core), "one_process_ms"."""
 
     @property
     def ours_ms(self) -> float | None:
@@ -86,7 +86,8 @@ def measure(row: Row, effort: Effort) -> Measured:
     for kernel in kernels:
         contenders[_field(kernel)] = networks.with_kernel(kernel, own(row))
     if row.task == "step":
-        contenders["networks_ms"] = networks.with_kernel(kernels[-1], update.networks(row))
+        if "native" in kernels:
+            contenders["networks_ms"] = networks.with_kernel("native", update.networks(row))
     elif row.model == "Hybrid":
         contenders["parts_ms"] = networks.with_kernel(kernels[-1], networks.parts(row))
     else:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from bench.config import RunConfig, Training
 from bench.data import Prepared, Windows
@@ -16,7 +15,8 @@ from bench.speed.timing import Contender
 from bench.train import Group, Run
 from registry.contracts import Split
 from registry.core import DATASETS
-from registry.kernels.lstm import Layer, lstm
+from registry.kernels.lstm import Layer, lstm_vjp
+from registry.kernels.mlp import mlp_vjp
 
 WEIGHTS = ("input_weight", "recurrent_weight", "bias", "peephole")
 SAMPLES = 20_000
@@ -63,47 +63,46 @@ def _group(row: Row) -> Group:
 
 
 def networks(row: Row) -> Contender:
-    """The LSTMs and products of such an update alone, forward and backward.
+    """The networks of such an update alone, forward and backward, as training calls the compiled core.
 
-    Operands are as the kernels take them: batches, delay lines, costs, padding and the optimizer are left out.
+    Operands are as the kernels take them: batches, delay lines, bounds, costs and the optimizer are left out.
     """
     group, (m, n), lead = _group(row), (INPUTS, OUTPUTS), (row.models, row.batch)
-    weights = {name: w.detach().clone().requires_grad_() for name, w in group.network.named_parameters()}
+    weights = {name: w.detach().clone() for name, w in group.network.named_parameters()}
     predictor, initializer = (
         {k.removeprefix(part): w for k, w in weights.items() if k.startswith(part)}
         for part in ("predictor.", "initializer.")
     )
-    taps = DELAYS if row.model == "LSTM TDL" else 1
-    mlp = row.initializer.startswith("MLP")
-    history = torch.randn(*lead, TAU * (m + n)) if mlp else torch.randn(*lead, TAU, m + n)
-    u, state = (
-        torch.randn(*lead, row.horizon, m),
-        torch.randn(*lead, (taps - 1) * m + taps * n + 2 * row.layers * row.hidden),
-    )
+    taps, states = DELAYS if row.model == "LSTM TDL" else 1, 2 * row.layers * row.hidden
+    layers = [Layer(*(predictor[f"{name}.{i}"] for name in WEIGHTS)) for i in range(row.layers)]
+    read_out, last = ((w["output_weight"], w["output_bias"]) for w in (predictor, initializer))
+    u, state = torch.randn(*lead, row.horizon, m), torch.randn(*lead, (taps - 1) * m + taps * n + states)
+    d_outputs, d_states = torch.randn(*lead, row.horizon, n), torch.randn(*lead, states)
 
-    def states() -> Tensor:
-        w = initializer
-        if mlp:
-            h = _affine(history, w["hidden_weight"], w["hidden_bias"]).tanh()
-        else:
-            width = w["output_weight"].shape[-1]
-            h = lstm(history, history.new_zeros(*lead, 2 * width), [Layer(*(w[k] for k in WEIGHTS))])[1][..., :width]
-        return _affine(h, w["output_weight"], w["output_bias"])
+    def run() -> None:
+        _, _, back = lstm_vjp(u, state, layers, *read_out, delays=taps)
+        back(d_outputs, None)
 
-    def outputs() -> Tensor:
-        w = predictor
-        layers = [Layer(*(w[f"{name}.{i}"] for name in WEIGHTS)) for i in range(row.layers)]
-        return lstm(u, state, layers, w["output_weight"], w["output_bias"], delays=taps)[0]
+    if row.initializer.startswith("MLP"):
+        history = torch.randn(*lead, TAU * (m + n))
 
-    runs = ((states, [*initializer.values()]), (outputs, [*predictor.values(), state.requires_grad_()]))
-    slopes = [torch.randn_like(run()) for run, _ in runs]
+        def start() -> None:
+            _, back = mlp_vjp(history, [(initializer["hidden_weight"], initializer["hidden_bias"]), last])
+            back(d_states, False)
+    else:
+        history, width = torch.randn(*lead, TAU, m + n), last[0].shape[-1]
+        zero, reader = history.new_zeros(*lead, 2 * width), [Layer(*(initializer[name] for name in WEIGHTS))]
+
+        def start() -> None:
+            _, end, through_time = lstm_vjp(history, zero, reader)
+            _, back = mlp_vjp(end[..., :width].contiguous(), [last])
+            d_last, _ = back(d_states, True)
+            assert d_last is not None
+            through_time(None, torch.cat([d_last, d_last], -1))
 
     def step() -> None:
-        for (run, leaves), slope in zip(runs, slopes, strict=True):
-            torch.autograd.grad(run(), leaves, slope)
+        with torch.no_grad():
+            start()
+            run()
 
     return step
-
-
-def _affine(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    return torch.baddbmm(bias.unsqueeze(-2), x, weight.mT)

@@ -24,10 +24,10 @@ def bounded(predictor: Predictor, buffers: Tensor, states: Tensor) -> Tensor:
 
 def bounded_vjp(predictor: Predictor, state: Tensor, d_state: Tensor) -> Tensor:
     """From the gradient of what `bounded` gave, which is overwritten, to that of the network states."""
-    d_states, count = d_state[..., predictor.layout.buffer :], predictor.layout.hidden
-    _, hidden, _ = predictor.layout.split(state)
-    tanh_grad(d_states[..., :count], hidden, grad_input=d_states[..., :count])
-    return d_states
+    start, end = predictor.layout.buffer, predictor.layout.buffer + predictor.layout.hidden
+    d_hidden = d_state[..., start:end]
+    tanh_grad(d_hidden, state[..., start:end], grad_input=d_hidden)
+    return d_state[..., start:]
 
 
 class MLPInitializer(Initializer):

@@ -57,8 +57,8 @@ class LSTMPredictor(Predictor):
 
     def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Newest first: u_{k0} .. u_{k0−D+2}, then y_{k0} .. y_{k0−D+1}; a short history repeats its first sample."""
-        u = newest_first(inputs, self.delays - 1)
-        return torch.cat([u, newest_first(outputs[..., : self.n_outputs], self.delays)], -1)
+        y = newest_first(outputs[..., : self.n_outputs], self.delays)
+        return y if self.delays == 1 else torch.cat([newest_first(inputs, self.delays - 1), y], -1)
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`."""
@@ -116,6 +116,8 @@ def newest_first(sequence: Tensor, count: int) -> Tensor:
     """The last ``count`` samples of (…, τ, n), newest first, as (…, count·n); the first one repeated if τ < count."""
     if count == 0:
         return sequence[..., :0, :].flatten(-2)
+    if count == 1:
+        return sequence[..., -1, :]
     missing = count - sequence.shape[-2]
     if missing > 0:
         first = sequence[..., :1, :]
