@@ -75,6 +75,25 @@ def test_a_mistake_is_one_sentence(command: str, arguments: tuple[str, ...], say
     assert sorted(folder.parent.rglob("*")) == before
 
 
+def test_a_horizon_is_a_number(folder: Path) -> None:
+    for value in ("nan", "inf", "0"):
+        done = CliRunner().invoke(cli, ["compare", str(folder), "--horizon", value])
+        assert done.exit_code == 2 and "--horizon" in done.output
+
+
+def test_an_effect_is_added_once(folder: Path) -> None:
+    twice = ["--add", "viscous_friction"] * 2
+    done = CliRunner().invoke(cli, ["extend", str(folder), *twice])
+    assert isinstance(done.exception, BenchError) and "is given twice" in str(done.exception)
+    assert not (folder / "diagnosis").exists()
+
+
+def test_a_checked_folder_says_commands_that_run(folder: Path) -> None:
+    """Without body rates, the default of quadrotors, a network is told what to predict."""
+    said = CliRunner().invoke(cli, ["data", "check", str(folder)]).output
+    assert "--outputs displacement,speed " in said
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -53,7 +53,7 @@ def init_command(folder: Path) -> None:
 @click.option(
     "--rate",
     metavar="HZ",
-    type=click.FloatRange(min=0, min_open=True),
+    type=options.Positive(),
     help="Common sample rate; default: that of the slowest signal, 100 Hz at most.",
 )
 def import_command(files: tuple[Path, ...], folder: Path, rate: float | None) -> None:
@@ -76,7 +76,7 @@ def import_command(files: tuple[Path, ...], folder: Path, rate: float | None) ->
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
 def check_command(folder: Path) -> None:
     """Read everything that FOLDER/dataset.toml describes and say what is wrong."""
-    from registry.datasets.folder import check
+    from registry.datasets.folder import Folder, check
 
     loaded = check(folder)
     seconds = sum(r.seconds for r in loaded.recordings)
@@ -84,7 +84,9 @@ def check_command(folder: Path) -> None:
     for f in loaded.findings:
         click.echo(f"  {f.recording}: {f.detail}")
     click.echo(f"Next: bench diagnose {folder}   (which physics a model of it lacks)")
-    click.echo(f'  or: bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}   (a network that predicts it)')
+    measured = dict.fromkeys(c.group for r in loaded.recordings for c in r.output_channels)
+    outputs = "" if Folder.rates in measured else f" --outputs {','.join(measured)}"
+    click.echo(f'  or: bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}{outputs}   (a network that predicts it)')
 
 
 def _render(rows: list[dict[str, Any]], findings: list[Finding]) -> None:

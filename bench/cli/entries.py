@@ -74,7 +74,7 @@ def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
     out.print(inspect.getdoc(entry) or "", highlight=False, markup=False)
     for fact in ("equation", "source", "system", "inputs", "rates", "needs", "requires"):
         value = getattr(entry, fact, None)
-        if value and not callable(value):
+        if value and not callable(value) and not isinstance(value, property):
             text = ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
             out.print(f"{fact}: {text}", highlight=False, markup=False)
     fields = [f for f in dataclasses.fields(entry) if f.init]

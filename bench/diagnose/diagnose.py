@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bench.diagnose import discover_by_simulation as by_simulation
 from bench.diagnose.compare import compare
 from bench.diagnose.diagnosis import (
     ByGroup,
@@ -74,10 +73,7 @@ def diagnose(
         return _broken(subject, named_as, checked.problems), subject.model
     tick("noise")
     noise = noise_of(subject)
-    if hidden(subject.logs):
-        found = by_simulation.discover(subject, catalogue, tick)
-    else:
-        found = discover(subject, catalogue, tick, noise)
+    found = discover(subject, catalogue, tick, noise)
     rivals = {f.id: f.rivals for f in found.found}
     names = [f.id for f in found.found]
     tick("extend")

@@ -11,6 +11,7 @@ from bench.diagnose.parameters import entries
 from bench.diagnose.search import Search, View
 from bench.diagnose.subject import Subject
 from bench.diagnose.subset import Fit, t_value
+from bench.diagnose.unmeasured import hidden
 from bench.diagnose.verify import (
     LEFT,
     Estimate,
@@ -86,7 +87,7 @@ def discover(
     tick: Callable[[str], None] = lambda what: None,
     noise: Noise | None = None,
 ) -> Discovery:
-    """Find what the model of ``subject`` lacks.
+    """Find what the model of ``subject`` lacks; where a state is not measured, by fitting simulations.
 
     Args:
         subject: model and measurements; only its training recordings are looked at.
@@ -97,6 +98,10 @@ def discover(
     Raises:
         BenchError: an unknown id, or recordings too short or too few to learn from.
     """
+    if hidden(subject.logs):
+        from bench.diagnose import discover_by_simulation  # it builds on this file
+
+        return discover_by_simulation.discover(subject, catalogue, tick)
     search = Search(subject, catalogue, tick, noise)
     base = subject.model
     view, fit, fields = agreed(search.views(search.look(base)))

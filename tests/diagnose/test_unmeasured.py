@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from bench.diagnose import diagnose, load
+from bench.diagnose import diagnose, discover_by_simulation, load
+from bench.diagnose.discover import discover
 from bench.diagnose.simulation_fit import Windows, fit
 from bench.diagnose.subject import Subject, log_of, self_contained
 from bench.diagnose.unmeasured import beginning, completed, hidden
@@ -47,6 +48,12 @@ def test_constants_are_fitted_although_a_state_is_unmeasured(tanks):
     (found,) = fit(subject, Windows.of(subject.logs), [subject.model])
     assert np.sqrt(found.loss.sum() / found.errors.size) < 2e-3  # as much as the noise
     assert found.model.lower_outflow == pytest.approx(truth.lower_outflow, rel=0.05)
+
+
+def test_without_a_state_effects_are_found_by_simulation(tanks, monkeypatch):
+    said = object()
+    monkeypatch.setattr(discover_by_simulation, "discover", lambda *_: said)
+    assert discover(tanks[0]) is said
 
 
 def test_only_what_depends_on_measured_states_is_run_free():
