@@ -24,7 +24,6 @@ from bench.cli.diagnosing import (
 )
 from bench.cli.progress import announcer
 from registry.core import EFFECTS
-from registry.errors import BenchError
 
 Command = Callable[..., None]
 
@@ -245,9 +244,6 @@ def extend_command(
     from bench.diagnose.extend import extend
 
     check_effects(add)
-    twice = next((name for name in add if add.count(name) > 1), None)
-    if twice is not None:
-        raise BenchError(f"--add {twice} is given twice: an effect is added once.")
     subject, model = load(source, system, model_file)
     start, folder = model or subject.model, folder_for(source, out)
     with announcer(options.console()) as tick:

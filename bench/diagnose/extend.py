@@ -110,13 +110,15 @@ def extend(
         horizon_s: longest horizon of the comparison [s].
 
     Raises:
-        BenchError: an effect that the catalogue or the system does not have, or the model has already.
+        BenchError: an effect that the catalogue or the system does not have, the model has already, or is given twice.
     """
     noise = noise or noise_of(subject)
     held = [EFFECTS.name_of(type(e)) for e in model.effects]
     for name in add:
         if name in held:
             raise BenchError(f"The model has {name} already.")
+        if add.count(name) > 1:
+            raise BenchError(f"{name} is given twice: an effect is added once.")
         kind = EFFECTS.get(name)
         if kind.systems and subject.system not in kind.systems:
             raise BenchError(f"The effect {name} does not fit {subject.system}: it is for {', '.join(kind.systems)}.")

@@ -233,14 +233,10 @@ def parts(row: Row) -> Contender:
         plain = Problem.plain(columns - outputs, outputs, row.horizon, TAU)
         alone: Predictor = parse(f"LSTM: {row.layers}x{row.hidden} - Washout: {TAU}")[0].build(plain)
         u, state = torch.randn(row.batch, row.horizon, columns - outputs), _state(row.batch, alone)
-        each.append(_alone(alone, u, state))
+        each.append(training_flat(alone, u, state))
 
     def step() -> None:
         for work in each:
             work()
 
     return step
-
-
-def _alone(network: Predictor, u: Tensor, state: Tensor) -> Contender:
-    return training_flat(network, u, state)

@@ -31,8 +31,7 @@ from registry.predictors.middle import AnyMiddle, Middle, RigidBodyMiddle, fitte
 from registry.predictors.physics import digest
 from registry.predictors.white_box import WhiteBox, default_signals
 
-States = list[tuple[Tensor, Tensor]]
-"""Hidden and cell states (B, L·H) of each network."""
+States = native.Ends
 Ran = tuple[Tensor, Tensor, Tensor, States]
 """Outputs (B, T, n), those before compensation, and the states after the run: of the physics model, of the networks."""
 

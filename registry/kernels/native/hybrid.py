@@ -13,6 +13,9 @@ from registry.kernels.native.call import Call, addresses, structure
 from registry.kernels.native.library import Core
 from registry.kernels.rigid_body import RigidBodyStep
 
+Ends = list[tuple[Tensor, Tensor]]
+"""Hidden and cell states (B, L·H) of each network."""
+
 
 @dataclass(frozen=True)
 class Network:
@@ -152,7 +155,7 @@ def hybrid(
     networks: list[Network],
     given: Tensor | None = None,
     forced: Tensor | None = None,
-) -> tuple[Tensor, Tensor, Tensor, list[tuple[Tensor, Tensor]]]:
+) -> tuple[Tensor, Tensor, Tensor, Ends]:
     """Run T steps.
 
     Args:
@@ -180,8 +183,6 @@ def hybrid(
     return after, before, end, list(zip(ends[::2], ends[1::2], strict=True))
 
 
-Ends = list[tuple[Tensor, Tensor]]
-"""Hidden and cell states (B, L·H) of each network."""
 VJP = Callable[[Tensor, Tensor, Ends], tuple[Tensor, Ends, list[Tensor]]]
 """From the gradients of outputs, of the body's state after a run and of the networks' to those of the body's state
 before it, of the networks', and of the weights, network by network."""
