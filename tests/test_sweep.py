@@ -86,6 +86,7 @@ def test_a_driver_killed_at_work_ends_in_the_same_sweep(tmp_path: Path) -> None:
     lock = killed / "s" / (sweep.JOURNAL + ".lock")
     if not lock.is_symlink():  # the kill has left it by itself
         lock.symlink_to(killed / "s" / sweep.JOURNAL)
+    lock.with_name(f"{lock.name}0.rename").symlink_to(killed / "s" / sweep.JOURNAL)  # killed while giving it up
     _, resumed = swept(killed / "s", toy(), 10)
     assert essence(resumed) == essence(unbroken)
     again = [t.user_attrs["again"] for t in resumed.trials if "again" in t.user_attrs]

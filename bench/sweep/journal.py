@@ -162,8 +162,12 @@ def load(folder: Path) -> optuna.Study:
 
 
 def _mend(journal: Path) -> None:
-    """Cut off a last line that a kill has torn, and the lock that it has left."""
-    journal.with_name(journal.name + ".lock").unlink(missing_ok=True)
+    """Cut off a last line that a kill has torn, and remove the lock that it has left, under whichever name.
+
+    Optuna gives a lock up by renaming it first, so that a kill may leave it as ``.lock<id>.rename`` too.
+    """
+    for lock in journal.parent.glob(journal.name + ".lock*"):
+        lock.unlink(missing_ok=True)
     if journal.is_file():
         content = journal.read_bytes()
         if not content.endswith(b"\n"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_compare import TRUE, flights, subject_of
 
-from bench.diagnose import verify
+from bench.diagnose import verify, weak
 from bench.diagnose.choose import accepted, choose
 from bench.diagnose.generic import Term
 from bench.diagnose.linearise import Directions, Start
@@ -15,7 +15,7 @@ from bench.diagnose.parameters import Entry
 from bench.diagnose.regression import Normal
 from bench.diagnose.search import Search, View
 from bench.diagnose.subset import Subsets
-from bench.diagnose.weak import TestFunctions, mean_rates
+from bench.diagnose.weak import mean_rates
 from registry.core import EFFECTS
 from registry.effects.actuation import LONGEST_DELAY
 
@@ -169,7 +169,7 @@ def test_a_widely_uncertain_constant_does_not_stand_in_for_an_effect_that_is_tak
     misfits = []
     for model in (replace(subject.model, effects=(friction,)), subject.model):
         linear = search.look(model, broad=False).linear
-        rows = linear.project(TestFunctions.over(search.stack.logs, search.hop, [search.smoothing["speed"]]))
+        rows = linear.project(weak.TestFunctions.over(search.stack.logs, search.hop, [search.smoothing["speed"]]))
         normal = rows.normal([np.ones(1)] * rows.channels)
         misfits.append(Subsets(linear, normal, search.nominal).fit(drop=range(len(model.effects))).misfit)
     assert misfits[0] == pytest.approx(misfits[1], rel=1e-6)

@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from scipy.signal import savgol_filter
 
+from bench.diagnose import weak
 from bench.diagnose.smoothing import Smoothing
 from bench.diagnose.subject import Log
-from bench.diagnose.weak import TestFunctions
 
 DT = 0.01
 T = np.arange(600) * DT
@@ -24,7 +24,7 @@ def test_the_model_is_smoothed_as_the_data_were_and_no_window_touches_an_invalid
     log = Log("wave", 1 / DT, torch.from_numpy(measured), (True,), nothing, valid, SimpleNamespace())
     left = {}
     for smoothing in (Smoothing("savgol", 21, 2), Smoothing()):
-        tests = TestFunctions.over([log], 6, [smoothing])
+        tests = weak.TestFunctions.over([log], 6, [smoothing])
         integral = tests.integral(0, rate[None, :, None], DT)[0]
         left[smoothing.kind] = np.abs(tests.increment(0, measured) - integral)[2:-2].max()
         reach = len(smoothing.kernel()) // 2 + 6
