@@ -72,7 +72,7 @@ def independent(config: RunConfig, data: Prepared) -> bool:
     sizes = (hidden, getattr(config.initializer, "hidden", hidden))
     return (
         config.predictor.training == "gradient"
-        and config.predictor.side_by_side
+        and side_by_side(config)
         and device(config).type == "cpu"
         and not dropout
         and getattr(config.initializer, "start", "zero") == "zero"
@@ -80,6 +80,11 @@ def independent(config: RunConfig, data: Prepared) -> bool:
         and config.training.batch % 32 == 0
         and config.training.batch <= len(data.train)
     )
+
+
+def side_by_side(config: RunConfig) -> bool:
+    """Whether weights, inputs and outputs have a leading model dimension in training."""
+    return config.predictor.side_by_side and (config.initializer is None or config.initializer.side_by_side)
 
 
 def train(
@@ -118,13 +123,15 @@ class Group:
     """The state of a group in training.
 
     Rows of ``theta``, ``m``, ``v`` and ``train_cost`` are the runs that still train; ``best`` has all of them. The
-    weights of ``network`` are views of ``theta``, (M, …) each.
+    weights of ``network`` are views of ``theta``, (M, …) each; without M for a run that cannot have others beside it.
     """
 
     def __init__(self, models: list[Model], runs: list[Run], checkpoint: Path | None = None) -> None:
         self.runs, self.models = runs, models
         self.options: Training = runs[0].config.training
         self.device = device(runs[0].config)
+        self.lead = slice(None) if side_by_side(runs[0].config) else 0
+        """What to take of (M, …)."""
         for model in models:
             model.to(self.device)
         self.shapes = {n: p.shape for n, p in models[0].named_parameters()}
@@ -154,10 +161,10 @@ class Group:
         return replace(data, inputs=p.input_scaler(inputs), outputs=p.output_scaler(outputs), context=context)
 
     def named(self, theta: Tensor) -> dict[str, Tensor]:
-        """Views of weights (M, P) by name, (M, …) each."""
+        """Views of weights (M, P) by name, (M, …) or plain ones."""
         sizes = [s.numel() for s in self.shapes.values()]
-        pieces = theta.split([*sizes, theta.shape[-1] - sum(sizes)], -1)  # the last one is padding
-        return {n: w.view(len(theta), *s) for (n, s), w in zip(self.shapes.items(), pieces[:-1], strict=True)}
+        pieces = theta.split([*sizes, theta.shape[-1] - sum(sizes)], -1)[:-1]  # the last one is padding
+        return {n: w.view(len(theta), *s)[self.lead] for (n, s), w in zip(self.shapes.items(), pieces, strict=True)}
 
     def _train_only(self, active: list[int]) -> None:
         """Go on with these runs; the rows are theirs, in this order."""
@@ -183,7 +190,7 @@ class Group:
         return self.scaled[i].gather(self.scaled[i].validation.every(self.options.validation_windows).starts)
 
     def _batch(self) -> tuple[Tensor, ...]:
-        """The next batch of every model, (M, B, …) each: a permutation an epoch, drawn from its own seed."""
+        """The next batch of every model, (M, B, …) or (B, …) each: a permutation an epoch, drawn from its own seed."""
         gathered = []
         for i in self.active:
             data = self.scaled[i]
@@ -192,7 +199,7 @@ class Group:
             order = self._order(self.runs[i].config.seed, epoch, len(data.train))
             gathered.append(data.gather(data.train.starts[order[at * size : (at + 1) * size]]))
         if len(gathered) == 1:
-            return tuple(x.unsqueeze(0) for x in gathered[0])
+            return tuple(x.unsqueeze(0)[self.lead] for x in gathered[0])
         return tuple(torch.stack(parts) for parts in zip(*gathered, strict=True))
 
     def _order(self, seed: int, epoch: int, size: int) -> Tensor:
@@ -230,7 +237,7 @@ class Group:
         torch._foreach_copy_([self.gradients[name] for name in gradients], list(gradients.values()))
         norms = torch.stack([g.norm() for g in self.gradient.unbind(0)])
         self.train_cost += cost
-        size, steep = cost.tolist(), norms.tolist()
+        size, steep = cost.reshape(-1).tolist(), norms.tolist()
         healthy = [math.isfinite(c) and math.isfinite(n) and c < DIVERGED for c, n in zip(size, steep, strict=True)]
         if any(not n <= o.clip for n in steep):
             self.gradient.mul_((o.clip / norms.clamp(min=o.clip)).unsqueeze(-1))
@@ -252,9 +259,9 @@ class Group:
         for j, i in enumerate(self.active):
             run = self.runs[i]
             with torch.no_grad():
-                windows = tuple(x.unsqueeze(0) for x in self.validation[i])
+                windows = tuple(x.unsqueeze(0)[self.lead] for x in self.validation[i])
                 cost = functional_call(self.network, self.named(self.theta[j : j + 1]), (*windows, 1.0, 0.0))
-            validation = float(cost[0])
+            validation = float(cost)
             run.curve.append((self.update, float(self.train_cost[j]) / since, validation))
             if not math.isfinite(validation):
                 run.ended, run.ended_at = "diverged", self.update
@@ -278,10 +285,10 @@ class Group:
 
     def _trained(self, i: int) -> Trained:
         run, model = self.runs[i], self.models[i]
-        named = {n: w[0] for n, w in self.named(self.best[i : i + 1]).items()}
+        named = self.named(self.best[i : i + 1])
         with torch.no_grad():
             for name, weight in model.named_parameters():
-                weight.copy_(named[name])
+                weight.copy_(named[name].view_as(weight))
         model.cpu().eval()
         at, diverged = run.ended_at or self.update, run.ended == "diverged"
         return Trained(model, run.ended or "finished", at, run.best_update, at if diverged else None, run.curve)

@@ -512,8 +512,9 @@ class PredictorEntry(ABC):
     stateful: ClassVar[bool] = True
     """Whether an initializer is needed."""
 
-    side_by_side: ClassVar[bool] = True
-    """Whether several models of one shape are trained together."""
+    side_by_side: ClassVar[bool] = False
+    """Whether several models of one shape are trained together: each weight then has a leading model dimension, as
+    inputs and outputs have, and no random numbers are drawn. Without, training is plain PyTorch."""
 
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
         """Inputs, outputs and context where a run names none."""
@@ -534,6 +535,8 @@ class InitializerEntry(ABC):
     history: int
     sized: ClassVar[bool] = False
     """Whether the notation carries the size of a hidden layer (field ``hidden``)."""
+    side_by_side: ClassVar[bool] = False
+    """Whether weights may have a leading model dimension; see `PredictorEntry.side_by_side`."""
 
     @abstractmethod
     def build(self, predictor: Predictor, problem: Problem) -> Initializer:

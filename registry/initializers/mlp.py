@@ -75,6 +75,7 @@ class MLP(InitializerEntry):
     """
 
     sized: ClassVar[bool] = True
+    side_by_side: ClassVar[bool] = True
 
     hidden: int = option(60, "neurons in the hidden layer", low=1, high=50000, log=True, search=(10, 100))
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)

@@ -1,6 +1,7 @@
 """The optimized initial state: for every window, the one from which the history is explained best."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -71,6 +72,8 @@ class Optimized(InitializerEntry):
     training: the same fit for every prediction. That costs ``iterations`` washouts, forth and back, a prediction,
     and a short history with many states is fitted too well.
     """
+
+    side_by_side: ClassVar[bool] = True
 
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000, search=(5, 40))
     iterations: int = option(10, "gradient steps on the states of a window", low=0, high=1000)

@@ -70,6 +70,7 @@ class RNN(InitializerEntry):
     """
 
     sized: ClassVar[bool] = True
+    side_by_side: ClassVar[bool] = True
 
     hidden: int = option(60, "LSTM cells", low=1, high=10000, log=True, search=(10, 100))
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)

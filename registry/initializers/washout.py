@@ -1,6 +1,7 @@
 """Washout: run the predictor over the history until its initial state is forgotten."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -62,6 +63,8 @@ class Washout(InitializerEntry):
 
     Paper, section "RNN State Initialization: Washout" (Jaeger 2002; Zimmermann et al. 2012).
     """
+
+    side_by_side: ClassVar[bool] = True
 
     history: int = option(10, "washout period τ", unit="samples", low=1, high=10000, search=(5, 40))
     start: str = option("zero", "states at the start of the period", choices=("zero", "random"))

@@ -337,7 +337,6 @@ class Hybrid(PredictorEntry):
     """
 
     network: ClassVar[bool] = True
-    side_by_side: ClassVar[bool] = False
 
     layers: int = option(1, "layers in series, of each network", low=1, high=20, search=(1, 2))
     hidden: int = option(50, "cells in each layer", low=1, high=2000, log=True, search=(10, 100))

@@ -213,7 +213,6 @@ class LoadHybrid(PredictorEntry):
 
     network: ClassVar[bool] = True
     stateful: ClassVar[bool] = False
-    side_by_side: ClassVar[bool] = False
 
     layers: int = option(1, "layers in series of the LSTM", low=1, high=20, search=(1, 2))
     hidden: int = option(24, "cells in each layer", low=1, high=2000, log=True, search=(8, 64))

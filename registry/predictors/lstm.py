@@ -134,6 +134,7 @@ class LSTM(PredictorEntry):
     """
 
     network: ClassVar[bool] = True
+    side_by_side: ClassVar[bool] = True
 
     layers: int = option(1, "layers in series", low=1, high=20, search=(1, 2))
     hidden: int = option(50, "cells in each layer", low=1, high=2000, log=True, search=(10, 100))

@@ -120,6 +120,7 @@ class MLFC(PredictorEntry):
     """
 
     network: ClassVar[bool] = True
+    side_by_side: ClassVar[bool] = True
 
     layers: int = option(1, "layers", low=1, high=20, search=(1, 3))
     hidden: int = option(50, "neurons in each layer", low=1, high=2000, log=True, search=(10, 100))

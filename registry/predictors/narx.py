@@ -85,6 +85,7 @@ class NARX(PredictorEntry):
     """
 
     network: ClassVar[bool] = True
+    side_by_side: ClassVar[bool] = True
     stateful: ClassVar[bool] = False
 
     layers: int = option(1, "tanh layers in series", low=1, high=20, search=(1, 3))
