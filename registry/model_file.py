@@ -54,7 +54,7 @@ def read(path: Path, system: str | type[PhysicsModel] = "") -> PhysicsModel:
             raise BenchError(f"{path}: unknown key {key!r}: {near(key, ['system', 'physics', 'effects', *defaults])}")
         if type(value) is not type(defaults[key]):
             raise BenchError(f"{path}: {key} must be of the kind of {toml_text(defaults[key])}, not {value!r}.")
-    constants = _constants(f"{path} [physics]", kind().parameters(), physics)
+    constants = constants_of(f"{path} [physics]", kind().parameters(), physics)
     effects = tuple(_effect(path, i, entry) for i, entry in enumerate(entries, start=1))
     try:
         model: PhysicsModel = kind(**constants, **table, effects=effects)
@@ -72,12 +72,16 @@ def _effect(path: Path, number: int, entry: dict[str, Any]) -> Effect:
     except BenchError as error:
         raise BenchError(f"{where}: {error}") from error
     given = {k: v for k, v in entry.items() if k != "id"}
-    effect: Effect = kind(**_constants(f"{where} ({entry['id']})", kind.neutral().parameters(), given))
+    effect: Effect = kind(**constants_of(f"{where} ({entry['id']})", kind.neutral().parameters(), given))
     return effect
 
 
-def _constants(where: str, parameters: Sequence[Parameter], given: dict[str, Any]) -> dict[str, Any]:
-    """The given values as floats and tuples, each checked against its parameter."""
+def constants_of(where: str, parameters: Sequence[Parameter], given: dict[str, Any]) -> dict[str, Any]:
+    """The given values as floats and tuples, each checked against its parameter.
+
+    Raises:
+        BenchError: an unknown name, or a value of another shape, not finite or out of its bounds.
+    """
     known = {p.name: p for p in parameters}
     for key, value in given.items():
         if key not in known:

@@ -30,14 +30,20 @@ def inspect_command(name: str, assignments: tuple[str, ...]) -> None:
 
 @data_command.command("init")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
-def init_command(folder: Path) -> None:
-    """Draft FOLDER/dataset.toml from the headers of its CSV or Parquet files."""
+@click.option("--system", metavar="NAME", default="", help="Physics model; default: quadrotor or helicopter.")
+def init_command(folder: Path, system: str) -> None:
+    """Draft FOLDER/dataset.toml from the headers of its CSV or Parquet files.
+
+    \b
+    bench data init flights/
+    bench data init spring/ --system oscillator    `bench list physics` names the systems, `bench show` their signals
+    """
     from registry.datasets.folder import draft
 
     target = folder / "dataset.toml"
     if target.exists():
         raise BenchError(f"{target} exists already: edit it, or move it away to draft a new one.")
-    text = draft(folder)
+    text = draft(folder, system)
     try:
         target.write_text(text)
     except OSError as error:

@@ -11,7 +11,9 @@ from rich.table import Table
 from bench import study
 from bench.cli.options import console
 from registry.core import REGISTRIES
+from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
+from registry.units import SIGNALS
 
 KINDS = ("predictors", "initializers", "datasets", "studies", "physics", "effects")
 
@@ -77,6 +79,11 @@ def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
         if value and not callable(value) and not isinstance(value, property):
             text = ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
             out.print(f"{fact}: {text}", highlight=False, markup=False)
+    if issubclass(entry, PhysicsModel):
+        groups = dict.fromkeys(c.group for c in entry.state_channels)
+        driven = " or ".join(map(_signal, entry.input_signals))
+        out.print(f"states: {', '.join(map(_signal, groups))}", highlight=False, markup=False)
+        out.print(f"driven by: {driven or 'nothing'}", highlight=False, markup=False)
     fields = [f for f in dataclasses.fields(entry) if f.init]
     if not fields:
         return
@@ -96,3 +103,12 @@ def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
         table.add_row(f.name, default, span, str(meta.get("unit", "")), escape(about))
     out.print()
     out.print(table)
+
+
+def _signal(name: str) -> str:
+    """As a dataset.toml has it: its columns and unit; a state that cannot be measured is named only."""
+    if name not in SIGNALS:
+        return f"{name} (inside)"
+    known = SIGNALS[name]
+    axes = f" ({', '.join(known.axes)})" if len(known.axes) > 1 else ""
+    return f"{name}{axes} [{known.unit}]"

@@ -1,12 +1,13 @@
 """`dataset.toml`: how a user's own files are to be read."""
 
 import tomllib
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from registry.core import PHYSICS
 from registry.errors import BenchError, near
+from registry.model_file import constants_of
 from registry.units import SIGNALS, to_si
 
 FILE = "dataset.toml"
@@ -97,16 +98,18 @@ def describe(folder: Path) -> FolderDescription:
         raise BenchError(f"{path}: velocity in the body frame needs the attitude to be turned into the world.")
     physics, processing = table.get("physics", {}), table.get("processing", {})
     environment = table.get("environment", {})
-    constants = [f.name for f in fields(model) if "uncertainty" in f.metadata]
-    _known(physics, (*constants, "uncertainty"), f"{path} [physics]")
-    _known(physics.get("uncertainty", {}), constants, f"{path} [physics.uncertainty]")
+    parameters = model().parameters()
+    constants_of(f"{path} [physics]", parameters, {k: v for k, v in physics.items() if k != "uncertainty"})
+    _known(physics.get("uncertainty", {}), [p.name for p in parameters], f"{path} [physics.uncertainty]")
     _known(processing, ("smoothing", "noise"), f"{path} [processing]")
     _known(processing.get("noise", {}), signals, f"{path} [processing] noise")
     _known(environment, _ENVIRONMENT, f"{path} [environment]")
-    for where, numbers in (("physics", physics), ("environment", environment)):
-        for key, value in numbers.items():
-            if key != "uncertainty" and not _numeric(value):
-                raise BenchError(f"{path} [{where}]: {key} must be a number or a list of numbers, not {value!r}.")
+    for key, value in physics.get("uncertainty", {}).items():
+        if not _number(value) or value < 0:
+            raise BenchError(f"{path} [physics.uncertainty]: {key} must be a number from 0, not {value!r}.")
+    for key, value in environment.items():
+        if not _number(value):
+            raise BenchError(f"{path} [environment]: {key} must be a number, not {value!r}.")
     return FolderDescription(
         table["name"],
         table["system"],
@@ -173,7 +176,3 @@ def _uses(signals: dict[str, SignalColumns], column: str) -> int:
 
 def _number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < float("inf")
-
-
-def _numeric(value: Any) -> bool:
-    return all(map(_numeric, value)) if isinstance(value, list) else _number(value)

@@ -2,10 +2,13 @@
 
 import json
 import re
+from collections.abc import Collection
 from pathlib import Path
 
+from registry.core import PHYSICS
 from registry.datasets.tables import ENDINGS, header
 from registry.errors import BenchError
+from registry.units import SIGNALS
 
 _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("position", 'unit = "m"', ("x|px|pos_?x", "y|py|pos_?y", "z|pz|pos_?z")),
@@ -22,14 +25,30 @@ _NUMBERED = (
     ("rotor_command", "rad/s", "(?:cmd|command|rotor_cmd|rotor_command)_?"),
     ("pwm", "pwm", "(?:pwm|motor|m)_?"),
 )
+_NAMED: dict[str, str] = {
+    "displacement": "q|x|y|pos|position|disp|displacement",
+    "speed": "v|speed|vel|velocity|d[qx]|[qx]_?dot",
+    "angle": "theta|phi|th|angle",
+    "angle_rate": "omega|w|gyro|(?:theta|phi|angle)_?(?:dot|rate)|d(?:theta|phi)",
+    "force": "f|u|force|input",
+    "voltage": "u|v|volt|voltage|input",
+    "level": "h|y|[hy]_?2|level|level_?2|lower|lower_?level",
+    "upper_level": "[hy]_?1|level_?1|upper|upper_?level",
+}
+"""Of systems with one axis, whose names are too short to be guessed where the system is not named."""
 _TIME = "t|time|timestamp|time_?s"
 
 
-def draft(folder: str | Path) -> str:
+def draft(folder: str | Path, system: str = "") -> str:
     """The text of a `dataset.toml` for the files of ``folder``: guesses, and TODO lines for what is left.
 
+    Args:
+        folder: of the recordings.
+        system: the physics model's registered name; "": a quadrotor or a helicopter, by the columns.
+
     Raises:
-        BenchError: the folder holds no CSV or Parquet file, or the first one cannot be read.
+        BenchError: the folder holds no CSV or Parquet file, the first one cannot be read, the system is unknown, or
+            none is named and no column looks like a signal of a vehicle.
     """
     folder = Path(folder)
     files = sorted(p for p in folder.glob("*") if p.name.endswith(ENDINGS))
@@ -39,43 +58,89 @@ def draft(folder: str | Path) -> str:
     names = header(files[0])
     left = list(names)
 
+    wanted = _signals_of(system) if system else {}
+
     def take(pattern: str) -> str | None:
-        return next((n for n in left if re.fullmatch(pattern, n, re.IGNORECASE)), None)
+        return next((n for n in left if re.fullmatch(pattern, _bare(n), re.IGNORECASE)), None)
 
     time = take(_TIME)
     if time is not None:
         left.remove(time)
     signals: dict[str, str] = {}
-    for signal, about, patterns in _GUESSES:
+    for signal, about, patterns in _guesses(wanted):
         columns = [take(p) for p in patterns]
         if signal not in signals and all(columns):
             signals[signal] = f"{{columns = {json.dumps(columns, ensure_ascii=False)}, {about}}}"
             left = [n for n in left if n not in columns]
     for signal, unit, prefix in _NUMBERED:
         numbered = sorted((n for n in left if re.fullmatch(prefix + r"\d+", n, re.IGNORECASE)), key=_number)
-        if numbered:
+        if numbered and (not wanted or signal in wanted):
             signals[signal] = f'{{columns = {json.dumps(numbered, ensure_ascii=False)}, unit = "{unit}"}}'
             left = [n for n in left if n not in numbered]
-    system = "helicopter" if "pilot" in signals else "quadrotor"
-    driver = next((s for s in ("rotor_speed", "rotor_command", "pilot", "pwm") if s in signals), None)
+    if not system:
+        if not signals:
+            raise BenchError(
+                f"No column of {files[0].name} ({', '.join(names)}) looks like a signal of a vehicle: name the system "
+                f"with --system, one of {', '.join(PHYSICS.names())}; `bench show NAME` lists its signals."
+            )
+        system = "helicopter" if "pilot" in signals else "quadrotor"
+    driver = next((s for s in PHYSICS.get(system).input_signals if s in signals), None)
+    missing = [s for s in wanted if s not in signals]
     lines = [
         f"name = {json.dumps(folder.resolve().name, ensure_ascii=False)}",
-        f'system = "{system}"  # TODO: check; `bench list physics` names the others',
+        f'system = "{system}"' + ("" if wanted else "  # TODO: check; `bench list physics` names the others"),
         "rate_hz = 100  # TODO: check",
         f'files = "*{ending}"',
         f"time = {json.dumps(time, ensure_ascii=False)}  # seconds"
         if time
         else 'time = "t"  # TODO: no column looks like time',
-        f'input = "{driver}"' if driver else '# TODO: input = "…", the signal that drives the system',
-        'input_hold = "linear"  # TODO: "previous" if the input is a command',
+        *_driven(system, driver),
         "",
         "[signals]  # TODO: check every unit, and the frame of the velocity",
         *(f"{signal} = {entry}" for signal, entry in signals.items()),
+        *(
+            f'# TODO: {m} = {{columns = ["…"], unit = "{SIGNALS[m].unit}"}}, {wanted[m]}, if it was measured'
+            for m in missing
+        ),
         *(f"# TODO: what is column {json.dumps(n, ensure_ascii=False)}?" for n in left),
         "",
-        "# [physics]  # TODO: nominal constants, SI",
+        "# [physics]  # TODO: nominal constants as you know them, SI; what is left out is as here",
+        *(f"# {p.name} = {json.dumps(p.value)}  # {p.unit}; {p.about}" for p in PHYSICS.get(system)().parameters()),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _signals_of(system: str) -> dict[str, str]:
+    """Name → what it is to the system: what can be measured of its states, and what drives it."""
+    model = PHYSICS.get(system)
+    states = {c.group: "a state" for c in model.state_channels if c.group in SIGNALS}
+    more = ("specific_force", "battery") if "attitude" in states else ()
+    return states | {s: "what drives it" for s in model.input_signals} | {s: "which tells more" for s in more}
+
+
+def _guesses(wanted: Collection[str]) -> list[tuple[str, str, tuple[str, ...]]]:
+    """Signal, the rest of its entry, and a pattern for each of its columns."""
+    if not wanted:
+        return list(_GUESSES)
+    found = [g for g in _GUESSES if g[0] in wanted]
+    for signal in (s for s in wanted if s not in {g[0] for g in _GUESSES}):
+        known = SIGNALS[signal]
+        patterns = (_NAMED[signal] + f"|{signal}",) if signal in _NAMED else known.axes
+        if patterns:
+            found.append((signal, f'unit = "{known.unit}"', patterns))
+    return found
+
+
+def _driven(system: str, driver: str | None) -> list[str]:
+    if not PHYSICS.get(system).input_signals:
+        return []
+    named = f'input = "{driver}"' if driver else '# TODO: input = "…", the signal that drives the system'
+    return [named, 'input_hold = "linear"  # TODO: "previous" if the input is a command']
+
+
+def _bare(name: str) -> str:
+    """A column's name without a unit in brackets."""
+    return re.sub(r"\s*[\[(][^\[(]*[\])]$", "", name.strip())
 
 
 def _number(name: str) -> int:

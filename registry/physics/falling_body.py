@@ -17,7 +17,7 @@ from registry.physics.state_space import Mechanical
 class FallingBody(Mechanical):
     """A point mass in free fall along the vertical; displacement and speed are upwards."""
 
-    mass: Any = constant(1.0, "m", "kg", low=0, source="chosen")
+    mass: Any = constant(1.0, "m", "kg", low=1e-6, source="chosen")
     gravity: Any = constant(9.81, "gravitational acceleration", "m/s^2", low=0, uncertainty=0.001)
 
     state_channels: ClassVar[tuple[Channel, ...]] = (Channel("displacement.q", "m"), Channel("speed.q", "m/s"))

@@ -23,8 +23,8 @@ class Helicopter(RigidBody):
     The disc tilt (forward, left) is the direction of the thrust relative to the body's z axis [rad].
     """
 
-    mass: Any = constant(8.0, "mass", "kg", low=0, source=_CHOSEN)
-    inertia: Any = constant((0.2, 0.35, 0.3), "principal moments of inertia", "kg m^2", source=_CHOSEN)
+    mass: Any = constant(8.0, "mass", "kg", low=1e-6, source=_CHOSEN)
+    inertia: Any = constant((0.2, 0.35, 0.3), "principal moments of inertia", "kg m^2", low=1e-9, source=_CHOSEN)
     servo_lag: Any = constant(0.04, "τ_s: time constant of swashplate and tail servos", "s", low=1e-3, source=_CHOSEN)
     flapping_lag: Any = constant(0.1, "τ_f: time constant of the rotor disc", "s", low=1e-3, source=_CHOSEN)
     cyclic_gain: Any = constant(0.2, "A: disc tilt at full cyclic stick", "rad", source=_CHOSEN)

@@ -18,7 +18,7 @@ _EMPS = "Janot, Gautier and Brunot, Data Set and Reference Models of EMPS (2019)
 class MassOnRail(Mechanical):
     """A mass without friction, pushed by a motor whose force goes with its drive voltage."""
 
-    mass: Any = constant(95.1, "M: carriage and, reflected, motor", "kg", low=0, source=_EMPS)
+    mass: Any = constant(95.1, "M: carriage and, reflected, motor", "kg", low=1e-6, source=_EMPS)
     force_gain: Any = constant(
         35.15065188248547, "g: force over drive voltage", "N/V", source="gtau in the files of EMPS"
     )

@@ -16,7 +16,7 @@ from registry.physics.state_space import Mechanical
 class Oscillator(Mechanical):
     """Linear mass, damper and spring, driven by a force."""
 
-    mass: Any = constant(1.0, "m", "kg", low=0, source="chosen")
+    mass: Any = constant(1.0, "m", "kg", low=1e-6, source="chosen")
     damping: Any = constant(0.5, "d", "N s/m", low=0, source="chosen")
     stiffness: Any = constant(100.0, "k", "N/m", low=0, source="chosen")
 

@@ -17,8 +17,8 @@ from registry.physics.state_space import Mechanical
 class Pendulum(Mechanical):
     """Plane pendulum without drive or damping. Effects push the bob along its path."""
 
-    mass: Any = constant(1.0, "m: of the bob", "kg", low=0, source="chosen")
-    length: Any = constant(1.0, "l", "m", low=0, source="chosen")
+    mass: Any = constant(1.0, "m: of the bob", "kg", low=1e-6, source="chosen")
+    length: Any = constant(1.0, "l", "m", low=1e-6, source="chosen")
     gravity: Any = constant(9.81, "gravitational acceleration", "m/s^2", low=0, uncertainty=0.001)
 
     state_channels: ClassVar[tuple[Channel, ...]] = (

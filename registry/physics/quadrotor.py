@@ -24,8 +24,8 @@ class Quadrotor(RigidBody):
     Driven by raw motor commands (``drive`` is pwm), the rotor speeds are ω = a u + b, not below zero.
     """
 
-    mass: Any = constant(1.0, "mass", "kg", low=0, source=_ROTORS)
-    inertia: Any = constant((0.01, 0.01, 0.02), "principal moments of inertia", "kg m^2", low=0, source=_ROTORS)
+    mass: Any = constant(1.0, "mass", "kg", low=1e-6, source=_ROTORS)
+    inertia: Any = constant((0.01, 0.01, 0.02), "principal moments of inertia", "kg m^2", low=1e-9, source=_ROTORS)
     thrust_coefficient: Any = constant(9.9865e-6, "k_f: thrust over ω²", "N s^2", low=0, source=_ROTORS)
     torque_coefficient: Any = constant(1.5978e-7, "k_m: reaction torque over ω²", "N m s^2", low=0, source=_ROTORS)
     rotor_positions: Any = constant(

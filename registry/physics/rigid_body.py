@@ -50,8 +50,8 @@ def quaternion_rate(quaternion: Tensor, body_rates: Tensor) -> Tensor:
 class RigidBody(PhysicsModel):
     """Six degrees of freedom: m dv/dt = R F − m g e3, J dω/dt = τ − ω × Jω, dq/dt = q ⊗ (ω, 0)/2."""
 
-    mass: Any = constant(1.0, "mass", "kg", low=0)
-    inertia: Any = constant((1.0, 1.0, 1.0), "principal moments of inertia", "kg m^2", low=0)
+    mass: Any = constant(1.0, "mass", "kg", low=1e-6)
+    inertia: Any = constant((1.0, 1.0, 1.0), "principal moments of inertia", "kg m^2", low=1e-9)
     gravity: Any = constant(9.81, "gravitational acceleration", "m/s^2", low=0, uncertainty=0.001)
     ground_z: Any = constant(0.0, "height of the ground", "m", uncertainty=0.0)
     inertia_products: Any = constant(

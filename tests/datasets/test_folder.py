@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from registry.core import PHYSICS
 from registry.datasets.folder import Folder, check, draft
 from registry.errors import BenchError
 
@@ -175,7 +176,12 @@ def torn_gzip(folder):
         (toml('input = "rotor_speed"', 'input = "battery"'), ["cannot be driven by battery"]),
         (toml('input = "rotor_speed"', 'input = "pwm"'), ["'pwm' is none of its signals"]),
         (toml("mass = 0.5", "mas = 0.5"), ["[physics]", "'mas'", "did you mean mass"]),
-        (toml("mass = 0.5", 'mass = "half"'), ["[physics]", "mass"]),
+        (toml("mass = 0.5", 'mass = "half"'), ["[physics]", "mass must be a finite number"]),
+        (toml("mass = 0.5", "mass = 0"), ["[physics]", "mass = 0 must be at least 1e-06 kg"]),
+        (toml("mass = 0.5", "inertia = [0.01, -0.01, 0.02]"), ["[physics]", "inertia", "at least 1e-09 kg m^2"]),
+        (toml("mass = 0.5", "mass = [0.5]"), ["[physics]", "mass must be a finite number"]),
+        (toml("mass = 0.01", 'mass = "little"'), ["[physics.uncertainty]", "mass must be a number from 0"]),
+        (toml("mass = 0.01", "mass = -1"), ["[physics.uncertainty]", "mass must be a number from 0"]),
         (toml("gravity = 9.81", "gravty = 9.81"), ["[environment]", "did you mean gravity"]),
         (toml("*.csv", "../*.csv"), ["leaves the folder"]),
         (toml("*.csv", "/etc/*"), ["leaves the folder"]),
@@ -227,3 +233,37 @@ def test_a_helicopter_is_read_too(tmp_path):
     dataset = Folder(path=str(tmp_path))
     assert (dataset.system, dataset.inputs) == ("helicopter", ("pilot",))
     assert [c.axis for c in dataset.load().recordings[0].input_channels] == sticks
+
+
+@pytest.mark.parametrize(
+    ("system", "columns", "signals"),
+    [
+        ("oscillator", ["time [s]", "x [m]", "u [N]"], {"displacement": "x [m]", "force": "u [N]"}),
+        ("mass_on_rail", ["t", "pos", "vel", "u"], {"displacement": "pos", "speed": "vel", "voltage": "u"}),
+        ("tanks", ["t", "u", "y1", "y2"], {"upper_level": "y1", "level": "y2", "voltage": "u"}),
+        ("pendulum", ["t", "theta", "theta_dot"], {"angle": "theta", "angle_rate": "theta_dot"}),
+    ],
+)
+def test_the_signals_of_a_named_system_are_drafted(tmp_path, system, columns, signals):
+    data = pd.DataFrame(np.ones((20, len(columns))), columns=columns)
+    data[columns[0]] = np.arange(20) / 100
+    data.to_csv(tmp_path / "a.csv", index=False)
+    with pytest.raises(BenchError, match="name the system with --system, one of falling_body"):
+        draft(tmp_path)
+    text = draft(tmp_path, system)
+    (tmp_path / "dataset.toml").write_text(text.replace("# [physics]", "[physics]"), encoding="utf-8")
+    described = Folder(path=str(tmp_path)).description
+    assert {name: s.columns for name, s in described.signals.items()} == {n: (c,) for n, c in signals.items()}
+    constants = [line[2:] for line in text.split("[physics]")[1].splitlines()[1:]]
+    (tmp_path / "dataset.toml").write_text(text.split("# [physics]")[0] + "\n".join(["[physics]", *constants]))
+    assert check(tmp_path).recordings
+    assert Folder(path=str(tmp_path)).physics == {
+        k: list(v) if isinstance(v, tuple) else v
+        for k, v in ((p.name, p.value) for p in PHYSICS.get(system)().parameters())
+    }
+
+
+def test_a_draft_says_what_was_not_found(tmp_path):
+    table().rename(columns={"q": "rate"}).to_csv(tmp_path / "a.csv", index=False)
+    text = draft(tmp_path, "quadrotor")
+    assert '# TODO: body_rates = {columns = ["…"], unit = "rad/s"}, a state, if it was measured' in text
