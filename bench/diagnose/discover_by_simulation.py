@@ -15,7 +15,7 @@ from scipy.stats import t as student
 
 from bench.diagnose.discover import Discovery, Found, Loser
 from bench.diagnose.search import admissible
-from bench.diagnose.simulation_fit import Simulated, Windows, fit
+from bench.diagnose.simulation_fit import Simulated, Start, Windows, fit, starts
 from bench.diagnose.subject import Subject
 from bench.diagnose.subset import t_value
 from bench.diagnose.verify import Estimate
@@ -28,6 +28,8 @@ LIKELY = 3
 """Starting points that are followed to the end."""
 FIRST = 4
 """Steps after which the less promising starting points are dropped."""
+GROWING = (16, 64)
+"""Samples of the windows that lead a fit to the whole ones."""
 ODDS = 6.0
 """Difference of the criterion that counts: twice the logarithm of 20 to 1."""
 SURE = 2.0
@@ -57,7 +59,7 @@ class Choice:
         weights = np.ones((len(folds), count))
         for row, fold in zip(weights, folds, strict=True):
             row[fold] = 0.0
-        apart = fit(self.subject, self.windows, [self.fitted.model] * len(folds), weights, FIRST)
+        apart = fit(self.subject, self.windows, [self.fitted] * len(folds), weights, FIRST)
         return np.concatenate([a.loss[f] for a, f in zip(apart, folds, strict=True)])
 
 
@@ -143,11 +145,20 @@ def independent(of: Simulated) -> float:
 
 
 def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> Simulated:
-    """The best fit from several starting points: all for a few steps, the likely ones to the end."""
-    if len(models) > LIKELY:
-        some = sorted(fit(subject, windows, models, steps=FIRST), key=lambda f: f.loss.sum())
-        models = [f.model for f in some[:LIKELY]]
-    return min(fit(subject, windows, models), key=lambda f: f.loss.sum())
+    """The best fit from several starting points: all for a few steps, the likely ones to the end.
+
+    They are also led there by windows that grow: over a short one no free run falls out of step with the measurement,
+    which makes a valley of every missed period; but it says little of what is slow, so both ways are gone.
+    """
+
+    def likely(windows: Windows, begin: Sequence[Start]) -> list[Simulated]:
+        return sorted(fit(subject, windows, begin, steps=FIRST), key=lambda f: f.loss.sum())[:LIKELY]
+
+    begin = starts(windows, models)
+    led: Sequence[Start] = begin
+    for samples in GROWING:
+        led = likely(windows.shortened(samples), led)
+    return min(fit(subject, windows, likely(windows, [*begin, *led])), key=lambda f: f.loss.sum())
 
 
 def _points(name: str) -> list[Effect]:

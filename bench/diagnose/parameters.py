@@ -66,7 +66,7 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
                 component, scale = None if np.ndim(p.value) == 0 else i, abs(b) * spread
                 low, high = _bounds(p)
                 least = b - WITHIN * scale
-                if least <= low == 0.0:  # it may be as many times smaller as it may be larger, but not nothing
+                if least <= 0.0 <= low:  # it may be as many times smaller as it may be larger, but not nothing
                     least = b / (1 + WITHIN * spread)
                 low, high = max(low, least), min(high, b + WITHIN * scale)
                 found.append(Entry(-1, p.name, component, p.unit, v, scale, low, high))

@@ -53,12 +53,24 @@ class Windows:
         states = torch.stack([logs[i].states[p] for (i, _), p in zip(places, pieces, strict=True)])
         return cls(tuple(logs), inputs, states, *(np.array(x) for x in zip(*places, strict=True)))
 
+    def shortened(self, samples: int) -> "Windows":
+        """Only the first ``samples`` steps of each."""
+        return replace(self, inputs=self.inputs[:, : samples + 1], states=self.states[:, : samples + 1])
+
 
 @dataclass(frozen=True, eq=False)
-class Simulated:
-    """A model fitted to windows."""
+class Start:
+    """What a fit goes out from."""
 
     model: PhysicsModel
+    begun: np.ndarray
+    """(W, H): the unmeasured states at the beginnings of the windows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated(Start):
+    """A model fitted to windows."""
+
     where: tuple[Entry, ...]
     """With the values fitted."""
     loss: np.ndarray
@@ -69,30 +81,40 @@ class Simulated:
     """(P, P): JᵀJ of the numbers, with beginnings eliminated."""
 
 
+def starts(windows: Windows, models: Sequence[PhysicsModel]) -> list[Start]:
+    """Models, which differ in numbers only, and the beginnings as they simulate the whole recordings."""
+    where = entries(models[0], {})
+    values = [[e.value for e in entries(m, {})] for m in models]
+    path = completed(with_values(models[0], where, torch.tensor(values, dtype=torch.float64)), Stack.of(windows.logs))
+    begun = path[..., windows.log, windows.first, :][..., list(hidden(windows.logs))].expand(len(models), -1, -1)
+    return [Start(m, b) for m, b in zip(models, begun.numpy(), strict=True)]
+
+
 def fit(
     subject: Subject,
     windows: Windows,
-    models: Sequence[PhysicsModel],
+    begins: Sequence[Start],
     weights: np.ndarray | None = None,
     steps: int = STEPS,
 ) -> list[Simulated]:
-    """Fit ``models``, which differ in numbers only, each on its share of the windows.
+    """Fit models, which differ in numbers only, each on its share of the windows.
 
     Args:
         subject: tells what is known of the constants.
         windows: to fit on.
-        models: starting points.
+        begins: starting points.
         weights: (models, W) 1 where a window counts; default: everywhere. Beginnings are always sought.
         steps: at most.
     """
+    models = [b.model for b in begins]
     where = [entries(m, subject.uncertainty, subject.model) for m in models]
     nominal = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
     weights = np.ones((len(models), len(windows.log))) if weights is None else weights
     template, size = where[0], len(where[0])
     at, seen = hidden(windows.logs), [i for i, m in enumerate(windows.logs[0].measured) if m]
     values = np.array([[e.value for e in w] for w in where])
-    begun = np.stack([_begun(m, windows)[:, list(at)] for m in models])  # (Q, W, H)
-    past = torch.stack([_past(m, windows) for m in models])  # (Q, W, own states and memories)
+    begun = np.stack([b.begun for b in begins])  # (Q, W, H)
+    past = _past(with_values(models[0], template, torch.from_numpy(values)), windows).expand(len(models), -1, -1)
     low, high = (np.array([getattr(e, side) for e in template]) for side in ("low", "high"))
     prior = np.array([e.scale**-2 if e.constant else 0.0 for e in template])
     centre = np.array([nominal.get(e.label, 0.0) if e.constant else 0.0 for e in template])
@@ -167,22 +189,17 @@ def fit(
     for q in range(many):
         model = with_values(models[0], template, values[q])
         fitted = tuple(replace(e, value=float(v)) for e, v in zip(template, values[q], strict=True))
-        out.append(Simulated(model, fitted, loss(errors[q][None])[0], errors[q], grams[q]))
+        out.append(Simulated(model, begun[q], fitted, loss(errors[q][None])[0], errors[q], grams[q]))
     return out
 
 
-def _begun(model: PhysicsModel, windows: Windows) -> np.ndarray:
-    """States (W, s) at the beginnings, as the model's simulation of each whole recording has them."""
-    path = completed(model, Stack.of(windows.logs))
-    return path[windows.log, windows.first].numpy()
-
-
 def _past(model: PhysicsModel, windows: Windows) -> Tensor:
-    """Own states (zero) and memories (W, k) of the effects at the beginnings, as the inputs until then left them."""
+    """Own states (zero) and memories (…, W, k) of the effects at the beginnings, as the inputs until then left them."""
     own = windows.states.new_zeros(len(windows.log), model.internal_size)
     if not model.input_effects():
         return own
-    return torch.cat([own, memories(model, Stack.of(windows.logs))[windows.log, windows.first]], dim=-1)
+    found = memories(model, Stack.of(windows.logs))[..., windows.log, windows.first, :]
+    return torch.cat([own.expand(*found.shape[:-1], -1), found], dim=-1)
 
 
 def _run(model: PhysicsModel, state: Tensor, windows: Windows) -> Tensor:

@@ -30,8 +30,9 @@ def completed(model: PhysicsModel, stack: Stack) -> Tensor:
     """States (…, L, N, s): as measured, and as the model carries those that were not."""
     at = list(hidden(stack.logs))
     size, narrow, path = stack.states.shape[-1], narrowed(model), [beginning(model, stack)]
+    inputs = stack.inputs.expand(*path[0].shape[:-2], *stack.inputs.shape)
     for k in range(stack.states.shape[1] - 1):
-        after = narrow.step(path[-1], stack.inputs[:, k], stack.inputs[:, k + 1], stack.dt)
+        after = narrow.step(path[-1], inputs[..., k, :], inputs[..., k + 1, :], stack.dt)
         state = stack.states[:, k + 1].expand(*after.shape[:-1], size).clone()
         state[..., at] = after[..., at]
         path.append(torch.cat([state, after[..., size:]], dim=-1))
@@ -54,10 +55,10 @@ def beginning(model: PhysicsModel, stack: Stack) -> Tensor:
         count = of.shape[-3]
         state = first.unsqueeze(-3).expand(*of.shape[:-1], size).clone()
         state[..., at] = of
-        state = narrow.initial(state.flatten(-3, -2), stack.inputs[:, 0].repeat(count, 1), stack.dt)
-        inputs, out = stack.inputs.repeat(count, 1, 1), []
+        inputs, out = stack.inputs.repeat(count, 1, 1).expand(*shape[:-1], -1, -1, -1), []
+        state = narrow.initial(state.flatten(-3, -2), inputs[..., 0, :], stack.dt)
         for k in range(span):
-            state = narrow.step(state, inputs[:, k], inputs[:, k + 1], stack.dt)
+            state = narrow.step(state, inputs[..., k, :], inputs[..., k + 1, :], stack.dt)
             out.append(state[..., seen])
         found = torch.stack(out, dim=-2).unflatten(-3, (count, logs)) - measured
         return torch.nan_to_num(found.flatten(-2), nan=1e3, posinf=1e3, neginf=-1e3)

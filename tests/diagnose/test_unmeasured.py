@@ -1,16 +1,20 @@
 """States that were not measured: what can be said without them, and what by simulation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from bench.diagnose import diagnose, discover_by_simulation, load
 from bench.diagnose.discover import discover
-from bench.diagnose.simulation_fit import Windows, fit
+from bench.diagnose.simulation_fit import Windows, fit, starts
 from bench.diagnose.subject import Subject, log_of, self_contained
 from bench.diagnose.unmeasured import beginning, completed, hidden
 from bench.diagnose.weak import Stack
 from registry.contracts import Channel, Recording
+from registry.effects.stiffness import CubicStiffness
+from registry.physics.oscillator import Oscillator
 from registry.physics.quadrotor import Quadrotor
 from registry.physics.tanks import Tanks
 
@@ -45,9 +49,36 @@ def test_the_beginning_of_an_unmeasured_state_is_found(tanks):
 
 def test_constants_are_fitted_although_a_state_is_unmeasured(tanks):
     subject, truth, _ = tanks
-    (found,) = fit(subject, Windows.of(subject.logs), [subject.model])
+    windows = Windows.of(subject.logs)
+    (found,) = fit(subject, windows, starts(windows, [subject.model]))
     assert np.sqrt(found.loss.sum() / found.errors.size) < 2e-3  # as much as the noise
     assert found.model.lower_outflow == pytest.approx(truth.lower_outflow, rel=0.05)
+
+
+@pytest.fixture(scope="module")
+def spring():
+    """A hardening spring far into its cubic part, of which the speed is hidden."""
+    rng, rate, samples = np.random.default_rng(0), 100.0, 800
+    truth = Oscillator(damping=0.51, stiffness=102.0, input_hold="previous", effects=(CubicStiffness(k_3=3000.0),))
+    time, tones, logs = np.arange(samples) / rate, np.linspace(0.1, 4, 30), []
+    for i in range(2):
+        drive = 2.5 * np.cos(2 * np.pi * tones * time[:, None] + rng.uniform(0, 2 * np.pi, 30)).sum(1, keepdims=True)
+        run = truth.simulate(torch.zeros(1, 2, dtype=torch.float64), torch.from_numpy(drive)[None], 1 / rate)[0].numpy()
+        moved, channels = run[:, :1] + rng.normal(size=(samples, 1)) * 1e-3, Oscillator.state_channels[:1]
+        valid = np.ones(samples, dtype=bool)
+        made = Recording(f"run_{i}", rate, drive, moved, (Channel("force", "N"),), channels, valid)
+        logs.append(log_of(made, Oscillator(input_hold="previous"), "force"))
+    names = tuple(log.name for log in logs)
+    return Subject("spring", Oscillator(input_hold="previous"), tuple(logs), names, names)
+
+
+def test_a_fit_is_led_past_valleys_of_missed_periods(spring):
+    model = replace(spring.model, effects=(CubicStiffness(),))
+    found, _ = discover_by_simulation.fitted(spring, model)
+    assert found.effects[0].k_3 == pytest.approx(3000.0, rel=0.02)
+    windows = Windows.of(spring.logs)
+    (at_once,) = fit(spring, windows, starts(windows, [replace(model, effects=(CubicStiffness.typical(),))]))
+    assert abs(at_once.model.effects[0].k_3 - 3000.0) > 300.0  # what the leading is for
 
 
 def test_without_a_state_effects_are_found_by_simulation(tanks, monkeypatch):
