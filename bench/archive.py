@@ -53,7 +53,8 @@ def write(study: Concluded, runs: Path, target: Path) -> None:
                 f"Run {key[:12]} of “{study.title}” is not in {runs}: make it again with `{study.command}`."
             )
         if altered := record.verify(RunRecord(runs / key)):
-            raise BenchError(f"Run {key[:12]}: {altered[0]} was altered: `bench runs prune`, then `{study.command}`.")
+            prune = f"bench runs prune --results {runs.parent}"
+            raise BenchError(f"Run {key[:12]}: {altered[0]} was altered: `{prune}`, then `{study.command}`.")
     about = {"format": FORMAT, "title": study.title, "study": study.study, "command": study.command, "keys": study.keys}
     draft = target.with_name(f".{target.name}.{os.getpid()}")
     try:

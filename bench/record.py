@@ -85,8 +85,8 @@ class RunRecord:
             safetensors.SafetensorError,
         ) as error:
             raise BenchError(
-                f"{path} is damaged or missing: `bench runs prune` removes the run, then the command that made it "
-                "makes it again."
+                f"{path} is damaged or missing: `bench runs prune --results {self.folder.parent.parent}` removes the "
+                "run, then the command that made it makes it again."
             ) from error
 
     @property

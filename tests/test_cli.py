@@ -55,6 +55,13 @@ def test_every_entry_is_listed_and_explained(tmp_path: Path) -> None:
         (("run", "constant", "--outputs", "body_rate"), "did you mean body_rates"),
         (("run", "constant", "--dataset", "folder", "--set", "dataset.path=nowhere"), "nowhere"),
         (("run", "constant", "--results", "file/below"), "cannot be written"),
+        (("run", "constant", "--outputs", " "), "names no signal"),
+        (("run", "constant", "--preset", "smoke"), "--preset belongs to a study"),
+        (("sweep", "LSTM: 1x8 - MLP: 8x10", "--preset", "smoke"), "--preset belongs to a study"),
+        (("sweep", "LSTM: 1x8 - MLP: 8x10", "--name", "../elsewhere"), "is no name of a folder"),
+        (("sweep", "LSTM: 1x8 - MLP: 8x10", "--name", "other", "--resume"), "There is no sweep in results"),
+        (("ui", "--results", "reslts"), "There is no folder reslts"),
+        (("sync", "--results", "reslts"), "There is no folder reslts"),
         (("show", "LSMT"), "did you mean LSTM"),
         (("list", "predictor"), "did you mean predictors"),
         (("runs", "show", "abc"), "No run in"),
@@ -93,6 +100,8 @@ def test_one_configuration_from_data_to_prediction(tmp_path: Path) -> None:
     runs = list(record.all_records(tmp_path / "results" / "runs"))
     assert len(runs) == 3
     assert "MLFC: 1x8" in bench("runs", "list", cwd=tmp_path).stdout
+    elsewhere = bench("runs", "list", "--dataset", "pelican_twn", cwd=tmp_path)
+    assert elsewhere.returncode == 2 and "did you mean pelican_twin" in elsewhere.stderr
     keys = [r.key[:8] for r in runs]
     errors = bench("runs", "errors", keys[0], "--at", "1,5", "--si", cwd=tmp_path).stdout
     mean = runs[0].error("body_rates", "euclidean") * np.pi / 180

@@ -127,7 +127,7 @@ def test_a_sweep_that_cannot_begin_is_one_sentence(tmp_path: Path) -> None:
     asked, _ = swept(tmp_path, toy("planted"), 2)
     with pytest.raises(BenchError, match=r"go on with --resume, or give this one another --name\.$"):
         sweep.begin(asked, tmp_path, resume=False)
-    with pytest.raises(BenchError, match="begun with other seed: repeat its command"):
+    with pytest.raises(BenchError, match="begun with other --seed: repeat its command"):
         sweep.begin(replace(asked, seed=1), tmp_path, resume=True)
     with pytest.raises(BenchError, match="no validation part"):
         replace(asked, configs=(toy(dataset=NoValidation()),)).check()

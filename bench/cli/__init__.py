@@ -1,5 +1,6 @@
 """The command line: `bench`, or `python -m bench`."""
 
+import logging
 import os
 import sys
 
@@ -87,6 +88,7 @@ def cli() -> None:
 
 def main() -> None:
     """Entry point: a user's mistake is one sentence and exit code 2, Ctrl-C is exit code 130."""
+    _speak()
     try:
         cli.main(standalone_mode=False)
     except BenchError as error:
@@ -105,3 +107,12 @@ def main() -> None:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)
+
+
+def _speak() -> None:
+    """What the registry logs, such as that it is simulating, goes to stderr."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(message)s"))
+    log = logging.getLogger("registry")
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)

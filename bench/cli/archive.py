@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
+from bench import study
 from bench.cli import options
 from registry.errors import BenchError
 
@@ -12,7 +13,7 @@ from registry.errors import BenchError
 @click.command("export")
 @click.argument("name", metavar="STUDY|SPEC")
 @options.dataset
-@click.option("--preset", help="Size of the study: smoke, laptop or paper.")
+@click.option("--preset", type=click.Choice(study.PRESETS), help="Size of the study.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="The zip file.")
 @options.results
 def export_command(name: str, dataset: str | None, preset: str | None, output: Path, results: Path) -> None:
@@ -42,7 +43,7 @@ def import_command(file: Path, results: Path) -> None:
     Runs that are here already are kept as they are. Table, figures and report are made anew.
     (`bench data import` is for flight logs.)
     """
-    from bench import archive, conclude, lock, study
+    from bench import archive, conclude, lock
     from bench.record import RunRecord
 
     out = options.console()

@@ -51,6 +51,33 @@ assignments = click.option(
 )
 
 
+def _not_empty(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    if value is not None and not value.strip():
+        raise click.BadParameter("it names no signal.", ctx, param)
+    return value
+
+
+outputs = click.option(
+    "--outputs",
+    metavar="SIGNALS",
+    callback=_not_empty,
+    help="What to predict, such as body_rates,velocity or body_rates.p.",
+)
+horizon = click.option("--horizon", "-T", type=click.IntRange(1), help="Prediction length in samples (default: 40).")
+
+
+def preset_belongs_to_a_study(ctx: click.Context) -> None:
+    """Refuse --preset beside a single configuration.
+
+    Raises:
+        click.UsageError: it was given.
+    """
+    if ctx.get_parameter_source("preset") == click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError(
+            "--preset belongs to a study; set a configuration's own options, such as --set training.updates=3000."
+        )
+
+
 def parsed(assignments: tuple[str, ...]) -> dict[str, str]:
     """ "a.b=c" pairs as a dictionary.
 

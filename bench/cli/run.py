@@ -33,8 +33,8 @@ ALL = "all"
     help="Size of a study. Simulated data are as many as the paper's, for smoke a small part of them.",
 )
 @click.option("--seeds", type=click.IntRange(1, 100), help="How many seeds (SPEC only; default 1).")
-@click.option("--horizon", "-T", type=click.IntRange(1), help="Prediction length in samples (default: 40).")
-@click.option("--outputs", metavar="SIGNALS", help="What to predict, such as body_rates,velocity or body_rates.p.")
+@options.horizon
+@options.outputs
 @click.option(
     "--physics",
     type=click.Path(exists=True, dir_okay=False, resolve_path=True),
@@ -48,7 +48,9 @@ ALL = "all"
 @options.tracking
 @options.no_track
 @click.option("--dry-run", is_flag=True, help="Say what would be run and how long it would take; train nothing.")
+@click.pass_context
 def run_command(
+    ctx: click.Context,
     target: str,
     dataset: str | None,
     preset: str,
@@ -112,6 +114,7 @@ def run_command(
 
     if target not in known and target != ALL:
         check_target(target)
+        options.preset_belongs_to_a_study(ctx)
     place = Place(results, tracking, no_track, workers, cluster)
     planned = []
     for name in known if target == ALL else [target]:

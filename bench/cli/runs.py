@@ -10,7 +10,7 @@ from rich.table import Table
 
 from bench import lock, record
 from bench.cli import options
-from registry.errors import BenchError
+from registry.errors import BenchError, near
 from registry.units import to_si
 
 
@@ -27,12 +27,13 @@ def list_command(results: Path, dataset: str | None) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
     for name in ("key", "spec", "dataset", "outputs", "T", "seed", "status", "RMSSE (SI)"):
         table.add_column(name, no_wrap=name != "outputs")
-    count = 0
-    for r in record.all_records(results / "runs"):
-        s = r.summary
+    found = [r.summary for r in record.all_records(results / "runs")]
+    known = {s["dataset"] for s in found}
+    if dataset and found and dataset not in known:
+        raise BenchError(f"No run in {results / 'runs'} is of {dataset!r}: {near(dataset, known)}")
+    for s in found:
         if dataset and s["dataset"] != dataset:
             continue
-        count += 1
         first = next(iter(s["metrics"].values()), None)
         value = "–" if first is None else f"{first:.4g}"
         outputs = ", ".join(_signals(s["outputs"]))
@@ -40,7 +41,7 @@ def list_command(results: Path, dataset: str | None) -> None:
             s["key"][:12], s["spec"], s["dataset"], outputs, str(s["horizon"]), str(s["seed"]), s["status"], value
         )
     out = options.console()
-    out.print(table if count else f"No runs in {results / 'runs'} yet: start one with `bench run washout_vs_mlp`.")
+    out.print(table if found else f"No runs in {results / 'runs'} yet: start one with `bench run washout_vs_mlp`.")
 
 
 @runs_command.command("show")

@@ -44,8 +44,8 @@ LOOKS = 20
     help="What to make small; rmsse always is. With weights or latency (of one prediction, in ms) besides, the answer "
     "is a Pareto front, and no trial is stopped early.",
 )
-@click.option("--horizon", "-T", type=click.IntRange(1), help="Prediction length in samples (default: 40).")
-@click.option("--outputs", metavar="SIGNALS", help="What to predict, such as body_rates,velocity or body_rates.p.")
+@options.horizon
+@options.outputs
 @click.option("--preset", type=click.Choice(study.PRESETS), default="laptop", show_default=True, help="Of a STUDY.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the proposals.")
 @options.workers
@@ -56,7 +56,9 @@ LOOKS = 20
 @options.tracking
 @options.no_track
 @click.option("--dry-run", is_flag=True, help="Say what would be searched and how long it would take; train nothing.")
+@click.pass_context
 def sweep_command(
+    ctx: click.Context,
     target: str,
     dataset: str | None,
     trials: int,
@@ -115,6 +117,7 @@ def sweep_command(
     found = study.studies().get(target)
     if found is None:
         check_target(target)
+        options.preset_belongs_to_a_study(ctx)
     chosen = choose(dataset or (found.default_dataset if found else "pelican_twin"), data_options)
     configs = _choices(found, preset, chosen, run_options) if found else [RunConfig(*parse(target), chosen)]
     configs = list({c.spec: c for c in apply(configs, _with_looks(run_options))}.values())
@@ -132,9 +135,15 @@ def sweep_command(
     command = shlex.join(["bench", *portable(sys.argv[1:])])
     sweep = sweeps.Sweep(title, tuple(configs), space, wanted, seed, command)
     sweep.check()
-    if name is not None and not slug(name):
-        raise BenchError(f"--name {name!r} gives no name of a folder: use letters and digits.")
+    if name is not None and (not slug(name) or not set(name).isdisjoint("/\\")):
+        raise BenchError(f"--name {name!r} is no name of a folder: use letters and digits.")
     folder = results / "sweeps" / slug(name or title)
+    if resume and not (folder / sweeps.DEFINITION).is_file():
+        there = "; ".join(f.name for f in sweeps.sweeps(results)) or "none"
+        raise BenchError(
+            f"There is no sweep in {folder} to go on with: leave --resume out, or repeat the command of one of those "
+            f"in {results} with its --name ({there})."
+        )
     if dry_run:
         estimate(out, sweep, trials, place)
         return

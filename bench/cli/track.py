@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from bench.cli import options
+from registry.errors import BenchError
 
 
 @click.command("ui")
@@ -18,6 +19,7 @@ def ui_command(results: Path, tracking: str | None, port: int, study: str | None
     """Browse the results in the MLflow UI, on this machine only (127.0.0.1)."""
     from bench.ui import serve
 
+    _present(results, tracking)
     serve(results, tracking, port=port, study=study)
 
 
@@ -32,6 +34,7 @@ def sync_command(results: Path, tracking: str | None) -> None:
     from bench import conclude, record, track
     from bench.sweep import journal as sweep
 
+    _present(results)
     own = track.default_uri(results)
     uri, logged = tracking or own, 0
     for study in conclude.concluded(results):
@@ -55,3 +58,11 @@ def sync_command(results: Path, tracking: str | None) -> None:
     if repaired:
         click.echo(f"{repaired} runs that were left half logged are repaired.")
     click.echo(f"{logged} runs are in MLflow at {uri}.")
+
+
+def _present(results: Path, tracking: str | None = None) -> None:
+    if tracking is None and not results.is_dir():
+        raise BenchError(
+            f"There is no folder {results}: name the one that holds your runs with --results, or make a first one with "
+            "`bench run washout_vs_mlp`."
+        )

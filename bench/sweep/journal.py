@@ -31,6 +31,15 @@ OBJECTIVES = {
     "latency": "time of one prediction [ms]",
 }
 """Name → with unit; the first is always one."""
+ASKED_BY = {
+    "title": "options",
+    "configs": "configurations or --set",
+    "space": "ranges of --search",
+    "objectives": "--objective",
+    "seed": "--seed",
+    "data": "recordings",
+}
+"""What of a command makes the parts of a sweep's definition."""
 STARTUP = 5
 """Trials that go to their end before any is pruned."""
 LOST = ("impossible", "diverged")
@@ -107,7 +116,8 @@ def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
         before = json.loads(told.read_text())
         if not resume:
             raise BenchError(f"There is a sweep in {folder}: go on with --resume, or give this one another --name.")
-        changed = sorted(k for k, v in sweep.definition.items() if json.loads(json.dumps(v)) != before.get(k))
+        now = json.loads(json.dumps(sweep.definition))
+        changed = [words for part, words in ASKED_BY.items() if now[part] != before.get(part)]
         if changed:
             raise BenchError(
                 f"The sweep in {folder} was begun with other {', '.join(changed)}: repeat its command "

@@ -4,6 +4,7 @@ Flights are simulated once and kept in the user's cache folder.
 """
 
 import hashlib
+import logging
 import os
 import tempfile
 import zipfile
@@ -21,6 +22,8 @@ from registry.core import DATASETS, check_options, option
 from registry.datasets import twin_helicopter, twin_quadrotor
 from registry.datasets.twin_reference import DT, REGIMES
 from registry.units import SIGNALS
+
+_log = logging.getLogger(__name__)
 
 VERSION = 1
 """Of the simulated samples: raised with every change of them, so that no older cache is read."""
@@ -111,6 +114,8 @@ class Twin(Dataset):
         cached = _read_cache(file)
         if cached is not None and cached.shape == (sum(lengths), len(self.recorded)):
             return np.split(cached, np.cumsum(lengths)[:-1])
+        name = DATASETS.name_of(type(self))
+        _log.info("Simulating the %d flights of %s, once: they are kept in %s.", len(lengths), name, file.parent)
         with torch.inference_mode():
             flights = self.simulate()
         _write_cache(file, np.concatenate(flights))

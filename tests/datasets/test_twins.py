@@ -122,13 +122,16 @@ def test_thread_count_does_not_matter():
     assert runs[0] == runs[1]
 
 
-def test_cache_gives_the_same_and_a_torn_one_is_made_again(pelican, monkeypatch):
+def test_cache_gives_the_same_and_a_torn_one_is_made_again(pelican, monkeypatch, caplog):
+    caplog.set_level("INFO", "registry")
     file = twins.cache_folder() / f"pelican_twin-small-0-v{twins.VERSION}.npz"
     assert twins.PelicanTwin().load().digest() == pelican.digest()
     whole = file.read_bytes()
+    assert caplog.messages == []
     file.write_bytes(whole[: len(whole) // 2])
     monkeypatch.setattr(twins.PelicanTwin, "simulate", lambda self: np.split(np.ones((28 * 3000, 24)), 28))
     assert len(twins.PelicanTwin().read().recordings) == 28
+    assert caplog.messages == [f"Simulating the 28 flights of pelican_twin, once: they are kept in {file.parent}."]
     file.write_bytes(whole)
     assert twins.PelicanTwin().load().digest() == pelican.digest()
     assert not list(file.parent.glob("*.partial"))
