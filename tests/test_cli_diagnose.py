@@ -88,6 +88,33 @@ def test_an_effect_is_added_once(folder: Path) -> None:
     assert not (folder / "diagnosis").exists()
 
 
+@pytest.mark.parametrize("command", ["discover", "diagnose"])
+@pytest.mark.parametrize(
+    ("effect", "says"),
+    [
+        ("rotor_drag", "it is an effect of quadrotor, not of oscillator"),
+        ("viscous_friction", "speed was not measured"),
+    ],
+)
+def test_an_effect_that_cannot_be_looked_for_is_refused(command: str, effect: str, says: str, folder: Path) -> None:
+    about = folder / "dataset.toml"
+    about.write_text(about.read_text().replace('speed = {columns = ["v"], unit = "m/s"}\n', ""))
+    done = CliRunner().invoke(cli, [command, str(folder), "--catalogue", effect])
+    assert isinstance(done.exception, BenchError) and f"--catalogue {effect}: {says}" in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    "arguments", [("diagnose", "--out"), ("extend", "--add", "viscous_friction", "--out"), ("discover", "--json")]
+)
+def test_what_cannot_be_written_is_told_first(
+    arguments: tuple[str, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.cli.diagnose.announcer", lambda *_: pytest.fail("work was begun"))
+    file = folder / "run_1.csv"
+    done = CliRunner().invoke(cli, [arguments[0], str(folder), *arguments[1:], str(file / "below")])
+    assert isinstance(done.exception, BenchError) and f"{file} is no folder" in str(done.exception)
+
+
 def test_a_checked_folder_says_commands_that_run(folder: Path) -> None:
     """Without body rates, the default of quadrotors, a network is told what to predict."""
     said = CliRunner().invoke(cli, ["data", "check", str(folder)]).output

@@ -8,7 +8,9 @@ import click
 
 from bench.cli import options
 from bench.cli.diagnosing import (
+    check_catalogue,
     check_effects,
+    check_writable,
     chosen,
     folder_for,
     load,
@@ -168,7 +170,8 @@ def discover_command(
 
     The answer may also be a tie (effects that these data cannot tell apart), nothing, or something systematic that
     the catalogue does not have: then it is said in which axes, and which signals it follows. `bench list effects` is
-    the catalogue, `bench show EFFECT` explains one.
+    the catalogue, `bench show EFFECT` explains one. The numbers are those of this step; `bench extend` fits them once
+    more, so that free runs meet the measurements, with intervals that are a little wider.
 
     \b
     bench discover flights/
@@ -178,7 +181,9 @@ def discover_command(
     from bench.diagnose.discover import discover
 
     names = chosen(catalogue, without)
+    check_writable(to_json)
     subject, model = load(source, system, model_file)
+    check_catalogue(subject, model or subject.model, catalogue)
     with announcer(options.console()) as tick:
         say_problems(subject)
         found = discover(subject if model is None else replace(subject, model=model), names, tick)
@@ -246,6 +251,7 @@ def extend_command(
     check_effects(add)
     subject, model = load(source, system, model_file)
     start, folder = model or subject.model, folder_for(source, out)
+    check_writable(folder, to_json)
     with announcer(options.console()) as tick:
         say_problems(subject)
         done = extend(subject, start, add, tick, horizon_s=horizon)
@@ -292,7 +298,9 @@ def diagnose_command(
     from bench.diagnose.diagnose import diagnose
 
     names, folder = chosen(catalogue, without), folder_for(source, out)
+    check_writable(folder, to_json)
     subject, model = load(source, system, model_file)
+    check_catalogue(subject, model or subject.model, catalogue)
     with announcer(options.console()) as tick:
         found, extended = diagnose(
             subject if model is None else replace(subject, model=model), tick=tick, catalogue=names, horizon_s=horizon

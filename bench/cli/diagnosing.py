@@ -1,6 +1,7 @@
 """What the diagnosing commands share: measurements and models in, tables, files and MLflow runs out."""
 
 import json
+import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -51,6 +52,25 @@ def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None
     if not catalogue and not without:
         return None
     return [n for n in (catalogue or EFFECTS.names()) if n not in without]
+
+
+def check_catalogue(subject: "Subject", model: "PhysicsModel", names: Sequence[str]) -> None:
+    """Raise `BenchError` where an effect that was asked for cannot be looked for."""
+    from bench.diagnose.search import unfit
+
+    for name in names:
+        why = unfit(subject, model, name, EFFECTS.get(name))
+        if why and not set(EFFECTS.get(name).requires) & set(names):
+            raise BenchError(f"--catalogue {name}: {why}.")
+
+
+def check_writable(*targets: Path | None) -> None:
+    """Raise `BenchError` where a file or folder could not be made, before hours of work show it."""
+    for target in targets:
+        if target is not None:
+            there = next(p for p in (target, *target.absolute().parents) if p.exists())
+            if (there != target and not there.is_dir()) or not os.access(there, os.W_OK):
+                raise BenchError(f"{target} cannot be written: {there} is no folder that you may write to.")
 
 
 def check_effects(names: Sequence[str]) -> None:

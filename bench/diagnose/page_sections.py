@@ -117,18 +117,21 @@ def _ranking(d: Diagnosis) -> str:
         "<p>The share of the squared error above the floor that each effect would explain beside those already taken, "
         "with its 95 % interval.</p>"
     )
+    named = {e.id for e in d.effects}
     for i, candidates in enumerate(rounds, start=1):
-        taken = next((c.id for c in candidates if not c.why), None)
-        title = f"Round {i}: {words.named(taken)} is taken" if taken else f"Round {i}: none is taken"
+        ahead = next((c.id for c in candidates if not c.why), None)
+        end = "taken" if ahead and named.issuperset(ahead.split(" + ")) else "ahead, and given up later"
+        title = f"Round {i}: {words.named(ahead)} is {end}" if ahead else f"Round {i}: none is taken"
         title = title.partition(": ")[2].capitalize() if len(rounds) == 1 else title
-        table = page.table(["effect", "explains", "", "fitted", "why not"], map(_candidate, candidates), (1,), "rank")
+        rows = [_candidate(c, end) for c in candidates]
+        table = page.table(["effect", "explains", "", "fitted", "why not"], rows, (1,), "rank")
         body += f"<h3>{escape(title)}</h3>{table}"
     return body
 
 
-def _candidate(c: Candidate) -> str:
+def _candidate(c: Candidate, end: str) -> str:
     bar = figures.interval_bar(c.gain, c.low, c.high, taken=not c.why)
-    why = escape(c.why) if c.why else "taken"
+    why = escape(c.why or end)
     return (
         f"<tr{'' if c.why else ' class=taken'}><td>{escape(words.named(c.id))}</td>"
         f'<td class="number" data-label="explains">{words.percent(c.gain)}</td><td data-label="">{bar}</td>'

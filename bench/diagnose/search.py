@@ -180,21 +180,28 @@ def admissible(
     Raises:
         BenchError: an id that is not in the catalogue.
     """
+    kinds = [(name, EFFECTS.get(name)) for name in (EFFECTS.names() if catalogue is None else catalogue)]
+    return [(name, kind) for name, kind in kinds if not unfit(subject, model, name, kind)]
+
+
+def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) -> str:
+    """Why an effect cannot be looked for; empty: it can."""
     measured = set(subject.signals) | set(model.extras)
     drive = set(type(model).input_signals) & measured
     if drive & {"rotor_command", "pwm"}:
         measured |= {"rotor_speed", "rotor_command"}  # a command stands for the speed that it asks for
     measured |= {role for role, signals in _ROLES.items() if measured & signals}
     held = {EFFECTS.name_of(type(e)) for e in model.effects} | set(model.provides)
-    found = []
-    for name in EFFECTS.names() if catalogue is None else catalogue:
-        kind: type[Effect] = EFFECTS.get(name)
-        fits = not kind.systems or subject.system in kind.systems
-        commanded = "rotor_command" not in kind.needs or getattr(model, "drive", "") in ("rotor_command", "pwm")
-        supported = not kind.requires or set(kind.requires) & held
-        if fits and commanded and supported and name not in held and set(kind.needs) <= measured:
-            found.append((name, kind))
-    return found
+    if kind.systems and subject.system not in kind.systems:
+        return f"it is an effect of {', '.join(kind.systems)}, not of {subject.system}"
+    if "rotor_command" in kind.needs and getattr(model, "drive", "") not in ("rotor_command", "pwm"):
+        return "the model is not driven by a command"
+    if kind.requires and not set(kind.requires) & held:
+        return f"it acts beside {' or '.join(kind.requires)}, which the model has not"
+    if name in held:
+        return "the model has it"
+    missing = [n for n in kind.needs if n not in measured]
+    return f"{', '.join(missing)} was not measured" if missing else ""
 
 
 def shortened(logs: Sequence[Log], stride: int = 1) -> list[Log]:

@@ -100,6 +100,13 @@ def test_named_page_shows_every_part_with_the_units_of_a_reader() -> None:
         assert said in parsed.text, said
 
 
+def test_a_set_that_was_given_up_is_not_called_taken() -> None:
+    d = samples.named()
+    shown = Parsed(page.render(dataclasses.replace(d, effects=d.effects[:1]))).text
+    assert "Round 1: rotor drag is taken" in shown
+    assert "Round 2: rotor reaction torque is ahead, and given up later" in shown
+
+
 @pytest.mark.parametrize(
     ("verdict", "said", "not_said"),
     [
