@@ -1,11 +1,8 @@
 """The search of a sweep: what it finds, what it looks at, what it stops, and what a kill leaves of it."""
 
-import json
-import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,37 +68,36 @@ def test_a_stopped_trial_trains_no_further(tmp_path: Path, monkeypatch: pytest.M
 def test_a_driver_killed_at_work_ends_in_the_same_sweep(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     _, unbroken = swept(whole / "s", toy(), 10)
-    code = (
-        "import sys; sys.path.insert(0, sys.argv[2]); from pathlib import Path\n"
-        "from synthetic_sweep import swept, toy; swept(Path(sys.argv[1]), toy(), 10)\n"
-    )
-    process = subprocess.Popen([sys.executable, "-c", code, str(killed / "s"), str(Path(__file__).parent)])
-    deadline = time.monotonic() + 90
-    while time.monotonic() < deadline and not _under_way(killed / "s", 4):
-        time.sleep(0.005)
-    os.kill(process.pid, signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL
+    code = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from bench import train
+from synthetic_sweep import swept, toy
+
+look, looks = train.Group._look, []
+
+def dying(group, since):
+    looks.append(since)
+    if len(looks) == 45:  # in the middle of the fifth trial
+        os.kill(os.getpid(), signal.SIGKILL)
+    look(group, since)
+
+train.Group._look = dying
+swept(Path(sys.argv[1]), toy(), 10)
+"""
+    process = subprocess.run([sys.executable, "-c", code, str(killed / "s"), str(Path(__file__).parent)])
+    assert process.returncode == -signal.SIGKILL
     with (killed / "s" / sweep.JOURNAL).open("a") as journal:
         journal.write('{"op_code": 6, "wor')  # torn by the kill
     lock = killed / "s" / (sweep.JOURNAL + ".lock")
-    if not lock.is_symlink():  # the kill has left it by itself
-        lock.symlink_to(killed / "s" / sweep.JOURNAL)
-    lock.with_name(f"{lock.name}0.rename").symlink_to(killed / "s" / sweep.JOURNAL)  # killed while giving it up
+    for left in (lock, lock.with_name(f"{lock.name}0.rename")):  # killed while holding it, and while giving it up
+        left.symlink_to(killed / "s" / sweep.JOURNAL)
     _, resumed = swept(killed / "s", toy(), 10)
     assert essence(resumed) == essence(unbroken)
     again = [t.user_attrs["again"] for t in resumed.trials if "again" in t.user_attrs]
     assert len(again) == len(set(again)) == len(resumed.trials) - 10 == 1
     assert sorted(p.name for p in (killed / "s").iterdir()) == [sweep.JOURNAL, sweep.DEFINITION]
-
-
-def _under_way(folder: Path, told: int) -> bool:
-    """Whether a trial is in the middle: after ``told`` others, its first looks are in the journal, its end is not."""
-    if not (folder / sweep.JOURNAL).is_file():
-        return False
-    lines = (folder / sweep.JOURNAL).read_bytes().split(b"\n")[:-1]
-    codes = [json.loads(line)["op_code"] for line in lines]
-    ends = [i for i, code in enumerate(codes) if code == 6 and b'"state":0' not in lines[i]]
-    return len(ends) >= told and codes[ends[-1] :].count(7) >= 2
 
 
 def test_two_objectives_give_the_front_and_stop_nothing(tmp_path: Path) -> None:
