@@ -94,6 +94,21 @@ def test_the_checkpoint_of_a_driver_killed_between_record_and_checkpoint_is_remo
     assert not (runs / ".partial").exists()
 
 
+def test_a_driver_killed_while_it_writes_a_checkpoint_leaves_no_draft(tmp_path: Path) -> None:
+    configs, runs = study(1), tmp_path / "runs"
+
+    def dying() -> None:
+        os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)  # type: ignore[assignment]
+        run(configs, runs)
+
+    _, status = os.waitpid(forked(dying), 0)
+    assert os.WIFSIGNALED(status) and sound(runs) == {}
+    (draft,) = (runs / ".partial").iterdir()
+    assert draft.suffix != ".safetensors" and draft.stat().st_size > 0
+    run(configs, runs)
+    assert len(sound(runs)) == 1 and not (runs / ".partial").exists()
+
+
 STEPS = 10
 """Seven files and their folder flushed, the folder renamed, the folder around it flushed."""
 
