@@ -65,7 +65,7 @@ def check_catalogue(subject: "Subject", model: "PhysicsModel", names: Sequence[s
 
 
 def check_writable(*targets: Path | None) -> None:
-    """Raise `BenchError` where a file or folder could not be made, before hours of work show it."""
+    """Raise `BenchError` where a file or folder could not be made, before the work shows it."""
     for target in targets:
         if target is not None:
             there = next(p for p in (target, *target.absolute().parents) if p.exists())
