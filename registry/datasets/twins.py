@@ -115,7 +115,7 @@ class Twin(Dataset):
         if cached is not None and cached.shape == (sum(lengths), len(self.recorded)):
             return np.split(cached, np.cumsum(lengths)[:-1])
         name = DATASETS.name_of(type(self))
-        _log.info("Simulating the %d flights of %s, once: they are kept in %s.", len(lengths), name, file.parent)
+        _log.info("Simulating the %d flights of %s, once; they are kept for the next time.", len(lengths), name)
         with torch.inference_mode():
             flights = self.simulate()
         _write_cache(file, np.concatenate(flights))
