@@ -13,7 +13,7 @@ from bench.diagnose.subject import Subject, log_of, self_contained
 from bench.diagnose.unmeasured import beginning, completed, hidden
 from bench.diagnose.weak import Stack
 from registry.contracts import Channel, Recording
-from registry.effects.stiffness import CubicStiffness
+from registry.effects.stiffness import CubicStiffness, JointElasticity
 from registry.physics.oscillator import Oscillator
 from registry.physics.quadrotor import Quadrotor
 from registry.physics.tanks import Tanks
@@ -79,6 +79,21 @@ def test_a_fit_is_led_past_valleys_of_missed_periods(spring):
     windows = Windows.of(spring.logs)
     (at_once,) = fit(spring, windows, starts(windows, [replace(model, effects=(CubicStiffness.typical(),))]))
     assert abs(at_once.model.effects[0].k_3 - 3000.0) > 300.0  # what the leading is for
+
+
+def test_starting_points_are_simulated_together_as_one_by_one(spring):
+    kinds = [JointElasticity(period=p, damping=d) for p, d in ((0.002, 0.05), (0.01, 0.3), (0.03, 0.1))]
+    models = [replace(spring.model, effects=(k,)) for k in kinds]
+    windows = Windows.of(spring.logs)
+    together = starts(windows, models)
+    assert np.ptp([t.begun for t in together], axis=0).max() > 1e-3  # a beginning depends on the model
+    for model, start in zip(models, together, strict=True):
+        (alone,) = starts(windows, [model])
+        assert start.model is model
+        np.testing.assert_allclose(start.begun, alone.begun, rtol=1e-6, atol=1e-9)
+    for both, one in zip(fit(spring, windows, together, steps=1), together, strict=True):
+        (alone,) = fit(spring, windows, [one], steps=1)
+        np.testing.assert_allclose(both.loss, alone.loss, rtol=1e-6)
 
 
 def test_without_a_state_effects_are_found_by_simulation(tanks, monkeypatch):
