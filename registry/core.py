@@ -138,6 +138,11 @@ class Registry:
             return self._entries[same[0]]
         raise BenchError(f"There is no {self.kind} {name!r}: {near(name, self._entries)}")
 
+    def knows(self, entry: type) -> bool:
+        """Whether an entry class is registered."""
+        self._load()
+        return any(known is entry for known in self._entries.values())
+
     def name_of(self, entry: type) -> str:
         """The name an entry class is registered under."""
         self._load()

@@ -176,6 +176,11 @@ class Effect(ABC):
         return list(_parameters(self))
 
     @classmethod
+    def suits(cls, kind: type[PhysicsModel]) -> bool:
+        """Whether it acts in models of this class."""
+        return not cls.systems or not kind.systems().isdisjoint(cls.systems)
+
+    @classmethod
     def neutral(cls) -> Self:
         """With the parameters that make it no effect."""
         return cls()
@@ -313,6 +318,14 @@ class InputEffect(Effect):
 # ---------------------------------------------------------------------------------------------------- models
 
 
+def unsuited(name: str, effect: Effect | type[Effect], kind: type[PhysicsModel]) -> str:
+    """That an effect does not act in a model of this class, and what to do where the class is one's own."""
+    return (
+        f"The effect {name} does not fit {kind.system_name()}: it is for {', '.join(effect.systems)}, and for a class "
+        f'of your own that says alike = ("{effect.systems[0]}",).'
+    )
+
+
 @dataclass(frozen=True)
 class PhysicsModel(ABC):
     """A continuous-time model dx/dt = f(x, u) and its integrator (4th-order Runge–Kutta).
@@ -347,16 +360,30 @@ class PhysicsModel(ABC):
     """As text."""
     provides: ClassVar[tuple[str, ...]] = ()
     """Ids of effects that the base model holds already."""
+    alike: ClassVar[tuple[str, ...]]
+    """Registered systems whose effects act in it too; default: those of the classes that it derives from."""
+
+    @classmethod
+    def systems(cls) -> set[str]:
+        """The names under which effects know it (`Effect.systems`)."""
+        bases = [b for b in cls.__bases__ if issubclass(b, PhysicsModel)]
+        others = vars(cls)["alike"] if "alike" in vars(cls) else set[str]().union(*(b.systems() for b in bases))
+        return set(others) if cls.__abstractmethods__ else {cls.system_name(), *others}
+
+    @classmethod
+    def system_name(cls) -> str:
+        """The registered name, or that of the class."""
+        return PHYSICS.name_of(cls) if PHYSICS.knows(cls) else cls.__name__
 
     def __post_init__(self) -> None:
         if self.input_hold not in ("linear", "previous"):
             raise BenchError(f"input_hold = {self.input_hold!r}: choose linear or previous.")
         if not self.effects:
             return
-        name, ids = PHYSICS.name_of(type(self)), [EFFECTS.name_of(type(e)) for e in self.effects]
+        ids = [EFFECTS.name_of(type(e)) for e in self.effects]
         for effect, label in zip(self.effects, ids, strict=True):
-            if effect.systems and name not in effect.systems:
-                raise BenchError(f"The effect {label} does not fit {name}: it is for {', '.join(effect.systems)}.")
+            if not effect.suits(type(self)):
+                raise BenchError(unsuited(label, effect, type(self)))
             if effect.requires and not set(effect.requires) & {*ids, *self.provides}:
                 raise BenchError(f"The effect {label} needs another one in the model: {', '.join(effect.requires)}.")
 

@@ -32,7 +32,7 @@ def read(path: Path, system: str | type[PhysicsModel] = "") -> PhysicsModel:
         raise BenchError(f"{path} is not UTF-8 text (byte {error.start}).") from error
     except (tomllib.TOMLDecodeError, OSError) as error:
         raise BenchError(f"{path} cannot be read: {error}.") from error
-    expected = system if isinstance(system, str) else system_name(system)
+    expected = system if isinstance(system, str) else system.system_name()
     named = table.pop("system", expected)
     if not isinstance(named, str) or not named:
         raise BenchError(f'{path} names no system: add a line such as system = "quadrotor".')
@@ -103,14 +103,6 @@ def options(kind: type[PhysicsModel], changed: PhysicsModel | None = None) -> li
     """The fields that are no constants, such as input_hold; only those not at their default in ``changed``."""
     options = [f for f in dataclasses.fields(kind) if "uncertainty" not in f.metadata and f.name != "effects"]
     return [f for f in options if changed is None or getattr(changed, f.name) != f.default]
-
-
-def system_name(kind: type[PhysicsModel]) -> str:
-    """The registered name, or that of the class."""
-    try:
-        return PHYSICS.name_of(kind)
-    except BenchError:
-        return kind.__name__
 
 
 def toml_text(value: Any) -> str:

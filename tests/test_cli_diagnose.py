@@ -89,18 +89,10 @@ def test_an_effect_is_added_once(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["discover", "diagnose"])
-@pytest.mark.parametrize(
-    ("effect", "says"),
-    [
-        ("rotor_drag", "it is an effect of quadrotor, not of oscillator"),
-        ("viscous_friction", "speed was not measured"),
-    ],
-)
-def test_an_effect_that_cannot_be_looked_for_is_refused(command: str, effect: str, says: str, folder: Path) -> None:
-    about = folder / "dataset.toml"
-    about.write_text(about.read_text().replace('speed = {columns = ["v"], unit = "m/s"}\n', ""))
-    done = CliRunner().invoke(cli, [command, str(folder), "--catalogue", effect])
-    assert isinstance(done.exception, BenchError) and f"--catalogue {effect}: {says}" in str(done.exception)
+def test_an_effect_that_cannot_be_looked_for_is_refused(command: str, folder: Path) -> None:
+    done = CliRunner().invoke(cli, [command, str(folder), "--catalogue", "rotor_drag"])
+    assert isinstance(done.exception, BenchError)
+    assert "--catalogue rotor_drag: it is an effect of quadrotor, not of oscillator" in str(done.exception)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from bench.diagnose.diagnosis import (
     Unexplained,
 )
 from bench.diagnose.discover import Discovery, discover
-from bench.diagnose.extend import extend, pooled
+from bench.diagnose.extend import extend, fitted, pooled
 from bench.diagnose.locate import Location, locate
 from bench.diagnose.noise import noise_of
 from bench.diagnose.parameters import entries
@@ -69,7 +69,8 @@ def diagnose(
     named_as = subject.name if isinstance(source, (Subject, Dataset)) else str(source)
     tick("check the data")
     checked = problems(subject)
-    if checked.problems:
+    shifted = bool(checked.problems) and all(p.kind == "time shift" for p in checked.problems)
+    if checked.problems and not shifted:
         return _broken(subject, named_as, checked.problems), subject.model
     tick("noise")
     noise = noise_of(subject)
@@ -83,12 +84,19 @@ def diagnose(
     refuted = bool(names) and sum(e.share_explained for e in extension.effects) < 0
     if refuted:
         found, names = _unnamed(found), []
+    if shifted:  # unless friction is missing, which makes motion lead what drives it
+        again = problems(replace(subject, model=extension.model)) if names else checked
+        if again.problems:
+            return _broken(subject, named_as, checked.problems), subject.model
+        checked = again
     if names:
         model = extension.model
         comparison, stages, effects = extension.comparison, extension.stages, extension.effects
         taken = extension.calibrated
     else:
         model, effects, taken = found.calibrated, (), 0.0
+        if subject.model.effects:  # it was fitted so that free runs meet the measurements, and stays so
+            model, _ = fitted(subject, subject.model, noise, tick)
         comparison = compare(subject, {"calibrated": model}, noise=noise, horizon_s=horizon_s)
         stages = tuple(Stage(n, {g: e.rmse for g, e in comparison.error(n).items()}) for n in comparison.lines)
     nowhere = Location((), (), (), float("nan"), {}, ())

@@ -17,7 +17,7 @@ from bench.diagnose.subject import Subject
 from bench.diagnose.unmeasured import hidden
 from bench.diagnose.verify import Estimate, estimates
 from registry.core import EFFECTS
-from registry.dynamics import Effect, PhysicsModel
+from registry.dynamics import Effect, PhysicsModel, unsuited
 from registry.errors import BenchError
 
 WORTH = 0.97
@@ -120,8 +120,8 @@ def extend(
         if add.count(name) > 1:
             raise BenchError(f"{name} is given twice: an effect is added once.")
         kind = EFFECTS.get(name)
-        if kind.systems and subject.system not in kind.systems:
-            raise BenchError(f"The effect {name} does not fit {subject.system}: it is for {', '.join(kind.systems)}.")
+        if not kind.suits(type(subject.model)):
+            raise BenchError(unsuited(name, kind, type(subject.model)))
     calibrated, found = fitted(subject, model, noise, tick, through_simulator=not add)
     chain, lines = [calibrated], {"calibrated": calibrated}
     for i, name in enumerate(add):

@@ -10,7 +10,7 @@ from bench.diagnose.diagnosis import NamedEffect, ParameterEstimate, write_text
 from registry.core import EFFECTS
 from registry.dynamics import Parameter, PhysicsModel
 from registry.errors import BenchError
-from registry.model_file import finite, numbers, options, read, system_name, toml_text
+from registry.model_file import finite, numbers, options, read, toml_text
 
 __all__ = ["read", "write"]
 
@@ -31,7 +31,7 @@ def write(path: Path, model: PhysicsModel, effects: Sequence[NamedEffect] = ()) 
     Raises:
         BenchError: a constant is not finite, or the file cannot be written.
     """
-    lines = [_HEAD, f"system = {toml_text(system_name(type(model)))}"]
+    lines = [_HEAD, f"system = {toml_text(type(model).system_name())}"]
     lines += [f"{f.name} = {toml_text(getattr(model, f.name))}" for f in options(type(model), changed=model)]
     lines += ["", "[physics]", *_table(path, model.parameters(), {})]
     known = {e.id: e for e in effects}

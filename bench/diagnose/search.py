@@ -14,6 +14,7 @@ from bench.diagnose.parameters import entries
 from bench.diagnose.regression import ridge, whitening
 from bench.diagnose.subject import Log, Subject
 from bench.diagnose.subset import Subsets
+from bench.diagnose.unmeasured import hidden
 from bench.diagnose.weak import Stack, TestFunctions
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
@@ -186,14 +187,15 @@ def admissible(
 
 def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) -> str:
     """Why an effect cannot be looked for; empty: it can."""
-    measured = set(subject.signals) | set(model.extras)
+    simulated = {model.state_channels[i].group for i in hidden(subject.logs)}  # it stands in for the measurement
+    measured = set(subject.signals) | set(model.extras) | simulated
     drive = set(type(model).input_signals) & measured
     if drive & {"rotor_command", "pwm"}:
         measured |= {"rotor_speed", "rotor_command"}  # a command stands for the speed that it asks for
     measured |= {role for role, signals in _ROLES.items() if measured & signals}
     held = {EFFECTS.name_of(type(e)) for e in model.effects} | set(model.provides)
-    if kind.systems and subject.system not in kind.systems:
-        return f"it is an effect of {', '.join(kind.systems)}, not of {subject.system}"
+    if not kind.suits(type(model)):
+        return f"it is an effect of {', '.join(kind.systems)}, not of {type(model).system_name()}"
     if "rotor_command" in kind.needs and getattr(model, "drive", "") not in ("rotor_command", "pwm"):
         return "the model is not driven by a command"
     if kind.requires and not set(kind.requires) & held:

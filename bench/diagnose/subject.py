@@ -19,6 +19,8 @@ from registry.datasets.folder import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
+_TOLD = ("state_channels", "input_signals", "equation")
+"""What a physics model says of itself."""
 HELD_OUT = 1 / 3
 """Share of the recordings that only test."""
 
@@ -82,10 +84,7 @@ class Subject:
     @property
     def system(self) -> str:
         """Registered name of the model, or its class."""
-        try:
-            return PHYSICS.name_of(type(self.model))
-        except (BenchError, KeyError):
-            return type(self.model).__name__
+        return type(self.model).system_name()
 
 
 def load(source: str | Path | Dataset, system: str | None = None, model: PhysicsModel | None = None) -> Subject:
@@ -236,6 +235,9 @@ def physics_class(system: str) -> Any:
     kind = getattr(module, name, None)
     if not (isinstance(kind, type) and issubclass(kind, PhysicsModel)):
         raise BenchError(f"--system {system}: {file} has no class {name} that derives from PhysicsModel.")
+    missing = sorted(kind.__abstractmethods__) + [n for n in _TOLD if not hasattr(kind, n)]
+    if missing:
+        raise BenchError(f"--system {system}: {name} lacks {', '.join(missing)}.")
     return kind
 
 

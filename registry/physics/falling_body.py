@@ -22,6 +22,7 @@ class FallingBody(Mechanical):
 
     state_channels: ClassVar[tuple[Channel, ...]] = (Channel("displacement.q", "m"), Channel("speed.q", "m/s"))
     input_signals: ClassVar[tuple[str, ...]] = ()
+    alike: ClassVar[tuple[str, ...]] = ()
     equation: ClassVar[str] = "d²q/dt² = −g"
 
     def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:
@@ -40,4 +41,5 @@ class Projectile(FallingBody):
         *(Channel(f"position.{axis}", "m") for axis in "xyz"),
         *(Channel(f"velocity.{axis}", "m/s") for axis in "xyz"),
     )
+    alike: ClassVar[tuple[str, ...]] = ()
     equation: ClassVar[str] = "d²p/dt² = −g e3"

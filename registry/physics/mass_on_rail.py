@@ -25,6 +25,7 @@ class MassOnRail(Mechanical):
 
     state_channels: ClassVar[tuple[Channel, ...]] = (Channel("displacement.q", "m"), Channel("speed.q", "m/s"))
     input_signals: ClassVar[tuple[str, ...]] = ("voltage",)
+    alike: ClassVar[tuple[str, ...]] = ()
     equation: ClassVar[str] = "M d²q/dt² = g u"
 
     def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:

@@ -22,6 +22,7 @@ class Oscillator(Mechanical):
 
     state_channels: ClassVar[tuple[Channel, ...]] = (Channel("displacement.q", "m"), Channel("speed.q", "m/s"))
     input_signals: ClassVar[tuple[str, ...]] = ("force",)
+    alike: ClassVar[tuple[str, ...]] = ()
     equation: ClassVar[str] = "m d²q/dt² + d dq/dt + k q = u"
 
     def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:

@@ -26,6 +26,7 @@ class Pendulum(Mechanical):
         Channel("angle_rate.theta", "rad/s"),
     )
     input_signals: ClassVar[tuple[str, ...]] = ()
+    alike: ClassVar[tuple[str, ...]] = ()
     equation: ClassVar[str] = "d²θ/dt² = −(g/l) sin θ"
 
     def lever(self, like: Tensor) -> Tensor:

@@ -1,7 +1,7 @@
 """Systems of which an effect adds to dx/dt: any of them, and those that move by forces."""
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -39,6 +39,8 @@ class Mechanical(StateSpace):
     """A mass that forces move. The state is n coordinates, then their n velocities."""
 
     mass: Any
+
+    alike: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator")
 
     @abstractmethod
     def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:

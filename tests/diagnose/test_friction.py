@@ -1,0 +1,62 @@
+"""A carriage with friction that its model lacks: what is named, and what is taken for a fault of the log."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from bench.diagnose import diagnose
+from bench.diagnose.problems import problems
+from bench.diagnose.subject import Subject, log_of
+from registry.contracts import Channel, Recording
+from registry.effects.friction import CoulombFriction, ViscousFriction
+from registry.physics.mass_on_rail import MassOnRail
+
+RATE, NOISE = 100.0, (1e-4, 1e-3)
+TRUE = (ViscousFriction(f_v=200.0), CoulombFriction(f_c=20.0))
+NAMES = ["viscous_friction", "coulomb_friction"]
+
+
+def subject(samples: int = 2000, late: int = 0, measured: int = 2) -> Subject:
+    """Three recordings; inputs filed ``late`` samples too late, and the first states measured."""
+    rng, logs = np.random.default_rng(5), []
+    truth, model = MassOnRail(effects=TRUE), MassOnRail()
+    t = np.arange(samples + late) / RATE
+    for i in range(3):
+        tones, phases = rng.uniform(0.05, 1.0, 12), rng.uniform(0, 2 * np.pi, 12)
+        drive = np.sin(2 * np.pi * tones * t[:, None] + phases).sum(1, keepdims=True)
+        drive *= (3 + i) / np.abs(drive).max()
+        run = truth.simulate(torch.zeros(1, 2, dtype=torch.float64), torch.from_numpy(drive)[None], 1 / RATE)[0].numpy()
+        seen = run[late:, :measured] + rng.normal(size=(samples, measured)) * NOISE[:measured]
+        channels, valid = MassOnRail.state_channels[:measured], np.ones(samples, dtype=bool)
+        made = Recording(f"run_{i}", RATE, drive[:samples], seen, (Channel("voltage", "V"),), channels, valid)
+        logs.append(log_of(made, model, "voltage"))
+    names = tuple(log.name for log in logs)
+    signals = ("voltage", *(c.group for c in MassOnRail.state_channels[:measured]))
+    return Subject("rail", model, tuple(logs), names[:2], names[2:], signals=signals)
+
+
+def test_motion_that_leads_for_want_of_friction_is_no_time_shift() -> None:
+    """Two frictions at once: the motion seems to come before the input, until both are in the model."""
+    rail = subject()
+    assert {p.kind for p in problems(rail).problems} == {"time shift"}
+    said, model = diagnose(rail, catalogue=NAMES, brief=True)
+    assert (said.verdict, sorted(e.id for e in said.effects)) == ("named", sorted(NAMES))
+    for effect, value in zip(NAMES, (200.0, 20.0), strict=True):
+        (found,) = next(e for e in said.effects if e.id == effect).parameters.values()
+        assert found.value == pytest.approx(value, rel=0.05)
+    again, kept = diagnose(replace(rail, model=model), catalogue=NAMES, brief=True)
+    for group, error in again.error.extended.items():  # what was found is not spoilt by calibrating it once more
+        assert error.rmse <= 1.1 * said.error.extended[group].rmse
+    assert [type(e) for e in kept.effects] == [type(e) for e in model.effects]
+
+
+def test_a_log_that_was_shifted_is_one_whatever_friction_is_missing() -> None:
+    said, _ = diagnose(subject(late=8), catalogue=NAMES, brief=True)
+    assert said.verdict == "data_problem" and {p.kind for p in said.data_problems} == {"time shift"}
+
+
+def test_friction_is_found_by_the_position_alone() -> None:
+    said, _ = diagnose(subject(samples=600, measured=1), catalogue=["viscous_friction"], brief=True)
+    assert (said.verdict, [e.id for e in said.effects]) == ("named", ["viscous_friction"])
