@@ -27,6 +27,8 @@ LEFT = 0.15
 """What a dictionary of signals may still explain, as a share of what noise leaves, before something is missing."""
 TOGETHER = 0.5
 """Uncertainty of a ratio of two constants, relative to that of the better known one, below which it is told as well."""
+LOUD = 10.0
+"""Times the noise: what leaves more is no rival of what leaves nothing, in however few blocks it shows."""
 SAME = ({"rotor_gyroscopic_torque", "rotor_reaction_torque"},)
 """Effects that share a constant: not rivals of each other."""
 
@@ -252,6 +254,8 @@ def rivals(view: View, place: int) -> tuple[str, ...]:
         spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
         margin = subsets.cost(other) - subsets.cost(here)
         # Six in twice the log odds is 20 to 1.
-        if margin < 6.0 + DISTINCT * spread and alone - subsets.cost(other) > 0.5 * (alone - subsets.cost(here)):
+        alike = margin < 6.0 + DISTINCT * spread and alone - subsets.cost(other) > 0.5 * (alone - subsets.cost(here))
+        heard = other.misfit - view.floor > LOUD * view.floor and here.misfit < 2 * view.floor
+        if alike and not heard:
             best[s.id] = min(best.get(s.id, np.inf), margin)
     return tuple(sorted(best, key=lambda k: best[k]))

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from bench.diagnose import diagnose
+from bench.diagnose import diagnose, discover
 from bench.diagnose.problems import problems
 from bench.diagnose.subject import Subject, log_of
 from registry.contracts import Channel, Recording
 from registry.effects.friction import CoulombFriction, ViscousFriction
 from registry.physics.mass_on_rail import MassOnRail
+from registry.physics.pendulum import Pendulum
 
 RATE, NOISE = 100.0, (1e-4, 1e-3)
 TRUE = (ViscousFriction(f_v=200.0), CoulombFriction(f_c=20.0))
@@ -60,3 +61,20 @@ def test_a_log_that_was_shifted_is_one_whatever_friction_is_missing() -> None:
 def test_friction_is_found_by_the_position_alone() -> None:
     said, _ = diagnose(subject(samples=600, measured=1), catalogue=["viscous_friction"], brief=True)
     assert (said.verdict, [e.id for e in said.effects]) == ("named", ["viscous_friction"])
+
+
+def test_what_leaves_many_times_the_noise_is_no_rival() -> None:
+    """Swings of three sizes: nearly all that dry friction leaves is in the largest, which is few blocks."""
+    rng, logs, model = np.random.default_rng(5), [], Pendulum(mass=0.8, length=0.5)
+    truth = replace(model, effects=(ViscousFriction(f_v=0.15),))
+    for i, first in enumerate((0.6, 1.2, 2.8)):
+        state = torch.tensor([[first, 0.3 * i]], dtype=torch.float64)
+        run = truth.simulate(state, torch.zeros(1, 2000, 0, dtype=torch.float64), 1 / RATE)[0].numpy()
+        seen = run + rng.normal(size=run.shape) * (2e-3, 1e-2)
+        valid = np.ones(len(run), dtype=bool)
+        made = Recording(f"run_{i}", RATE, seen[:, :0], seen, (), Pendulum.state_channels, valid)
+        logs.append(log_of(made, model, ""))
+    names = tuple(log.name for log in logs)
+    pendulum = Subject("pendulum", model, tuple(logs), names, names, signals=("angle", "angle_rate"))
+    (found,) = discover(pendulum, ["viscous_friction", "coulomb_friction", "stribeck_friction"]).found
+    assert (found.id, found.rivals) == ("viscous_friction", ())
