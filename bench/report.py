@@ -85,6 +85,7 @@ def _beside_baselines(records: Sequence[RunRecord]) -> Iterator[str]:
     """One sentence a horizon and baseline: which networks are better than it over the whole horizon."""
     networks = [s for s in specs(records) if not is_baseline(s)]
     words = {"better": "better than it", "worse": "worse than it", "cannot tell": "cannot be told from it"}
+    words["one training"] = "one training cannot speak for"
     for horizon in horizons(records):
         at = [r for r in records if r.summary["horizon"] == horizon]
         for base in filter(is_baseline, specs(at)):
@@ -96,10 +97,14 @@ def _beside_baselines(records: Sequence[RunRecord]) -> Iterator[str]:
                 rows = rows[rows.ratio.notna()]
                 for verdict, meaning in words.items():
                     chosen = [
-                        f"{r.a} ({r.ratio:.2f} times its error)" for r in rows.itertuples() if r.verdict == verdict
+                        f"{r.a} ({r.ratio:.2f} times its error)" for r in rows.itertuples() if _verdict(r) == verdict
                     ]
                     said += [f"{meaning}: {', '.join(chosen)}"] if chosen else []
                 yield f"T = {horizon}, {output}, beside the baseline `{base}`: {'; '.join(said)}."
+
+
+def _verdict(row: Any) -> str:
+    return "one training" if row.verdict == "cannot tell" and row.trainings < 2 else str(row.verdict)
 
 
 # ------------------------------------------------------------------------------------------------- rendering

@@ -37,6 +37,9 @@ def test_every_entry_is_listed_and_explained(tmp_path: Path) -> None:
     shown = bench("show", "washout", cwd=tmp_path).stdout
     for part in ("history", "10", "samples", "measured | own", "Jaeger 2002"):
         assert part in shown
+    both = bench("show", "LSTM: 1x50 - MLP: 60x10", cwd=tmp_path).stdout
+    assert both.index("LSTM  (predictors)") < both.index("MLP  (initializers)")
+    assert "driven by: force [N]" in bench("show", "oscillator", cwd=tmp_path).stdout
 
 
 @pytest.mark.parametrize(
@@ -63,6 +66,9 @@ def test_every_entry_is_listed_and_explained(tmp_path: Path) -> None:
         (("ui", "--results", "reslts"), "There is no folder reslts"),
         (("sync", "--results", "reslts"), "There is no folder reslts"),
         (("show", "LSMT"), "did you mean LSTM"),
+        (("show", "LSMT: 1x5 - MLP: 5x5"), "did you mean LSTM"),
+        (("report", "washout_vs_mpl"), "did you mean washout_vs_mlp"),
+        (("report", "washout_vs_mlp"), "start one with `bench run washout_vs_mlp`"),
         (("list", "predictor"), "did you mean predictors"),
         (("runs", "show", "abc"), "No run in"),
         (("predict", "abc", "--input", "x.csv"), "No run in"),

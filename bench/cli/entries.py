@@ -10,7 +10,8 @@ from rich.table import Table
 
 from bench import study
 from bench.cli.options import console
-from registry.core import REGISTRIES
+from bench.notation import parse
+from registry.core import INITIALIZERS, PREDICTORS, REGISTRIES
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
 from registry.units import SIGNALS
@@ -49,7 +50,12 @@ def _studies() -> list[tuple[str, str]]:
 @click.command("show")
 @click.argument("name")
 def show_command(name: str) -> None:
-    """One entry or study in full: what it is, its options with defaults, ranges and units, its source."""
+    """One entry or study in full: what it is, its options with defaults, ranges and units, its source.
+
+    \b
+    bench show LSTM
+    bench show "LSTM: 1x50 - MLP: 60x10"    the parts of a configuration
+    """
     out = console()
     known = {n for r in REGISTRIES.values() for n in r.names()} | set(study.studies())
     if name in study.studies():
@@ -60,7 +66,13 @@ def show_command(name: str) -> None:
         if match:
             _show_entry(out, kind, match[0], registry.get(match[0]))
             return
-    raise BenchError(f"Nothing is called {name!r}: {near(name, known)}")
+    if ":" not in name:
+        raise BenchError(f"Nothing is called {name!r}: {near(name, known)}")
+    predictor, initializer = parse(name)
+    _show_entry(out, "predictors", PREDICTORS.name_of(type(predictor)), type(predictor))
+    if initializer is not None:
+        out.print()
+        _show_entry(out, "initializers", INITIALIZERS.name_of(type(initializer)), type(initializer))
 
 
 def _show_study(out: Any, s: study.Study) -> None:

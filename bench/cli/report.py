@@ -10,6 +10,7 @@ import click
 
 from bench import record, study
 from bench.cli import options
+from bench.cli.run import check_target
 from bench.conclude import REPORT, Concluded, concluded
 from registry.errors import BenchError
 
@@ -112,6 +113,8 @@ def finished_study(name: str, dataset: str | None, preset: str | None, results: 
     if fitting:
         listed = "; ".join(c.folder.name for c in fitting)
         raise BenchError(f"{len(fitting)} finished studies fit: give --dataset, --preset, or one of {listed}.")
+    if name not in study.studies() and not _fitting(((c, c.title) for c in every), name, None, None):
+        check_target(name)
     if not every:
         raise BenchError(f"No study is finished in {results}: start one with `bench run {name}`.")
     listed = "; ".join(c.folder.name for c in every)
