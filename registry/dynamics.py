@@ -11,7 +11,7 @@ import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Any, ClassVar, Self
 
 import torch
@@ -364,11 +364,12 @@ class PhysicsModel(ABC):
     """Registered systems whose effects act in it too; default: those of the classes that it derives from."""
 
     @classmethod
-    def systems(cls) -> set[str]:
+    @cache  # models are made by the thousand
+    def systems(cls) -> frozenset[str]:
         """The names under which effects know it (`Effect.systems`)."""
         bases = [b for b in cls.__bases__ if issubclass(b, PhysicsModel)]
         others = vars(cls)["alike"] if "alike" in vars(cls) else set[str]().union(*(b.systems() for b in bases))
-        return set(others) if cls.__abstractmethods__ else {cls.system_name(), *others}
+        return frozenset(others if cls.__abstractmethods__ else {cls.system_name(), *others})
 
     @classmethod
     def system_name(cls) -> str:
