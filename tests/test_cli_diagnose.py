@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from bench import track
 from bench.cli import cli
 from bench.cli.diagnosing import write_model
-from bench.diagnose.diagnosis import GroupError
+from bench.diagnose.result import GroupError
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
 

@@ -294,8 +294,8 @@ def diagnose_command(
     bench diagnose flights/ --system mine.py:Tailsitter    your own physics
     bench diagnose flights/ --without mass --out second/   another look
     """
-    from bench.diagnose import page, story
     from bench.diagnose.diagnose import diagnose
+    from bench.diagnose.report import page, story
 
     names, folder = chosen(catalogue, without), folder_for(source, out)
     check_writable(folder, to_json)

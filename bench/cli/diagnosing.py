@@ -15,9 +15,9 @@ from registry.core import DATASETS, EFFECTS
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
-    from bench.diagnose.diagnosis import DataProblem, NamedEffect
     from bench.diagnose.extend import Extension
-    from bench.diagnose.subject import Subject
+    from bench.diagnose.logs.subject import Subject
+    from bench.diagnose.result import DataProblem, NamedEffect
     from registry.dynamics import PhysicsModel
 
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Subject, PhysicsModel | None]":
     """The measurements with the nominal model, and the model in the file if one was given."""
-    from bench.diagnose import model_file as files
-    from bench.diagnose.subject import load
+    from bench.diagnose.logs.load import load
+    from bench.diagnose.report import model_file as files
 
     if not Path(source).is_dir() and source not in DATASETS.names():
         hint = "" if Path(source).exists() else " (it does not exist)"
@@ -56,7 +56,7 @@ def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None
 
 def check_catalogue(subject: "Subject", model: "PhysicsModel", names: Sequence[str]) -> None:
     """Raise `BenchError` where an effect that was asked for cannot be looked for."""
-    from bench.diagnose.search import unfit
+    from bench.diagnose.select.search import unfit
 
     for name in names:
         why = unfit(subject, model, name, EFFECTS.get(name))
@@ -83,7 +83,7 @@ def folder_for(source: str, out: Path | None) -> Path:
     """Where files are written: ``out``, or beside the data."""
     if out is not None:
         return out
-    from bench.diagnose.subject import registered
+    from bench.diagnose.logs.load import registered
 
     return Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
 
@@ -93,7 +93,7 @@ def folder_for(source: str, out: Path | None) -> Path:
 
 def say_problems(subject: "Subject") -> None:
     """Say what is wrong with the data before a step that would take it for physics."""
-    from bench.diagnose.problems import problems
+    from bench.diagnose.checks.problems import problems
 
     found: Sequence[DataProblem] = problems(subject).problems
     for p in found[:4]:
@@ -105,7 +105,7 @@ def say_problems(subject: "Subject") -> None:
 
 def write_model(target: Path, model: "PhysicsModel", effects: "Sequence[NamedEffect]") -> list[Path]:
     """Write the model; another one that was there is kept beside it. Returns the files written."""
-    from bench.diagnose import model_file as files
+    from bench.diagnose.report import model_file as files
 
     copy, former = target.with_name(".model.toml.former"), target.with_name("model.previous.toml")
     if not target.is_file():
@@ -195,7 +195,7 @@ def print_notes(out: Any, notes: Sequence[str]) -> None:
 
 def write_json(path: Path | None, what: dict[str, Any]) -> None:
     """Write values as JSON, null for numbers that do not exist; None: nothing is asked for."""
-    from bench.diagnose.diagnosis import finite, write_text
+    from bench.diagnose.result import finite, write_text
 
     if path is not None:
         write_text(path, json.dumps(finite(what), indent=2, ensure_ascii=False, allow_nan=False) + "\n")

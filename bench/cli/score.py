@@ -118,7 +118,7 @@ def _run(out: Console, todo: "list[Job]", store: "Store", cache: Path, workers: 
 
 
 def _conclude(out: Console, chosen: "list[Case]", store: "Store", command: str, results: Path, whole: bool) -> None:
-    from bench.diagnose.diagnosis import write_text
+    from bench.diagnose.result import write_text
     from bench.score.show import markdown, show
     from bench.score.table import table
 

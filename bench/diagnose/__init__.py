@@ -13,11 +13,13 @@
 
 from bench.diagnose.compare import Comparison, compare
 from bench.diagnose.diagnose import diagnose
-from bench.diagnose.diagnosis import Diagnosis
-from bench.diagnose.discover import Discovery, discover
+from bench.diagnose.discover import discover
 from bench.diagnose.extend import Extension, extend
 from bench.diagnose.locate import Location, locate
-from bench.diagnose.subject import Subject, load
+from bench.diagnose.logs.load import load
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.result import Diagnosis
+from bench.diagnose.select.discovery import Discovery
 
 __all__ = [
     "Comparison",

@@ -8,11 +8,21 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.diagnose.diagnosis import LINES as DRAWN
-from bench.diagnose.diagnosis import ByGroup, Curves, GroupError, Line
-from bench.diagnose.free_run import Group, default_steps, errors, free_run, groups, margin, measured_windows, starts
-from bench.diagnose.noise import Noise, floor, noise_of, reach
-from bench.diagnose.subject import Log, Subject
+from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.result import LINES as DRAWN
+from bench.diagnose.result import ByGroup, Curves, GroupError, Line
+from bench.diagnose.simulate.floor import floor, reach
+from bench.diagnose.simulate.free_run import (
+    Group,
+    default_steps,
+    errors,
+    free_run,
+    groups,
+    margin,
+    measured_windows,
+    starts,
+)
 from bench.stats import ENOUGH
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError

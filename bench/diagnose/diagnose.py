@@ -5,8 +5,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from bench.diagnose.checks.problems import problems
 from bench.diagnose.compare import compare
-from bench.diagnose.diagnosis import (
+from bench.diagnose.discover import discover
+from bench.diagnose.extend import extend, fitted, pooled
+from bench.diagnose.locate import Location, locate
+from bench.diagnose.logs.load import load
+from bench.diagnose.logs.noise import noise_of
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.parameters import entries
+from bench.diagnose.result import (
     ByGroup,
     Calibration,
     Candidate,
@@ -17,14 +25,8 @@ from bench.diagnose.diagnosis import (
     Stage,
     Unexplained,
 )
-from bench.diagnose.discover import Discovery, discover
-from bench.diagnose.extend import extend, fitted, pooled
-from bench.diagnose.locate import Location, locate
-from bench.diagnose.noise import noise_of
-from bench.diagnose.parameters import entries
-from bench.diagnose.problems import problems
-from bench.diagnose.subject import Subject, load
-from bench.diagnose.unmeasured import hidden
+from bench.diagnose.select.discovery import Discovery
+from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
 

@@ -1,22 +1,21 @@
 """Which effects of the catalogue a model lacks: weak form, whitened, best subsets, judged on recordings not fitted."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 
-from bench.diagnose.choose import accepted, agreed, updated
-from bench.diagnose.noise import Noise
-from bench.diagnose.parameters import entries
-from bench.diagnose.search import Search, View
-from bench.diagnose.subject import Subject
-from bench.diagnose.subset import Fit, t_value
-from bench.diagnose.unmeasured import hidden
-from bench.diagnose.verify import (
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.weak import mean_rates
+from bench.diagnose.select import by_simulation
+from bench.diagnose.select.choose import accepted, agreed, updated
+from bench.diagnose.select.discovery import Discovery, Found, Loser
+from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.subset import Fit, t_value
+from bench.diagnose.select.verify import (
     LEFT,
-    Estimate,
-    Ratio,
-    Trace,
     estimates,
     left_over,
     neighbour,
@@ -25,60 +24,12 @@ from bench.diagnose.verify import (
     rivals,
     understood,
 )
-from bench.diagnose.weak import mean_rates
+from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
-from registry.dynamics import Effect, PhysicsModel
+from registry.dynamics import PhysicsModel
 
 FAINT = 0.002
 """Share of what noise leaves that a signal must explain on recordings not fitted; noise alone reaches 0.0001."""
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """An effect that the model lacks."""
-
-    id: str
-    effect: Effect
-    estimates: tuple[Estimate, ...]
-    gain: float
-    """Squared whitened residual that it saves, given the others."""
-    rivals: tuple[str, ...]
-    """Effects that explain the data as well."""
-
-
-@dataclass(frozen=True)
-class Loser:
-    """A candidate that was not taken, in one round."""
-
-    id: str
-    gain: float
-    """Share of what the round could explain, 0 to 1."""
-    low: float
-    high: float
-    text: str
-    """Its parameters."""
-    why: str
-
-
-@dataclass(frozen=True, eq=False)
-class Discovery:
-    """What was learnt."""
-
-    calibrated: PhysicsModel
-    """The given model with constants fitted within their uncertainty."""
-    model: PhysicsModel
-    """With the effects found."""
-    found: tuple[Found, ...]
-    rounds: tuple[tuple[Loser, ...], ...]
-    traces: tuple[Trace, ...]
-    constants: tuple[Estimate, ...]
-    ratios: tuple[Ratio, ...] = ()
-    imitators: tuple[str, ...] = ()
-    """Effects that would imitate what is left, and were not named."""
-    faint: tuple[Trace, ...] = ()
-    """What the rest goes with where all of it is too little to say that something is left."""
-    notes: tuple[str, ...] = ()
-    """What was done, in sentences."""
 
 
 def discover(
@@ -99,9 +50,7 @@ def discover(
         BenchError: an unknown id, or recordings too short or too few to learn from.
     """
     if hidden(subject.logs):
-        from bench.diagnose import discover_by_simulation  # it builds on this file
-
-        return discover_by_simulation.discover(subject, catalogue, tick)
+        return by_simulation.discover(subject, catalogue, tick)
     search = Search(subject, catalogue, tick, noise)
     base = subject.model
     view, fit, fields = agreed(search.views(search.look(base)))

@@ -5,17 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.diagnose import discover_by_simulation as by_simulation
-from bench.diagnose.choose import updated
 from bench.diagnose.compare import Comparison, compare
-from bench.diagnose.diagnosis import ByGroup, NamedEffect, ParameterEstimate, Stage
 from bench.diagnose.discover import close
-from bench.diagnose.noise import Noise, noise_of
-from bench.diagnose.search import Search
-from bench.diagnose.shoot import shoot
-from bench.diagnose.subject import Subject
-from bench.diagnose.unmeasured import hidden
-from bench.diagnose.verify import Estimate, estimates
+from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.result import ByGroup, NamedEffect, ParameterEstimate, Stage
+from bench.diagnose.select import by_simulation
+from bench.diagnose.select.choose import updated
+from bench.diagnose.select.search import Search
+from bench.diagnose.select.verify import Estimate, estimates
+from bench.diagnose.simulate.shoot import shoot
+from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel, unsuited
 from registry.errors import BenchError

@@ -7,14 +7,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from bench.diagnose.conditions import Condition, conditions
-from bench.diagnose.diagnosis import Region, ResidualMap, Window
-from bench.diagnose.free_run import Group, default_steps, errors, free_run, groups, margin, measured_windows, starts
-from bench.diagnose.noise import Noise, floor, noise_of, reach
-from bench.diagnose.residuals import residual_maps
-from bench.diagnose.subject import Log, Subject
-from bench.diagnose.unmeasured import completed, hidden
-from bench.diagnose.weak import Stack
+from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.regression.conditions import Condition, conditions
+from bench.diagnose.regression.residuals import residual_maps
+from bench.diagnose.regression.weak import Stack
+from bench.diagnose.result import Region, ResidualMap, Window
+from bench.diagnose.simulate.floor import floor, reach
+from bench.diagnose.simulate.free_run import (
+    Group,
+    default_steps,
+    errors,
+    free_run,
+    groups,
+    margin,
+    measured_windows,
+    starts,
+)
+from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 from registry.physics.rigid_body import RigidBody

@@ -15,12 +15,12 @@ import pysindy
 from scipy.signal import savgol_filter
 
 from bench.diagnose.compare import compare
-from bench.diagnose.linearise import Directions, Start, directions
-from bench.diagnose.parameters import entries, with_values
-from bench.diagnose.regression import bounded, ridge
-from bench.diagnose.search import admissible
-from bench.diagnose.subject import Subject
-from bench.diagnose.weak import Stack
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.least_squares import bounded, ridge
+from bench.diagnose.regression.linearise import Directions, Start, directions
+from bench.diagnose.regression.parameters import entries, with_values
+from bench.diagnose.regression.weak import Stack
+from bench.diagnose.select.search import admissible
 from bench.score.case import UNCERTAINTY, Case, fly, nominal
 from bench.score.logs import subject
 from registry.core import EFFECTS

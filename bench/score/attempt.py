@@ -7,7 +7,7 @@ from typing import Any
 
 from bench.diagnose.compare import compare
 from bench.diagnose.diagnose import diagnose
-from bench.diagnose.diagnosis import ByGroup, Diagnosis
+from bench.diagnose.result import ByGroup, Diagnosis
 from bench.score.case import UNCERTAINTY, Case, fly_and_faults, nominal, parameters
 from bench.score.logs import subject
 from registry.core import EFFECTS

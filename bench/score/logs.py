@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.diagnose.smoothing import Smoothing
-from bench.diagnose.subject import Subject, log_of
+from bench.diagnose.logs.smoothing import Smoothing
+from bench.diagnose.logs.subject import Subject, log_of
 from registry.core import EFFECTS
 from registry.datasets.signals import recording
 from registry.physics.quadrotor import Quadrotor

@@ -9,9 +9,10 @@ import torch
 
 from bench.diagnose.compare import compare
 from bench.diagnose.extend import extend, fitted
-from bench.diagnose.free_run import default_steps, errors, free_run, groups, starts
-from bench.diagnose.noise import Noise, noise_of, reach
-from bench.diagnose.subject import Subject
+from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.simulate.floor import reach
+from bench.diagnose.simulate.free_run import default_steps, errors, free_run, groups, starts
 from bench.score.case import UNCERTAINTY, Case, fly, nominal
 from bench.score.logs import subject
 from registry.core import EFFECTS

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mlflow.entities import Metric, Param
 
-from bench.diagnose.diagnosis import ByGroup
+from bench.diagnose.result import ByGroup
 from bench.track.server import connected, experiment_of, find_run, plain, unit_name
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.diagnose.diagnosis import (
+from bench.diagnose.result import (
     ByGroup,
     Calibration,
     Candidate,

@@ -10,11 +10,12 @@ from scipy.linalg import expm
 from scipy.signal import savgol_filter
 
 from bench.diagnose.compare import compare
-from bench.diagnose.differences import centred
-from bench.diagnose.free_run import groups
-from bench.diagnose.noise import floor, noise_of
-from bench.diagnose.smoothing import Smoothing
-from bench.diagnose.subject import Subject, log_of
+from bench.diagnose.logs.differences import centred
+from bench.diagnose.logs.noise import noise_of
+from bench.diagnose.logs.smoothing import Smoothing
+from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.simulate.floor import floor
+from bench.diagnose.simulate.free_run import groups
 from registry.datasets.signals import recording
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError

@@ -13,8 +13,8 @@ import pytest
 import samples
 from rich.console import Console
 
-from bench.diagnose import story, words
-from bench.diagnose.diagnosis import Calibration, Diagnosis, ParameterEstimate, schema
+from bench.diagnose.report import story, words
+from bench.diagnose.result import Calibration, Diagnosis, ParameterEstimate, schema
 from registry.errors import BenchError
 
 VALIDATOR = jsonschema.Draft202012Validator(schema())

@@ -7,8 +7,8 @@ import pytest
 from undriven import undriven
 
 from bench.diagnose import diagnose, extend
-from bench.diagnose.parameters import effect_entries
-from bench.diagnose.verify import Estimate, pinned
+from bench.diagnose.regression.parameters import effect_entries
+from bench.diagnose.select.verify import Estimate, pinned
 from registry.core import EFFECTS
 from registry.errors import BenchError
 

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from bench.diagnose import diagnose, discover
-from bench.diagnose.problems import problems
-from bench.diagnose.subject import Subject, log_of
+from bench.diagnose.checks.problems import problems
+from bench.diagnose.logs.subject import Subject, log_of
 from registry.contracts import Channel, Recording
 from registry.effects.friction import CoulombFriction, ViscousFriction
 from registry.physics.mass_on_rail import MassOnRail

@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from test_compare import TRUE, flights, subject_of
 
-from bench.diagnose import verify, weak
-from bench.diagnose.choose import accepted, choose
-from bench.diagnose.generic import Term
-from bench.diagnose.linearise import Directions, Start
-from bench.diagnose.parameters import Entry
-from bench.diagnose.regression import Normal
-from bench.diagnose.search import Search, View
-from bench.diagnose.subset import Subsets
-from bench.diagnose.weak import mean_rates
+from bench.diagnose.regression import weak
+from bench.diagnose.regression.generic import Term
+from bench.diagnose.regression.least_squares import Normal
+from bench.diagnose.regression.linearise import Directions, Start
+from bench.diagnose.regression.parameters import Entry
+from bench.diagnose.regression.weak import mean_rates
+from bench.diagnose.select import verify
+from bench.diagnose.select.choose import accepted, choose
+from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.subset import Subsets
 from registry.core import EFFECTS
 from registry.effects.actuation import LONGEST_DELAY
 

@@ -7,9 +7,9 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from bench.diagnose.linearise import directions
-from bench.diagnose.subject import Log
-from bench.diagnose.weak import Stack, mean_rates
+from bench.diagnose.logs.subject import Log
+from bench.diagnose.regression.linearise import directions
+from bench.diagnose.regression.weak import Stack, mean_rates
 from registry.core import EFFECTS
 from registry.physics.quadrotor import Quadrotor
 

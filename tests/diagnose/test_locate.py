@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.locate import locate
-from bench.diagnose.smoothing import Smoothing
-from bench.diagnose.subject import Subject, log_of
+from bench.diagnose.logs.smoothing import Smoothing
+from bench.diagnose.logs.subject import Subject, log_of
 from registry.contracts import Channel
 from registry.core import EFFECTS
 from registry.datasets.signals import recording

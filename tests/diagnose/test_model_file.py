@@ -10,7 +10,7 @@ import pytest
 import samples
 import torch
 
-from bench.diagnose import model_file
+from bench.diagnose.report import model_file
 from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.diagnose.subject import physics_class
+from bench.diagnose.logs.load import physics_class
 from registry.core import EFFECTS, PHYSICS
 from registry.effects.friction import CoulombFriction
 from registry.effects.stiffness import CubicStiffness

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import samples
 
-from bench.diagnose import page, words
-from bench.diagnose.diagnosis import LINES, VERDICTS
+from bench.diagnose.report import page, words
+from bench.diagnose.result import LINES, VERDICTS
 
 
 class Parsed(HTMLParser):

@@ -9,9 +9,10 @@ import pytest
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
-from bench.diagnose.diagnosis import DataProblem
-from bench.diagnose.problems import Checked, problems
-from bench.diagnose.subject import Subject, load, log_of
+from bench.diagnose.checks.problems import Checked, problems
+from bench.diagnose.logs.load import load
+from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.result import DataProblem
 from bench.score.corrupt import KINDS, Columns, time_shift
 from bench.score.logs import subject
 from registry.datasets.signals import recording

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from bench.diagnose.regression import Normal, bounded, filtered, whitening
+from bench.diagnose.regression.least_squares import Normal, bounded, filtered, whitening
 
 
 @pytest.mark.parametrize("seed", range(8))

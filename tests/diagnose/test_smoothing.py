@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import savgol_filter
 
-from bench.diagnose.smoothing import Smoothing, stated
+from bench.diagnose.logs.smoothing import Smoothing, stated
 from registry.errors import BenchError
 
 DT = 0.01

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from bench.diagnose import diagnose, discover_by_simulation, load
+from bench.diagnose import diagnose, load
 from bench.diagnose.discover import discover
-from bench.diagnose.simulation_fit import Windows, fit, starts
-from bench.diagnose.subject import Subject, log_of, self_contained
-from bench.diagnose.unmeasured import beginning, completed, hidden
-from bench.diagnose.weak import Stack
+from bench.diagnose.logs.subject import Subject, log_of, self_contained
+from bench.diagnose.regression.weak import Stack
+from bench.diagnose.select import by_simulation
+from bench.diagnose.simulate.simulation_fit import Windows, fit, starts
+from bench.diagnose.simulate.unmeasured import beginning, completed, hidden
 from registry.contracts import Channel, Recording
 from registry.effects.stiffness import CubicStiffness, JointElasticity
 from registry.physics.oscillator import Oscillator
@@ -74,7 +75,7 @@ def spring():
 
 def test_a_fit_is_led_past_valleys_of_missed_periods(spring):
     model = replace(spring.model, effects=(CubicStiffness(),))
-    found, _ = discover_by_simulation.fitted(spring, model)
+    found, _ = by_simulation.fitted(spring, model)
     assert found.effects[0].k_3 == pytest.approx(3000.0, rel=0.02)
     windows = Windows.of(spring.logs)
     (at_once,) = fit(spring, windows, starts(windows, [replace(model, effects=(CubicStiffness.typical(),))]))
@@ -98,7 +99,7 @@ def test_starting_points_are_simulated_together_as_one_by_one(spring):
 
 def test_without_a_state_effects_are_found_by_simulation(tanks, monkeypatch):
     said = object()
-    monkeypatch.setattr(discover_by_simulation, "discover", lambda *_: said)
+    monkeypatch.setattr(by_simulation, "discover", lambda *_: said)
     assert discover(tanks[0]) is said
 
 

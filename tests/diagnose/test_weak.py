@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from scipy.signal import savgol_filter
 
-from bench.diagnose import weak
-from bench.diagnose.smoothing import Smoothing
-from bench.diagnose.subject import Log
+from bench.diagnose.logs.smoothing import Smoothing
+from bench.diagnose.logs.subject import Log
+from bench.diagnose.regression import weak
 
 DT = 0.01
 T = np.arange(600) * DT

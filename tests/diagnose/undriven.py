@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from bench.diagnose.subject import Subject, log_of
+from bench.diagnose.logs.subject import Subject, log_of
 from registry.contracts import Recording
 from registry.core import PHYSICS
 

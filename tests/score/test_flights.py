@@ -311,7 +311,7 @@ def test_design_covers_what_it_should() -> None:
 
 
 def test_folder_is_what_a_user_would_bring(cache: Path, tmp_path: Path) -> None:
-    from bench.diagnose.subject import load
+    from bench.diagnose.logs.load import load
 
     case = Case("f", effects=DRAG, **SHORT)
     write_folder(case, tmp_path, cache)

@@ -1,0 +1,211 @@
+"""Samples that lie far off, and places where samples are missing: what stands out from everything else."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.diagnose.logs.consistency import ENDS, HALF, View, accumulated, change, modelled, outlying, slope, spread
+from bench.diagnose.result import DataProblem
+from registry.datasets.cleaning import fill, runs, widen
+from registry.units import SIGNALS
+
+Array = np.ndarray
+
+FAR = 10.0
+"""How far an excursion lies from its neighbours, over the spread of what two signals say of each other."""
+TAIL = 4.0
+"""The same over the size that one sample in a hundred exceeds."""
+APART = 3.0
+"""How many times larger than every lesser excursion of the same signal one must be: real sensors have long tails."""
+INPUT = 0.15
+"""Least spike of an input, over its mean size."""
+RESPONSE = 12
+"""Samples about a spike of an input in which the motion would answer, however it was smoothed."""
+MANY = 5
+"""Spikes of one signal in a recording that are listed one by one, and that a measured input may have."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """An excursion."""
+
+    problem: DataProblem
+    strength: float
+    """Its size over the least that would be looked at."""
+
+
+def standing_out(events: Sequence[Event]) -> tuple[list[DataProblem], list[DataProblem]]:
+    """Excursions that are far larger than all others of their signal and kind in any recording, and the others.
+
+    What a sensor does again and again at every size is its nature; such events are summed up.
+    """
+    stopping: list[DataProblem] = []
+    minor: list[DataProblem] = []
+    for kind in dict.fromkeys((e.problem.signal, e.problem.kind) for e in events):
+        alike = sorted((e for e in events if (e.problem.signal, e.problem.kind) == kind), key=lambda e: -e.strength)
+        following = [*(e.strength for e in alike[1:]), 1.0]
+        apart = [i for i, e in enumerate(alike) if e.strength > APART * following[i]]
+        first = apart[-1] + 1 if apart else 0
+        far, rest = ([e.problem for e in part] for part in (alike[:first], alike[first:]))
+        for recording in dict.fromkeys(p.recording for p in far):
+            some = [p for p in far if p.recording == recording]
+            stopping += some if len(some) <= MANY else [_summed(some)]
+        if rest:
+            minor.append(_summed(rest))
+    return stopping, minor
+
+
+def _summed(alike: list[DataProblem]) -> DataProblem:
+    """Problems of one kind, largest first, as one."""
+    largest = alike[0]
+    if len(alike) == 1:
+        return largest
+    where, rows = {p.recording for p in alike}, [p.rows for p in alike if p.rows is not None]
+    if len(where) > 1:
+        return replace(
+            largest, detail=f"{len(alike)} such in {len(where)} recordings, here the largest: {largest.detail}"
+        )
+    span = (min(a for a, _ in rows), max(b for _, b in rows))
+    return replace(largest, rows=span, detail=f"{len(alike)} such, the largest: {largest.detail}")
+
+
+def excursions(view: View) -> list[Event]:
+    """Spikes of states and inputs, and jumps of the clock. ``view`` is left with the spikes of states bridged."""
+    spikes, jumps = [*_spikes(view), *_input_spikes(view)], _jumps(view)
+    # Where samples are missing a rate and the slope beside it differ for a moment.
+    return [s for s in spikes if not any(_beside(s, j) for j in jumps)] + jumps
+
+
+def _beside(spike: Event, jump: Event) -> bool:
+    (first, last), (before, after) = spike.problem.rows or (0, 0), jump.problem.rows or (0, 0)
+    return spike.strength < jump.strength and first - HALF <= after and before <= last + HALF
+
+
+# --------------------------------------------------------------------------------------------------------- spikes
+
+
+def _spikes(view: View) -> list[Event]:
+    found = []
+    for pair in view.pairs:  # what integrates comes first: its spikes show in its slope on either side
+        y = accumulated(np.where(_steps(view.usable)[:, None], view.steps(pair), 0.0))
+        own = accumulated(change(view.x[:, pair.channels], pair.turns))
+        found += _of_signal(view, pair.signal, pair.channels, y, own, pair.rate)
+    for pair in view.pairs:
+        own = view.x[:, pair.rates]
+        y = own - slope(view.x[:, pair.channels], pair.turns, view.dt)
+        found += _of_signal(view, pair.rate, pair.rates, y, own, pair.signal)
+    return found
+
+
+def _of_signal(view: View, signal: str, channels: tuple[int, ...], y: Array, own: Array, other: str) -> list[Event]:
+    found = []
+    for first, last, strength, size in _outliers(y, own, view.usable):
+        found.append(Event(_spike(view, signal, first, last, size, other), strength))
+        view.x[:, channels] = _bridged(view.x[:, channels], [(first, last)])
+        if len(channels) == 4:
+            view.x[:, channels] /= np.linalg.norm(view.x[:, channels], axis=1, keepdims=True)
+    return found
+
+
+def _outliers(y: Array, own: Array, usable: Array) -> list[tuple[int, int, float, float]]:
+    """Excursions of up to `HALF` samples of y (N, c) that are the signal's ``own`` (N, c): first, last, strength, size.
+
+    In ``y`` the motion itself has cancelled; in ``own`` it has not, but faults of the other signal are not in it.
+    """
+    if usable.sum() < 4 * ENDS:
+        return []
+    far, confirmed = outlying(y), outlying(own)
+    noise = spread(np.diff(y, 2, axis=0)[usable[1:-1]]) / 6**0.5
+    limit = np.maximum(FAR * noise, TAIL * np.quantile(np.abs(far[usable]), 0.99, axis=0))
+    limit = np.maximum(limit, 1e-9 * np.abs(own).max(axis=0) + 1e-300)
+    strength = np.where((far * confirmed > 0.5 * far * far) & usable[:, None], np.abs(far) / limit, 0.0)
+    found, greatest = [], strength.max(axis=1)
+    for a, b in runs(greatest > 1):
+        # The median beside a spike moves a little: only what is of its size belongs to it.
+        core = a + np.flatnonzero(greatest[a:b] > 0.3 * greatest[a:b].max())
+        if np.ptp(core) < HALF:
+            k = a + int(greatest[a:b].argmax())
+            size = np.abs(far[k, strength[k].argmax()])
+            found.append((int(core[0]), int(core[-1]), float(greatest[k]), float(size)))
+    return found
+
+
+def _spike(view: View, signal: str, first: int, last: int, size: float, other: str) -> DataProblem:
+    unit = "rad" if signal == "attitude" else SIGNALS[signal].unit
+    samples = "one sample lies" if first == last else f"{last - first + 1} samples lie"
+    detail = f"{samples} {size:.3g} {unit} from the neighbours, which {other} does not confirm."
+    return DataProblem(view.log.name, signal, "spike", (first, last), detail)
+
+
+def _bridged(x: Array, rows: Sequence[tuple[int, int]]) -> Array:
+    bad = np.zeros(len(x), dtype=bool)
+    for first, last in rows:
+        bad[first : last + 1] = True
+    return fill(x, bad)
+
+
+def _input_spikes(view: View) -> list[Event]:
+    """A measured input far off for a moment, without the motion that it would have caused."""
+    rates = tuple(c for p in view.pairs for c in p.rates)
+    if view.model.input_hold == "previous" or not rates or not view.driving.shape[1] or not view.usable.any():
+        return []
+    mean = np.abs(view.driving[view.usable]).mean()
+    candidates = [c for c in _outliers(view.driving, view.driving, view.usable) if c[3] > INPUT * mean]
+    if not 0 < len(candidates) <= MANY:
+        return []  # what comes again and again is how the system is driven
+    inputs = view.log.inputs.numpy().copy()
+    inputs[:, : view.driving.shape[1]] = _bridged(view.driving, [(a, b) for a, b, _, _ in candidates])
+    given = view.beyond_model(rates)
+    view.rates = modelled(view.model, view.log, inputs)
+    without = view.beyond_model(rates)
+    noise = np.maximum(spread(np.diff(without, axis=0)[view.usable[1:-1]]) / 2**0.5, 1e-12)
+    found = []
+    for first, last, strength, size in candidates:
+        near, wide = slice(first - 2, last + 2), slice(max(0, first - RESPONSE), last + RESPONSE)
+        usual = np.median(without[wide], axis=0)
+        wrong, right = (float((((e[near] - usual) / noise) ** 2).sum()) for e in (given, without))
+        # Smoothing spreads an answer over time but keeps its sum.
+        total, rest = (float((((e[wide] - usual).sum(axis=0) / noise) ** 2).sum()) for e in (given, without))
+        if wrong - right > FAR**2 and right < 0.3 * wrong and rest < 0.3 * total:
+            found.append(Event(_spike(view, view.drive, first, last, size, "the motion"), strength))
+    return found
+
+
+# ---------------------------------------------------------------------------------------------------------- jumps
+
+
+def _jumps(view: View) -> list[Event]:
+    """Places where several signals go on from elsewhere at once: samples are missing there."""
+    kinematic = {p.signal: view.steps(p) for p in view.pairs}
+    dynamic = {p.rate: view.beyond_model(p.rates) for p in view.pairs}
+    usable = _steps(view.usable)
+    if not kinematic or len({**kinematic, **dynamic}) < 2 or usable.sum() < 4 * ENDS:
+        return []
+    sizes = {s: _sizes(e, usable) for s, e in {**kinematic, **dynamic}.items()}
+    around = {s: np.max([z, np.roll(z, 1), np.roll(z, -1)], axis=0) for s, z in sizes.items()}
+    # Two signals at least, one of them kinematic: what the model says alone may be wrong.
+    second = np.sort(list(around.values()), axis=0)[-2]
+    strength = np.minimum(second, np.max([around[s] for s in kinematic], axis=0))
+    found = []
+    for a, b in runs(strength > 1):
+        k = a + int(np.sum([sizes[s][a:b] for s in kinematic], axis=0).argmax())
+        who = [s for s in sizes if around[s][k] > 1]
+        detail = f"{' and '.join(who)} jump together between samples {k} and {k + 1}: samples are missing there."
+        problem = DataProblem(view.log.name, "time", "clock jump", (k, k + 1), detail)
+        found.append(Event(problem, float(strength[a:b].max())))
+    return found
+
+
+def _sizes(steps: Array, usable: Array) -> Array:
+    """Each step (N − 1,) against its neighbours, over the least that is looked at; the greatest of the axes."""
+    far = np.abs(outlying(steps))
+    noise = spread(np.diff(steps, axis=0)[widen(~usable, 1)[1:] == 0]) / 2**0.5
+    limit = np.maximum(FAR * noise, TAIL * np.quantile(far[usable], 0.99, axis=0))
+    return np.where(usable, np.where(limit > 0, far / np.maximum(limit, 1e-300), 0.0).max(axis=1), 0.0)
+
+
+def _steps(usable: Array) -> Array:
+    """Steps (N − 1,) between two usable samples."""
+    out: Array = usable[1:] & usable[:-1]
+    return out

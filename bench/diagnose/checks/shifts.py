@@ -1,0 +1,111 @@
+"""Whether inputs and motion are filed at the same times."""
+
+import numpy as np
+import torch
+
+from bench.diagnose.logs.consistency import Array, pairs, slope
+from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.result import DataProblem
+from registry.datasets.cleaning import delay, extent, smooth, widen
+from registry.dynamics import PhysicsModel
+
+SUSPECT = 0.5
+"""Shift of all recordings that is mentioned [samples]."""
+CERTAIN = 0.7
+"""Samples by which recordings, all of them by some, must move before their inputs for a fault of the log."""
+DIFFERENT = 1.5
+"""Shift of one recording against the others that is a fault [samples]."""
+APART = 5.0
+"""Times as far as the others are from each other that it must be."""
+SMOOTHING = 13
+"""Local quadratic that all go through before they are compared [samples]: slopes are noisy."""
+SLOW = 121
+"""What a local quadratic over as many samples follows is left out: missing physics shifts it."""
+ENDS = SLOW // 2
+"""Samples at either end where that is another filter, which a shifted signal meets at another place."""
+SURE = 0.8
+"""Least correlation where a recording differs from the others."""
+CLEAR = 0.5
+"""Least correlation of modelled and measured acceleration at the shift."""
+
+
+def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
+    """Recordings whose inputs are shifted against those of the others, and a shift that all of them share.
+
+    The first stop the analysis; the second is a suspicion, since a delay or a lag of the vehicle looks the same.
+    """
+    lags = {log.name: _lag(subject.model, log) for log in subject.logs}
+    clear = {name: lag for name, (lag, how) in lags.items() if how > CLEAR}
+    if not clear:
+        return [], []
+    middle = float(np.median(list(clear.values())))
+    signal = subject.logs[0].recording.input_channels[0].group
+    by_name = {log.name: log for log in subject.logs}
+    problems = []
+    for name, lag in clear.items():
+        others = [v for other, v in clear.items() if other != name]
+        usual = float(np.median(others)) if others else lag
+        spread = max((abs(v - usual) for v in others), default=0.0)
+        if len(others) >= 3 and lags[name][1] > SURE and abs(lag - usual) > max(DIFFERENT, APART * spread):
+            ms = 1e3 * by_name[name].dt
+            detail = (
+                f"the motion comes {lag:.1f} samples ({lag * ms:.3g} ms) after what {signal} says, in the other "
+                f"recordings {usual:.1f} ({usual * ms:.3g} ms): the two were shifted against each other."
+            )
+            problems.append(DataProblem(name, signal, "time shift", (0, len(by_name[name]) - 1), detail))
+    if (
+        problems
+        or abs(middle) <= SUSPECT
+        or 2 * len(clear) < len(lags)
+        or min(clear.values()) * max(clear.values()) <= 0
+    ):
+        return problems, []
+    ms = 1e3 * subject.logs[0].dt
+    side = "after" if middle > 0 else "before"
+    cause = (
+        "a time shift of the log, or an input_delay or motor_lag of the vehicle, which look the same."
+        if middle > 0
+        else "a time shift of the log, with inputs filed too late, which a negative input_delay would mimic."
+    )
+    detail = (
+        f"the motion comes {abs(middle):.1f} samples ({abs(middle) * ms:.3g} ms) {side} what {signal} says: {cause}"
+    )
+    sentence = f"in {len(clear)} of {len(lags)} recordings {detail}"
+    if middle < -CERTAIN:
+        # No vehicle moves before its inputs: what acts is filed too late, whatever else is missing.
+        return [
+            DataProblem(n, signal, "time shift", (0, len(by_name[n]) - 1), f"{sentence} No input_delay explains that.")
+            for n in clear
+        ], []
+    return [], [DataProblem(next(iter(clear)), signal, "time shift", None, sentence)]
+
+
+def _lag(model: PhysicsModel, log: Log) -> tuple[float, float]:
+    """By how many samples motion follows the inputs, and how well the two agree; agreement 0 where nothing is told.
+
+    What goes with the rates themselves is left out: missing damping makes motion lead what drives it.
+    """
+    count = log.inputs.shape[1] - len(model.extras)
+    valid = extent(~widen(~log.valid.numpy(), 2))
+    among = pairs(model, log.measured)
+    turning = [p for p in among if p.turns] or among
+    if not count or not turning or valid.stop - valid.start < 2 * SLOW:
+        return 0.0, 0.0
+    channels = [c for p in turning for c in (p.rates[:2] if p.turns else p.rates)]
+    x = log.states.numpy()
+    steady = log.inputs.clone()
+    steady[:, :count] = log.inputs[valid, :count].mean(dim=0)
+    own, forced = (_rates(model, log, u)[:, channels] for u in (steady, log.inputs))
+    moving = x[:, channels]
+    caused, seen = forced - own, slope(moving, False, log.dt) - own
+    bands = [(smooth(a[valid], SMOOTHING) - smooth(a[valid], SLOW))[ENDS:-ENDS] for a in (caused, seen, moving)]
+    lag, how = delay(bands[0], bands[1], beside=bands[2])
+    # A held command acts after its sample: the slope about a sample has half of it from the step before.
+    return lag - (0.5 if model.input_hold == "previous" else 0.0), how
+
+
+def _rates(model: PhysicsModel, log: Log, inputs: torch.Tensor) -> Array:
+    state = torch.cat([log.states, log.states.new_zeros(len(log), model.internal_size)], dim=1)
+    with torch.no_grad():
+        out: Array = model.derivative(state, inputs, torch.zeros_like(inputs)).numpy()
+    return out

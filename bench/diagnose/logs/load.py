@@ -1,0 +1,148 @@
+"""Read measurements and the physics model of their system, by name, from a folder or from a file of one's own."""
+
+import dataclasses
+import importlib.util
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.diagnose.logs.differences import centred
+from bench.diagnose.logs.smoothing import stated
+from bench.diagnose.logs.subject import Subject, log_of
+from registry.contracts import Dataset, Recording
+from registry.core import DATASETS, PHYSICS
+from registry.datasets.folder import Folder
+from registry.dynamics import PhysicsModel
+from registry.errors import BenchError
+
+_TOLD = ("state_channels", "input_signals", "equation")
+"""What a physics model says of itself."""
+HELD_OUT = 1 / 3
+"""Share of the recordings that only test."""
+
+
+def load(source: str | Path | Dataset, system: str | None = None, model: PhysicsModel | None = None) -> Subject:
+    """Read measurements and the physics model of their system.
+
+    Args:
+        source: a folder with a dataset.toml, the name of a registered data set, or a data set.
+        system: a registered physics model, or "path/to/file.py:Class"; default: what the data name.
+        model: the model itself, such as one read from a model.toml, in place of the nominal one.
+
+    Raises:
+        BenchError: data or model cannot be read, or do not fit each other.
+    """
+    dataset = source if isinstance(source, Dataset) else _dataset(source)
+    constants, processing, uncertainty, drive = _described(dataset)
+    kind = physics_class(system or dataset.system)
+    loaded = dataset.load()
+    recordings = loaded.recordings
+    signals = set.intersection(*({c.group for c in r.channels} for r in recordings))
+    if model is None:
+        known = {f.name for f in dataclasses.fields(kind)}
+        given = {k: _tuples(v) for k, v in constants.items() if k in known}
+        if "drive" in known and drive in kind.input_signals:
+            given["drive"] = drive
+        extras = ("battery",) if "battery" in signals - {drive} and _columns(recordings[0], "battery") == 1 else ()
+        model = kind(**given, input_hold=dataset.input_hold, extras=(*extras, "time"))
+    if (drive or type(model).input_signals) and drive not in type(model).input_signals:
+        raise BenchError(
+            f"{dataset.label} is driven by {drive!r}, which {type(model).__name__} does not accept: "
+            f"it accepts {', '.join(type(model).input_signals) or 'no input'}."
+        )
+    names = [r.name for r in recordings]
+    training, held_out = partition(dataset, names)
+    subject = Subject(
+        dataset.label,
+        model,
+        tuple(log_of(r, model, drive) for r in recordings),
+        training,
+        held_out,
+        stated(processing),
+        {k: float(v) for k, v in dict(processing.get("noise", {})).items()},
+        uncertainty,
+        tuple(sorted(signals)),
+    )
+    return centred(subject)
+
+
+def partition(dataset: Dataset, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Recordings to fit and recordings that only test: the published split where there is one.
+
+    Raises:
+        BenchError: fewer than two recordings.
+    """
+    if len(names) < 2:
+        raise BenchError(
+            f"{dataset.label} holds one recording, and what is learnt from one must be tested on another: "
+            "add a recording, or cut this one into several files."
+        )
+    if not isinstance(dataset, Folder):
+        split = dataset.split(names)
+        return (*split.train, *split.validation), split.test
+    ordered, n = sorted(names), max(1, round(len(names) * HELD_OUT))
+    # Spread over the session, so that neither part is all of one kind of flight or of one state of the battery.
+    test = {ordered[round((i + 0.5) * len(ordered) / n - 0.5)] for i in range(n)}
+    return tuple(x for x in ordered if x not in test), tuple(x for x in ordered if x in test)
+
+
+def physics_class(system: str) -> Any:
+    """A physics model's class by registered name, or from "path/to/file.py:Class" (which runs that file).
+
+    Raises:
+        BenchError: no such model, file or class.
+    """
+    path, colon, name = system.rpartition(":")
+    if not colon or not path.endswith(".py"):
+        return PHYSICS.get(system)
+    file = Path(path)
+    if not file.is_file():
+        raise BenchError(f"--system {system}: the file {file} does not exist.")
+    module_name = f"_system_{file.stem}"
+    spec = importlib.util.spec_from_file_location(module_name, file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise BenchError(f"--system {system}: {file} fails with {type(error).__name__}: {error}.") from error
+    kind = getattr(module, name, None)
+    if not (isinstance(kind, type) and issubclass(kind, PhysicsModel)):
+        raise BenchError(f"--system {system}: {file} has no class {name} that derives from PhysicsModel.")
+    missing = sorted(kind.__abstractmethods__) + [n for n in _TOLD if not hasattr(kind, n)]
+    if missing:
+        raise BenchError(f"--system {system}: {name} lacks {', '.join(missing)}.")
+    return kind
+
+
+def registered(source: str) -> bool:
+    """Whether ``source`` means a registered data set: a folder of that name goes first if it describes data."""
+    return source in DATASETS.names() and not (Path(source) / "dataset.toml").is_file()
+
+
+def _dataset(source: str | Path) -> Dataset:
+    if isinstance(source, str) and registered(source):
+        made: Dataset = DATASETS.get(source)()
+        return made
+    if not Path(source).is_dir():
+        raise BenchError(
+            f"{source} is neither a folder nor a data set: give a folder with a dataset.toml, "
+            f"or one of {', '.join(DATASETS.names())}."
+        )
+    return Folder(path=str(source))
+
+
+def _described(dataset: Dataset) -> tuple[dict[str, Any], dict[str, Any], dict[str, float], str]:
+    """Nominal constants, processing, uncertainty and the driving signal that a data set states."""
+    drive = dataset.inputs[0] if dataset.inputs else ""
+    return dict(dataset.physics), dict(dataset.processing), dict(dataset.uncertainty), drive
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, (list, tuple)) else float(value)
+
+
+def _columns(recording: Recording, signal: str) -> int:
+    return sum(c.group == signal for c in recording.channels)

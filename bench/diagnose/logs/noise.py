@@ -1,0 +1,214 @@
+"""Noise of measured states and inputs, as stated or from their spectra, and the filter that both went through."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.signal import savgol_coeffs
+from scipy.signal.windows import blackmanharris
+
+from bench.diagnose.logs.smoothing import Smoothing
+from bench.diagnose.logs.subject import Log, Subject
+from registry.contracts import Channel
+
+DERIVED_FROM = {"velocity": "position", "body_rates": "attitude", "speed": "displacement", "angle_rate": "angle"}
+"""Signals that are often read from the pose."""
+SEGMENT = 128
+"""Samples of a spectrum."""
+QUIET = slice(SEGMENT // 4, SEGMENT // 2)
+"""Frequencies of a spectrum, from a quarter to half the sampling rate, at which motion is small against noise."""
+UNLIKE = 0.35
+"""Mean distance, in natural logarithms, from which no known filter has the spectrum that was found."""
+FAINT = 1e-4
+"""Of a filter's largest gain: spectra are not believed to fall lower."""
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """White noise of sensors, and the filter that measured states went through after it. SI."""
+
+    smoothing: Smoothing
+    derived: tuple[bool, ...]
+    """(s,): whether a state channel is the derivative of its smoothed pose."""
+    raw: tuple[float, ...]
+    """(s,) 1σ before smoothing (attitude: about each body axis [rad]); 0 where derived or not measured."""
+    processed: tuple[float, ...]
+    """(s,) 1σ of the states as they are given to a model (attitude: about each body axis [rad])."""
+    inputs: tuple[float, ...]
+    """(m,) 1σ of the inputs, before what they went through."""
+    input_smoothing: Smoothing
+    """What the inputs went through: nothing, or what the states did."""
+    notes: tuple[str, ...]
+    """What was stated, what was estimated."""
+
+    def smoothing_of(self, channel: int) -> Smoothing:
+        """What a state channel went through, as the weak form takes it."""
+        s = self.smoothing
+        return replace(s, derived=self.derived[channel])
+
+
+def noise_of(subject: Subject) -> Noise:
+    """Noise of the subject's recordings, as stated where it is stated, else from their spectra.
+
+    Above `QUIET` times the sampling rate a measured state is noise that went through the filter: its spectrum has the
+    filter's shape, by which the filter is known (Whittle's likelihood), and its height gives 1σ.
+    """
+    logs, channels = subject.logs, subject.model.state_channels
+    measured = tuple(all(log.measured[i] for log in logs) for i in range(len(channels)))
+    height = {g: _height(logs, at) for g, at in channel_indices(channels, measured).items()}
+    own = {g for g in subject.noise if g in DERIVED_FROM}  # a sensor of its own has noise of its own
+    notes = []
+    if subject.smoothing is None:
+        smoothing, fits = _filter(height)
+        what = f"{smoothing}" if fits else "no filter that is known here: none is assumed"
+        notes.append(f"The filter that the measured states went through was estimated from their spectra: {what}.")
+    else:
+        smoothing = subject.smoothing
+    derived = tuple(
+        m and smoothing.derived and c.group not in own and DERIVED_FROM.get(c.group) in height
+        for c, m in zip(channels, measured, strict=True)
+    )
+    followers = {DERIVED_FROM[c.group]: c.group for c, d in zip(channels, derived, strict=True) if d}
+    sigma = {}
+    for group, spectrum in height.items():
+        if group in followers.values():
+            continue
+        shapes, found = [_gain(smoothing, False)], [spectrum]
+        if group in followers:
+            shapes.append(_gain(smoothing, True) * logs[0].rate ** 2)
+            found.append(height[followers[group]])
+        sigma[group] = subject.noise.get(group, _level(found, shapes) ** 0.5)
+    if estimated := sorted(set(sigma) - set(subject.noise)):
+        notes.append(f"The noise of {', '.join(estimated).replace('_', ' ')} was estimated from the spectra.")
+    raw, processed = [], []
+    for channel, is_derived, m in zip(channels, derived, measured, strict=True):
+        of = sigma.get(DERIVED_FROM[channel.group] if is_derived else channel.group, 0.0) if m else 0.0
+        weights = impulse_response(smoothing, is_derived)
+        raw.append(0.0 if is_derived else of)
+        processed.append(of * float(np.linalg.norm(weights)) * (logs[0].rate if is_derived else 1.0))
+    inputs, through = _input_noise(subject, replace(smoothing, derived=False))
+    if through.kind != "none":
+        notes.append(f"The inputs show {through} as well.")
+    return Noise(smoothing, derived, tuple(raw), tuple(processed), inputs, through, tuple(notes))
+
+
+# ---------------------------------------------------------------------------------------------------- the filter
+
+
+@lru_cache(maxsize=256)
+def impulse_response(s: Smoothing, derived: bool) -> np.ndarray:
+    """Weights (w,) on the noisy signal that give the smoothed one or, over dt, its derivative; later samples last."""
+    if s.kind == "savgol" and not (derived and s.differenced):
+        return np.asarray(savgol_coeffs(s.window, s.order, deriv=int(derived), use="dot"))
+    own = savgol_coeffs(s.window, s.order) if s.kind == "savgol" else np.full(s.window, 1 / s.window)
+    return np.convolve(own, [-0.5, 0.0, 0.5]) if derived else own
+
+
+@lru_cache(maxsize=256)
+def _gain(s: Smoothing, derived: bool) -> np.ndarray:
+    """Power (F,) that white noise of 1σ = 1 has after the filter, as `_spectrum` sees it through its taper."""
+    weights, taper = impulse_response(s, derived), _taper()
+    n, lags = len(weights), np.arange(len(weights))
+    own = np.correlate(weights, weights, "full")[n - 1 :]
+    seen = own * np.array([taper[: SEGMENT - k] @ taper[k:] for k in lags]) / (taper @ taper)
+    frequency = np.arange(SEGMENT // 2 + 1)[:, None] / SEGMENT
+    power = seen[0] + 2 * (seen[1:] * np.cos(2 * np.pi * frequency * lags[1:])).sum(1)
+    return np.asarray(np.maximum(power, FAINT * power.max())[QUIET])
+
+
+@lru_cache(maxsize=1)
+def _taper() -> np.ndarray:
+    # Its side lobes lie at -92 dB: slow motion does not leak into the quiet frequencies.
+    return np.asarray(blackmanharris(SEGMENT, sym=False))
+
+
+def _filter(height: dict[str, np.ndarray]) -> tuple[Smoothing, bool]:
+    """The filter whose gain is most like the heights found, and whether it is like them at all."""
+    best, least, unlike = Smoothing(), np.inf, np.inf
+    height = {group: found for group, found in height.items() if found.min() > 0}
+    for smoothing in _candidates():
+        loss, distance = 0.0, []
+        for group, found in height.items():
+            shape = _gain(smoothing, smoothing.derived and DERIVED_FROM.get(group) in height)
+            shape = shape * _level([found], [shape])
+            loss += float((np.log(shape) + found / shape).sum())
+            distance.append(float(np.abs(np.log(found / shape)).mean()))
+        if distance and loss < least:
+            best, least, unlike = smoothing, loss, float(np.mean(distance))
+    return (best, True) if unlike < UNLIKE else (Smoothing(), False)
+
+
+def _candidates() -> list[Smoothing]:
+    kinds = [("none", 1, 0)]
+    kinds += [("mean", w, 0) for w in range(3, 16, 2)]
+    kinds += [("savgol", w, o) for w in range(5, 26, 2) for o in (2, 3, 4) if o + 1 < w]
+    found = [Smoothing(*k, derived=d) for d in (False, True) for k in kinds]
+    return found + [Smoothing(*k, derived=True, differenced=True) for k in kinds if k[0] == "savgol"]
+
+
+# --------------------------------------------------------------------------------------------------- the spectra
+
+
+def channel_indices(channels: Sequence[Channel], measured: Sequence[bool]) -> dict[str, tuple[int, ...]]:
+    """Of each signal that was measured, its places among the channels."""
+    found: dict[str, tuple[int, ...]] = {}
+    for i, (channel, m) in enumerate(zip(channels, measured, strict=True)):
+        if m:
+            found[channel.group] = (*found.get(channel.group, ()), i)
+    return found
+
+
+def _height(logs: Sequence[Log], at: Sequence[int]) -> np.ndarray:
+    """Mean power (F,) of a channel at quiet frequencies; white noise has its variance everywhere."""
+    out = _spectrum([log.states[:, list(at)].numpy() for log in logs], [log.valid.numpy() for log in logs])
+    # About each axis: half the angle goes into a quaternion, three axes into its four numbers.
+    return np.asarray((out.sum(-1) * 4 / 3 if len(at) == 4 else out.mean(-1))[QUIET])
+
+
+def _spectrum(series: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> np.ndarray:
+    """Typical power (F, c) of a segment; a median, so that bursts and spikes do not count."""
+    taper, parts = _taper(), []
+    line = np.linspace(-1, 1, SEGMENT)[:, None]
+    for x, good in zip(series, valid, strict=True):
+        for k in range(0, len(x) - SEGMENT + 1, SEGMENT // 2):
+            if good[k : k + SEGMENT].all():
+                piece = x[k : k + SEGMENT] - x[k : k + SEGMENT].mean(0)
+                piece = piece - line * (line * piece).sum(0) / (line**2).sum()
+                parts.append(np.abs(np.fft.rfft(piece * taper[:, None], axis=0)) ** 2 / (taper**2).sum())
+    if not parts:  # too short to be heard
+        return np.zeros((SEGMENT // 2 + 1, series[0].shape[1]))
+    return np.asarray(np.median(parts, axis=0) / np.log(2))
+
+
+def _level(found: Sequence[np.ndarray], shapes: Sequence[np.ndarray]) -> float:
+    """σ² that brings the shapes to the heights found: where the shape is faint, so is what it says."""
+    ratios = np.concatenate([f / s for f, s in zip(found, shapes, strict=True)])
+    return float(np.median(ratios))
+
+
+def _input_noise(subject: Subject, smoothing: Smoothing) -> tuple[tuple[float, ...], Smoothing]:
+    """1σ (m,) of the inputs' noise, and the filter it went through: ``smoothing``, that of the states, or none."""
+    model, logs = subject.model, subject.logs
+    drives = logs[0].inputs.shape[1] - len(model.extras)
+    still = (0.0,) * len(model.extras)
+    if model.input_hold == "previous" or not drives:
+        return (0.0,) * drives + still, Smoothing()  # commands are known
+    power = _spectrum([log.inputs[:, :drives].numpy() for log in logs], [log.valid.numpy() for log in logs])
+    white, shape = (_gain(s, False) for s in (Smoothing(), smoothing))
+    mean = power[QUIET].mean(1)
+    unlike, alike = (
+        (float(np.abs(np.log(mean / (s * _level([mean], [s])))).mean()) for s in (white, shape))
+        if mean.min() > 0
+        else (0.0, 1.0)
+    )
+    filtered = alike < UNLIKE < unlike
+    signal = logs[0].recording.input_channels[0].group if logs[0].recording.input_channels else ""
+    if signal in subject.noise:
+        sigma = (subject.noise[signal],) * drives
+    elif filtered:
+        sigma = tuple(_level([p], [shape]) ** 0.5 for p in power[QUIET].T)
+    else:
+        top = power[round(0.4 * SEGMENT) : SEGMENT // 2]
+        sigma = tuple(float(v) for v in np.sqrt(np.median(top, axis=0)))
+    return (*sigma, *still), smoothing if filtered else Smoothing()

@@ -1,0 +1,139 @@
+"""What is diagnosed: a physics model and measurements of the same system, each as the model sees it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.diagnose.logs.smoothing import Smoothing
+from registry.contracts import Recording
+from registry.dynamics import PhysicsModel
+from registry.errors import BenchError
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One recording as the model sees it. Everything float64, SI."""
+
+    name: str
+    rate: float
+    """[Hz]."""
+    states: Tensor
+    """(N, s): the model's state channels; 0 where one was not measured."""
+    measured: tuple[bool, ...]
+    """(s,): whether a state channel was measured, and what it depends on was too."""
+    inputs: Tensor
+    """(N, m): the driving signal, then the model's extras."""
+    valid: Tensor
+    """(N,) bool."""
+    recording: Recording
+    estimated: tuple[bool, ...] = ()
+    """(s,): channels that were not measured although all that was measured depends on them."""
+
+    @property
+    def dt(self) -> float:
+        """Sampling period [s]."""
+        return 1 / self.rate
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A model and measurements to compare it with."""
+
+    name: str
+    model: PhysicsModel
+    """With nominal constants."""
+    logs: tuple[Log, ...]
+    training: tuple[str, ...]
+    """Names of the recordings that may be fitted."""
+    held_out: tuple[str, ...]
+    """Names of the recordings that only test."""
+    smoothing: Smoothing | None = None
+    """As stated; None: to be estimated."""
+    noise: dict[str, float] = field(default_factory=dict)
+    """1σ before smoothing, by signal, SI, as stated."""
+    uncertainty: dict[str, float] = field(default_factory=dict)
+    """Relative 1σ of the model's constants where it differs from the model's own."""
+    signals: tuple[str, ...] = ()
+    """Signals that were measured in every recording."""
+    notes: tuple[str, ...] = ()
+    """What was done to the measurements, in sentences."""
+
+    def of(self, names: Sequence[str]) -> tuple[Log, ...]:
+        """The logs of these names, in order."""
+        by_name = {log.name: log for log in self.logs}
+        return tuple(by_name[n] for n in names)
+
+    @property
+    def system(self) -> str:
+        """Registered name of the model, or its class."""
+        return type(self.model).system_name()
+
+
+def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
+    """A recording in the order of the model's states and inputs.
+
+    Raises:
+        BenchError: a signal that the model needs was not measured.
+    """
+    by_name = {c.name: i for i, c in enumerate(recording.channels)}
+    columns = np.concatenate([recording.inputs, recording.outputs], axis=1).astype(np.float64)
+    picks = [by_name.get(c.name) for c in model.state_channels]
+    if all(p is None for p in picks):
+        raise BenchError(
+            f"Recording {recording.name} holds none of the states of the model: "
+            f"{', '.join(dict.fromkeys(c.group for c in model.state_channels))}."
+        )
+    zeros = np.zeros(len(recording))
+    states = np.stack([zeros if p is None else columns[:, p] for p in picks], axis=1)
+    driving = recording.pick([drive])[0] if type(model).input_signals else columns[:, :0]
+    extras = [
+        np.arange(len(recording)) / recording.rate if name == "time" else recording.pick([name])[0][:, 0]
+        for name in model.extras
+    ]
+    inputs = np.concatenate([driving, *(e[:, None] for e in extras)], axis=1)
+    if "attitude" in {c.group for c in model.state_channels}:
+        at = [i for i, c in enumerate(model.state_channels) if c.group == "attitude"]
+        states[:, at] = _continuous(states[:, at])
+        if not any(p is not None for p in (picks[i] for i in at)):
+            states[:, at[-1]] = 1.0  # level
+    measured = tuple(p is not None for p in picks)
+    known = self_contained(model, measured)
+    return Log(
+        recording.name,
+        recording.rate,
+        torch.from_numpy(states),
+        known if any(known) else measured,
+        torch.from_numpy(np.ascontiguousarray(inputs, dtype=np.float64)),
+        torch.from_numpy(recording.valid.copy()),
+        recording,
+        () if any(known) else tuple(not m for m in measured),
+    )
+
+
+def self_contained(model: PhysicsModel, measured: Sequence[bool]) -> tuple[bool, ...]:
+    """Which measured states (s,) depend on measured ones only, by way of others too: what can be run free."""
+    if all(measured):
+        return tuple(measured)
+    size, generator = len(measured), torch.Generator().manual_seed(0)
+    rotors = len(getattr(model, "rotor_positions", ())) or 1
+    width = (rotors if model.input_signals else 0) + len(model.extras)
+    state = 0.5 + torch.rand(size + model.internal_size, generator=generator, dtype=torch.float64)
+    given = torch.full((width,), 0.5, dtype=torch.float64)
+    slopes = torch.autograd.functional.jacobian(lambda x: model.derivative(x, given)[:size], state)[:, :size]
+    depends, known = (slopes != 0).numpy(), np.array(measured)
+    for _ in range(size):
+        known &= ~(depends & ~known).any(axis=1)
+    return tuple(bool(k) for k in known)
+
+
+def _continuous(quaternions: np.ndarray) -> np.ndarray:
+    """Unit quaternions (N, 4) without jumps between q and −q."""
+    flips = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(1) < 0, -1.0, 1.0))
+    out: np.ndarray = quaternions * np.concatenate([[1.0], flips])[:, None]
+    return out

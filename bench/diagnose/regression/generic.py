@@ -1,0 +1,205 @@
+"""A dictionary of signals that a missing term could follow, for what no effect of the catalogue explains."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+import torch
+
+from bench.diagnose.regression.least_squares import equilibrium, ridge
+from bench.diagnose.regression.weak import Stack, TestFunctions
+from registry.dynamics import PhysicsModel
+from registry.physics.rigid_body import RigidBody, rotation_matrix
+
+
+@dataclass(frozen=True)
+class Term:
+    """One function of measured signals, acting along one axis."""
+
+    signal: str
+    """What it follows, such as "position"."""
+    text: str
+    """The function, such as "v_x |v|"."""
+    axis: str
+    """Where it acts, such as "force x"."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dictionary:
+    """Functions of signals, each along every axis that has dynamics: a term is a pair."""
+
+    terms: tuple[Term, ...]
+    """Axis by axis."""
+    values: np.ndarray
+    """(functions, L, N − 1), of unit spread."""
+    axes: np.ndarray
+    """(axes, L, N − 1, channels): the rates that a unit along each axis adds."""
+    members: tuple[np.ndarray, ...]
+    """An axis: the functions that may act along it."""
+
+    @property
+    def reach(self) -> tuple[frozenset[int], ...]:
+        """A term: the channels that it acts on."""
+        of_axis = [frozenset(map(int, np.flatnonzero(np.abs(a).max((0, 1))))) for a in self.axes]
+        return tuple(channels for channels, some in zip(of_axis, self.members, strict=True) for _ in some)
+
+    def project(self, tests: TestFunctions, log: int, dt: float) -> np.ndarray:
+        """Rows (terms, J, channels) of one log."""
+        count = tests.measured[log].shape[1]
+        out = []
+        for direction, some in zip(self.axes[:, log, :count], self.members, strict=True):
+            values = self.values[some, log, :count]
+            rows = np.zeros((len(some), tests.measured[log].shape[0], self.axes.shape[-1]))
+            for c in np.flatnonzero(np.abs(direction).max(0)):
+                rows[..., c] = (tests.modelled[log][c] @ (values * direction[:, c]).T).T * dt
+            out.append(rows)
+        return np.concatenate(out)
+
+
+def dictionary(model: PhysicsModel, stack: Stack, channels: tuple[int, ...]) -> Dictionary:
+    """Low-order functions of every measured signal, and products of two, along every axis that has dynamics.
+
+    Args:
+        model: tells the states, the inputs and the axes.
+        stack: the recordings.
+        channels: state channels that are looked at.
+    """
+    state = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
+    inputs = ((stack.inputs[:, :-1] + stack.inputs[:, 1:]) / 2).numpy()
+    slopes = ((stack.inputs[:, 1:] - stack.inputs[:, :-1]) / stack.dt).numpy()
+    drives = inputs.shape[-1] - len(model.extras)
+    base = _flight(state) if isinstance(model, RigidBody) else _states(model, state)
+    u, du = inputs[..., :drives], slopes[..., :drives]
+    if isinstance(model, RigidBody) and drives == 4:
+        u, du = u @ _MIX / stack.inputs.numpy()[..., :4].mean(), du @ _MIX
+    if drives:
+        base["input"] = {f"u{i}": u[..., i] for i in range(drives)}
+    found = {signal: functions | {f"{k}²": v * v for k, v in functions.items()} for signal, functions in base.items()}
+    for signal in ("position", *(() if isinstance(model, RigidBody) else base)):
+        for k, v in base.get(signal, {}).items():
+            size = np.abs(v).max() or 1.0
+            found[signal] |= {f"{k}³": v**3, f"|{k}| {k}": np.abs(v) * v}
+            for n in (1, 2, 3):
+                found[signal] |= {f"sin {n} {k}": np.sin(n * v), f"cos {n} {k}": np.cos(n * v)}
+            found[signal] |= {f"sign {k}": np.tanh(v / size / 0.02)}
+    if "velocity" in base and isinstance(model, RigidBody):
+        speed = np.linalg.norm(np.stack(list(base["velocity"].values())), axis=0)
+        found["velocity"] |= {f"|v| {k}": speed * v for k, v in base["velocity"].items()}
+    for (first, some), (second, others) in combinations_with_replacement(base.items(), 2):
+        of = found.setdefault(first if first == second else f"{first} × {second}", {})
+        of |= {f"{a} {b}": x * y for a, x in some.items() for b, y in others.items() if first != second or a < b}
+    if drives:
+        found["input_rate"] = {f"du{i}/dt": du[..., i] for i in range(drives)}
+    for i, name in enumerate(model.extras):
+        found[name] = {name: inputs[..., drives + i]}
+    found["constant"] = {"1": np.ones(state.shape[:-1])}
+    names = [(signal, text) for signal, functions in found.items() for text in functions]
+    values = np.stack([v for functions in found.values() for v in functions.values()])
+    scale = np.array([1.0 if signal == "constant" else v.std() for (signal, _), v in zip(names, values, strict=True)])
+    axes = _axes(model, state, channels)
+    everything = np.arange(len(names))
+    of_place = np.array([i for i, (signal, _) in enumerate(names) if signal in _OF_PLACE])
+    members = tuple(of_place if axis.startswith("world") else everything for axis in axes)
+    return Dictionary(
+        tuple(Term(*names[i], axis) for axis, some in zip(axes, members, strict=True) for i in some),
+        values / np.where(scale > 1e-12, scale, np.inf)[:, None, None],
+        np.stack(list(axes.values())),
+        members,
+    )
+
+
+_OF_PLACE = ("position", "time", "constant")
+"""Signals that a force along an axis of the world may follow."""
+_MIX = np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, -1, 1], [1, -1, 1, -1]]) / 4
+"""Of four rotors: sum and differences, so that thrust, roll, pitch and yaw are not mixed."""
+
+
+def _flight(state: torch.Tensor) -> dict[str, dict[str, np.ndarray]]:
+    rotation = rotation_matrix(state[..., 6:10])
+    v = (rotation * state[..., 3:6].unsqueeze(-1)).sum(-2).numpy()
+    w, p, down = state[..., 10:13].numpy(), state[..., 0:3].numpy(), rotation[..., 2, :].numpy()
+    return {
+        "velocity": {f"v_{a}": v[..., i] for i, a in enumerate("xyz")},
+        "body_rates": {n: w[..., i] for i, n in enumerate("pqr")},
+        "position": {a: p[..., i] for i, a in enumerate("xyz")},
+        "attitude": {f"R_z{a}": down[..., i] for i, a in enumerate("xy")},
+    }
+
+
+def _states(model: PhysicsModel, state: torch.Tensor) -> dict[str, dict[str, np.ndarray]]:
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for i, channel in enumerate(model.state_channels):
+        found.setdefault(channel.group, {})[channel.name] = state[..., i].numpy()
+    return found
+
+
+def follow(
+    grams: list[np.ndarray], kept: list[int], first: int, most: int = 8, allowed: Sequence[int] | None = None
+) -> list[tuple[int, float]]:
+    """What a residual follows: dictionary columns, most telling first, each with the held-out loss that it saves.
+
+    Orthogonal matching pursuit, judged recording by recording by a fit to the others.
+
+    Args:
+        grams: a recording: normal equations of its whitened rows, with dictionary columns from ``first`` on.
+        kept: columns that are always fitted.
+        first: the first dictionary column.
+        most: terms at most.
+        allowed: columns to choose from; default: all of the dictionary.
+    """
+    total = np.asarray(sum(grams))
+    chosen, found = list(kept), []
+    last = _held_out(grams, total, chosen)
+    for _ in range(most):
+        inner = total[np.ix_(chosen, chosen)]
+        scale = equilibrium(np.diag(inner))
+        inverse = np.linalg.inv(inner * np.outer(scale, scale) + 1e-9 * np.eye(len(chosen))) * np.outer(scale, scale)
+        cross = total[chosen]
+        left = total[-1] - cross[:, -1] @ inverse @ cross  # what each column shares with the residual that is left
+        power = np.diag(total) - np.einsum("ij,ik,kj->j", cross, inverse, cross, optimize=True)
+        free = power > 1e-6 * np.diag(total)
+        gain = np.where(free, left**2 / np.where(free, power, 1.0), 0.0)
+        gain[:first] = gain[-1] = 0.0
+        if allowed is not None:
+            gain = np.where(np.isin(np.arange(len(gain)), allowed), gain, 0.0)
+        best = int(np.argmax(gain))
+        chosen.append(best)
+        now = _held_out(grams, total, chosen)
+        if now >= last:
+            break
+        found.append((best, last - now))
+        last = now
+    return found
+
+
+def _held_out(grams: list[np.ndarray], total: np.ndarray, columns: list[int]) -> float:
+    index, loss = [*columns, total.shape[0] - 1], 0.0
+    for gram in grams:
+        vector = np.append(-ridge((total - gram)[np.ix_(index, index)], 1e-9), 1.0)
+        loss += float(vector @ gram[np.ix_(index, index)] @ vector)
+    return loss
+
+
+def _axes(model: PhysicsModel, state: torch.Tensor, channels: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """By axis, what a unit force, torque or rate along it adds to the rates (L, N − 1, channels)."""
+    shape = (*state.shape[:-1], len(channels))
+    out = {}
+    if isinstance(model, RigidBody):
+        rotation = rotation_matrix(state[..., 6:10]).numpy()
+        for i, a in enumerate("xyz"):
+            full = np.zeros((*state.shape[:-1], 13))
+            full[..., 3:6] = rotation[..., :, i]
+            out[f"force {a}"] = full[..., list(channels)].copy()
+            full[..., 3:6] = np.eye(3)[i]
+            out[f"world force {a}"] = full[..., list(channels)].copy()
+        for i, a in enumerate("xyz"):
+            full = np.zeros((*state.shape[:-1], 13))
+            full[..., 10 + i] = 1.0
+            out[f"torque {a}"] = full[..., list(channels)]
+        return out
+    for i, c in enumerate(channels):
+        direction = np.zeros(shape)
+        direction[..., i] = 1.0
+        out[f"d {model.state_channels[c].name}/dt"] = direction
+    return out

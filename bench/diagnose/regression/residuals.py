@@ -1,0 +1,151 @@
+"""Force and torque, or rate of change, that a model leaves out, against the conditions in which it does."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.regression.conditions import Condition
+from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
+from bench.diagnose.result import ResidualMap
+from registry.dynamics import PhysicsModel, tensor
+from registry.physics.rigid_body import RigidBody
+
+BINS = 12
+"""Of equally many samples each."""
+DOTS = 1500
+"""Samples kept for a scatter."""
+MAPS = 8
+"""Maps at most."""
+EACH = 2
+"""Maps of one quantity, and maps against one condition, at most."""
+FOLLOWS = 0.05
+"""Share of a residual's variance that its means in bins must hold."""
+
+
+def residual_maps(
+    model: PhysicsModel,
+    after: PhysicsModel | None,
+    stack: Stack,
+    where: Sequence[Condition],
+    noise: Noise,
+    window: int,
+    regions: Mapping[str, str],
+) -> tuple[ResidualMap, ...]:
+    """Residuals against the conditions they follow most.
+
+    Args:
+        model: what leaves the residual.
+        after: a better model, whose means are drawn in the same bins.
+        stack: measurements.
+        where: the conditions.
+        noise: what the states went through.
+        window: samples over which a residual is averaged.
+        regions: by name of a condition, the region that it tells.
+    """
+    hop = max(2, window // 2)
+    measured = [i for i in range(len(model.state_channels)) if all(log.measured[i] for log in stack.logs)]
+    tests = TestFunctions.over(stack.logs, hop, [noise.smoothing_of(i) for i in measured])
+    if not any(len(c) for c in tests.centres):
+        return ()
+    before = residuals(model, stack, tests, measured)
+    better = {} if after is None else residuals(after, stack, tests, measured)
+    found = []
+    for condition in where:
+        x = np.concatenate([condition.means(i, c - hop, 2 * hop + 1) for i, c in enumerate(tests.centres)])
+        if len(x) < 4 * BINS:
+            continue
+        order = np.argsort(x, kind="stable")
+        bins = np.array_split(order, BINS)
+        for (quantity, unit), y in before.items():
+            share = _share(y, bins)
+            if share > FOLLOWS:
+                later = better.get((quantity, unit))
+                found.append((share, condition, quantity, unit, x, y, bins, later))
+    found.sort(key=lambda f: (f[1].name not in regions, -f[0]))
+    maps: list[ResidualMap] = []
+    for _, condition, quantity, unit, x, y, bins, later in found:
+        against = sum(m.x_signal == condition.name for m in maps)
+        of = sum(m.y_quantity == quantity for m in maps)
+        if len(maps) == MAPS or max(against, of) >= EACH:
+            continue
+        thin = slice(None, None, max(1, -(-len(x) // DOTS)))
+        maps.append(
+            ResidualMap(
+                condition.name,
+                condition.unit,
+                quantity,
+                unit,
+                tuple(x[thin].tolist()),
+                tuple(y[thin].tolist()),
+                _means(x, bins),
+                _means(y, bins),
+                () if later is None else _means(later, bins),
+                regions.get(condition.name, ""),
+            )
+        )
+    return tuple(maps)
+
+
+def residuals(
+    model: PhysicsModel, stack: Stack, tests: TestFunctions, channels: Sequence[int]
+) -> dict[tuple[str, str], np.ndarray]:
+    """Mean residuals (J,) over the windows of ``tests``, by quantity and unit.
+
+    Of a rigid body force [N] and torque [N m] along the body's axes, else the rate of change of each channel.
+
+    Args:
+        model: whose rates are taken off.
+        stack: measurements.
+        tests: test functions for ``channels``.
+        channels: measured state channels.
+    """
+    rates, columns = mean_rates(model, stack)[..., list(channels)].numpy(), list(channels)
+    parts = []
+    for i, log in enumerate(stack.logs):
+        states = log.states.numpy()[:, columns]
+        parts.append(tests.increment(i, states) - tests.integral(i, rates[i][None], stack.dt)[0])
+    mean = np.concatenate(parts) / (tests.hop * stack.dt)
+    by_channel = {c: mean[:, i] for i, c in enumerate(columns)}
+    if isinstance(model, RigidBody):
+        return _loads(model, stack, tests, by_channel)
+    found = {}
+    for c, y in by_channel.items():
+        channel = model.state_channels[c]
+        unit = f"{channel.unit}^2" if channel.unit.endswith("/s") else f"{channel.unit}/s"
+        found[f"rate of change of {channel.name}", unit] = y
+    return found
+
+
+def _loads(
+    model: RigidBody, stack: Stack, tests: TestFunctions, by_channel: dict[int, np.ndarray]
+) -> dict[tuple[str, str], np.ndarray]:
+    centre = [(i, k) for i, centres in enumerate(tests.centres) for k in centres]
+    log, sample = (np.array(v) for v in zip(*centre, strict=True))
+    state = model.project(stack.states[log, sample])
+    motion = model.unloaded(state, stack.inputs[log, sample])[0]
+    constants = motion.model
+    found: dict[tuple[str, str], np.ndarray] = {}
+    if all(c in by_channel for c in range(3, 10)):
+        world = np.stack([by_channel[c] for c in (3, 4, 5)], axis=-1)
+        body = np.einsum("jki,jk->ji", motion.rotation.numpy(), world)
+        force = tensor(constants.mass, state).unsqueeze(-1).numpy() * body
+        found |= {(f"force {a}", "N"): force[:, i] for i, a in enumerate("xyz")}
+    if all(c in by_channel for c in (10, 11, 12)):
+        spin = np.stack([by_channel[c] for c in (10, 11, 12)], axis=-1)
+        torque = tensor(constants.inertia, state).numpy() * spin
+        found |= {(f"torque {a}", "N m"): torque[:, i] for i, a in enumerate("xyz")}
+    return found
+
+
+def _means(values: np.ndarray, bins: Sequence[np.ndarray]) -> tuple[float, ...]:
+    return tuple(float(values[b].mean()) for b in bins)
+
+
+def _share(y: np.ndarray, bins: Sequence[np.ndarray]) -> float:
+    """Share of the variance of y that its means in bins hold, less what chance alone gives them."""
+    total = float(((y - y.mean()) ** 2).sum())
+    within = sum(float(((y[b] - y[b].mean()) ** 2).sum()) for b in bins)
+    if not total > 0:
+        return 0.0
+    return 1 - within / (len(y) - len(bins)) / (total / (len(y) - 1))

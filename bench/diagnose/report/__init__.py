@@ -1,0 +1,1 @@
+"""The diagnosis as a page, on the terminal and as a model file."""

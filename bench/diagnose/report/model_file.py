@@ -1,0 +1,70 @@
+"""model.toml: a physics model with its effects, as a file that its user keeps and edits."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from bench.diagnose.result import NamedEffect, ParameterEstimate, write_text
+from registry.core import EFFECTS
+from registry.dynamics import Parameter, PhysicsModel
+from registry.errors import BenchError
+from registry.model_file import finite, numbers, options, read, toml_text
+
+__all__ = ["read", "write"]
+
+_HEAD = """\
+# A physics model: base constants, then one table for every effect, SI units.
+# `bench extend DATA --add EFFECT` adds another and fits them all again.
+"""
+
+
+def write(path: Path, model: PhysicsModel, effects: Sequence[NamedEffect] = ()) -> None:
+    """Write the model with its effects, whole or not at all; numbers keep nine digits.
+
+    Args:
+        path: the file.
+        model: its constants and those of ``model.effects`` are scalars or tuples.
+        effects: what is known about the effects' parameters; their 95 % intervals become comments.
+
+    Raises:
+        BenchError: a constant is not finite, or the file cannot be written.
+    """
+    lines = [_HEAD, f"system = {toml_text(type(model).system_name())}"]
+    lines += [f"{f.name} = {toml_text(getattr(model, f.name))}" for f in options(type(model), changed=model)]
+    lines += ["", "[physics]", *_table(path, model.parameters(), {})]
+    known = {e.id: e for e in effects}
+    for effect in model.effects:
+        name = EFFECTS.name_of(type(effect))
+        lines += ["", f"[[effects]]  # {_plain(EFFECTS.summary(name))}", f"# {_plain(effect.equation)}"]
+        lines += [f"id = {toml_text(name)}"]
+        lines += _table(path, effect.parameters(), known[name].parameters if name in known else {})
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _table(path: Path, parameters: Sequence[Parameter], known: dict[str, ParameterEstimate]) -> list[str]:
+    """One line a parameter; the comments say what it is and how well it is known, in one column."""
+    rows = []
+    for p in parameters:
+        value = p.value.tolist() if isinstance(p.value, Tensor) else p.value
+        if not all(map(finite, numbers(value))):
+            raise BenchError(f"{path} is not written: {p.name} = {value!r} is not finite.")
+        comment = p.about if p.unit == "1" else f"{p.unit}: {p.about}"
+        if p.name in known and all(map(finite, (known[p.name].low, known[p.name].high))):
+            comment = f"{p.unit}, 95 %: {known[p.name].low:.4g} to {known[p.name].high:.4g}; {p.about}"
+        rows.append((f"{p.name} = {_toml(value)}", _plain(comment)))
+    width = max((len(line) for line, _ in rows if len(line) < 48), default=0)
+    return [f"{line:<{width}}  # {comment}" for line, comment in rows]
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    text = f"{float(value):.9g}"
+    return text if {".", "e"} & set(text) else text + ".0"
+
+
+def _plain(text: str) -> str:
+    """One line, as a comment must be."""
+    return " ".join(text.split())

@@ -1,0 +1,100 @@
+"""The diagnosis as one HTML file that needs no network: what is missing, how much it explains, how sure that is."""
+
+import math
+from html import escape
+from pathlib import Path
+
+from bench.diagnose.report import page_parts as parts
+from bench.diagnose.report import words
+from bench.diagnose.report.page_sections import SECTIONS
+from bench.diagnose.result import Diagnosis, NamedEffect, write_text
+from bench.page import document
+
+_BADGES = {
+    "named": "missing effect found",
+    "tie": "tie",
+    "nothing": "nothing missing",
+    "unknown_effect": "unknown effect",
+    "data_problem": "data problem",
+}
+
+
+def write(path: Path, diagnosis: Diagnosis) -> None:
+    """Write the page, whole or not at all.
+
+    Raises:
+        BenchError: the file cannot be written.
+    """
+    write_text(path, render(diagnosis))
+
+
+def render(diagnosis: Diagnosis) -> str:
+    """The page as text. Everything that comes from data is escaped; there is no script and no external address."""
+    order = list(SECTIONS)
+    if diagnosis.verdict == "data_problem":
+        order.sort(key=lambda title: title != "The data")
+    made = {title: body for title in order if (body := SECTIONS[title](diagnosis))}
+    return document(
+        f"Diagnosis of {diagnosis.dataset}",
+        _head(diagnosis),
+        made,
+        "Intervals are 95 % and RMSE is the root mean square error of free runs on held-out recordings, unless said "
+        "otherwise.",
+        Path(__file__).with_name("page.css"),
+    )
+
+
+def _head(d: Diagnosis) -> str:
+    e = d.evidence
+    facts = [f"{e.recordings} recordings" if e.recordings else "", f"{e.seconds:.0f} s in all" if e.seconds else ""]
+    facts.append(f"{len(e.held_out)} held out" if e.held_out else "")
+    over = "".join(f"<span>{f}</span>" for f in facts if f)
+    cards, falls = "".join(map(_effect_card, d.effects)), "".join(map(_fall, words.falls(d)))
+    return (
+        f'<header class="{d.verdict}"><p class="over"><span class="badge">{_BADGES[d.verdict]}</span>'
+        f"<span><b>{escape(d.dataset)}</b></span><span>{escape(words.named(d.system))}</span>{over}</p>"
+        f"<h1>{escape(words.headline(d))}</h1>"
+        f'<p class="lead">{escape(words.explanation(d))}</p>'
+        + (f'<div class="falls">{falls}</div>' if falls else "")
+        + (f'<div class="cards">{cards}</div>' if cards else "")
+        + "</header>"
+    )
+
+
+def _fall(fall: words.Fall) -> str:
+    """Before → after of one output group, with a bar on which the floor is a mark."""
+    after = fall.after
+    top = max((e for e in fall.errors.values() if math.isfinite(e)), default=0.0)
+
+    def at(model: str) -> str:
+        error = fall.errors[model]
+        return f"{100 * (min(error, top) / top if top and not math.isnan(error) else 0):.1f}%"
+
+    others = [f"calibrated {fall.text('calibrated')}"] if after == "extended" else []
+    others += [f"floor {fall.text('floor')}"]
+    return (
+        f'<div class="fall"><h3>{escape(words.named(fall.group))} <small>after {fall.horizon}</small></h3>'
+        f'<p class="big"><span class="nominal">{fall.text("nominal")}</span> → '
+        f'<span class="{after}">{fall.text(after)}</span> <small>{escape(fall.unit)}</small></p>'
+        f'<div class="track"><i class="nominal" style="width:{at("nominal")}"></i>'
+        f'<i class="{after}" style="width:{at(after)}"></i><b style="left:{at("floor")}"></b></div>'
+        f'<p class="quiet">{", ".join(others)}</p></div>'
+    )
+
+
+def _effect_card(effect: NamedEffect) -> str:
+    about, equation = words.about(effect.id)
+    tied = effect.indistinguishable_from
+    values = []
+    for name, p in effect.parameters.items():
+        value, low, high, unit = words.estimate_parts(name, p)
+        between = f" <small>{low} to {high}</small>" if low != words.NOTHING else ""
+        values.append(f"<p><code>{escape(name)}</code> = <b>{escape(words.united(value, unit))}</b>{between}</p>")
+    return (
+        f'<div class="card"><div class="share">{words.percent(effect.share_explained)}<small>explained</small></div>'
+        f"<h3>{escape(words.named(effect.id))}</h3>"
+        + (f"<p class='quiet'>{escape(about)}</p>" if about else "")
+        + parts.equation(equation)
+        + (f"<p class='quiet'>Or {escape(words.listed(map(words.named, tied), 'or'))}.</p>" if tied else "")
+        + f'<div class="values">{"".join(values)}</div></div>'
+    )

@@ -1,0 +1,64 @@
+"""The diagnosis as a short story on the terminal."""
+
+from typing import Any
+
+from bench.diagnose.report import words
+from bench.diagnose.result import Diagnosis
+
+LINES = 15
+"""The most lines a story takes on a terminal of 100 columns."""
+_STYLES = {"named": "cyan", "tie": "yellow", "nothing": "green", "unknown_effect": "yellow", "data_problem": "red"}
+
+
+def tell(diagnosis: Diagnosis, console: Any) -> None:
+    """Print the verdict, the falling error, the effects and where the error is, in at most `LINES` lines.
+
+    Args:
+        diagnosis: what was found.
+        console: a rich console.
+    """
+    from rich.text import Text
+
+    verdict = Text(words.headline(diagnosis), style=f"bold {_STYLES[diagnosis.verdict]}")
+    first = _problems(diagnosis) if diagnosis.verdict == "data_problem" else _effects(diagnosis) + _errors(diagnosis)
+    last = _regions(diagnosis) if diagnosis.verdict == "data_problem" else _regions(diagnosis) + _problems(diagnosis)
+    texts = [verdict, *map(Text, [words.explanation(diagnosis), *first, *last])]
+    for line in [line for text in texts for line in text.wrap(console, console.width)][:LINES]:
+        line.rstrip()
+        console.print(line, highlight=False, no_wrap=True)
+
+
+def _effects(diagnosis: Diagnosis) -> list[str]:
+    shown = diagnosis.effects[:3]
+    width = max((len(e.id) for e in shown), default=0)
+    return [f"  + {e.id:<{width}}  {words.percent(e.share_explained):>5}  {words.parameters(e)}" for e in shown]
+
+
+def _errors(diagnosis: Diagnosis) -> list[str]:
+    found = [
+        (
+            f"{words.named(f.group)} after {f.horizon}",
+            f"{f.text('nominal')} → {f.text(f.after)} {f.unit}",
+            f"floor {f.text('floor')}",
+        )
+        for f in words.falls(diagnosis)[:4]
+    ]
+    widths = [max((len(row[i]) for row in found), default=0) for i in range(2)]
+    return [f"  {what:<{widths[0]}}  {fall:<{widths[1]}}  {floor}" for what, fall, floor in found]
+
+
+def _regions(diagnosis: Diagnosis) -> list[str]:
+    return [
+        f"  where: {r.region}: {words.percent(r.share_of_error)} of the error in {words.percent(r.share_of_time)} "
+        "of the time"
+        for r in diagnosis.where[:2]
+    ]
+
+
+def _problems(diagnosis: Diagnosis) -> list[str]:
+    shown = [
+        f"  {p.recording}, {words.named(p.signal)}, {words.rows(p)}: {p.kind}; {p.detail}"
+        for p in diagnosis.data_problems[:4]
+    ]
+    more = len(diagnosis.data_problems) - len(shown)
+    return shown + ([f"  and {more} more in the report"] if more else [])

@@ -1,0 +1,1 @@
+"""Which effects explain what a model leaves: search, subsets, and what speaks against a choice."""

@@ -1,0 +1,210 @@
+"""Which effects a model lacks whose states were not all measured: every set is simulated, fitted and compared.
+
+The weak form needs every state; here each candidate set of effects is fitted by shooting (`simulation_fit`). A larger
+set must be better by Bayes's information criterion and on windows that were not fitted.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+import torch
+from scipy.stats import t as student
+
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.select.discovery import Discovery, Found, Loser
+from bench.diagnose.select.search import admissible
+from bench.diagnose.select.subset import t_value
+from bench.diagnose.select.verify import Estimate
+from bench.diagnose.simulate.simulation_fit import Simulated, Start, Windows, fit, starts
+from registry.core import EFFECTS
+from registry.dynamics import Effect, PhysicsModel
+
+MOST = 3
+"""Effects at most, added one by one: each set costs a fit through the simulator."""
+LIKELY = 3
+"""Starting points that are followed to the end."""
+FIRST = 4
+"""Steps after which the less promising starting points are dropped."""
+GROWING = (16, 64)
+"""Samples of the windows that lead a fit to the whole ones."""
+ODDS = 6.0
+"""Difference of the criterion that counts: twice the logarithm of 20 to 1."""
+SURE = 2.0
+"""t over windows of the held-out gain that a larger set needs."""
+FOLDS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A set of effects, fitted."""
+
+    ids: tuple[str, ...]
+    fitted: Simulated
+    subject: Subject
+    windows: Windows
+
+    @property
+    def parameters(self) -> int:
+        """Numbers of the added effects."""
+        return sum(not e.constant for e in self.fitted.where)
+
+    @cached_property
+    def held_out(self) -> np.ndarray:
+        """(W,) squared error of each window, from fits without it."""
+        count = len(self.windows.log)
+        folds = np.array_split(np.arange(count), min(FOLDS, count))
+        weights = np.ones((len(folds), count))
+        for row, fold in zip(weights, folds, strict=True):
+            row[fold] = 0.0
+        apart = fit(self.subject, self.windows, [self.fitted] * len(folds), weights, FIRST)
+        return np.concatenate([a.loss[f] for a, f in zip(apart, folds, strict=True)])
+
+
+def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[str], None]) -> Discovery:
+    """Find what the model of ``subject`` lacks; see `bench.diagnose.discover.discover`."""
+    windows, known = Windows.of(subject.of(subject.training)), len(subject.model.effects)
+    kinds = dict(admissible(subject, subject.model, catalogue))
+    with torch.no_grad():
+        tick("calibrate")
+        base = Choice((), _fit(subject, windows, [subject.model]), subject, windows)
+        fields, taken = [[base]], base
+        for _ in range(MOST):
+            field = []
+            for name in kinds:
+                if name not in taken.ids:
+                    tick(" + ".join((*taken.ids, name)))
+                    model = taken.fitted.model
+                    grown = [replace(model, effects=(*model.effects, e)) for e in _points(name)]
+                    field.append(Choice((*taken.ids, name), _fit(subject, windows, grown), subject, windows))
+            if not field:
+                break
+            fields.append(sorted(field, key=lambda c: _criterion(c, taken)))
+            if not _accepted(taken, fields[-1][0]):
+                break
+            taken = fields[-1][0]
+        field = next((f for f in fields if taken in f), [taken])
+        alike = [c for c in field if c is not taken and _alike(taken, c)]
+    numbers = estimates(taken.fitted, len(windows.log))
+    effects = taken.fitted.model.effects[known:]
+    found = []
+    for i, (name, effect) in enumerate(zip(taken.ids, effects, strict=True)):
+        rest = set(taken.ids) - {name}
+        rivals = tuple(next(iter(set(c.ids) - rest)) for c in alike if rest < set(c.ids))
+        own = tuple(x for x in numbers if x.entry.owner == known + i)
+        found.append(Found(name, effect, own, float((base.fitted.loss - taken.fitted.loss).sum()), rivals))
+    return Discovery(
+        base.fitted.model,
+        taken.fitted.model,
+        tuple(found),
+        tuple(_round(base, taken, f) for f in fields[1:]),
+        (),
+        tuple(x for x in numbers if x.entry.constant),
+    )
+
+
+def fitted(
+    subject: Subject, model: PhysicsModel, tick: Callable[[str], None] = lambda what: None
+) -> tuple[PhysicsModel, list[Estimate]]:
+    """Constants within their uncertainty and all effects of ``model``, fitted on the training recordings.
+
+    The last effect is tried from its whole search grid too: the constants of a model without it may lie in the valley
+    of another solution.
+    """
+    tick("shooting")
+    windows, starts = Windows.of(subject.of(subject.training)), [model]
+    if model.effects:
+        rest, name = model.effects[:-1], EFFECTS.name_of(type(model.effects[-1]))
+        starts += [replace(model, effects=(*rest, e)) for e in _points(name)]
+    with torch.no_grad():
+        done = _fit(subject, windows, starts)
+    return done.model, estimates(done, len(windows.log))
+
+
+def estimates(of: Simulated, windows: int) -> list[Estimate]:
+    """Numbers with 95 % intervals; what is left counts as often as it is independent, less what was fitted."""
+    free = max(independent(of) - len(of.where) - windows, 2.0)
+    prior = np.array([e.scale**-2 if e.constant else 0.0 for e in of.where])
+    information = of.gram * free / float(of.loss.sum()) + np.diag(prior)
+    half = float(student.ppf(0.975, free)) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0))
+    pairs = zip(of.where, half, strict=True)
+    return [Estimate(e, e.value, max(e.value - h, e.low), min(e.value + h, e.high)) for e, h in pairs]
+
+
+def independent(of: Simulated) -> float:
+    """How many independent observations the errors of a fit are worth, by their correlation in time."""
+    total = 0.0
+    for x in of.errors.transpose(0, 2, 1).reshape(-1, of.errors.shape[1]):
+        y = x - x.mean()
+        own = np.correlate(y, y, "full")[len(y) - 1 :] / max(float(y @ y), 1e-300)
+        until = int(np.argmax(own < 0)) or len(own)
+        total += len(x) / max(1.0, 2 * float(own[:until].sum()) - 1)
+    return total
+
+
+def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> Simulated:
+    """The best fit from several starting points: all for a few steps, the likely ones to the end.
+
+    They are also led there by windows that grow: over a short one no free run falls out of step with the measurement,
+    which makes a valley of every missed period; but it says little of what is slow, so both ways are gone.
+    """
+
+    def likely(windows: Windows, begin: Sequence[Start]) -> list[Simulated]:
+        return sorted(fit(subject, windows, begin, steps=FIRST), key=lambda f: f.loss.sum())[:LIKELY]
+
+    begin = starts(windows, models)
+    led: Sequence[Start] = begin
+    for samples in GROWING:
+        led = likely(windows.shortened(samples), led)
+    return min(fit(subject, windows, likely(windows, [*begin, *led])), key=lambda f: f.loss.sum())
+
+
+def _points(name: str) -> list[Effect]:
+    """An effect from every value of its search grid, all else typical, so that every parameter is felt."""
+    kind = EFFECTS.get(name)
+    grid = [dict(zip(kind.screen, values, strict=True)) for values in product(*kind.screen.values())]
+    return [replace(kind.typical(), **values) for values in grid]
+
+
+def _criterion(c: Choice, other: Choice) -> float:
+    """Bayes's information criterion against another choice."""
+    free = independent(c.fitted)
+    gain = free * float(np.log(c.fitted.loss.sum() / other.fitted.loss.sum()))
+    return gain + (c.parameters - other.parameters) * float(np.log(free))
+
+
+def _log_gain(smaller: Choice, larger: Choice) -> np.ndarray:
+    return np.asarray(np.log(np.maximum(smaller.held_out, 1e-300) / np.maximum(larger.held_out, 1e-300)))
+
+
+def _accepted(smaller: Choice, larger: Choice) -> bool:
+    """Whether the larger set is better by the criterion and on windows that were not fitted."""
+    saved = smaller.held_out.sum() > larger.held_out.sum() and t_value(_log_gain(smaller, larger)) > SURE
+    return bool(saved) and _criterion(larger, smaller) < -ODDS
+
+
+def _alike(taken: Choice, other: Choice) -> bool:
+    """Whether another set of the same size does as well, or nearly."""
+    near = _criterion(other, taken)
+    return near < ODDS or (near < 3 * ODDS and t_value(_log_gain(other, taken)) < SURE)
+
+
+def _round(base: Choice, taken: Choice, field: Sequence[Choice]) -> tuple[Loser, ...]:
+    """The sets of one size, as a reader compares them."""
+    before, out = base.fitted.loss, []
+    for c in field[:8]:
+        gains = before - c.fitted.loss
+        share = float(gains.sum() / before.sum())
+        half = 1.96 * float(gains.std(ddof=1)) * len(gains) ** 0.5 / float(before.sum()) if len(gains) > 1 else 0.0
+        text = "; ".join(
+            f"{n}: " + ", ".join(f"{p.name} = {p.value:.3g} {p.unit}" for p in e.parameters() if p.uncertainty > 0)
+            for n, e in zip(c.ids, c.fitted.model.effects[-len(c.ids) :], strict=True)
+        )
+        why = ""
+        if c is not taken:
+            times = float(c.fitted.loss.sum() / taken.fitted.loss.sum())
+            why = f"leaves {times:.2g} times the squared error of {' + '.join(taken.ids) or 'the base model'}"
+        out.append(Loser(" + ".join(c.ids), share, share - half, share + half, text, why))
+    return tuple(out)

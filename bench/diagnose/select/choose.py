@@ -1,0 +1,167 @@
+"""How many effects, and which: best subsets, each larger one paid for on recordings that were not fitted."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bench.diagnose.regression.linearise import Start
+from bench.diagnose.regression.parameters import with_values
+from bench.diagnose.select.search import View
+from bench.diagnose.select.subset import Fit, t_value
+from registry.dynamics import PhysicsModel
+
+LARGEST = 3
+"""Effects searched for together; more are added one by one."""
+MOST = 5
+"""Effects at most."""
+SIGNIFICANT, SURE, PLAIN = 3.5, 2.0, 0.012
+"""t over blocks of the held-out gain with which an effect is accepted, and what suffices where the gain is plain: this
+share of what noise leaves, which comes from few manoeuvres rather than by chance."""
+LARGE = 0.05
+"""Gain, as a share of what noise leaves, that is accepted if every recording not fitted confirms it."""
+VISIBLE = 0.01
+"""Least gain of an effect, as a share of what noise leaves."""
+RELEVANT = 0.004
+"""Least gain of an effect, as a share of all that effects explain."""
+CLEARING = 0.8
+"""Share of what is left, where that exceeds the noise, with which an effect is relevant whatever others explain."""
+DOUBTED = 5.0
+"""Relief of the constants' prior (χ², beyond the price of parameters) that is evidence in itself."""
+DISTINCT = 2.5
+"""t over blocks with which a rival must lose to count as told apart."""
+SURELY = 5.0
+"""t from which even a small difference in explanation counts against fewer parameters."""
+SIMPLER = 0.3
+"""Share of what is left by which a set of fewer parameters may be worse, if the blocks do not agree that it is."""
+
+
+def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
+    """The set of effects to add to a view's model, and by size the sets it was chosen from.
+
+    Sets are compared by loss and number of parameters; a larger one must gain on recordings not fitted.
+    """
+    subsets, starts = view.subsets, view.subsets.starts
+    taken, fields = subsets.fit(), [[subsets.fit()]]
+    among: Sequence[Start] = starts
+    promising: dict[str, Start] = {}
+    for size in range(1, MOST + 1):
+        grown = _grown(view, fields[-1][0]) if size > 2 else []
+        if size > LARGEST:
+            field = grown
+        else:
+            among = [*among, *(f.starts[-1] for f in grown if f.starts[-1] not in among)]
+            field = subsets.best(size, among, list(promising.values()) if size == 2 else ())
+        if not field:
+            break
+        fields.append(field)
+        if size == 1:
+            promising = {s.id: s for f in field for s in f.starts}
+        larger = next((f for f in field if sound(view, f) and accepted(view, taken, f)), None)
+        if larger is not None:
+            larger = _simplest(view, larger, field)
+        if larger is None and size >= 2:
+            break
+        taken = larger or taken
+        if size == 2:
+            best: dict[str, Start] = {}
+            for s in (s for f in field for s in f.starts):
+                best.setdefault(s.id, s)
+            among = list(best.values())[:10]
+    return taken, fields
+
+
+def _grown(view: View, fit: Fit) -> list[Fit]:
+    """The best sets of one effect more than ``fit``, of every other effect its best start, best first.
+
+    They hold what shows only beside the others, and so in no smaller set.
+    """
+    known, best = set(fit.ids), dict[str, Fit]()
+    for s in view.subsets.starts:
+        if s.id not in known:
+            larger = view.subsets.fit((*fit.starts, s))
+            if s.id not in best or larger.loss < best[s.id].loss:
+                best[s.id] = larger
+    return sorted(best.values(), key=view.subsets.cost)[:5]
+
+
+def sound(view: View, fit: Fit) -> bool:
+    """Whether no parameter of the added effects is pushed to a bound that is not its neutral value."""
+    at = len(view.linear.own)
+    for s in fit.starts:
+        steps = fit.beta[at : at + len(s.columns)][len(s.columns) - len(s.entries) :]
+        at += len(s.columns)
+        for e, b in zip(s.entries, steps, strict=True):
+            value = e.value + b
+            if value != e.neutral and b != 0 and (value <= e.low or value >= e.high):
+                return False
+    return True
+
+
+def _simplest(view: View, best: Fit, field: list[Fit]) -> Fit:
+    """The set with the fewest parameters among those of a field that are not worse than the best for sure."""
+    subsets = view.subsets
+    level = subsets.losses(best).sum(1)
+
+    def alike(f: Fit) -> bool:
+        # Where the model is exact a small difference is sure; where it is not, the blocks disagree.
+        t = t_value(subsets.losses(f).sum(1) - level)
+        worse = subsets.cost(f) - subsets.cost(best)
+        return f.parameters < best.parameters and (
+            (t < SURELY and worse < RELEVANT * everything) or (t < DISTINCT and worse < SIMPLER * best.misfit)
+        )
+
+    everything = max(view.explained, subsets.fit().misfit - best.misfit)
+    rivals = [f for f in field if alike(f) and sound(view, f)]
+    return min(rivals, key=lambda f: (f.parameters, f.loss), default=best)
+
+
+def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) -> bool:
+    """Whether the larger set is worth its additional parameters; ``drop`` belongs to the smaller one."""
+    subsets = view.subsets
+    gained, relief = smaller.misfit - larger.misfit, smaller.prior - larger.prior
+    price = subsets.penalty * (larger.parameters - smaller.parameters)
+    if gained + relief <= price:
+        return False
+    if gained > -DOUBTED and gained + relief > price + DOUBTED and relief > DOUBTED:
+        return True  # constants that would otherwise lie far outside what is known of them
+    if price <= 0 and gained > 0:
+        return True
+    everything = max(view.explained, view.subsets.fit().misfit - view.floor)
+    left = smaller.misfit - view.floor
+    clears = left > view.floor and gained > CLEARING * left
+    if gained < VISIBLE * view.floor or (gained < RELEVANT * everything and not clears):
+        return False
+    saved = (subsets.held_out(smaller.starts, drop=drop) - subsets.held_out(larger.starts)).sum(1)
+    # A large effect acts where the manoeuvre is, so its gains are as uneven as they are sure: their logarithm is not.
+    levels = np.log(np.maximum(subsets.losses(smaller).sum(1), 1e-9) / np.maximum(subsets.losses(larger).sum(1), 1e-9))
+    sure = max(t_value(saved), t_value(levels))
+    everywhere = all(saved[subsets.normal.fold == f].sum() > 0 for f in np.unique(subsets.normal.fold))
+    if everywhere and gained > LARGE * view.floor:
+        return True  # from few manoeuvres, but from some of every recording
+    return bool(saved.sum() > 0) and (sure > SIGNIFICANT or (sure > SURE and gained > PLAIN * view.floor))
+
+
+def agreed(views: Sequence[View]) -> tuple[View, Fit, list[list[Fit]]]:
+    """The choice with the inputs' noise taken off, less what would not be chosen with the inputs as they are."""
+    view = views[0]
+    fit, fields = choose(view)
+    for other in views[1:]:
+        subsets, kept = other.subsets, list(fit.starts)
+        for s in fit.starts:
+            rest = [r for r in kept if r is not s]
+            if not accepted(other, subsets.fit(rest), subsets.fit(kept)):
+                kept = rest
+        fit = view.subsets.fit(kept)
+    # The view whose constants lie nearest to what is known of them.
+    nearest = min(views, key=lambda v: v.subsets.fit(fit.starts).prior)
+    return nearest, nearest.subsets.fit(fit.starts), fields
+
+
+def updated(view: View, fit: Fit) -> PhysicsModel:
+    """The view's model with the fit's numbers and effects."""
+    own = view.linear.own
+    values = np.array([np.clip(e.value + b, e.low, e.high) for e, b in zip(own, fit.beta, strict=False)])
+    model = with_values(view.linear.model, own, values)
+    added = fit.effects(len(own)).values()
+    return replace(model, effects=(*model.effects, *added))

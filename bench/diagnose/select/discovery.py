@@ -1,0 +1,54 @@
+"""What a search for missing effects has learnt."""
+
+from dataclasses import dataclass
+
+from bench.diagnose.select.verify import Estimate, Ratio, Trace
+from registry.dynamics import Effect, PhysicsModel
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An effect that the model lacks."""
+
+    id: str
+    effect: Effect
+    estimates: tuple[Estimate, ...]
+    gain: float
+    """Squared whitened residual that it saves, given the others."""
+    rivals: tuple[str, ...]
+    """Effects that explain the data as well."""
+
+
+@dataclass(frozen=True)
+class Loser:
+    """A candidate that was not taken, in one round."""
+
+    id: str
+    gain: float
+    """Share of what the round could explain, 0 to 1."""
+    low: float
+    high: float
+    text: str
+    """Its parameters."""
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery:
+    """What was learnt."""
+
+    calibrated: PhysicsModel
+    """The given model with constants fitted within their uncertainty."""
+    model: PhysicsModel
+    """With the effects found."""
+    found: tuple[Found, ...]
+    rounds: tuple[tuple[Loser, ...], ...]
+    traces: tuple[Trace, ...]
+    constants: tuple[Estimate, ...]
+    ratios: tuple[Ratio, ...] = ()
+    imitators: tuple[str, ...] = ()
+    """Effects that would imitate what is left, and were not named."""
+    faint: tuple[Trace, ...] = ()
+    """What the rest goes with where all of it is too little to say that something is left."""
+    notes: tuple[str, ...] = ()
+    """What was done, in sentences."""

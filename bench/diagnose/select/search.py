@@ -1,0 +1,265 @@
+"""A model and all its rivals on the training recordings, linearised, whitened, ready to choose from."""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from scipy.ndimage import convolve1d
+
+from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
+from bench.diagnose.regression.least_squares import ridge, whitening
+from bench.diagnose.regression.linearise import Directions, Rows, directions
+from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.weak import Stack, TestFunctions
+from bench.diagnose.select.subset import Subsets
+from bench.diagnose.simulate.unmeasured import hidden
+from registry.core import EFFECTS
+from registry.dynamics import Effect, InputEffect, PhysicsModel
+
+HOP = 0.06
+"""From one test function to the next [s] where the motion is slower; a test function is two hops long."""
+FINE = 6
+"""Samples from one test function to the next that are enough."""
+LONGEST = 24_000
+"""Samples that are looked at; more would make it slower and no surer."""
+TELLING = 12
+"""Columns at most that are fitted before what is left is called noise."""
+BURIED = 0.3
+"""Share of noise of the inputs in what a column is made of from which the data say nothing about it."""
+MEMORY = 8
+"""Order of the autoregression that whitens a residual [hops]."""
+_OF_INPUT = ("input", "input_rate")
+"""Signals of the dictionary that noise of the inputs is in."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A model linearised on the training recordings, whitened, with normal equations to choose from."""
+
+    linear: Directions
+    dictionary: tuple[Term, ...]
+    subsets: Subsets
+    grams: tuple[np.ndarray, ...]
+    """A recording: of all columns, dictionary included."""
+    reach: tuple[frozenset[int], ...]
+    """A dictionary term: the channels that it acts on."""
+    explained: float
+    """Squared whitened residual that the effects of the model explain already."""
+    doubtful: frozenset[int]
+    """Channels in which the model's own numbers are buried in noise of the inputs."""
+
+    @property
+    def floor(self) -> float:
+        """What noise leaves: one a row."""
+        return float(self.subsets.normal.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A model linearised on the training recordings, and again with the inputs' noise added once more."""
+
+    linear: Directions
+    moved: Directions | None
+    dictionary: Dictionary | None
+    noisy_dictionary: Dictionary | None
+
+
+class Search:
+    """The steps of a discovery on one subject."""
+
+    def __init__(
+        self,
+        subject: Subject,
+        catalogue: Sequence[str] | None,
+        tick: Callable[[str], None],
+        noise: Noise | None = None,
+    ) -> None:
+        self.subject, self.catalogue, self.tick = subject, catalogue, tick
+        logs = subject.of(subject.training)
+        # Where the motion is slow against the sampling, a few samples a test function are enough.
+        stride = max(1, hop_of(Stack.of(shortened(logs))) // FINE)
+        self.stack = Stack.of(shortened(logs, stride))
+        given, seen = (sum(len(log) / log.rate for log in some) for some in (logs, self.stack.logs))
+        self.notes = (
+            ()
+            if seen > 0.99 * given
+            else (
+                f"Effects were sought in the middle {100 * seen / given:.0f} % of each of the {len(logs)} recordings "
+                f"that are learnt from, {seen:.0f} s in all: more would be slower and no surer.",
+            )
+        )
+        self.hop = hop_of(self.stack)
+        noise = noise or noise_of(subject)
+        filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
+        self.smoothing = {c.group: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
+        self.nominal = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
+        drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
+        through = noise.input_smoothing.coarser(stride).kernel()
+        sigma = input_noise(self.stack, drives, through)
+        if subject.model.input_hold == "previous":
+            sigma = sigma * 0.0  # commands are known
+        generator = np.random.default_rng(0)
+        hiss = convolve1d(generator.normal(size=self.stack.inputs.shape) * sigma, through, axis=1)
+        self.noisy = replace(self.stack, inputs=self.stack.inputs + torch.from_numpy(hiss)) if sigma.any() else None
+
+    def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> Look:
+        """Linearise ``model`` with every candidate.
+
+        Args:
+            model: with the effects found so far.
+            only: of effects that are costly to try, those worth it; default all.
+            broad: whether a dictionary of signals is looked at too; not needed near the right model, where the
+                candidates leave only noise.
+        """
+        candidates = admissible(self.subject, model, self.catalogue)
+        if only is not None:
+            candidates = [(n, k) for n, k in candidates if n in only or not k.screen]
+        nominal, spread = self.subject.model, self.subject.uncertainty
+        linear = directions(model, nominal, spread, self.stack, candidates, self.tick)
+        words = dictionary(model, self.stack, linear.channels) if broad else None
+        if self.noisy is None:
+            return Look(linear, None, words, None)
+        # Of the costly candidates those that act on the inputs themselves carry their noise.
+        touched = [(n, k) for n, k in candidates if not k.screen or issubclass(k, InputEffect)]
+        moved = linear.moved(directions(model, nominal, spread, self.noisy, touched))
+        return Look(linear, moved, words, dictionary(model, self.noisy, linear.channels) if broad else None)
+
+    def views(self, look: Look, explained: float = 0.0) -> list[View]:
+        """Normal equations of a look through test functions: with the inputs' noise taken off, and as they are."""
+        linear = look.linear
+        filters_of = [self.smoothing[linear.model.state_channels[c].group] for c in linear.channels]
+        tests = TestFunctions.over(self.stack.logs, self.hop, filters_of)
+        rows = linear.project(tests, look.dictionary)
+        filters = noise_filters(rows, len(linear.own))
+        whitened = rows.whitened(filters)
+        count, width = len(linear.columns), rows.width
+        noises: list[np.ndarray | None] = [None]
+        words = () if look.dictionary is None else look.dictionary.terms
+        if look.moved is not None:
+            noisy = [*range(count), *(count + i for i, t in enumerate(words) if t.signal in _OF_INPUT), width]
+            again = look.moved.project(tests, look.noisy_dictionary)
+            some = rows.some(noisy).noise(again.some(noisy), filters)
+            noise = np.zeros((len(filters), width + 1, width + 1))
+            noise[np.ix_(range(len(filters)), noisy, noisy)] = some
+            noises = [noise, None]
+        buried, doubtful = frozenset[int](), frozenset[int]()
+        if noises[0] is not None:
+            power = np.asarray(sum((x**2).sum((0, 1)) for x in whitened))[:count]
+            rest = sum(x.shape[1] for x in whitened) * noises[0].sum(0).diagonal()[:count]
+            buried = frozenset(np.flatnonzero(rest > BURIED * power).tolist())
+            by_channel = sum((x**2).sum(1) for x in whitened)  # (channels, c + 1)
+            hidden = [c for c in buried if c < len(linear.own)]
+            doubtful = frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
+        reach = () if look.dictionary is None else look.dictionary.reach
+        kept = [*range(count), width]
+        first = rows.some(kept)
+        plain = rows.folds(filters) if words else []
+        out = []
+        for off in noises:
+            normal = first.normal(filters, None if off is None else off[:, kept][..., kept])
+            grams = plain
+            if off is not None:
+                share = sum(x.shape[1] for x in whitened) / max(1, len(plain))
+                grams = [g - share * off.sum(0) for g in plain]
+            subsets = Subsets(linear, normal, self.nominal, buried)
+            out.append(View(linear, tuple(words), subsets, tuple(grams), reach, explained, doubtful))
+        return out
+
+
+_ROLES = {"displacement": {"angle", "position"}, "speed": {"angle_rate", "velocity"}}
+"""Signals of other systems that are what a mechanical effect needs."""
+
+
+def admissible(
+    subject: Subject, model: PhysicsModel, catalogue: Sequence[str] | None
+) -> list[tuple[str, type[Effect]]]:
+    """Effects of the catalogue that fit the system, whose signals were measured and that the model lacks.
+
+    Raises:
+        BenchError: an id that is not in the catalogue.
+    """
+    kinds = [(name, EFFECTS.get(name)) for name in (EFFECTS.names() if catalogue is None else catalogue)]
+    return [(name, kind) for name, kind in kinds if not unfit(subject, model, name, kind)]
+
+
+def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) -> str:
+    """Why an effect cannot be looked for; empty: it can."""
+    simulated = {model.state_channels[i].group for i in hidden(subject.logs)}  # it stands in for the measurement
+    measured = set(subject.signals) | set(model.extras) | simulated
+    drive = set(type(model).input_signals) & measured
+    if drive & {"rotor_command", "pwm"}:
+        measured |= {"rotor_speed", "rotor_command"}  # a command stands for the speed that it asks for
+    measured |= {role for role, signals in _ROLES.items() if measured & signals}
+    held = {EFFECTS.name_of(type(e)) for e in model.effects} | set(model.provides)
+    if not kind.suits(type(model)):
+        return f"it is an effect of {', '.join(kind.systems)}, not of {type(model).system_name()}"
+    if "rotor_command" in kind.needs and getattr(model, "drive", "") not in ("rotor_command", "pwm"):
+        return "the model is not driven by a command"
+    if kind.requires and not set(kind.requires) & held:
+        return f"it acts beside {' or '.join(kind.requires)}, which the model has not"
+    if name in held:
+        return "the model has it"
+    missing = [n for n in kind.needs if n not in measured]
+    return f"{', '.join(missing)} was not measured" if missing else ""
+
+
+def shortened(logs: Sequence[Log], stride: int = 1) -> list[Log]:
+    """The middle of each log, every ``stride``-th sample, so that all together have no more than `LONGEST`."""
+    share = min(1.0, LONGEST * stride / sum(map(len, logs)))
+    out = []
+    for log in logs:
+        first = int(len(log) * (1 - share) / 2)
+        part = slice(first, first + max(1, int(len(log) * share)), stride)
+        # A sample that is left out must not hide that it is not valid.
+        gaps = torch.from_numpy(
+            np.minimum.reduceat(log.valid[part.start : part.stop].numpy(), np.arange(0, part.stop - first, stride))
+        )
+        out.append(replace(log, rate=log.rate / stride, states=log.states[part], inputs=log.inputs[part], valid=gaps))
+    return out
+
+
+def hop_of(stack: Stack) -> int:
+    """Samples between test functions: short against the motion, long against the sampling."""
+    x = stack.states.numpy()
+    power = (np.abs(np.fft.rfft(x - x.mean(1, keepdims=True), axis=1)) ** 2).sum(0)
+    share = np.cumsum(power, axis=0) / np.maximum(power.sum(0), 1e-300)
+    moving = np.flatnonzero(power.sum(0) > 0)
+    fastest = max((int(np.searchsorted(share[:, c], 0.95)) for c in moving), default=1) / x.shape[1]  # cycles a sample
+    return int(np.clip(round(0.15 / max(fastest, 1e-6)), 2, max(2, round(HOP / stack.dt))))
+
+
+def input_noise(stack: Stack, drives: int, through: np.ndarray) -> np.ndarray:
+    """1σ (m,) of white noise in each input channel, before it went ``through`` a filter of these weights.
+
+    From third differences: an upper bound where inputs are lively.
+    """
+    u = stack.inputs.numpy()
+    third = np.linalg.norm(np.convolve(through, [1.0, -3.0, 3.0, -1.0]))  # √20 without a filter
+    sigma = np.diff(u, n=3, axis=1).std((0, 1)) / third if u.shape[1] > 3 else np.zeros(u.shape[-1])
+    sigma[drives:] = 0.0
+    return sigma
+
+
+def noise_filters(rows: Rows, own: int) -> list[np.ndarray]:
+    """Whitening filters, a channel each, of what is left when the model's numbers and the most telling columns fit.
+
+    Few columns, each worth its place on recordings not fitted: many would explain slow disturbances by chance, and what
+    is left would be taken for all the noise there is.
+    """
+    spread = [
+        max(float(np.concatenate([x[-1, :, c] for x in rows.columns]).std()), 1e-300) for c in range(rows.channels)
+    ]
+    filters = [np.array([1 / s]) for s in spread]
+    for _ in range(2):
+        grams = rows.folds(filters)
+        columns = [*range(own), *(c for c, _ in follow(grams, list(range(own)), own, TELLING))]
+        total = np.asarray(sum(grams))[np.ix_([*columns, -1], [*columns, -1])]
+        beta = np.zeros(rows.width)
+        beta[columns] = ridge(total, 1e-9)
+        left = rows.residuals(beta)
+        order = min(MEMORY, max(1, min(map(len, left)) // 20))
+        filters = [whitening([r[:, c] for r in left], order) for c in range(rows.channels)]
+    return filters

@@ -1,0 +1,169 @@
+"""Which effects together explain a residual: best subsets on normal equations, judged on recordings not fitted."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from bench.diagnose.regression.least_squares import Normal, equilibrium
+from bench.diagnose.regression.linearise import Directions, Start
+from bench.diagnose.regression.parameters import Entry
+from registry.dynamics import Effect
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A set of effects beside what the model holds already, fitted together with the model's own numbers."""
+
+    starts: tuple[Start, ...]
+    columns: tuple[int, ...]
+    beta: np.ndarray
+    misfit: float
+    """Squared whitened residual of the rows that were fitted."""
+    prior: float
+    """Squared distance of the constants from nominal, in their 1σ."""
+    parameters: int
+    """Parameters of the effects."""
+    dropped: tuple[int, ...] = ()
+    """Places in ``model.effects`` of effects that it does without."""
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Added effects."""
+        return tuple(s.id for s in self.starts)
+
+    @property
+    def loss(self) -> float:
+        """Twice the negative logarithm of the posterior, up to a constant."""
+        return self.misfit + self.prior
+
+    def effects(self, own: int) -> dict[str, Effect]:
+        """The added effects with fitted parameters, by id; ``own`` columns come first."""
+        out, at = {}, own
+        for s in self.starts:
+            out[s.id] = s.effect_at(self.beta[at : at + len(s.columns)].tolist())
+            at += len(s.columns)
+        return out
+
+
+class Subsets:
+    """Fits of subsets of the starts of a linearised model."""
+
+    def __init__(
+        self, linear: Directions, normal: Normal, nominal: dict[str, float], buried: Collection[int] = ()
+    ) -> None:
+        """Prepare.
+
+        Args:
+            linear: the model and its rivals.
+            normal: their normal equations.
+            nominal: by label of a constant, the value that its prior is about.
+            buried: columns that are mostly noise of the inputs. A regression takes their coefficients too small, which
+                must not look like a weak motor: such a constant is left free here, and such an effect is not tried.
+        """
+        self.linear, self.normal = linear, normal
+        self.starts = tuple(s for s in linear.starts if not set(s.columns) & set(buried))
+        own: tuple[Entry, ...] = linear.own
+        self.own = list(range(len(own)))
+        self.prior = np.array([e.scale**-2 if e.constant else 0.0 for e in own])
+        self.anchor = self.prior.copy()
+        """As the prior, and where that is none, weakly: what holds a constant of which some recordings say little."""
+        self.centre = np.array([nominal[e.label] - e.value if e.constant else 0.0 for e in own])
+        self.low = np.array([e.low - e.value for e in own])
+        self.high = np.array([e.high - e.value for e in own])
+        for i in set(buried) & set(self.own):
+            if own[i].constant:
+                self.prior[i] = 0.0
+                self.anchor[i] = max(abs(own[i].value), own[i].scale) ** -2
+                self.low[i], self.high[i] = -0.9 * abs(own[i].value), 9.0 * abs(own[i].value)
+        self.penalty = float(np.log(max(normal.rows, 2)))
+        """What a further parameter costs (Schwarz's criterion)."""
+
+    def fit(
+        self,
+        starts: Sequence[Start] = (),
+        more: Sequence[int] = (),
+        without: int | None = None,
+        drop: Sequence[int] = (),
+    ) -> Fit:
+        """Fit the model's own numbers, those of ``starts`` and free columns ``more`` together.
+
+        Args:
+            starts: effects to add.
+            more: columns with free coefficients.
+            without: a fold that is not fitted.
+            drop: places in ``model.effects`` of effects to do without; what needs them goes too.
+        """
+        gone, taken = self.linear.away(drop)
+        own = self.linear.changed(self.own, drop, starts)
+        columns = [*own, *(c for s in starts for c in s.columns), *more, *taken]
+        extra = len(columns) - len(self.own)
+        fixed = np.array([e.owner in gone for e in self.linear.own], dtype=bool)
+        once = np.ones(len(taken))
+        low, high = np.where(fixed, 0.0, self.low), np.where(fixed, 0.0, self.high)
+        low = np.concatenate([low, *(s.low for s in starts), np.full(len(more), -np.inf), once])
+        high = np.concatenate([high, *(s.high for s in starts), np.full(len(more), np.inf), once])
+        prior, centre = np.concatenate([self.prior, np.zeros(extra)]), np.concatenate([self.centre, np.zeros(extra)])
+        beta, misfit = self.normal.fit(columns, prior, centre, low, high, without)
+        count = sum(len(s.entries) for s in starts) + len(more)
+        count += sum(not e.constant and e.owner not in gone for e in self.linear.own)
+        distance = float((prior * (beta - centre) ** 2).sum())
+        return Fit(tuple(starts), tuple(columns), beta, misfit, distance, count, tuple(sorted(gone)))
+
+    def losses(self, fit: Fit) -> np.ndarray:
+        """Squared whitened residuals (blocks, channels) of a fit."""
+        return self.normal.losses(fit.columns, fit.beta)
+
+    def cost(self, fit: Fit) -> float:
+        """The loss and what its parameters cost."""
+        return fit.loss + self.penalty * fit.parameters
+
+    def held_out(self, starts: Sequence[Start] = (), more: Sequence[int] = (), drop: Sequence[int] = ()) -> np.ndarray:
+        """Losses (blocks, channels), each block's by a fit to the other folds."""
+        out = np.empty(self.normal.grams.shape[:2])
+        for fold in np.unique(self.normal.fold):
+            these = self.normal.fold == fold
+            out[these] = self.losses(self.fit(starts, more, int(fold), drop))[these]
+        return out
+
+    def best(self, size: int, among: Sequence[Start], one_of: Sequence[Start] = (), keep: int = 12) -> list[Fit]:
+        """The ``keep`` best sets of ``size`` different effects by cost, best first; ``one_of`` must be in each."""
+        found: dict[frozenset[str], Fit] = {}
+        required = set(map(id, one_of))
+        for chosen in combinations(among, size):
+            ids = frozenset(s.id for s in chosen)
+            if len(ids) == size and (not one_of or required.intersection(map(id, chosen))):
+                fit = self.fit(chosen)
+                if ids not in found or fit.loss < found[ids].loss:
+                    found[ids] = fit
+        return sorted(found.values(), key=self.cost)[:keep]
+
+    def covariance(self, fit: Fit) -> np.ndarray:
+        """Covariance (p, p) of a fit's coefficients.
+
+        The larger, coefficient by coefficient, of what white residuals would give and of a sandwich over blocks, which
+        does not need them white; coefficients at a bound count as free.
+        """
+        prior = np.concatenate([self.prior, np.zeros(len(fit.columns) - len(self.own))])
+        index = list(fit.columns)
+        posterior = self.normal.total[np.ix_(index, index)] + np.diag(prior)
+        scale = equilibrium(np.diag(posterior))
+        inverse = np.linalg.inv(posterior * np.outer(scale, scale) + 1e-9 * np.eye(len(index))) * np.outer(scale, scale)
+        grams = self.normal.grams.sum(1)
+        scores = grams[:, index, -1] - grams[:, index][..., index] @ fit.beta  # (blocks, p)
+        scores = scores - scores.mean(0)  # their sum is what the priors and bounds pull
+        blocks = len(scores)
+        meat = scores.T @ scores * (blocks / max(1, blocks - 1)) + np.diag(prior)
+        white = inverse * max(1.0, fit.misfit / max(1, self.normal.rows - len(index)))
+        sandwich = inverse @ meat @ inverse
+        wider = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(white), 1e-300), 1.0))
+        out: np.ndarray = white * np.outer(wider, wider)
+        return out
+
+
+def t_value(gains: np.ndarray) -> float:
+    """Mean of the gains (blocks,) over its standard error."""
+    if len(gains) < 2:
+        return 0.0
+    return float(gains.mean()) / max(float(gains.std(ddof=1)) / len(gains) ** 0.5, 1e-12)

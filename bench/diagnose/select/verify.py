@@ -1,0 +1,261 @@
+"""What speaks against a choice: a better neighbour, a rival that does as well, something left that it only imitates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import t as student
+
+from bench.diagnose.regression.generic import follow
+from bench.diagnose.regression.least_squares import ridge
+from bench.diagnose.regression.parameters import Entry
+from bench.diagnose.select.choose import DISTINCT, MOST, RELEVANT, accepted, sound
+from bench.diagnose.select.search import View
+from bench.diagnose.select.subset import Fit, t_value
+from registry.core import EFFECTS
+
+BEATEN = 0.02
+"""Share of all that is explained by which free terms must do better before an effect counts as their imitation."""
+BESIDE = 0.3
+"""Share of its gain that an effect must keep beside such terms, or it is their imitation."""
+PLAINLY = 0.1
+"""Gain, as a share of what noise leaves, of an effect that is there although none of its parameters is known alone."""
+CRUMBS = 0.5
+"""Gain, relative to all that is not understood, below which an effect may be a part of that."""
+LEFT = 0.15
+"""What a dictionary of signals may still explain, as a share of what noise leaves, before something is missing."""
+TOGETHER = 0.5
+"""Uncertainty of a ratio of two constants, relative to that of the better known one, below which it is told as well."""
+LOUD = 10.0
+"""Times the noise: what leaves more is no rival of what leaves nothing, in however few blocks it shows."""
+SAME = ({"rotor_gyroscopic_torque", "rotor_reaction_torque"},)
+"""Effects that share a constant: not rivals of each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """One number of a model with its 95 % interval."""
+
+    entry: Entry
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Ratio:
+    """Two constants of the base model that are known better together than each alone, with the 95 % interval."""
+
+    over: Entry
+    under: Entry
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Something systematic that is left."""
+
+    axis: str
+    signal: str
+    text: str
+    gain: float
+    """Squared whitened residual that it saves on recordings not fitted, as a share of what noise leaves."""
+    column: int
+    """In the view that it was found in."""
+
+
+def estimates(view: View, fit: Fit) -> list[Estimate]:
+    """Numbers of the model with 95 % intervals."""
+    own = view.linear.own
+    variance = np.diag(view.subsets.covariance(fit))[: len(own)]
+    # Where more noise was taken off a column than there is of it, the data say nothing of its coefficient.
+    stated = np.array([e.scale if e.constant else np.inf for e in own])
+    spread = np.where(variance > 0, np.sqrt(np.abs(variance)), stated)
+    blocks = len(view.subsets.normal.fold)
+    reach = float(student.ppf(0.975, max(2, blocks - 1)))
+    out = []
+    for e, b, s in zip(own, fit.beta, spread, strict=False):
+        value = float(np.clip(e.value + b, e.low, e.high))
+        out.append(Estimate(e, value, max(value - reach * s, e.low), min(value + reach * s, e.high)))
+    return out
+
+
+def ratios(view: View, fit: Fit) -> list[Ratio]:
+    """Ratios of constants that are better known than the constants, best first; none that follows from those before.
+
+    Motion often tells thrust over mass, or torque over inertia; which of the two is off, only what is stated of them.
+    """
+    values = {x.entry.label: x.value for x in estimates(view, fit) if x.entry.constant}
+    own = [(i, e) for i, e in enumerate(view.linear.own) if e.label in values]
+    index, at = [i for i, _ in own], np.array([values[e.label] for _, e in own])
+    relative = view.subsets.covariance(fit)[np.ix_(index, index)] / np.outer(at, at)
+    alone = np.diag(relative)
+    together = alone[:, None] + alone - 2 * relative
+    reach = float(student.ppf(0.975, max(2, len(view.subsets.normal.fold) - 1)))
+    out, linked = [], np.arange(len(own))
+    for i, j in sorted(combinations(range(len(own)), 2), key=lambda pair: together[pair]):
+        if 0 < together[i, j] < TOGETHER**2 * min(alone[i], alone[j]) and linked[i] != linked[j]:
+            linked[linked == linked[j]] = linked[i]
+            value, half = float(at[j] / at[i]), reach * float(together[i, j]) ** 0.5
+            out.append(Ratio(own[j][1], own[i][1], value, value * (1 - half), value * (1 + half)))
+    return out
+
+
+def neighbour(view: View, known: int) -> Fit | None:
+    """A set one step from the model's that is better: an effect more, less or exchanged; None: there is none."""
+    subsets, starts = view.subsets, view.subsets.starts
+    here = subsets.fit()
+    places = range(known, len(view.linear.model.effects))
+    numbers = estimates(view, here)
+    for i in places:
+        less = subsets.fit(drop=[i])
+        # Parameters that share an uncertainty, such as the gains of all rotors, are known together only.
+        told = less.misfit - here.misfit > PLAINLY * view.floor or any(_told(x) for x in numbers if x.entry.owner == i)
+        if not told or pinned(numbers, i) or not accepted(view, less, here, drop=[i]):
+            return less
+    options = [f for s in starts for i in places if sound(view, f := subsets.fit([s], drop=[i]))]
+    best = min(options, key=subsets.cost, default=None)
+    if best is not None and subsets.cost(best) < subsets.cost(here) - 6.0:
+        difference = (subsets.losses(here) - subsets.losses(best)).sum(1)
+        sure = t_value(difference) > DISTINCT and difference.sum() > RELEVANT * view.explained
+        if sure or best.parameters < here.parameters:
+            return best
+    for more in sorted((subsets.fit([s]) for s in starts), key=subsets.cost)[:3]:
+        if len(places) < MOST and sound(view, more) and accepted(view, here, more):
+            return more
+    return None
+
+
+def _told(x: Estimate) -> bool:
+    """Whether an effect's parameter is known to differ from no effect, and is not merely pushed to its bound."""
+    e = x.entry
+    return not x.low <= e.neutral <= x.high and e.low < x.value < e.high
+
+
+def pinned(numbers: Sequence[Estimate], place: int) -> bool:
+    """Whether a parameter of the effect in this place is pushed to a bound that is not its neutral value.
+
+    What is best beyond the physical range is an imitation of something else.
+    """
+    return any(
+        x.entry.owner == place and x.value != x.entry.neutral and not x.entry.low < x.value < x.entry.high
+        for x in numbers
+    )
+
+
+def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], float]:
+    """What the residual of a fit follows, and the loss that all of it saves on recordings not fitted."""
+    kept, grams = _anchored(view, dropped)
+    first = len(view.linear.columns)
+    allowed = [first + i for i, reach in enumerate(view.reach) if not reach <= view.doubtful]
+    found = follow(grams, kept, first, allowed=allowed)
+    traces = []
+    for column, gain in found:
+        term = view.dictionary[column - first]
+        traces.append(Trace(term.axis, term.signal, term.text, gain / view.floor, column))
+    return traces, sum(g for _, g in found)
+
+
+def _anchored(view: View, dropped: Sequence[int] = ()) -> tuple[list[int], list[np.ndarray]]:
+    """Columns of the model's numbers without some effects, and a fold's normal equations of what is left then.
+
+    What holds the constants is a part of them: a fold that says little of one must not run away with it.
+    """
+    own, subsets = view.linear.own, view.subsets
+    gone, taken = view.linear.away(dropped)
+    mine = [c for c in range(len(own)) if own[c].owner not in gone]
+    kept = view.linear.changed(mine, dropped)
+    width = view.grams[0].shape[0]
+    shift, held = np.zeros(width), np.zeros((width, width))
+    shift[taken] = -1.0
+    pull = subsets.anchor[mine] * subsets.centre[mine]
+    held[kept, kept] = subsets.anchor[mine]
+    held[kept, -1] = held[-1, kept] = pull
+    held[-1, -1] = pull @ subsets.centre[mine]
+    return kept, [_shifted(g, shift) + held / len(view.grams) for g in view.grams]
+
+
+def _shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Normal equations whose last column, the residual, has ``shift`` times the others added."""
+    out, more = gram.copy(), gram @ shift
+    out[-1] += more
+    out[:, -1] += more
+    out[-1, -1] += shift @ more
+    return out
+
+
+def understood(view: View, places: Sequence[int], traces: Sequence[Trace], total: float) -> list[int]:
+    """Of the effects in these places, those that neither imitate nor are crumbs of something larger.
+
+    Args:
+        view: a model with the effects.
+        places: of effects in ``model.effects``.
+        traces: what is left.
+        total: the loss that it makes.
+    """
+    kept = [i for i in places if needed(view, i, traces)]
+    here = view.subsets.fit().misfit
+    gains = {i: view.subsets.fit(drop=[i]).misfit - here for i in places}
+    unknown = total + sum(gain for i, gain in gains.items() if i not in kept)
+    return [i for i in kept if gains[i] > CRUMBS * unknown]
+
+
+def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
+    """Whether an effect explains its share as well as as many free terms of the dictionary do where it acts.
+
+    An effect of the catalogue that imitates one outside it is beaten by the terms that are closer to the truth.
+
+    Args:
+        view: a model with the effect.
+        place: of the effect in ``model.effects``.
+        traces: what is left, of which only that counts which acts where the effect does.
+    """
+    subsets = view.subsets
+    gains = (subsets.losses(subsets.fit(drop=[place])) - subsets.losses(subsets.fit())).sum(0)
+    acting = {int(c) for c in np.flatnonzero(gains > 0.1 * gains.sum())}
+    first = len(view.linear.columns)
+    if gains.sum() < view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting):
+        return False  # crumbs of something larger that is not understood
+    numbers, with_it = _anchored(view)
+    rest, without_it = _anchored(view, [place])
+    allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
+    terms = [column for column, _ in follow(without_it, rest, first, len(numbers) - len(rest), allowed)]
+
+    def loss(gram: np.ndarray, index: list[int]) -> float:
+        some = gram[np.ix_([*index, -1], [*index, -1])]
+        vector = np.append(-ridge(some, 1e-9), 1.0)
+        return float(vector @ some @ vector)
+
+    by_terms = loss(np.asarray(sum(without_it)), [*rest, *terms])
+    by_effect = loss(np.asarray(sum(with_it)), numbers)
+    if by_terms > by_effect - max(LEFT * view.floor, BEATEN * view.explained):
+        return True
+    # The terms may have found something else that is left: then the effect still has its own share beside them.
+    beside = by_terms - loss(np.asarray(sum(with_it)), [*numbers, *terms])
+    return beside > BESIDE * (loss(np.asarray(sum(without_it)), rest) - by_effect)
+
+
+def rivals(view: View, place: int) -> tuple[str, ...]:
+    """Effects that would explain the data as well as the one in this place of the model."""
+    subsets = view.subsets
+    here = subsets.fit()
+    mine = EFFECTS.name_of(type(view.linear.model.effects[place]))
+    level = subsets.losses(here).sum(1)
+    best: dict[str, float] = {}
+    alone = subsets.cost(subsets.fit(drop=[place]))
+    for s in subsets.starts:
+        if any({mine, s.id} <= same for same in SAME):
+            continue
+        other = subsets.fit([s], drop=[place])
+        difference = subsets.losses(other).sum(1) - level
+        spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
+        margin = subsets.cost(other) - subsets.cost(here)
+        # Six in twice the log odds is 20 to 1.
+        alike = margin < 6.0 + DISTINCT * spread and alone - subsets.cost(other) > 0.5 * (alone - subsets.cost(here))
+        heard = other.misfit - view.floor > LOUD * view.floor and here.misfit < 2 * view.floor
+        if alike and not heard:
+            best[s.id] = min(best.get(s.id, np.inf), margin)
+    return tuple(sorted(best, key=lambda k: best[k]))

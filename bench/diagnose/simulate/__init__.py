@@ -1,0 +1,1 @@
+"""Free runs: past unmeasured states, to the noise floor, and fits by multiple shooting."""

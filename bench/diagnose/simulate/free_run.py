@@ -1,0 +1,124 @@
+"""Free runs of a model from measured states, and their error group by group."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bench.diagnose.logs.subject import Log
+from bench.diagnose.regression.weak import Stack, how_many, memories, narrowed, own_states
+from bench.diagnose.simulate.unmeasured import WARM, completed, hidden
+from registry.contracts import Channel
+from registry.dynamics import PhysicsModel
+
+LONGEST, FEWEST = 0.5, 20
+"""Default horizon: half a second [s], and no fewer than this many samples."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """State channels that are judged together."""
+
+    name: str
+    unit: str
+    at: tuple[int, ...]
+    """Places in the state."""
+
+
+def groups(channels: Sequence[Channel], measured: Sequence[bool]) -> list[Group]:
+    """The measured signals of a state; of an attitude the error is the angle between two [rad]."""
+    found = []
+    for name in dict.fromkeys(c.group for c in channels):
+        at = tuple(i for i, c in enumerate(channels) if c.group == name)
+        if all(measured[i] for i in at):
+            found.append(Group(name, "rad" if name == "attitude" else channels[at[0]].unit, at))
+    return found
+
+
+def default_steps(logs: Sequence[Log]) -> int:
+    """Samples of the default horizon; where states are estimated, so many that their beginning is forgotten."""
+    if hidden(logs):
+        return max(FEWEST, min(map(len, logs)) // 4)
+    return max(FEWEST, round(LONGEST * logs[0].rate))
+
+
+def margin(logs: Sequence[Log], reach: int) -> int:
+    """Samples at either end of a log in which no free run begins, for a filter of that reach."""
+    return max(reach, WARM) if hidden(logs) else reach
+
+
+def starts(log: Log, steps: int, every: int, first: int = 0) -> np.ndarray:
+    """Samples (W,) from which ``steps`` further ones are all valid, one every ``every``."""
+    at = np.arange(first, len(log) - steps, every)
+    bad = np.concatenate([[0], np.cumsum(~log.valid.numpy())])
+    return at[bad[at + steps + 1] == bad[at]] if len(at) else at
+
+
+def free_run(model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray], steps: int) -> Tensor:
+    """Predicted states (W, steps + 1, s) from the measured ones at the samples ``at`` of each log, all logs together.
+
+    Delays, lags and swinging loads start as the log's past says. The parameters may be tensors (B, 1, 1), for B
+    models at once: then (B, W, steps + 1, s).
+    """
+    inputs = windows([log.inputs for log in logs], at, steps)
+    return roll(model, past(model, logs, at), inputs, logs[0].dt)[..., : len(model.state_channels)]
+
+
+def past(model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray]) -> Tensor:
+    """Full states (…, W, full) at the samples ``at`` of each log, as its past says."""
+    full = full_states(model, Stack.of(logs))
+    return torch.cat([full[..., i, k, :] for i, k in enumerate(map(torch.as_tensor, at))], dim=-2)
+
+
+def roll(model: PhysicsModel, state: Tensor, inputs: Tensor, dt: float) -> Tensor:
+    """Full states (…, W, N, full) of a free run from ``state`` (…, W, full) under inputs (W, N, m)."""
+    many, model = how_many(model), narrowed(model)
+    if many is not None:
+        state = state.expand(many, *state.shape[-2:])
+    inputs = inputs.expand(*state.shape[:-2], *inputs.shape[-3:])
+    out = [state]
+    for k in range(inputs.shape[-2] - 1):
+        out.append(model.step(out[-1], inputs[..., k, :], inputs[..., k + 1, :], dt))
+    return torch.stack(out, dim=-2)
+
+
+def windows(series: Sequence[Tensor], at: Sequence[np.ndarray], steps: int) -> Tensor:
+    """The samples (W, steps + 1, c) from each of ``at`` on, of one series (N, c) a log."""
+    return torch.cat([x[k[:, None] + np.arange(steps + 1)] for x, k in zip(series, at, strict=True)])
+
+
+def full_states(model: PhysicsModel, stack: Stack) -> Tensor:
+    """Full states (…, L, N, s) at every sample: as measured, with the effects' own states and memories."""
+    parts = [completed(model, stack) if hidden(stack.logs) else stack.states]
+    if model.internal_size:
+        parts.append(own_states(model, stack))
+    if model.input_effects():
+        parts.append(memories(model, stack))
+    shape = max((p.shape[:-1] for p in parts), key=len)
+    return torch.cat([p.expand(*shape, p.shape[-1]) for p in parts], dim=-1)
+
+
+def measured_windows(logs: Sequence[Log], at: Sequence[np.ndarray], steps: int) -> Tensor:
+    """What was measured (W, steps + 1, s) in the same windows."""
+    return windows([log.states for log in logs], at, steps)
+
+
+def between(a: Tensor, b: Tensor) -> Tensor:
+    """Vector part (…, 3) of the rotation between attitudes xyzw (…, 4): its axis times the sine of half the angle."""
+    return a[..., 3:] * b[..., :3] - b[..., 3:] * a[..., :3] + torch.linalg.cross(a[..., :3], b[..., :3])
+
+
+def errors(predicted: Tensor, measured: Tensor, of: Sequence[Group]) -> Tensor:
+    """Squared error (…, T, groups): squared Euclidean norm over a group's axes, of an attitude the squared angle."""
+    out = []
+    for group in of:
+        at = list(group.at)
+        a, b = predicted[..., at], measured[..., at]
+        if group.name == "attitude":
+            vector = between(a, b).norm(dim=-1)
+            out.append((2 * torch.atan2(vector, (a * b).sum(-1).abs())).square())
+        else:
+            out.append((a - b).square().sum(-1))
+    return torch.stack(out, dim=-1)

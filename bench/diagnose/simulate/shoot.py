@@ -1,0 +1,106 @@
+"""Multi-step shooting: fit a model's numbers so that its free runs meet the measurement.
+
+Each window starts at the measured state; the residual is the prediction's error along the window. Gauss–Newton with
+one-sided differences, all probes and all windows in one batched free run.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.least_squares import bounded, equilibrium
+from bench.diagnose.regression.parameters import Entry, entries, probes, with_values
+from bench.diagnose.simulate.free_run import Group, between, default_steps, free_run, groups, measured_windows, starts
+from registry.dynamics import PhysicsModel
+
+WINDOWS = 160
+"""Windows, about."""
+POINTS = 8
+"""Samples of a window whose errors count."""
+STEPS = 6
+"""Gauss–Newton steps at most."""
+ENOUGH = 1e-3
+"""Relative fall of the cost below which a fit is finished."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A fit by shooting."""
+
+    model: PhysicsModel
+    before: float
+    """Mean squared error of the windows over that of the model that was given."""
+    after: float
+    free: tuple[Entry, ...]
+    covariance: np.ndarray
+    """(P, P) of the free numbers, from blocks of windows."""
+
+
+def shoot(
+    model: PhysicsModel, subject: Subject, names: Sequence[str], tick: Callable[[str], None] = lambda what: None
+) -> Shot:
+    """Fit constants (within their uncertainty) and effects of ``model`` on the recordings ``names``."""
+    logs = subject.of(names)
+    steps = default_steps(logs)
+    every = max(steps // 2, sum(map(len, logs)) // WINDOWS)
+    at = [starts(log, steps, every) for log in logs]
+    where = entries(model, subject.uncertainty, subject.model)
+    nominal = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
+    judged = groups(model.state_channels, logs[0].measured)
+    points = np.unique(np.linspace(0, steps, POINTS + 1).round().astype(int))[1:]
+    measured = measured_windows(logs, at, steps)[:, points]
+    prior = np.array([e.scale**-2 if e.constant else 0.0 for e in where])
+    first = _errors(free_run(model, logs, at, steps)[:, points], measured, judged)
+    size = np.sqrt(np.mean(first**2, axis=0, keepdims=True)) + 1e-300  # (1, points, axes)
+
+    def cost(errors: np.ndarray) -> float:
+        return float(np.mean((errors / size) ** 2))
+
+    # As many independent observations as windows and axes: the points of one window err together.
+    weight = len(first) * first.shape[2]
+    best, current, last = model, where, cost(first)
+    start = last
+    gram = np.eye(len(where))
+    for _ in range(STEPS):
+        tick("shooting")
+        values, widths = probes(current)
+        runs = free_run(with_values(best, current, values), logs, at, steps)[:, :, points]
+        errors = np.stack([_errors(r, measured, judged) for r in runs]) / size
+        jacobian = ((errors[1:] - errors[0]) / widths[:, None, None, None]).reshape(len(widths), -1)
+        scale = weight / jacobian.shape[1]
+        centre = np.array([nominal[e.label] - e.value if e.constant else 0.0 for e in current])
+        gram = jacobian @ jacobian.T * scale + np.diag(prior)
+        moment = -jacobian @ errors[0].ravel() * scale + prior * centre
+        factor = equilibrium(np.diag(gram))
+        low, high = (np.array([getattr(e, side) - e.value for e in current]) for side in ("low", "high"))
+        scaled = gram * np.outer(factor, factor) + 1e-9 * np.eye(len(factor))
+        step = bounded(scaled, moment * factor, low / factor, high / factor) * factor
+        for shrink in (1.0, 0.3, 0.1):
+            moved = with_values(best, current, np.array([e.value for e in current]) + shrink * step)
+            now = cost(_errors(free_run(moved, logs, at, steps)[:, points], measured, judged))
+            if now < last:
+                break
+        else:
+            break
+        best, done = moved, now > last * (1 - ENOUGH)
+        current, last = entries(best, subject.uncertainty, subject.model), now
+        if done:
+            break
+    return Shot(best, start, last, tuple(current), np.linalg.pinv(gram))
+
+
+def _errors(predicted: torch.Tensor, measured: torch.Tensor, of: Sequence[Group]) -> np.ndarray:
+    """(W, points, axes): differences, of an attitude the rotation vector; what diverged counts as a large error."""
+    out = []
+    for group in of:
+        at = list(group.at)
+        a, b = predicted[..., at], measured[..., at]
+        if group.name == "attitude":
+            out.append(2 * between(a, b) * torch.sign((a * b).sum(-1, keepdim=True)))
+        else:
+            out.append(a - b)
+    found: np.ndarray = np.nan_to_num(torch.cat(out, dim=-1).numpy(), nan=1e6, posinf=1e6, neginf=-1e6)
+    return found
