@@ -326,6 +326,10 @@ def unsuited(name: str, effect: Effect | type[Effect], kind: type[PhysicsModel])
     )
 
 
+RATE_OF = {"position": "velocity", "attitude": "body_rates", "displacement": "speed", "angle": "angle_rate"}
+"""Poses, and the signal that is their rate of change."""
+
+
 @dataclass(frozen=True)
 class PhysicsModel(ABC):
     """A continuous-time model dx/dt = f(x, u) and its integrator (4th-order Runge–Kutta).
@@ -409,6 +413,16 @@ class PhysicsModel(ABC):
     def input_effects(self) -> list[InputEffect]:
         """The effects between the given input and the acting one, in order."""
         return [e for e in self.effects if isinstance(e, InputEffect)]
+
+    def equation_names(self) -> dict[str, str]:
+        """By group of states, what its equation is called; not those that only say that a pose changes as its rate."""
+        groups = dict.fromkeys(c.group for c in self.state_channels)
+        return {g: g.replace("_", " ") for g in groups if RATE_OF.get(g) not in groups}
+
+    @property
+    def drive_acts_at_once(self) -> bool:
+        """Whether the driving signal is what acts, so that any delay between it and the motion is one of the log."""
+        return False
 
     @property
     def internal_size(self) -> int:

@@ -204,7 +204,7 @@ def discover_command(
     if not found.found:
         out.print(
             "Something systematic is missing that the catalogue does not have."
-            if found.traces
+            if found.verdict == "unknown_effect"
             else "Nothing is missing."
         )
     for trace in found.traces[:3]:

@@ -8,10 +8,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import LINES as DRAWN
 from bench.diagnose.result import ByGroup, Curves, GroupError, Line
+from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.simulate.floor import floor, reach
 from bench.diagnose.simulate.free_run import (
     Group,
@@ -92,7 +93,7 @@ def compare(
     Raises:
         BenchError: no recording is long enough.
     """
-    noise = noise or noise_of(subject)
+    subject, noise = prepared(subject, noise)
     models = {"nominal": subject.model} | dict(models)
     logs = subject.of(subject.held_out if names is None else names)
     rate = logs[0].rate if logs else math.nan

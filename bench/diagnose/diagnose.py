@@ -11,7 +11,6 @@ from bench.diagnose.discover import discover
 from bench.diagnose.extend import extend, fitted, pooled
 from bench.diagnose.locate import Location, locate
 from bench.diagnose.logs.load import load
-from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.result import (
@@ -26,6 +25,7 @@ from bench.diagnose.result import (
     Unexplained,
 )
 from bench.diagnose.select.discovery import Discovery
+from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
@@ -75,7 +75,7 @@ def diagnose(
     if checked.problems and not shifted:
         return _broken(subject, named_as, checked.problems), subject.model
     tick("noise")
-    noise = noise_of(subject)
+    subject, noise = prepared(subject, tick=tick)
     found = discover(subject, catalogue, tick, noise)
     rivals = {f.id: f.rivals for f in found.found}
     names = [f.id for f in found.found]
@@ -107,7 +107,9 @@ def diagnose(
     location = nowhere if brief else locate(subject, found.calibrated, after=model if names else None, noise=noise)
     best = "extended" if names else "calibrated"
     nominal, after, floor = (comparison.error(n) for n in ("nominal", best, "floor"))
-    verdict = "unknown_effect" if refuted else _verdict(found, _excess(after, floor))
+    # Where no equation could be judged by itself, what follows no signal at all shows in the free runs only.
+    alone = found.verdict == "nothing" and not found.equations and max(_excess(after, floor).values(), default=0) > HIGH
+    verdict = "unknown_effect" if refuted or alone else found.verdict
     if verdict == "unknown_effect" and not found.traces:
         # Free runs show what windows hardly do, such as a slow swing: the signals that are nearest to it are said.
         found = replace(found, traces=found.faint)
@@ -137,8 +139,8 @@ def diagnose(
                 location.windows,
                 _hypothesis(found),
                 (
-                    *subject.notes,
-                    *found.notes,
+                    *found.remarks,
+                    *dict.fromkeys((*subject.notes, *found.notes)),
                     *comparison.notes,
                     *location.notes,
                     *_warnings(subject, found, checked.suspicions),
@@ -162,16 +164,6 @@ def _unnamed(found: Discovery) -> Discovery:
 def _excess(error: ByGroup, floor: ByGroup) -> dict[str, float]:
     """By group, squared error over that of the noise floor."""
     return {g: (e.rmse / max(floor[g].rmse, 1e-300)) ** 2 for g, e in error.items()}
-
-
-def _verdict(found: Discovery, excess: dict[str, float]) -> str:
-    """The first that holds."""
-    if any(not f.rivals for f in found.found):
-        return "named"
-    if found.found:
-        return "tie"
-    # What follows no signal at all, such as gusts, shows in the error only.
-    return "unknown_effect" if found.traces or max(excess.values(), default=0.0) > HIGH else "nothing"
 
 
 def _broken(subject: Subject, source: str, found: Sequence[DataProblem]) -> Diagnosis:

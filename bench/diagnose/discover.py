@@ -1,17 +1,21 @@
 """Which effects of the catalogue a model lacks: weak form, whitened, best subsets, judged on recordings not fitted."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.linearise import Start
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select import by_simulation
 from bench.diagnose.select.choose import accepted, agreed, updated
 from bench.diagnose.select.discovery import Discovery, Found, Loser
+from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.materiality import SHARE, EquationError, Saving, Weighing, faint_traces, trifle
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.select.verify import (
@@ -28,6 +32,8 @@ from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 
+STEPS = 4
+"""Exchanges of one effect at most, once a set was chosen."""
 FAINT = 0.002
 """Share of what noise leaves that a signal must explain on recordings not fitted; noise alone reaches 0.0001."""
 
@@ -41,7 +47,7 @@ def discover(
     """Find what the model of ``subject`` lacks; where a state is not measured, by fitting simulations.
 
     Args:
-        subject: model and measurements; only its training recordings are looked at.
+        subject: model and measurements; effects are sought in its training recordings, and weighed on the others.
         catalogue: ids of the effects to choose from; default: all that are registered.
         tick: called with what is being done.
         noise: default `noise.noise_of`.
@@ -49,67 +55,135 @@ def discover(
     Raises:
         BenchError: an unknown id, or recordings too short or too few to learn from.
     """
+    subject, noise = prepared(subject, noise, tick)
     if hidden(subject.logs):
         return by_simulation.discover(subject, catalogue, tick)
     search = Search(subject, catalogue, tick, noise)
-    base = subject.model
-    view, fit, fields = agreed(search.views(search.look(base)))
-    model = updated(view, fit)
+    view, fit, fields = agreed(search.views(search.look(subject.model)))
     calibrated = updated(view, view.subsets.fit())
     rounds = tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
-    everything = view.subsets.fit().misfit - view.floor
-    shortlist = {i for field in fields[1:] for f in field[:8] for i in f.ids}
-    known = len(base.effects)
-    for _ in range(4):
-        tick("what is left")
-        views = search.views(search.look(model, shortlist), everything)
-        view = min(views, key=lambda v: v.subsets.fit().prior)
-        changed = neighbour(view, known)
-        fit = view.subsets.fit() if changed is None else changed
-        before, model = model, without(updated(view, fit), fit.dropped)
-        if not torch.isfinite(mean_rates(model, search.stack)).all():
-            model = before  # unstable at this sampling rate
-            break
-        if changed is None and close(before, model, subject):
-            break
-    subsets = view.subsets
-    fit = subsets.fit()
-    traces, total = left_over(view)
-    named = list(range(known, len(view.linear.model.effects)))
-    numbers = estimates(view, fit)
-    named = [i for i in named if not pinned(numbers, i) and accepted(view, subsets.fit(drop=[i]), fit, drop=[i])]
-    if total > LEFT * view.floor:
-        named = understood(view, named, traces, total)
-    gone, _ = view.linear.away([i for i in range(known, len(view.linear.model.effects)) if i not in named])
-    named, imitators = [i for i in named if i not in gone], sorted(gone)
+    view = _settled(search, view, fit, fields)
     names = [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
-    if imitators:  # and what was exchanged in the last step and is not worth its place
-        fit = subsets.fit(drop=imitators)
-        traces, total = left_over(view, imitators)
-    numbers = estimates(view, fit)
-    alike = {i: rivals(view, i) for i in named} if not imitators else dict.fromkeys(named, ())
-    model = without(updated(view, fit), imitators)
+    named, imitators = _significant(view, len(subject.model.effects))
+    chosen = _Choice(view, tuple(imitators))
+    tick("weigh")
+    weighing = Weighing(subject, noise) if subject.held_out else None
+    judged = () if weighing is None else weighing.errors({"calibrated": calibrated, "extended": chosen.model()})
+    savings = {i: _saved(weighing, chosen, i, judged) for i in named}
+    idle = [i for i in named if weighing is not None and not any(s.worth for s in savings[i])]
+    remarks = tuple(trifle(names[i], savings[i]) for i in idle)
+    if idle:
+        named = [i for i in named if i not in idle]
+        chosen = _Choice(view, tuple(sorted({*imitators, *view.linear.away(idle)[0]})))
+    fit = chosen.fit
+    traces, total = left_over(view, chosen.dropped)
+    unknown = total > LEFT * view.floor
+    if unknown and weighing is not None and not any(e.unexplained >= SHARE for e in judged):
+        unknown, remarks = False, (*remarks, faint_traces(traces))
+    numbers, model = estimates(view, fit), chosen.model()
     found = tuple(
         Found(
             names[i],
             next(e for e in model.effects if EFFECTS.name_of(type(e)) == names[i]),
             tuple(x for x in numbers if x.entry.owner == i),
-            subsets.fit(drop=[*imitators, i]).misfit - fit.misfit,
-            alike[i],
+            view.subsets.fit(drop=[*chosen.dropped, i]).misfit - fit.misfit,
+            () if imitators else _rivals(view, weighing, chosen, i, judged),
+            savings[i],
         )
         for i in named
     )
     return Discovery(
         calibrated,
         model,
-        tuple(sorted(found, key=lambda f: -f.gain)),
+        tuple(sorted(found, key=lambda f: (-f.share, -f.gain))),
         rounds,
-        tuple(traces) if total > LEFT * view.floor else (),
+        tuple(traces) if unknown else (),
         tuple(x for x in numbers if x.entry.constant),
         tuple(ratios(view, fit)),
         tuple(names[i] for i in imitators),
         tuple(t for t in traces if t.gain > FAINT),
-        search.notes,
+        (*subject.notes, *search.notes),
+        ()
+        if weighing is None
+        else weighing.errors({"nominal": subject.model, "calibrated": calibrated, "extended": model}),
+        remarks,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """The last view's model without some of its effects, fitted."""
+
+    view: View
+    dropped: tuple[int, ...] = ()
+    """Places of effects in the view's model."""
+
+    @cached_property
+    def fit(self) -> Fit:
+        """Its numbers."""
+        return self.view.subsets.fit(drop=self.dropped)
+
+    def model(self, without_too: Sequence[int] = (), start: Start | None = None) -> PhysicsModel:
+        """The model, or a neighbour: less the effects in further places, with another one instead."""
+        if not without_too:
+            return without(updated(self.view, self.fit), self.fit.dropped)
+        fit = self.view.subsets.fit([] if start is None else [start], drop=[*self.dropped, *without_too])
+        return without(updated(self.view, fit), fit.dropped)
+
+
+def _settled(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> View:
+    """The view of the chosen effects, exchanged, added and dropped one by one until nothing changes."""
+    subject = search.subject
+    everything = view.subsets.fit().misfit - view.floor
+    shortlist = {i for field in fields[1:] for f in field[:8] for i in f.ids}
+    model, known = updated(view, fit), len(subject.model.effects)
+    for _ in range(STEPS):
+        search.tick("what is left")
+        views = search.views(search.look(model, shortlist), everything)
+        view = min(views, key=lambda v: v.subsets.fit().prior)
+        changed = neighbour(view, known)
+        fit = view.subsets.fit() if changed is None else changed
+        before, model = model, without(updated(view, fit), fit.dropped)
+        if not torch.isfinite(mean_rates(model, search.stack)).all():
+            break  # unstable at this sampling rate
+        if changed is None and close(before, model, subject):
+            break
+    return view
+
+
+def _significant(view: View, known: int) -> tuple[list[int], list[int]]:
+    """Places of the effects beyond the first ``known`` that are sure, and of those that only imitate something else."""
+    subsets, fit = view.subsets, view.subsets.fit()
+    places = range(known, len(view.linear.model.effects))
+    traces, total = left_over(view)
+    numbers = estimates(view, fit)
+    sure = [i for i in places if not pinned(numbers, i) and accepted(view, subsets.fit(drop=[i]), fit, drop=[i])]
+    if total > LEFT * view.floor:
+        sure = understood(view, sure, traces, total)
+    gone, _ = view.linear.away([i for i in places if i not in sure])
+    return [i for i in sure if i not in gone], sorted(gone)
+
+
+def _saved(
+    weighing: Weighing | None, chosen: _Choice, place: int, judged: Sequence[EquationError]
+) -> tuple[Saving, ...]:
+    """What the effect in this place saves on held-out recordings, the rest fitted anew without it."""
+    if weighing is None:
+        return ()
+    return weighing.savings(chosen.model([place]), chosen.model(), judged)
+
+
+def _rivals(
+    view: View, weighing: Weighing | None, chosen: _Choice, place: int, judged: Sequence[EquationError]
+) -> tuple[str, ...]:
+    """Effects that explain the recordings as well as the one in this place, those held out too."""
+    candidates = rivals(view, place)
+    if weighing is None:
+        return tuple(candidates)
+    return tuple(
+        name
+        for name, start in candidates.items()
+        if not any(s.worth for s in weighing.savings(chosen.model([place], start), chosen.model(), judged))
     )
 
 

@@ -7,11 +7,12 @@ import numpy as np
 
 from bench.diagnose.compare import Comparison, compare
 from bench.diagnose.discover import close
-from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import ByGroup, NamedEffect, ParameterEstimate, Stage
 from bench.diagnose.select import by_simulation
 from bench.diagnose.select.choose import updated
+from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.verify import Estimate, estimates
 from bench.diagnose.simulate.shoot import shoot
@@ -112,7 +113,7 @@ def extend(
     Raises:
         BenchError: an effect that the catalogue or the system does not have, the model has already, or is given twice.
     """
-    noise = noise or noise_of(subject)
+    subject, noise = prepared(subject, noise, tick)
     held = [EFFECTS.name_of(type(e)) for e in model.effects]
     for name in add:
         if name in held:

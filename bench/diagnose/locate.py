@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.conditions import Condition, conditions
 from bench.diagnose.regression.residuals import residual_maps
 from bench.diagnose.regression.weak import Stack
 from bench.diagnose.result import Region, ResidualMap, Window
+from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.simulate.floor import floor, reach
 from bench.diagnose.simulate.free_run import (
     Group,
@@ -95,7 +96,7 @@ def locate(
     Raises:
         BenchError: no recording is long enough.
     """
-    noise = noise or noise_of(subject)
+    subject, noise = prepared(subject, noise)
     logs = list(subject.logs if names is None else subject.of(names))
     stack = Stack.of(logs)
     if hidden(logs):

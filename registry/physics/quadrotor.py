@@ -69,6 +69,11 @@ class Quadrotor(RigidBody):
             return listed
         return [replace(p, uncertainty=0.0) if p.name.startswith("pwm") else p for p in listed]
 
+    @property
+    def drive_acts_at_once(self) -> bool:
+        """Measured rotor speeds do; commands act through motors."""
+        return self.drive == "rotor_speed" and self.input_hold == "linear"
+
     def actuate(self, driving: Tensor, rates: Tensor) -> tuple[Tensor, Tensor]:
         """Rotor speeds (…, rotors) [rad/s] and their time derivative, from the driving signal and its own."""
         if self.drive != "pwm":

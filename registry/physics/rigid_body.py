@@ -74,6 +74,10 @@ class RigidBody(PhysicsModel):
             Force (…, 3) [N] and torque (…, 3) [N m] in the body frame, and the derivative of ``internal``.
         """
 
+    def equation_names(self) -> dict[str, str]:
+        """Forces move the velocity, torques the body rates."""
+        return {"velocity": "forces", "body_rates": "torques"}
+
     def rotor_thrust(self, inputs: Tensor) -> Tensor:
         """Thrust (…, rotors) [N] along body z that effects may scale, at what acts (…, m); here of no rotor."""
         return inputs[..., :0]

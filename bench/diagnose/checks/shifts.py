@@ -34,8 +34,8 @@ def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
 
     The first stop the analysis; the second is a suspicion, since a delay or a lag of the vehicle looks the same.
     """
-    lags = {log.name: _lag(subject.model, log) for log in subject.logs}
-    clear = {name: lag for name, (lag, how) in lags.items() if how > CLEAR}
+    lags = {log.name: lag_of(subject.model, log) for log in subject.logs}
+    clear = {name: by for name, (by, how) in lags.items() if how > CLEAR}
     if not clear:
         return [], []
     middle = float(np.median(list(clear.values())))
@@ -80,7 +80,7 @@ def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
     return [], [DataProblem(next(iter(clear)), signal, "time shift", None, sentence)]
 
 
-def _lag(model: PhysicsModel, log: Log) -> tuple[float, float]:
+def lag_of(model: PhysicsModel, log: Log) -> tuple[float, float]:
     """By how many samples motion follows the inputs, and how well the two agree; agreement 0 where nothing is told.
 
     What goes with the rates themselves is left out: missing damping makes motion lead what drives it.

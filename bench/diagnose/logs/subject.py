@@ -61,6 +61,8 @@ class Subject:
     """Relative 1σ of the model's constants where it differs from the model's own."""
     signals: tuple[str, ...] = ()
     """Signals that were measured in every recording."""
+    timed: bool = False
+    """Whether the inputs are read at the times at which they act; see `select.input_timing`."""
     notes: tuple[str, ...] = ()
     """What was done to the measurements, in sentences."""
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate, Ratio, Trace
 from registry.dynamics import Effect, PhysicsModel
 
@@ -17,6 +18,13 @@ class Found:
     """Squared whitened residual that it saves, given the others."""
     rivals: tuple[str, ...]
     """Effects that explain the data as well."""
+    savings: tuple[Saving, ...] = ()
+    """What it saves on held-out recordings, equation by equation."""
+
+    @property
+    def share(self) -> float:
+        """The largest share that it saves of what can be explained in an equation; 0 where none was judged."""
+        return max((s.share for s in self.savings if s.matters), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -52,3 +60,16 @@ class Discovery:
     """What the rest goes with where all of it is too little to say that something is left."""
     notes: tuple[str, ...] = ()
     """What was done, in sentences."""
+    equations: tuple[EquationError, ...] = ()
+    """Held-out errors equation by equation."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about what is there and is not worth a term."""
+
+    @property
+    def verdict(self) -> str:
+        """The first that holds: "named", "tie", "unknown_effect" or "nothing"."""
+        if any(not f.rivals for f in self.found):
+            return "named"
+        if self.found:
+            return "tie"
+        return "unknown_effect" if self.traces else "nothing"

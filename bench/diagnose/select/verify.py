@@ -9,6 +9,7 @@ from scipy.stats import t as student
 
 from bench.diagnose.regression.generic import follow
 from bench.diagnose.regression.least_squares import ridge
+from bench.diagnose.regression.linearise import Start
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.select.choose import DISTINCT, MOST, RELEVANT, accepted, sound
 from bench.diagnose.select.search import View
@@ -238,13 +239,13 @@ def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
     return beside > BESIDE * (loss(np.asarray(sum(without_it)), rest) - by_effect)
 
 
-def rivals(view: View, place: int) -> tuple[str, ...]:
-    """Effects that would explain the data as well as the one in this place of the model."""
+def rivals(view: View, place: int) -> dict[str, Start]:
+    """Effects that would explain the data as well as the one in this place of the model, the likeliest first."""
     subsets = view.subsets
     here = subsets.fit()
     mine = EFFECTS.name_of(type(view.linear.model.effects[place]))
     level = subsets.losses(here).sum(1)
-    best: dict[str, float] = {}
+    best: dict[str, tuple[float, Start]] = {}
     alone = subsets.cost(subsets.fit(drop=[place]))
     for s in subsets.starts:
         if any({mine, s.id} <= same for same in SAME):
@@ -256,6 +257,6 @@ def rivals(view: View, place: int) -> tuple[str, ...]:
         # Six in twice the log odds is 20 to 1.
         alike = margin < 6.0 + DISTINCT * spread and alone - subsets.cost(other) > 0.5 * (alone - subsets.cost(here))
         heard = other.misfit - view.floor > LOUD * view.floor and here.misfit < 2 * view.floor
-        if alike and not heard:
-            best[s.id] = min(best.get(s.id, np.inf), margin)
-    return tuple(sorted(best, key=lambda k: best[k]))
+        if alike and not heard and margin < best.get(s.id, (np.inf, s))[0]:
+            best[s.id] = margin, s
+    return {name: start for name, (_, start) in sorted(best.items(), key=lambda item: item[1][0])}

@@ -1,0 +1,237 @@
+"""What matters: what an effect saves on recordings that were not fitted, against all that could be saved there.
+
+An effect may be significant and not worth a term. Each equation is judged by itself (`simulate.teacher_forced`), at a
+short and at a long horizon. What can be explained at all is what the best predictor leaves: the extended model, helped
+by a ridge regression of what it leaves on functions of every measured signal.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.generic import dictionary
+from bench.diagnose.regression.weak import Stack
+from bench.diagnose.select.verify import Trace
+from bench.diagnose.simulate.teacher_forced import (
+    Equation,
+    Increments,
+    equations,
+    horizons,
+    increments,
+    noise_increments,
+)
+from registry.dynamics import PhysicsModel
+
+SHARE = 0.05
+"""Of the squared error that can be explained: what an effect must save to be named, in some equation."""
+NEAR = 1.05
+"""Error, relative to the best that can be reached, up to which nothing is worth a term."""
+SURE = 2.0
+"""Standard errors over blocks of held-out recordings of a 95 % interval over blocks of held-out recordings."""
+BLOCK = 4.0
+"""Length of these blocks [s]."""
+SHRINKAGE = np.logspace(-4, 2, 13)
+"""Ridge penalties, relative to the mean eigenvalue, of which one is chosen on recordings left out."""
+
+
+@dataclass(frozen=True)
+class EquationError:
+    """Root mean square errors of one equation at one horizon on held-out recordings, SI."""
+
+    equation: str
+    horizon_s: float
+    unit: str
+    models: dict[str, float]
+    """By model."""
+    predictable: float
+    """What the last model leaves with the help of a regression on all measured signals."""
+    floor: float
+    """What measurement noise alone leaves."""
+
+    @property
+    def explainable(self) -> float:
+        """Squared error of the calibrated model that could be explained."""
+        best = min(self.models["extended"], self.predictable)
+        return max(self.models["calibrated"] ** 2 - best**2, 0.0)
+
+    @property
+    def matters(self) -> bool:
+        """Whether enough can be explained that anything is worth a term."""
+        return self.models["calibrated"] > NEAR * min(self.models["extended"], self.predictable)
+
+    @property
+    def unexplained(self) -> float:
+        """Share of what can be explained that the extended model leaves, 0 to 1; 0 where it is near the best."""
+        if self.models["extended"] <= NEAR * self.predictable:
+            return 0.0
+        left = self.models["extended"] ** 2 - self.predictable**2
+        return left / max(self.models["calibrated"] ** 2 - self.predictable**2, left)
+
+
+@dataclass(frozen=True)
+class Saving:
+    """What an effect saves of one equation's squared error on held-out recordings."""
+
+    equation: str
+    horizon_s: float
+    share: float
+    """Of what can be explained there."""
+    low: float
+    high: float
+    """95 % over blocks of recordings."""
+    matters: bool
+    """Whether enough can be explained in this equation that anything is worth a term."""
+
+    @property
+    def worth(self) -> bool:
+        """Whether it is large enough, and sure."""
+        return self.matters and self.share >= SHARE and self.low > 0
+
+
+class Weighing:
+    """The held-out recordings, equation by equation."""
+
+    def __init__(self, subject: Subject, noise: Noise) -> None:
+        """Prepare; the subject's inputs are read when they act."""
+        self.subject, self.noise = subject, noise
+        self.held = Stack.of(subject.of(subject.held_out))
+        self.horizons = horizons(self.held.logs)
+        measured = [all(m) for m in zip(*(log.measured for log in subject.logs), strict=True)]
+        self.equations = equations(subject.model, measured)
+        self._left: dict[int, Increments] = {}
+
+    def increments(self, model: PhysicsModel) -> Increments:
+        """What a model leaves of the held-out recordings."""
+        if id(model) not in self._left:
+            self._left[id(model)] = increments(model, self.held, self.noise)
+        return self._left[id(model)]
+
+    def squares(self, left: Increments, equation: Equation, horizon: int) -> tuple[np.ndarray, np.ndarray]:
+        """Squared errors (W,) and the block (W,) that each window is in."""
+        errors, recording, first = left.over(horizon, max(1, horizon // 4))
+        squared = (errors[:, list(equation.group.at)] ** 2).sum(1)
+        block = np.unique(np.stack([recording, first // round(BLOCK / self.held.dt)]), axis=1, return_inverse=True)[1]
+        return squared, block
+
+    def errors(self, models: Mapping[str, PhysicsModel]) -> tuple[EquationError, ...]:
+        """Errors of every equation at every horizon; the last of the models is helped by a regression."""
+        last = list(models.values())[-1]
+        shares = self._unpredictable(last)
+        chance = noise_increments(last, self.held, self.noise)
+        out = []
+        for equation in self.equations:
+            for horizon in self.horizons:
+                mean = {
+                    n: float(self.squares(self.increments(m), equation, horizon)[0].mean()) for n, m in models.items()
+                }
+                best = mean[list(models)[-1]] * shares[equation.name, horizon]
+                noise = float(self.squares(chance, equation, horizon)[0].mean())
+                out.append(
+                    EquationError(
+                        equation.name,
+                        horizon * self.held.dt,
+                        equation.group.unit,
+                        {n: v**0.5 for n, v in mean.items()},
+                        best**0.5,
+                        noise**0.5,
+                    )
+                )
+        return tuple(out)
+
+    def savings(self, without: PhysicsModel, full: PhysicsModel, errors: Sequence[EquationError]) -> tuple[Saving, ...]:
+        """What ``full`` saves of the error of ``without``, of each of ``errors``."""
+        out = []
+        by_name = {e.name: e for e in self.equations}
+        for error in errors:
+            equation, horizon = by_name[error.equation], round(error.horizon_s / self.held.dt)
+            before, block = self.squares(self.increments(without), equation, horizon)
+            after, _ = self.squares(self.increments(full), equation, horizon)
+            gains = np.bincount(block, before - after) / np.maximum(np.bincount(block), 1)
+            mean = float(gains.mean())
+            spread = float(gains.std(ddof=1)) / len(gains) ** 0.5 if len(gains) > 1 else np.inf
+            scale = max(error.explainable, 1e-300)
+            low, high = ((mean + side * SURE * spread) / scale for side in (-1, 1))
+            out.append(Saving(error.equation, error.horizon_s, mean / scale, low, high, error.matters))
+        return tuple(out)
+
+    def _unpredictable(self, model: PhysicsModel) -> dict[tuple[str, int], float]:
+        """By equation and horizon: share of what a model leaves that no function of the signals explains, 0 to 1."""
+        train = Stack.of(self.subject.of(self.subject.training))
+        parts = [(stack, increments(model, stack, self.noise)) for stack in (train, self.held)]
+        out = {}
+        for equation in self.equations:
+            of = [_projected(model, stack, left, equation) for stack, left in parts]
+            for horizon in self.horizons:
+                (x, y, fold), (held_x, held_y, _) = (p.windows(horizon) for p in of)
+                out[equation.name, horizon] = _share_left(x, y, fold, held_x, held_y)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Projected:
+    """What an equation leaves along the axes of the dictionary, and the functions that may explain it."""
+
+    left: Increments
+    functions: np.ndarray
+    """(functions, L, N − 1)."""
+    dt: float
+
+    def windows(self, horizon: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Integrals (W, functions) and errors (W, axes) over windows, and the recording (W,) of each."""
+        every = max(1, horizon // 2)
+        y, recording, first = self.left.over(horizon, every)
+        total = np.concatenate([np.zeros_like(self.functions[..., :1]), np.cumsum(self.functions, axis=-1)], axis=-1)
+        x = total[:, recording, first + horizon] - total[:, recording, first]
+        return x.T * self.dt, y, recording
+
+
+def _projected(model: PhysicsModel, stack: Stack, left: Increments, equation: Equation) -> _Projected:
+    at = equation.group.at
+    words = dictionary(model, stack, at)
+    along = [np.einsum("lnc,lnc->ln", axis, left.steps[..., list(at)]) for axis in words.axes if np.abs(axis).max() > 0]
+    return _Projected(Increments(np.stack(along, axis=-1), left.valid), words.values, stack.dt)
+
+
+def _share_left(x: np.ndarray, y: np.ndarray, fold: np.ndarray, held_x: np.ndarray, held_y: np.ndarray) -> float:
+    """Share of the held-out squares of ``y`` (W, axes) that a ridge regression on ``x`` (W, f) leaves, at most 1.
+
+    The penalty is chosen with one recording left out after another.
+    """
+    size = np.sqrt((x**2).mean(0))
+    x, held_x = (z[:, size > 0] / size[size > 0] for z in (x, held_x))
+    grams = {f: (x[fold == f].T @ x[fold == f], x[fold == f].T @ y[fold == f]) for f in np.unique(fold)}
+    gram, moment = (np.asarray(sum(g[i] for g in grams.values())) for i in range(2))
+    loss = np.zeros(len(SHRINKAGE))
+    for f, (inner, cross) in grams.items():
+        values, vectors = np.linalg.eigh(gram - inner)
+        turned = vectors.T @ (moment - cross)
+        for i, s in enumerate(SHRINKAGE * gram.trace() / len(gram)):
+            beta = vectors @ (turned / (values[:, None] + s))
+            loss[i] += ((y[fold == f] - x[fold == f] @ beta) ** 2).sum()
+    best = SHRINKAGE[int(np.argmin(loss))] * gram.trace() / len(gram)
+    if loss.min() >= (y**2).sum():
+        return 1.0
+    beta = np.linalg.solve(gram + best * np.eye(len(gram)), moment)
+    return float(min(1.0, ((held_y - held_x @ beta) ** 2).sum() / max((held_y**2).sum(), 1e-300)))
+
+
+def trifle(name: str, savings: Sequence[Saving]) -> str:
+    """A remark on an effect that is not worth a term."""
+    best = max(savings, key=lambda s: s.share)
+    size = f"{100 * best.share:.1g} %" if best.matters else "next to nothing"
+    return (
+        f"A trace of {name.replace('_', ' ')} shows; it saves {size} of what can be explained in {best.equation} on "
+        "held-out recordings: not worth a term."
+    )
+
+
+def faint_traces(traces: Sequence[Trace]) -> str:
+    """A remark on what is left, significant and not worth a term."""
+    signals = dict.fromkeys(t.signal.replace("_", " ") for t in traces[:2])
+    return (
+        f"A trace that follows {' and '.join(signals)} is left; less than {100 * SHARE:.0f} % of what can be explained "
+        "goes with it on held-out recordings: not worth a term."
+    )

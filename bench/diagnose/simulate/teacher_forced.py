@@ -1,0 +1,107 @@
+"""Each equation of motion by itself: what it predicts while everything else is as measured (teacher forcing).
+
+A free run in which torques are badly known loses the attitude within a fifth of a second, and then judges nothing else.
+Here the change of one group of states over a horizon is compared with the integral of its own equation along the
+*measured* states: forces with measured attitude and rates, torques with measured rates and velocity,
+
+    e_k = x_{k+h} − x_k − Σ_{j<h} dt (κ ∗ f)(x_{k+j}, u_{k+j}),
+
+where κ is the smoothing that the measured states went through.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from scipy.ndimage import convolve1d
+
+from bench.diagnose.logs.noise import Noise, impulse_response
+from bench.diagnose.logs.subject import Log
+from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.simulate.floor import measure, reach
+from bench.diagnose.simulate.free_run import Group, default_steps, groups
+from registry.dynamics import PhysicsModel
+
+SHORT = 0.2
+"""The shorter of the two horizons, as a share of the free runs': fast torques show in it, slow forces in the longer."""
+
+
+@dataclass(frozen=True)
+class Equation:
+    """One group of states and the name of the equation that moves it."""
+
+    name: str
+    """Such as "forces"."""
+    group: Group
+
+
+def equations(model: PhysicsModel, measured: Sequence[bool]) -> tuple[Equation, ...]:
+    """The dynamic equations of the measured states; kinematic ones hold no physics that could be missing."""
+    names = model.equation_names()
+    return tuple(Equation(names[g.name], g) for g in groups(model.state_channels, measured) if g.name in names)
+
+
+def horizons(logs: Sequence[Log]) -> tuple[int, int]:
+    """A short and a long horizon in samples; the long one is that of the free runs."""
+    longest = default_steps(logs)
+    return max(2, round(SHORT * longest)), longest
+
+
+@dataclass(frozen=True, eq=False)
+class Increments:
+    """What an equation leaves of every measured change from sample to sample, recording by recording."""
+
+    steps: np.ndarray
+    """(L, N − 1, s) for every state channel."""
+    valid: np.ndarray
+    """(L, N − 1) whether both samples are, and are no padding."""
+
+    def over(self, horizon: int, every: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Errors over ``horizon`` intervals, a window every ``every``.
+
+        Returns:
+            Errors (W, s), the recording (W,) and the first interval (W,) of each window.
+        """
+        total = np.concatenate([np.zeros_like(self.steps[:, :1]), np.cumsum(self.steps, axis=1)], axis=1)
+        bad = np.concatenate([np.zeros((len(self.valid), 1), int), np.cumsum(~self.valid, axis=1)], axis=1)
+        found = [
+            (i, k)
+            for i in range(len(total))
+            for k in range(0, total.shape[1] - horizon, every)
+            if bad[i, k + horizon] == bad[i, k]
+        ]
+        recording, first = np.array(found, dtype=int).reshape(-1, 2).T
+        return total[recording, first + horizon] - total[recording, first], recording, first
+
+
+def increments(model: PhysicsModel, stack: Stack, noise: Noise) -> Increments:
+    """What ``model`` leaves of the measured changes of every state; see the head of this file."""
+    size = len(model.state_channels)
+    with torch.no_grad():
+        rates = mean_rates(model, stack)[..., :size].numpy() * stack.dt
+    smoothed = np.empty_like(rates)
+    for c in range(size):
+        smoothed[..., c] = convolve1d(rates[..., c], noise.smoothing_of(c).kernel(), axis=1, mode="nearest")
+    valid = np.zeros(rates.shape[:2], dtype=bool)
+    margin = reach(noise.smoothing)
+    for i, log in enumerate(stack.logs):
+        good = (log.valid[:-1] & log.valid[1:]).numpy()
+        valid[i, margin : len(log) - 1 - margin] = good[margin : len(good) - margin]
+    return Increments(np.diff(stack.states.numpy()[..., :size], axis=1) - smoothed, valid)
+
+
+def noise_increments(model: PhysicsModel, stack: Stack, noise: Noise) -> Increments:
+    """What noise alone adds to the increments: those of measurements with noise drawn once more, less those without."""
+    generator, r = np.random.default_rng(0), reach(noise.smoothing)
+    padded = torch.cat([stack.states[:, :1].expand(-1, r, -1), stack.states, stack.states[:, -1:].expand(-1, r, -1)], 1)
+    channels = model.state_channels
+    silent = replace(noise, raw=tuple(0.0 for _ in noise.raw))
+    hiss = measure(padded, noise, channels, stack.dt, generator) - measure(
+        padded, silent, channels, stack.dt, generator
+    )
+    white = generator.normal(size=stack.inputs.shape) * np.array(noise.inputs)
+    through = convolve1d(white, impulse_response(noise.input_smoothing, False), axis=1)
+    noisy = replace(stack, states=stack.states + hiss, inputs=stack.inputs + torch.from_numpy(through))
+    clean, moved = increments(model, stack, noise), increments(model, noisy, noise)
+    return Increments(moved.steps - clean.steps, clean.valid)
