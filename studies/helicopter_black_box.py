@@ -1,8 +1,8 @@
 """Error over the horizon of the helicopter's black-box models (paper, figure HeliMeanCompare)."""
 
-from bench.config import RunConfig
-from bench.grid import grid, horizons
-from bench.study import Study
+from bench.experiment.config import RunConfig
+from bench.experiment.grid import grid, horizons
+from bench.experiment.study import Study
 from registry.contracts import Dataset
 from studies.mlp_vs_rnn_init import BASELINES, architectures
 

@@ -1,8 +1,8 @@
 """How long a history: washout and MLP initialization from 5 to 40 samples (paper, two remarks in the text)."""
 
-from bench.config import RunConfig
-from bench.grid import grid, horizons
-from bench.study import Study
+from bench.experiment.config import RunConfig
+from bench.experiment.grid import grid, horizons
+from bench.experiment.study import Study
 from registry.contracts import Dataset
 
 LENGTHS = (5, 10, 20, 40)

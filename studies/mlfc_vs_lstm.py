@@ -1,8 +1,8 @@
 """Error against number of weights, MLFC and LSTM (paper, section "MLFC vs. LSTM", figure HeliSizeCompare)."""
 
-from bench.config import RunConfig
-from bench.grid import grid, horizons
-from bench.study import Study
+from bench.experiment.config import RunConfig
+from bench.experiment.grid import grid, horizons
+from bench.experiment.study import Study
 from registry.contracts import Dataset
 from registry.units import SIGNALS
 

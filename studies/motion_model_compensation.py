@@ -1,8 +1,8 @@
 """The motion model's own error before and after compensation (paper, figure MM_Dis)."""
 
-from bench.config import RunConfig
-from bench.grid import grid, horizons
-from bench.study import Study
+from bench.experiment.config import RunConfig
+from bench.experiment.grid import grid, horizons
+from bench.experiment.study import Study
 from registry.contracts import Dataset
 from studies.quadrotor_hybrid import SIZES
 

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from bench.config import RunConfig, Training
-from bench.grid import effort, grid
-from bench.study import Study
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.grid import effort, grid
+from bench.experiment.study import Study
 from registry.contracts import Dataset
 from registry.datasets.nanodrone import Nanodrone
 

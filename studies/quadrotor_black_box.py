@@ -1,8 +1,8 @@
 """Black-box models of the quadrotor, teacher-forced and practical (paper, figure QuadMeanCompare)."""
 
-from bench.config import RunConfig
-from bench.grid import grid, horizons
-from bench.study import Study
+from bench.experiment.config import RunConfig
+from bench.experiment.grid import grid, horizons
+from bench.experiment.study import Study
 from registry.contracts import Dataset
 
 SIZES = {

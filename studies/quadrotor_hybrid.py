@@ -1,8 +1,8 @@
 """Hybrid (physics and networks) against black box (paper, figures GB_BB_Dist_*)."""
 
-from bench.config import RunConfig
-from bench.grid import grid, horizons
-from bench.study import Study
+from bench.experiment.config import RunConfig
+from bench.experiment.grid import grid, horizons
+from bench.experiment.study import Study
 from registry.contracts import Dataset
 
 SIZES = {"smoke": ("1x10", "20x10"), "laptop": ("1x50", "100x10"), "paper": ("4x200", "5000x10")}

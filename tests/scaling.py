@@ -22,10 +22,12 @@ from threading import Thread
 from typing import Any
 from urllib.parse import urlsplit
 
-from bench import engine, executor, run
-from bench.config import RunConfig, Training
-from bench.mirroring import Mirroring
-from bench.notation import parse
+from bench.execution import engine, executor
+from bench.execution.crew import AHEAD, Crew
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
+from bench.tracking.mirroring import Mirroring
+from bench.training import run
 from registry.core import DATASETS
 
 RUNS, TINY = 100, 400
@@ -43,7 +45,7 @@ _train = run.train
 
 
 def timed(*args: Any, **kwargs: Any) -> Any:
-    """`bench.train.train`, with its times noted."""
+    """`bench.training.train.train`, with its times noted."""
     wall, cpu = time.monotonic(), time.process_time()
     made = _train(*args, **kwargs)
     if LOG in os.environ:
@@ -109,9 +111,9 @@ def dummies(
         return pickle.dumps([replace(one, summary={**one.summary, "key": key})])
 
     @contextmanager
-    def crew(*_: Any) -> Iterator[executor.Crew]:
+    def crew(*_: Any) -> Iterator[Crew]:
         with ThreadPoolExecutor(workers) as pool:
-            yield executor.Crew(pool.submit, lambda: executor.AHEAD * workers)
+            yield Crew(pool.submit, lambda: AHEAD * workers)
 
     executor._crew = crew  # type: ignore[assignment]
     began = time.monotonic()
@@ -189,8 +191,8 @@ def slow(address: str) -> Iterator[str]:
 
 def tracking(folder: Path) -> Iterator[str]:
     """What logging in MLflow adds to the time of a study, and the processor time that it takes from the workers."""
-    from bench import track  # not above: workers import this file
-    from bench.ui import server
+    from bench.tracking import track  # not above: workers import this file
+    from bench.tracking.ui import server
 
     without, _, _ = logged(folder / "plain", None)
 

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from bench import study
 from bench.claims.evidence import COST, Evidence, Run
-from bench.conclude import conclude
-from bench.record import RunRecord
+from bench.experiment import study
+from bench.records.record import RunRecord
+from bench.reporting.conclude import conclude
 
 Truth = Callable[[str, str, np.ndarray], np.ndarray]
 """(configuration, signal, step) → mean error."""
@@ -104,5 +104,5 @@ def concluded(records: Sequence[RunRecord], command: str, folder: Path) -> None:
     with pytest.MonkeyPatch.context() as quick:
         for name in ("figures.per_step_figure", "report.render_terminal", "study_page.write"):
             quick.setattr(f"bench.{name}", lambda *_: None)
-        quick.setattr("bench.report.to_markdown", lambda *_: "")
+        quick.setattr("bench.reporting.report.to_markdown", lambda *_: "")
         conclude(Console(file=StringIO()), records, "made up", study.get("washout_vs_mlp"), command, folder)

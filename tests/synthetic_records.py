@@ -1,4 +1,4 @@
-"""Finished records with made-up numbers, in the layout of `bench.record`."""
+"""Finished records with made-up numbers, in the layout of `bench.records.record`."""
 
 import hashlib
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from bench.record import RunRecord, write
+from bench.records.record import RunRecord, write
 
 STATISTICS = {"mean": 1.0, "median": 0.9, "q25": 0.5, "q75": 1.4, "q05": 0.1, "q95": 2.2, "q99": 3.0}
 

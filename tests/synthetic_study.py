@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from bench.record import RunRecord, write
+from bench.records.record import RunRecord, write
 
 MLP, WASHOUT = "LSTM: 1x50 - MLP: 60x10", "LSTM: 1x50 - Washout: 10"
 SPECS = ("MLFC: 1x50 - MLP: 60x10", "MLFC: 1x50 - Washout: 10", MLP, WASHOUT)

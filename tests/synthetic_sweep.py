@@ -8,8 +8,8 @@ import numpy as np
 import optuna
 from conftest import Toy
 
-from bench.config import RunConfig, Training
-from bench.notation import parse
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
 from bench.sweep import journal as sweep
 from bench.sweep import search
 from bench.sweep.space import default_space, parse_search

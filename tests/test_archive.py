@@ -17,8 +17,11 @@ import pytest
 from faults.test_kills import sound, study
 from rich.console import Console
 
-from bench import archive, conclude, engine, record
 from bench.cli.archive import import_command
+from bench.execution import engine
+from bench.records import archive, record
+from bench.records.concluded import concluded
+from bench.reporting import conclude
 from registry.errors import BenchError
 
 
@@ -29,7 +32,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     records = engine.execute(engine.plan(study(2), results / "runs"), results / "runs")
     title = "<script>alert(1)</script> [/bold] on toy"
     conclude.conclude(Console(quiet=True), records, title, None, "bench run x", results / "studies" / "x")
-    archive.write(next(conclude.concluded(results)), results / "runs", results / "a.zip")
+    archive.write(next(concluded(results)), results / "runs", results / "a.zip")
     return results
 
 
@@ -47,7 +50,7 @@ def test_there_and_back_is_the_same_and_what_is_there_is_kept(made: Path, tmp_pa
     (runs / done.keys[1] / "record.json").unlink()
     assert archive.read(made / "a.zip", runs).new == (done.keys[1],)
     assert "ours" in (first / "provenance.json").read_text() and len(sound(runs)) == 2
-    archive.write(next(conclude.concluded(made)), made / "runs", tmp_path / "b.zip")
+    archive.write(next(concluded(made)), made / "runs", tmp_path / "b.zip")
     assert (tmp_path / "b.zip").read_bytes() == (made / "a.zip").read_bytes()
 
 
@@ -59,7 +62,7 @@ def test_the_report_is_made_anew_and_escapes_names(made: Path, tmp_path: Path) -
 
 
 def test_an_altered_run_is_not_exported(made: Path, tmp_path: Path) -> None:
-    finished = next(conclude.concluded(made))
+    finished = next(concluded(made))
     archive.read(made / "a.zip", tmp_path)
     (tmp_path / finished.keys[0] / "curve.parquet").write_bytes(b"x")
     with pytest.raises(BenchError, match=r"curve\.parquet was altered"):
@@ -167,6 +170,6 @@ def test_links_and_entries_that_lie_about_their_size(made: Path, tmp_path: Path)
 
 
 def test_a_study_that_is_not_whole_is_not_exported(made: Path, tmp_path: Path) -> None:
-    finished = replace(next(conclude.concluded(made)), keys=[KEY])
+    finished = replace(next(concluded(made)), keys=[KEY])
     with pytest.raises(BenchError, match="make it again with `bench run x`"):
         archive.write(finished, made / "runs", tmp_path / "c.zip")

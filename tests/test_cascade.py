@@ -8,9 +8,9 @@ import torch
 from conftest import Toy
 from torch import Tensor
 
-from bench.config import RunConfig, Training
-from bench.notation import parse
-from bench.run import run_group
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
+from bench.training.run import run_group
 from registry.contracts import Channel, Loaded, Problem
 from registry.core import DATASETS, PREDICTORS
 from registry.errors import BenchError

@@ -15,7 +15,7 @@ import synthetic_study
 from conftest import Toy
 from synthetic_evidence import concluded, evidence
 
-from bench import study
+from bench.analysis.tables import POOLED, comparisons
 from bench.claims import claim as claims_file
 from bench.claims import judge
 from bench.claims.claim import KINDS, Claim, _build
@@ -24,7 +24,7 @@ from bench.claims.curves import _level_limits
 from bench.claims.estimate import DIFFERS, NOT_RUN, OPEN, REPRODUCED, Estimate, Judgement, Kind, settle
 from bench.claims.evidence import Evidence, gather
 from bench.cli import cli
-from bench.tables import POOLED, comparisons
+from bench.experiment import study
 from registry.core import DATASETS
 from registry.errors import BenchError
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench import record
+from bench.records import record
 
 
 def bench(*args: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:

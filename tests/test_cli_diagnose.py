@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench import track
 from bench.cli import cli
 from bench.cli.diagnosing import write_model
 from bench.diagnose.result import GroupError
+from bench.tracking import track
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
 

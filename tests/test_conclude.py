@@ -7,8 +7,8 @@ import pandas as pd
 import synthetic_study
 from rich.console import Console
 
-from bench import conclude
 from bench.claims.evidence import COST, FILE
+from bench.reporting import conclude
 
 
 def test_the_tables_hold_every_step_of_every_run_that_did_not_diverge(tmp_path: Path) -> None:

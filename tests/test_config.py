@@ -4,9 +4,10 @@ from pathlib import Path
 import pytest
 from conftest import Toy
 
-from bench.config import RunConfig, Training, changed, from_json, run_key, shape_key, to_json
-from bench.engine import plan
-from bench.notation import parse
+from bench.execution.engine import plan
+from bench.experiment.config import RunConfig, Training, changed, from_json, to_json
+from bench.experiment.notation import parse
+from bench.experiment.run_key import run_key, shape_key
 from registry.contracts import Split
 from registry.core import DATASETS
 from registry.errors import BenchError

@@ -10,14 +10,15 @@ import pytest
 import torch
 from conftest import Toy
 
-from bench import train
-from bench.config import RunConfig, Training, environment, run_key
-from bench.data import prepare
-from bench.device import device
-from bench.gradient import cost_and_gradient
-from bench.model import build, build_scaled
-from bench.notation import parse
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.device import device
+from bench.experiment.notation import parse
+from bench.experiment.run_key import environment, run_key
 from bench.speed.networks import channels
+from bench.training import train
+from bench.training.data import prepare
+from bench.training.gradient import cost_and_gradient
+from bench.training.model import build, build_scaled
 from registry.contracts import Split
 from registry.core import DATASETS
 from registry.errors import BenchError

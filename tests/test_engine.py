@@ -11,10 +11,11 @@ import pandas as pd
 import pytest
 from conftest import Toy
 
-from bench import engine, record
-from bench.config import RunConfig, Training
-from bench.notation import parse
-from bench.predict import load_model, predict_table
+from bench.execution import engine
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
+from bench.records import record
+from bench.training.predict import load_model, predict_table
 from registry.errors import BenchError
 
 TRAINING = Training(updates=30, evaluate_every=10, batch=32)
@@ -126,7 +127,7 @@ def test_a_full_disk_leaves_finished_records_and_no_draft(tmp_path: Path) -> Non
     """RLIMIT_FSIZE stands in for a disk that is full while a record is written."""
     code = (
         "import resource, signal, sys; sys.path.insert(0, sys.argv[2]); from pathlib import Path\n"
-        "from test_engine import runs; from bench import engine; from registry.errors import BenchError\n"
+        "from test_engine import runs; from bench.execution import engine; from registry.errors import BenchError\n"
         "folder = Path(sys.argv[1]); a, b = runs('MLFC: 1x5 - MLP: 5x10', 2)\n"
         "engine.execute(engine.plan([a], folder), folder)\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from conftest import Toy
 
-from bench import engine, estimate
-from bench.config import RunConfig, Training
-from bench.notation import parse
+from bench.execution import engine, estimate
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
 
 
 def configs(spec: str, updates: int) -> list[RunConfig]:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from conftest import Toy
 
-from bench import evaluate
-from bench.config import RunConfig
-from bench.data import prepare
-from bench.notation import parse
+from bench.experiment.config import RunConfig
+from bench.experiment.notation import parse
+from bench.training import evaluate
+from bench.training.data import prepare
 from registry.contracts import Channel
 
 DATA = prepare(RunConfig(*parse("LSTM: 1x5 - MLP: 6x10"), Toy(), horizon=4))

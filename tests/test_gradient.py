@@ -10,12 +10,12 @@ from test_hybrid import QUADROTOR, vivid, windows
 from test_native import kernel
 from torch import Tensor
 
-from bench import gradient
-from bench.config import RunConfig, Training
-from bench.data import prepare
-from bench.model import Model, build_scaled
-from bench.notation import parse
-from bench.train import Group, Run
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
+from bench.training import gradient
+from bench.training.data import prepare
+from bench.training.model import Model, build_scaled
+from bench.training.train import Group, Run
 from registry.contracts import Gradients, Predictor, Problem
 from registry.initializers.each import build as build_initializer
 from registry.initializers.mlp import MLPInitializer

@@ -6,10 +6,10 @@ import torch
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from bench.config import RunConfig, Training
-from bench.data import prepare
-from bench.notation import parse, write
-from bench.train import train
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse, write
+from bench.training.data import prepare
+from bench.training.train import train
 from registry.contracts import Problem
 from registry.datasets.signals import channels
 from registry.datasets.twins import PelicanTwin

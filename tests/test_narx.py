@@ -10,7 +10,7 @@ from test_networks import noise, vivid, weights
 from torch import Tensor, nn
 from torch.func import functional_call
 
-from bench.notation import parse, write
+from bench.experiment.notation import parse, write
 from registry import PREDICTORS
 from registry.contracts import Predictor, Problem
 from registry.cost import prediction_cost

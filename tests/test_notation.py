@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.notation import parse, write
+from bench.experiment.notation import parse, write
 from registry.errors import BenchError
 
 

@@ -6,10 +6,10 @@ from test_networks import noise, vivid
 from torch import Tensor, nn
 from torch.func import functional_call
 
-from bench.config import RunConfig, Training
-from bench.data import prepare
-from bench.notation import parse, write
-from bench.train import train
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse, write
+from bench.training.data import prepare
+from bench.training.train import train
 from registry import DATASETS, INITIALIZERS, PREDICTORS
 from registry.contracts import Initializer, Predictor, Problem
 

@@ -9,9 +9,10 @@ import torch
 from conftest import Toy
 from torch import nn
 
-from bench import engine, record
-from bench.config import RunConfig, Training
-from bench.notation import parse
+from bench.execution import engine
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
+from bench.records import record
 from registry.contracts import Initializer, InitializerEntry, Predictor, PredictorEntry, StateLayout
 from registry.core import INITIALIZERS, PREDICTORS, option
 

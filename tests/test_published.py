@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from bench import conclude, engine
 from bench.claims.published import check
 from bench.cli.datasets import choose
-from bench.config import RunConfig
-from bench.notation import parse
+from bench.execution import engine
+from bench.experiment.config import RunConfig
+from bench.experiment.notation import parse
+from bench.reporting import conclude
 
 PUBLISHED = Path(__file__).parent.parent / "results" / "published" / "washout_vs_mlp"
 SPEC = "MLFC: 1x50 - MLP: 60x10"

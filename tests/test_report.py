@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from synthetic_study import MLP, PAIRS, WASHOUT
 
-from bench import figures, report, tables
-from bench.record import RunRecord
+from bench.analysis import tables
+from bench.records.record import RunRecord
+from bench.reporting import figures, report
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from bench.stats import compare, interval
+from bench.analysis.stats import compare, interval
 
 EFFECT = 0.8
 

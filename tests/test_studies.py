@@ -4,9 +4,9 @@ from collections import defaultdict
 
 import pytest
 
-from bench import study
 from bench.cli.datasets import choose
-from bench.grid import matched
+from bench.experiment import study
+from bench.experiment.grid import matched
 from registry.core import DATASETS
 
 PAPER = {  # as listed in the paper's section "Results and Discussions"

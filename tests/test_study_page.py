@@ -11,12 +11,13 @@ import pytest
 import synthetic_study as synthetic
 from click.testing import CliRunner
 
-from bench import report, study_page, tables
+from bench.analysis import tables
 from bench.cli.report import report_command
-from bench.drawing import Look, Panel, Scale
-from bench.record import RunRecord, write_json
-from bench.study import Study
-from bench.study_page_content import Content
+from bench.experiment.study import Study
+from bench.records.record import RunRecord, write_json
+from bench.reporting import report, study_page
+from bench.reporting.drawing import Look, Panel, Scale
+from bench.reporting.study_page_content import Content
 from registry.errors import BenchError
 
 HYBRID, LSTM, WASHOUT = "Hybrid: 1x50 - MLP: 60x10", "LSTM: 1x50 - MLP: 60x10", "LSTM: 2x50 - Washout: 10"

@@ -12,8 +12,8 @@ from conftest import Toy
 from optuna.trial import TrialState
 from synthetic_sweep import RATES, TRAINING, NoValidation, Planted, PoisonedToy, essence, swept, toy
 
-from bench import train
 from bench.sweep import journal as sweep
+from bench.training import train
 from registry.errors import BenchError
 
 
@@ -72,7 +72,7 @@ def test_a_driver_killed_at_work_ends_in_the_same_sweep(tmp_path: Path) -> None:
 import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[2])
-from bench import train
+from bench.training import train
 from synthetic_sweep import swept, toy
 
 look, looks = train.Group._look, []

@@ -14,15 +14,15 @@ from conftest import Toy
 from optuna.trial import TrialState
 from synthetic_sweep import swept, toy
 
-from bench import track
 from bench.cli import cli
 from bench.sweep import finalists
 from bench.sweep import journal as sweep
 from bench.sweep import page as sweep_page
+from bench.tracking import track
 
 
 def test_finalists_are_judged_on_both_parts_and_the_page_escapes_names(tmp_path: Path) -> None:
-    from bench import engine
+    from bench.execution import engine
 
     evil = '<script>alert("x")</script>'
     asked, study = swept(tmp_path / "s", toy(), 8)

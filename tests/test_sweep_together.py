@@ -9,11 +9,11 @@ import pytest
 from optuna.trial import TrialState
 from synthetic_sweep import RATES, TRAINING, essence, swept, toy
 
-from bench import train
-from bench.config import RunConfig
+from bench.experiment.config import RunConfig
 from bench.sweep import journal as sweep
 from bench.sweep import search, trial
 from bench.sweep.space import configured, parse_search
+from bench.training import train
 
 
 def rates_swept(folder: Path, trials: int, **more: Any) -> tuple[sweep.Sweep, optuna.Study]:

@@ -15,9 +15,9 @@ import pandas as pd
 import pytest
 from synthetic_records import synthetic_record
 
-from bench import track
-from bench.record import RunRecord
-from bench.ui import chart_link, serve, server
+from bench.records.record import RunRecord
+from bench.tracking import track
+from bench.tracking.ui import chart_link, serve, server
 from registry.errors import BenchError
 
 
@@ -116,7 +116,7 @@ def test_mirroring_again_changes_nothing(results, records, mirrored):
 def test_an_interrupted_mirroring_is_completed_without_duplicates(tmp_path, monkeypatch):
     record, uri = synthetic_record(tmp_path / "runs"), track.default_uri(tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr("bench.track.records._dataset", lambda summary: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr("bench.tracking.records._dataset", lambda summary: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
             track.mirror([record.folder], uri, "e")
     assert rows(tmp_path, "SELECT status FROM runs") == [("RUNNING",)]
@@ -182,7 +182,8 @@ def test_a_tracking_server_takes_the_same_records(tmp_path, records, capfd):
 
 def test_ui_prints_the_link_and_leaves_no_process_behind(results, mirrored):
     code = (
-        f"from pathlib import Path; from bench.ui import serve; serve(Path({str(results)!r}), study='washout_vs_mlp')"
+        "from pathlib import Path; from bench.tracking.ui import serve; "
+        f"serve(Path({str(results)!r}), study='washout_vs_mlp')"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
         link = process.stdout.readline().split()[1]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench import stats
+from bench.analysis import stats
 from bench.claims.estimate import Estimate, Kind
 from bench.claims.evidence import Evidence
 from registry.contracts import Loaded

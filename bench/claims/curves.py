@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bench import stats
+from bench.analysis import stats
+from bench.analysis.tables import FIRST, LAST
 from bench.claims.estimate import Estimate, Kind
 from bench.claims.evidence import Evidence
 from bench.claims.tables import Errors, Network, errors, ratio, rows, signals
-from bench.tables import FIRST, LAST
 from registry.errors import BenchError
 from registry.units import to_si
 

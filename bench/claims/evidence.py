@@ -21,8 +21,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.record import RunRecord
-from bench.study import PRESETS
+from bench.experiment.study import PRESETS
+from bench.records.record import RunRecord
 from registry.errors import BenchError
 
 FILE = "evidence.parquet"

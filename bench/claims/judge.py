@@ -4,12 +4,12 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from bench import study
 from bench.claims.claim import Claim, Claims
 from bench.claims.counting import Fact
 from bench.claims.estimate import ALPHA, NOT_RUN, OPEN, Estimate, Judgement, number, settle
 from bench.claims.evidence import Evidence
-from bench.data import load
+from bench.experiment import study
+from bench.training.data import load
 from registry.core import DATASETS
 from registry.errors import BenchError
 

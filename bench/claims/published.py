@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from bench import engine
 from bench.claims.estimate import ALPHA
 from bench.claims.evidence import Folder, Run, folders
-from bench.config import RunConfig, Training
-from bench.notation import parse
-from bench.record import RunRecord, exists, write_json
+from bench.execution import engine
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
+from bench.records.record import RunRecord, exists, write_json
 from registry.core import DATASETS
 from registry.errors import BenchError
 

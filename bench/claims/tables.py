@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from bench import stats
+from bench.analysis import stats
+from bench.analysis.tables import is_baseline, phases
 from bench.claims.estimate import ALPHA, Estimate
 from bench.claims.evidence import Evidence
-from bench.tables import is_baseline, phases
 
 RATES = ("body_rates", "euler_rates")
 """What a claim calls "rates": whichever of them the data set predicts."""

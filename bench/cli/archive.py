@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from bench import study
 from bench.cli import options
+from bench.experiment import study
 from registry.errors import BenchError
 
 
@@ -26,8 +26,8 @@ def export_command(name: str, dataset: str | None, preset: str | None, output: P
     The same study gives the same file. Paths of your own that are options of a run (a folder of data, a model.toml)
     are part of its configuration.
     """
-    from bench import archive
     from bench.cli.report import finished_study
+    from bench.records import archive
 
     found = finished_study(name, dataset, preset, results)
     archive.write(found, results / "runs", output)
@@ -43,14 +43,17 @@ def import_command(file: Path, results: Path) -> None:
     Runs that are here already are kept as they are. Table, figures and report are made anew.
     (`bench data import` is for flight logs.)
     """
-    from bench import archive, conclude, lock
-    from bench.record import RunRecord
+    from bench.execution import lock
+    from bench.records import archive
+    from bench.records.concluded import slug
+    from bench.records.record import RunRecord
+    from bench.reporting import conclude
 
     out = options.console()
     done = archive.read(file, results / "runs")
     kept = len(done.keys) - len(done.new)
     out.print(f"{len(done.new)} runs of “{escape(done.title)}” are new here, {kept} were here already and are kept.")
-    folder = results / "studies" / conclude.slug(done.title)
+    folder = results / "studies" / slug(done.title)
     if (folder / "study.json").is_file():
         out.print(f"The study is finished here already ({escape(str(folder))}): its report is kept, too.")
         return

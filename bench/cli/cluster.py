@@ -24,7 +24,7 @@ def start_command(workers: int | None, host: str, port: int) -> None:
 
     Whoever reaches a scheduler can run code: it listens on this machine only, unless --host says otherwise.
     """
-    from bench.cluster import serve
+    from bench.execution.cluster import serve
 
     def said(sentence: str) -> None:
         if sentence.startswith("tcp://"):

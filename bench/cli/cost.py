@@ -8,8 +8,8 @@ from rich.table import Table
 
 from bench.cli.job import Job, Place
 from bench.cli.progress import clock
-from bench.engine import Plan
-from bench.estimate import seconds
+from bench.execution.engine import Plan
+from bench.execution.estimate import seconds
 
 
 def estimate(out: Console, jobs: list[tuple[Job, Plan]], place: Place) -> None:

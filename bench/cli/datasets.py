@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from bench.config import build_entry
+from bench.experiment.config import build_entry
 from registry.contracts import Dataset
 from registry.core import DATASETS
 

@@ -150,7 +150,7 @@ def track_extension(
     model_file: Path,
 ) -> None:
     """One MLflow run for every effect added."""
-    from bench import track
+    from bench.tracking import track
 
     held = [EFFECTS.name_of(type(e)) for e in start.effects]
     comparison, added = done.comparison, [e.id for e in done.effects]

@@ -8,9 +8,9 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
-from bench import study
 from bench.cli.options import console
-from bench.notation import parse
+from bench.experiment import study
+from bench.experiment.notation import parse
 from registry.core import INITIALIZERS, PREDICTORS, REGISTRIES
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near

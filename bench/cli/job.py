@@ -12,11 +12,12 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from bench import engine, lock, study
 from bench.cli.progress import clock, meter
-from bench.config import RunConfig
-from bench.mirroring import Mirroring
-from bench.record import RunRecord
+from bench.execution import engine, lock
+from bench.experiment import study
+from bench.experiment.config import RunConfig
+from bench.records.record import RunRecord
+from bench.tracking.mirroring import Mirroring
 from registry.errors import BenchError
 
 
@@ -73,9 +74,10 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
     Raises:
         BenchError: another driver is at this study, the results folder cannot be written, or workers die.
     """
-    from bench import conclude
+    from bench.records.concluded import slug
+    from bench.reporting import conclude
 
-    folder = place.results / "studies" / conclude.slug(job.title)
+    folder = place.results / "studies" / slug(job.title)
     with lock.held(folder, job.title), mirroring(place, job.title, job.target if job.study else None) as mirror:
         todo = engine.unrecorded(todo, place.runs)
         models = say(out, job, todo)

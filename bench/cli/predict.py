@@ -22,7 +22,8 @@ def predict_command(run: str, source: Path, output: Path | None, results: Path) 
     rate. Its first rows, as many as the run's history, need the measured outputs too; every later row is one
     predicted step.
     """
-    from bench import predict, record
+    from bench.records import record
+    from bench.training import predict
 
     predicted = predict.predict_table(record.find(results / "runs", run), predict.read_table(source), str(source))
     if output is None:

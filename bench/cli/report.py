@@ -8,10 +8,12 @@ from typing import TypeVar
 
 import click
 
-from bench import record, study
 from bench.cli import options
 from bench.cli.run import check_target
-from bench.conclude import REPORT, Concluded, concluded
+from bench.experiment import study
+from bench.records import record
+from bench.records.concluded import Concluded, concluded
+from bench.reporting.conclude import REPORT
 from registry.errors import BenchError
 
 T = TypeVar("T")
@@ -37,7 +39,7 @@ def report_command(name: str, dataset: str | None, preset: str | None, results: 
     provenance, and the command that makes it again. `bench run` writes the same page into the study's folder, and
     `bench sweep` that of a sweep: the verdict, history, importances and the Pareto front.
     """
-    from bench import study_page
+    from bench.reporting import study_page
 
     page = sweep_page(name, dataset, preset, results)
     if page is not None:

@@ -7,13 +7,14 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from bench import engine, study
 from bench.cli import options
 from bench.cli.cost import estimate
 from bench.cli.datasets import choose
 from bench.cli.job import Job, Place, carry_out
-from bench.config import RunConfig, changed
-from bench.notation import parse
+from bench.execution import engine
+from bench.experiment import study
+from bench.experiment.config import RunConfig, changed
+from bench.experiment.notation import parse
 from registry.contracts import Dataset
 from registry.core import PREDICTORS
 from registry.errors import BenchError, near

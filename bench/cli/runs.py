@@ -8,8 +8,9 @@ import click
 import pandas as pd
 from rich.table import Table
 
-from bench import lock, record
 from bench.cli import options
+from bench.execution import lock
+from bench.records import record
 from registry.errors import BenchError, near
 from registry.units import to_si
 

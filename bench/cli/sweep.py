@@ -7,15 +7,15 @@ from pathlib import Path
 
 import click
 
-from bench import study
 from bench.cli import options
 from bench.cli.datasets import choose
 from bench.cli.job import Place, portable
 from bench.cli.run import apply, check_target
-from bench.conclude import slug
-from bench.config import RunConfig
-from bench.notation import parse
-from bench.study import Study
+from bench.experiment import study
+from bench.experiment.config import RunConfig
+from bench.experiment.notation import parse
+from bench.experiment.study import Study
+from bench.records.concluded import slug
 from registry.contracts import Dataset
 from registry.errors import BenchError
 

@@ -14,19 +14,19 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench import engine, lock
 from bench.cli.job import Place, browse, mirroring
 from bench.cli.progress import clock, meter
-from bench.config import RunConfig
-from bench.estimate import per_update
-from bench.mirroring import Mirroring
-from bench.record import RunRecord
+from bench.execution import engine, lock
+from bench.execution.estimate import per_update
+from bench.experiment.config import RunConfig
+from bench.records.record import RunRecord
 from bench.sweep import finalists
 from bench.sweep import journal as sweeps
 from bench.sweep import page as sweep_page
 from bench.sweep.journal import Sweep
 from bench.sweep.search import search, side_by_side
 from bench.sweep.space import SPEC, configured, options, said
+from bench.tracking.mirroring import Mirroring
 from registry.errors import BenchError
 
 

@@ -17,7 +17,7 @@ from registry.errors import BenchError
 @click.option("--study", metavar="EXPERIMENT", help="Experiment to open; default: the latest.")
 def ui_command(results: Path, tracking: str | None, port: int, study: str | None) -> None:
     """Browse the results in the MLflow UI, on this machine only (127.0.0.1)."""
-    from bench.ui import serve
+    from bench.tracking.ui import serve
 
     _present(results, tracking)
     serve(results, tracking, port=port, study=study)
@@ -31,13 +31,15 @@ def sync_command(results: Path, tracking: str | None) -> None:
 
     Runs that a killed driver has left half logged are completed.
     """
-    from bench import conclude, record, track
+    from bench.records import record
+    from bench.records.concluded import concluded
     from bench.sweep import journal as sweep
+    from bench.tracking import track
 
     _present(results)
     own = track.default_uri(results)
     uri, logged = tracking or own, 0
-    for study in conclude.concluded(results):
+    for study in concluded(results):
         folders = [results / "runs" / key for key in study.keys]
         present = [f for f in folders if (f / "record.json").is_file()]
         there = track.whole(uri, study.title, study.study)

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.analysis.stats import ENOUGH
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import LINES as DRAWN
@@ -24,7 +25,6 @@ from bench.diagnose.simulate.free_run import (
     measured_windows,
     starts,
 )
-from bench.stats import ENOUGH
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 

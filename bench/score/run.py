@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from bench.executor import work_off
+from bench.execution.executor import work_off
 from bench.score.attempt import Answer, attempt, to_json
 from bench.score.case import Case, truth
 from bench.score.judge import FAILED

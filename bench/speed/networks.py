@@ -8,11 +8,11 @@ from typing import Any, cast
 import torch
 from torch import Tensor, nn
 
-from bench.gradient import run_cost_and_gradient
-from bench.notation import parse
+from bench.experiment.notation import parse
 from bench.speed.naive import NaiveLSTM, NaiveMLFC
 from bench.speed.rows import DELAYS, INPUTS, OUTPUTS, TAU, Row
 from bench.speed.timing import Contender
+from bench.training.gradient import run_cost_and_gradient
 from registry.contracts import Channel, Composite, Predictor, Problem
 from registry.kernels.native.library import core
 from registry.units import SIGNALS
@@ -112,7 +112,7 @@ def training(run: Callable[[], Tensor], weights: Sequence[Tensor], starts: Seque
 
 
 def training_flat(network: Predictor, u: Tensor, start: Tensor, models: int = 1) -> Contender:
-    """The same as `bench.train` does it: all weights are views of one tensor; with ``models`` > 1 (M, …) each."""
+    """As `bench.training.train` does it: all weights are views of one tensor; with ``models`` > 1 (M, …) each."""
     leaves = dict(network.named_parameters())
     theta = torch.cat([p.detach().flatten().expand(models, -1) for p in leaves.values()], 1)
     gradient = torch.zeros_like(theta)
@@ -133,7 +133,7 @@ def training_flat(network: Predictor, u: Tensor, start: Tensor, models: int = 1)
 
 
 def _adam(weights: Sequence[Tensor]) -> Callable[[list[Tensor]], None]:
-    """torch's fused Adam, called as `bench.adam` does: its wrapper would add as much to each row, however small."""
+    """torch's fused Adam, called as `bench.training.adam` does: its wrapper would add as much to every row."""
     given = [w.detach() for w in weights]
     means, squares = ([torch.zeros_like(w) for w in given] for _ in range(2))
     steps = [torch.zeros(()) for _ in given]

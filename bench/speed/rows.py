@@ -24,8 +24,8 @@ class Row:
     horizon: int
     batch: int
     task: str = "train"
-    """"train": forward, cost, backward and Adam; "step": an update of `bench.train` with everything around; "predict":
-    a free run."""
+    """"train": forward, cost, backward and Adam; "step": an update of `bench.training.train` with everything around;
+    "predict": a free run."""
     initializer: str = ""
     """Of a "step", as notation: "MLP: 100x10"."""
     models: int = 1

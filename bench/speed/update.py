@@ -1,18 +1,18 @@
-"""A whole update of `bench.train`, and the share of it that the networks themselves do not take."""
+"""A whole update of `bench.training.train`, and the share of it that the networks themselves do not take."""
 
 from dataclasses import replace
 
 import numpy as np
 import torch
 
-from bench.config import RunConfig, Training
-from bench.data import Prepared, Windows
-from bench.model import build_scaled
-from bench.notation import parse
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
 from bench.speed.networks import problem
 from bench.speed.rows import DELAYS, INPUTS, OUTPUTS, TAU, Row
 from bench.speed.timing import Contender
-from bench.train import Group, Run
+from bench.training.data import Prepared, Windows
+from bench.training.model import build_scaled
+from bench.training.train import Group, Run
 from registry.contracts import Split
 from registry.core import DATASETS
 from registry.kernels.lstm import Layer, lstm_vjp

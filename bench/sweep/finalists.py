@@ -13,16 +13,18 @@ import numpy as np
 import optuna
 import torch
 
-from bench import durable, evaluate, stats
-from bench.config import RunConfig, from_json
-from bench.data import prepare
-from bench.predict import load_model
-from bench.record import RunRecord, json_text
-from bench.report import number
-from bench.seeds import derive
+from bench.analysis import stats
+from bench.experiment.config import RunConfig, from_json
+from bench.experiment.seeds import derive
+from bench.records import durable
+from bench.records.record import RunRecord, json_text
+from bench.reporting.report import number
 from bench.sweep import journal as sweep
 from bench.sweep.space import configured
 from bench.sweep.trial import scaled_rmsse
+from bench.training import evaluate
+from bench.training.data import prepare
+from bench.training.predict import load_model
 from registry.errors import BenchError
 
 SEEDS = 3

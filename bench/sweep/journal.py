@@ -16,11 +16,11 @@ from optuna.distributions import distribution_to_json, json_to_distribution
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
-from bench import durable
-from bench.config import RunConfig, from_json, to_json
-from bench.data import choose_split, digest, prepare
-from bench.record import json_text
+from bench.experiment.config import RunConfig, from_json, to_json
+from bench.records import durable
+from bench.records.record import json_text
 from bench.sweep.space import Space, default_params
+from bench.training.data import choose_split, digest, prepare
 from registry.errors import BenchError
 
 JOURNAL, DEFINITION, RESULT, REPORT = "journal.log", "sweep.json", "result.json", "report.html"

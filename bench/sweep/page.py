@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from bench import figures, report, stats, tables
-from bench.page import document, table
+from bench.analysis import stats, tables
+from bench.reporting import figures, report
+from bench.reporting.page import document, table
 from bench.sweep import journal as sweeps
 from bench.sweep.finalists import Verdict
 from bench.sweep.page_search import Content, front, history, importances, shown, slices, trials_table
@@ -118,7 +119,7 @@ def render(c: Content) -> str:
         head,
         {name: body for name, body in sections.items() if body},
         "Intervals are 95 %.",
-        Path(__file__).parent.with_name("study_page.css"),
+        Path(__file__).parent.with_name("reporting") / "study_page.css",
     )
 
 

@@ -12,10 +12,10 @@ import optuna
 from optuna.distributions import CategoricalDistribution, IntDistribution
 from optuna.trial import FrozenTrial, TrialState
 
-from bench import report
-from bench.drawing import Look, Panel, Scale, around, legend
-from bench.page import grid, panel, table
-from bench.record import RunRecord
+from bench.records.record import RunRecord
+from bench.reporting import report
+from bench.reporting.drawing import Look, Panel, Scale, around, legend
+from bench.reporting.page import grid, panel, table
 from bench.sweep import journal as sweeps
 from bench.sweep.finalists import Verdict
 from bench.sweep.space import default_params, options

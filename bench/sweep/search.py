@@ -15,15 +15,16 @@ import optuna
 import torch
 from optuna.trial import FrozenTrial, TrialState
 
-from bench.config import FREE, RunConfig, to_json
-from bench.data import prepare
-from bench.engine import GROUP, key_of
-from bench.executor import work_off
-from bench.seeds import derive
+from bench.execution.engine import GROUP, key_of
+from bench.execution.executor import work_off
+from bench.experiment.config import RunConfig, to_json
+from bench.experiment.run_key import FREE
+from bench.experiment.seeds import derive
 from bench.sweep import trial
 from bench.sweep.journal import Sweep, begun
 from bench.sweep.space import configured
-from bench.train import independent
+from bench.training.data import prepare
+from bench.training.train import independent
 from registry.errors import BenchError
 
 Group = tuple[optuna.Trial, ...]

@@ -7,7 +7,7 @@ from typing import Any
 
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 
-from bench.config import RunConfig, changed
+from bench.experiment.config import RunConfig, changed
 from registry.errors import BenchError
 
 Space = dict[str, BaseDistribution]

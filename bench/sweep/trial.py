@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from bench import evaluate
-from bench.config import RunConfig, from_json
-from bench.data import Prepared, prepare
-from bench.engine import refuse_others, shared
-from bench.executor import tell
-from bench.model import Model
-from bench.seeds import derive
-from bench.train import Curve, Trained, train
+from bench.execution.engine import refuse_others, shared
+from bench.execution.executor import tell
+from bench.experiment.config import RunConfig, from_json
+from bench.experiment.seeds import derive
+from bench.training import evaluate
+from bench.training.data import Prepared, prepare
+from bench.training.model import Model
+from bench.training.train import Curve, Trained, train
 from registry.errors import BenchError
 
 TIMED = 25
@@ -39,7 +39,7 @@ class Outcome:
     best_update: int = 0
     seconds: float = 0.0
     metrics: dict[str, float | None] = field(default_factory=dict)
-    """`bench.evaluate.metrics` of the validation part, SI."""
+    """`bench.training.evaluate.metrics` of the validation part, SI."""
     curve: list[tuple[int, float]] = field(default_factory=list)
     """(update, RMSSE of the free run on the validation windows of early stopping)."""
     problem: str = ""
@@ -64,7 +64,7 @@ def run(
     """Train side by side and judge each on the validation part; the test part is not looked at.
 
     Args:
-        configs: as `bench.train.train` takes them.
+        configs: as `bench.training.train.train` takes them.
         checkpoint: file to go on from; it is the caller's to remove.
         looked: called with each one's `Outcome.curve` as it grows; gives those, by place, that need not go on.
     """

@@ -14,9 +14,9 @@ import optuna
 import pytest
 from optuna.trial import TrialState
 
-from bench import record
-from bench.config import RunConfig, Training
-from bench.notation import parse
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
+from bench.records import record
 from bench.sweep import journal as sweep
 from bench.sweep.search import search
 from bench.sweep.space import parse_search
@@ -186,7 +186,7 @@ def test_bench_starts_a_cluster_and_stops_it(tmp_path: Path) -> None:
 
 
 def test_what_others_can_reach_is_known(tmp_path: Path) -> None:
-    from bench.cluster import loopback
+    from bench.execution.cluster import loopback
 
     assert [loopback(h) for h in ("127.0.0.1", "localhost", "::1", "0.0.0.0", "10.0.0.7", "lab7")] == [
         True, True, True, False, False, False,
@@ -194,7 +194,7 @@ def test_what_others_can_reach_is_known(tmp_path: Path) -> None:
 
 
 def test_no_scheduler_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bench import cluster
+    from bench.execution import cluster
     from registry.errors import BenchError
 
     monkeypatch.setattr(cluster, "SECONDS", 1)

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from conftest import Toy
 
-from bench import durable, engine, record
-from bench.config import RunConfig, Training
-from bench.executor import work_off
-from bench.notation import parse
+from bench.execution import engine
+from bench.execution.executor import work_off
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
+from bench.records import durable, record
 from registry.errors import BenchError
 
 KILLS = 50

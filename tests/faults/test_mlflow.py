@@ -21,9 +21,9 @@ from sqlalchemy import event
 from sqlalchemy.engine import Engine
 from synthetic_records import synthetic_record
 
-from bench import mirroring, track
 from bench.cli.job import Place, browse
-from bench.mirroring import Mirroring
+from bench.tracking import mirroring, track
+from bench.tracking.mirroring import Mirroring
 
 RUN = ["run", "LSTM: 1x6 - MLP: 6x10", "--seeds", "4", "--dataset", "helicopter_twin", "--set", "training.updates=200"]
 RUNS = 6
@@ -94,7 +94,7 @@ def test_what_a_killed_driver_left_running_is_repaired(tmp_path: Path, monkeypat
     uri, runs = track.default_uri(tmp_path), tmp_path / "runs"
     kept, pruned = synthetic_record(runs), synthetic_record(runs, seed=1)
     with monkeypatch.context() as patch:
-        patch.setattr("bench.track.records._dataset", lambda summary: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr("bench.tracking.records._dataset", lambda summary: (_ for _ in ()).throw(KeyboardInterrupt))
         for r in (kept, pruned):
             with pytest.raises(KeyboardInterrupt):
                 track.mirror([r.folder], uri, "e", "s")
@@ -117,7 +117,7 @@ def test_a_server_killed_and_started_again_misses_nothing_after_sync(
     database.parent.mkdir()
     serve = f"""
 import sys, time
-from bench.ui import server
+from bench.tracking.ui import server
 with server("sqlite:///{database}", port={port}) as base:
     print(base, flush=True)
     time.sleep(600)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from bench import lock
+from bench.execution import lock
 from registry.errors import BenchError
 
 HOLD = (
-    "import sys, time; from pathlib import Path; from bench import lock\n"
+    "import sys, time; from pathlib import Path; from bench.execution import lock\n"
     "with lock.held(Path(sys.argv[1]), 'a study'): print('held', flush=True); time.sleep(600)\n"
 )
 

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("rotorpy")
 
-from bench import executor
+from bench.execution import executor
 from bench.score.case import Case
 from bench.score.cases import DEVELOPMENT, cases
 from bench.score.judge import FAILED

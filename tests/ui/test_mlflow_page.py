@@ -8,8 +8,8 @@ from itertools import product
 import pytest
 from synthetic_records import synthetic_record
 
-from bench import track
-from bench.ui import chart_link, server
+from bench.tracking import track
+from bench.tracking.ui import chart_link, server
 
 BROWSER, DRIVER = shutil.which("chromium") or shutil.which("chromium-browser"), shutil.which("chromedriver")
 SPECS = {

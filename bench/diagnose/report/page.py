@@ -8,7 +8,7 @@ from bench.diagnose.report import page_parts as parts
 from bench.diagnose.report import words
 from bench.diagnose.report.page_sections import SECTIONS
 from bench.diagnose.result import Diagnosis, NamedEffect, write_text
-from bench.page import document
+from bench.reporting.page import document
 
 _BADGES = {
     "named": "missing effect found",

@@ -4,11 +4,11 @@ import math
 from collections.abc import Callable
 from html import escape
 
-from bench import page
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import page_parts as parts
 from bench.diagnose.report import words
 from bench.diagnose.result import LINES, Candidate, Diagnosis
+from bench.reporting import page
 
 _METHOD = (
     "Every model runs free from many starts on recordings that it was not fitted to, and its error is compared with "

@@ -1,0 +1,1 @@
+"""Tables of a study's records and the statistics beside them."""

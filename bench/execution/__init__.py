@@ -1,0 +1,1 @@
+"""Many runs: handed out to processes or a cluster, resumed, kept apart from other drivers."""

@@ -1,0 +1,167 @@
+"""Jobs over `concurrent.futures.Executor`: in this process, in others on this machine, or on a Dask cluster."""
+
+import ctypes
+import multiprocessing
+import os
+import queue
+import signal
+import sys
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager
+from typing import Any, TypeVar
+
+from bench.execution.crew import AHEAD, Crew
+from registry.errors import BenchError
+
+T = TypeVar("T")
+R = TypeVar("R")
+Hear = Callable[[Any], None]
+
+PATIENCE = 3
+"""Deaths of worker processes, without a job finished in between, after which the rest is given up."""
+
+
+def work_off(
+    jobs: Iterator[tuple[T, Callable[..., R], tuple[Any, ...]]],
+    workers: int,
+    hear: Hear,
+    name: Callable[[T], str],
+    cluster: str | None = None,
+    ahead: int = AHEAD,
+) -> Generator[tuple[T, R], None, None]:
+    """Hand out jobs, the next one when one has ended, and give back each with its result as it ends.
+
+    The jobs of a worker that dies are handed out again. Close it (`contextlib.closing`) to stop the workers, whatever
+    they are doing.
+
+    Args:
+        jobs: what is given back, the function that a worker calls, its arguments; asked for one at a time, after
+            everything that had ended was given back. On a cluster the function is sent by name, the arguments must be
+            plain data.
+        workers: processes on this machine; 1 stays in this one.
+        hear: called with what workers `tell`.
+        name: of a job, for messages.
+        cluster: address of a Dask scheduler whose workers do it instead.
+        ahead: jobs handed out for each worker; 1 where a job is a function of what came of those before.
+
+    Raises:
+        BenchError: workers die again and again, or the cluster cannot be reached.
+    """
+    waiting: list[tuple[T, Callable[..., R], tuple[Any, ...]]] = []
+    deaths, more = 0, True
+    while more or waiting:
+        with _crew(workers, cluster, hear, ahead) as crew:
+            pending: dict[Future[R], tuple[T, Callable[..., R], tuple[Any, ...]]] = {}
+            try:
+                while more or waiting or pending:
+                    while (more or waiting) and len(pending) < crew.hands():
+                        if not waiting:
+                            job = next(jobs, None)
+                            more = job is not None
+                            waiting += [job] if job is not None else []
+                        if waiting:
+                            _, function, arguments = waiting[0]
+                            pending[crew.submit(function, *arguments)] = waiting[0]
+                            del waiting[0]
+                    done, _ = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
+                    _drain(crew.messages, hear)
+                    failed = [f for f in done if f.cancelled() or f.exception()]
+                    for future in sorted(done, key=failed.__contains__):  # what is good is kept before one raises
+                        result = future.result()
+                        item = pending.pop(future)[0]
+                        deaths = 0
+                        yield item, result
+            except BrokenProcessPool:
+                waiting += pending.values()
+                deaths += 1
+                if deaths == PATIENCE:
+                    raise BenchError(
+                        f"Worker processes died {PATIENCE} times in a row, the last one at {name(waiting[0][0])} (out "
+                        "of memory?): what was finished is kept, start again with fewer --workers."
+                    ) from None
+
+
+_ticks: Any = None
+
+
+def tell(message: Any) -> None:
+    """In a worker: send something to the driver."""
+    if _ticks is not None:
+        _ticks.put(message)
+        return
+    from bench.execution import cluster
+
+    cluster.tell(message)
+
+
+def serve_parent() -> None:
+    """Leave Ctrl-C to the process that started this one, and be killed when that ends, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+    parent = multiprocessing.parent_process()
+    if parent is not None and not parent.is_alive():  # it was quicker
+        os._exit(1)
+
+
+def _crew(workers: int, cluster: str | None, hear: Hear, ahead: int) -> AbstractContextManager[Crew]:
+    if cluster is not None:
+        from bench.execution.cluster import connected
+
+        return connected(cluster, ahead)
+    return _inline(hear) if workers <= 1 else _processes(workers, ahead)
+
+
+class _Inline(Executor):
+    """Runs a job when it is submitted, in this process."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class _Direct:
+    """Stands in for the queue when jobs run in this process."""
+
+    def __init__(self, hear: Hear) -> None:
+        self.put = hear
+
+
+@contextmanager
+def _inline(hear: Hear) -> Iterator[Crew]:
+    global _ticks
+    _ticks = _Direct(hear)
+    yield Crew(_Inline().submit, lambda: 1)
+
+
+@contextmanager
+def _processes(workers: int, ahead: int) -> Iterator[Crew]:
+    context = multiprocessing.get_context("spawn")
+    messages = context.Queue()
+    pool = ProcessPoolExecutor(workers, context, _start_worker, (messages,))
+    try:
+        yield Crew(pool.submit, lambda: ahead * workers, messages)
+    finally:
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _start_worker(messages: Any) -> None:
+    global _ticks
+    _ticks = messages
+    serve_parent()
+
+
+def _drain(messages: Any, hear: Hear) -> None:
+    while messages is not None:
+        try:
+            hear(messages.get_nowait())
+        except queue.Empty:
+            return

@@ -1,0 +1,77 @@
+"""The runs of a study: every configuration on every problem, at every horizon, with paired seeds."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.notation import parse
+from registry.contracts import Dataset
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What one horizon is worth in a preset."""
+
+    seeds: int
+    training: Training
+    test_stride: int = 10
+    """Samples between the starts of test windows."""
+
+
+def effort(seeds: int, updates: int, every: int = 0) -> Effort:
+    """``updates`` weight updates with a look at the validation part about twenty times, or every ``every``."""
+    return Effort(seeds, Training(updates=updates, evaluate_every=every or max(1, updates // 20)))
+
+
+def horizons(preset: str, paper_seeds: int = 3) -> dict[int, Effort]:
+    """What the studies of the paper spend on 0.4 s and 1.9 s: prediction length T [samples] → effort."""
+    return {
+        "smoke": {5: replace(effort(2, 40), test_stride=50)},
+        "laptop": {40: effort(3, 2000), 190: effort(3, 1000)},
+        "paper": {t: effort(paper_seeds, 30_000) for t in (40, 190)},
+    }[preset]
+
+
+def grid(
+    specs: Sequence[str],
+    dataset: Dataset,
+    efforts: Mapping[int, Effort],
+    problems: Sequence[tuple[str, ...]] = ((),),
+) -> list[RunConfig]:
+    """One run for each configuration, problem, horizon and seed; what is not trained by gradient runs once.
+
+    Args:
+        specs: in the paper's notation.
+        dataset: on which.
+        efforts: T → seeds, training and test windows.
+        problems: the outputs of each problem; () is what the predictor is for.
+    """
+    made = []
+    for horizon, spent in efforts.items():
+        for outputs in problems:
+            for spec in specs:
+                predictor, initializer = parse(spec)
+                run = RunConfig(
+                    predictor,
+                    initializer,
+                    dataset,
+                    outputs=outputs,
+                    horizon=horizon,
+                    training=spent.training,
+                    test_stride=spent.test_stride,
+                )
+                count = spent.seeds if predictor.training == "gradient" else 1
+                made += [replace(run, seed=seed) for seed in range(count)]
+    return made
+
+
+def matched(pairs: Sequence[tuple[str, str]], specs: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """The pairs of present configurations that the patterns name ("LSTM: * - MLP: *"), each once."""
+    seen = set()
+    for a, b in pairs:
+        for x in specs:
+            for y in specs:
+                if x != y and fnmatchcase(x, a) and fnmatchcase(y, b) and (x, y) not in seen:
+                    seen.add((x, y))
+                    yield x, y

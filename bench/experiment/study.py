@@ -1,0 +1,61 @@
+"""A study: one comparison of the paper, declared as the runs it consists of."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+
+from bench.experiment.config import RunConfig
+from registry.contracts import Dataset
+from registry.errors import BenchError, near
+
+PRESETS = ("smoke", "laptop", "paper")
+
+
+@dataclass(frozen=True)
+class Study:
+    """One comparison."""
+
+    name: str
+    title: str
+    """One line: what is compared."""
+    question: str
+    """What the paper claims, in a sentence or two."""
+    source: str
+    """Section and figure of the paper."""
+    default_dataset: str
+    runs: Callable[[str, Dataset], list[RunConfig]]
+    """Preset and data set → every run, baselines included."""
+    pairs: tuple[tuple[str, str], ...]
+    """(a, b) specs or patterns of them, "LSTM: * - MLP: *", whose errors are compared: does a beat b?"""
+    contrasts: tuple[tuple[str, str], ...] = ()
+    """(a, b) quantities whose errors are compared within each spec, such as ("velocity", "velocity_forced")."""
+    paper_says: str = ""
+    """What the paper's figure shows, in words and numbers; a line a paragraph. Empty: the question says it."""
+    presets: Mapping[str, str] = field(default_factory=dict)
+    """What each preset is, in a line."""
+
+
+def studies() -> dict[str, Study]:
+    """All studies, by name; third parties add theirs through the entry-point group of the same name."""
+    found: dict[str, Study] = {}
+    for point in entry_points(group="multistep_bench.studies"):
+        try:
+            study: Study = point.load()
+        except Exception as error:
+            raise BenchError(f"The study {point.name!r} ({point.value}) fails to import: {error}.") from error
+        if study.name in found:
+            raise BenchError(f"Two studies are called {study.name!r}: rename the one of {point.value}.")
+        found[study.name] = study
+    return dict(sorted(found.items()))
+
+
+def get(name: str) -> Study:
+    """The study called ``name``.
+
+    Raises:
+        BenchError: no such study; the message lists the near names.
+    """
+    found = studies()
+    if name not in found:
+        raise BenchError(f"There is no study {name!r}: {near(name, found)}")
+    return found[name]

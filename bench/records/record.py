@@ -1,0 +1,223 @@
+"""The record of one run: a folder, written whole or not at all, filed under its run key. The truth.
+
+Everything in it but ``provenance.json`` is a function of the run key, bit for bit. Trackers, reports and figures
+are rebuilt from records.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import safetensors
+import safetensors.torch
+from torch import Tensor
+
+from bench.records import durable
+from registry.errors import BenchError, near
+
+T = TypeVar("T")
+TABLES = ("steps", "curve", "windows")
+STEP_COLUMNS = ["quantity", "norm", "unit", "step", "time_s", "statistic", "value"]
+WINDOW_COLUMNS = ["window", "recording", "step", "time_s", "channel", "unit", "measured", "predicted"]
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """A finished run on disk; its files are read when they are first asked for."""
+
+    folder: Path
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """``record.json``: key, spec, status, dataset, channels, metrics, counts, environment, file digests."""
+        return self._json("record.json")
+
+    @cached_property
+    def config(self) -> dict[str, Any]:
+        """``config.json``: the run's configuration in full."""
+        return self._json("config.json")
+
+    @cached_property
+    def provenance(self) -> dict[str, Any]:
+        """``provenance.json``: times, host, versions; not part of the comparison."""
+        return self._json("provenance.json")
+
+    @cached_property
+    def steps(self) -> pd.DataFrame:
+        """Error of every prediction step: quantity, norm, unit, step, time_s, statistic, value."""
+        return self._read("steps.parquet", pd.read_parquet)
+
+    @cached_property
+    def curve(self) -> pd.DataFrame:
+        """Learning curve: update, train_loss, validation_loss (scaled units)."""
+        return self._read("curve.parquet", pd.read_parquet)
+
+    @cached_property
+    def windows(self) -> pd.DataFrame:
+        """Predictions of a few windows: window, recording, step, time_s, channel, unit, measured, predicted."""
+        return self._read("windows.parquet", pd.read_parquet)
+
+    def weights(self) -> dict[str, Tensor]:
+        """Weights and scalers of the best update."""
+        return self._read("model.safetensors", safetensors.torch.load_file)
+
+    def _json(self, name: str) -> dict[str, Any]:
+        return self._read(name, lambda path: dict(json.loads(path.read_text())))
+
+    def _read(self, name: str, reader: Callable[[Path], T]) -> T:
+        path = self.folder / name
+        try:
+            return reader(path)
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+            RecursionError,
+            pa.ArrowException,
+            safetensors.SafetensorError,
+        ) as error:
+            raise BenchError(
+                f"{path} is damaged or missing: `bench runs prune --results {self.folder.parent.parent}` removes the "
+                "run, then the command that made it makes it again."
+            ) from error
+
+    @property
+    def key(self) -> str:
+        """The run key."""
+        return str(self.summary["key"])
+
+    @property
+    def finished(self) -> bool:
+        """False for a run that diverged."""
+        return bool(self.summary["status"] == "finished")
+
+    def error(self, quantity: str, norm: str, statistic: str = "mean") -> pd.Series:
+        """A per-step curve, indexed by step."""
+        t = self.steps
+        rows = t[(t.quantity == quantity) & (t.norm == norm) & (t.statistic == statistic)]
+        return rows.set_index("step")["value"]
+
+
+def sha256(path: Path) -> str:
+    """Hex digest of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """Canonical JSON: sorted keys, no NaN."""
+    return json.dumps(content, sort_keys=True, indent=1, allow_nan=False) + "\n"
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write canonical JSON."""
+    path.write_text(json_text(content))
+
+
+def write(
+    runs: Path,
+    summary: dict[str, Any],
+    config: Mapping[str, Any],
+    tables: Mapping[str, pd.DataFrame],
+    weights: Mapping[str, Tensor],
+    provenance: Mapping[str, Any],
+) -> RunRecord:
+    """Write a record into ``runs/<key>``: into a temporary folder first, flushed to the disk, then renamed.
+
+    Raises:
+        BenchError: the results folder cannot be written (read-only, disk full); nothing is left behind.
+    """
+    final = runs / summary["key"]
+    if exists(runs, final.name):
+        return RunRecord(final)
+    draft: Path | None = None
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=".draft-", dir=runs))
+        for name in TABLES:
+            pq.write_table(pa.Table.from_pandas(tables[name], preserve_index=False), draft / f"{name}.parquet")
+        tensors = {name: value.detach().contiguous() for name, value in weights.items()}
+        safetensors.torch.save_file(tensors, draft / "model.safetensors")
+        write_json(draft / "config.json", config)
+        files = {p.name: sha256(p) for p in sorted(draft.iterdir())}
+        write_json(draft / "record.json", {**summary, "files": files})
+        write_json(draft / "provenance.json", provenance)
+        for path in [*draft.iterdir(), draft]:
+            durable.flush(path)
+        if final.exists() and not exists(runs, final.name):  # damaged from outside
+            os.rename(final, runs / f".damaged-{final.name}-{os.getpid()}")
+        durable.move(draft, final)
+    except (OSError, safetensors.SafetensorError) as error:
+        if exists(runs, final.name):  # another process finished the same run first
+            return RunRecord(final)
+        raise BenchError(
+            f"The results folder {runs} cannot be written: {getattr(error, 'strerror', None) or error}."
+        ) from error
+    finally:
+        if draft is not None:
+            shutil.rmtree(draft, ignore_errors=True)
+    return RunRecord(final)
+
+
+def exists(runs: Path, key: str) -> bool:
+    """Whether a whole record of this key is there."""
+    return (runs / key / "record.json").is_file()
+
+
+def all_records(runs: Path) -> Iterator[RunRecord]:
+    """Every record in the folder, by key."""
+    if runs.is_dir():
+        for path in sorted(runs.iterdir()):
+            if not path.name.startswith(".") and (path / "record.json").is_file():
+                yield RunRecord(path)
+
+
+def find(runs: Path, prefix: str) -> RunRecord:
+    """The record whose key begins with ``prefix`` (or the record folder of that path).
+
+    Raises:
+        BenchError: none, or more than one.
+    """
+    if (Path(prefix) / "record.json").is_file():
+        return RunRecord(Path(prefix))
+    found = [r for r in all_records(runs) if r.folder.name.startswith(prefix)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise BenchError(f"{len(found)} runs begin with {prefix!r}: give more characters of the key.")
+    known = [r.folder.name[:12] for r in all_records(runs)]
+    raise BenchError(f"No run in {runs} begins with {prefix!r}: {near(prefix, known[:10])}")
+
+
+def verify(record: RunRecord) -> list[str]:
+    """Names of files that do not have the content they were recorded with."""
+    try:
+        files = record.summary["files"]
+    except (BenchError, KeyError):
+        return ["record.json"]
+
+    def same(name: str, digest: str) -> bool:
+        path = record.folder / name
+        return path.is_file() and sha256(path) == digest
+
+    return [name for name, digest in files.items() if not same(name, digest)]
+
+
+def differences(a: RunRecord, b: RunRecord) -> list[str]:
+    """Files, provenance aside, in which two records are not bit-equal."""
+    names = {p.name for r in (a, b) for p in r.folder.iterdir()} - {"provenance.json"}
+
+    def content(record: RunRecord, name: str) -> bytes | None:
+        path = record.folder / name
+        return path.read_bytes() if path.is_file() else None
+
+    return sorted(n for n in names if content(a, n) != content(b, n))

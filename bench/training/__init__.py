@@ -1,0 +1,1 @@
+"""One run: windows of data, a model, its training, its evaluation."""
