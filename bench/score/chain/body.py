@@ -16,6 +16,14 @@ Effects = Mapping[str, Mapping[str, float]]
 """Effect id → parameters, SI."""
 
 P, V, Q, W, LOAD = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), slice(13, 17)
+_BY_AXIS = {
+    "linear_drag": ("d_x", "d_y", "d_z"),
+    "parasitic_drag": ("c_x", "c_y", "c_z"),
+    "rotational_damping": ("d_x", "d_y", "d_z"),
+    "torque_bias": ("t_x", "t_y", "t_z"),
+    "torque_scale": ("eps_x", "eps_y", "eps_z"),
+    "unequal_rotors": ("eps_1", "eps_2", "eps_3", "eps_4"),
+}
 CELL, DISCHARGE, RESISTANCE = 3.7, 0.005, 0.1
 """Of a battery cell: reference [V], loss of voltage in flight [V/s], drop at hover power [V]."""
 
@@ -63,6 +71,10 @@ _CROSS = _quadratic(
 )
 
 
+total_of = np.add.reduce
+"""As the method `sum`, which asks more questions first."""
+
+
 def rotation(attitude: Array) -> Array:
     """Body to world (3, 3, B) of unit quaternions wxyz (4, B)."""
     outer = attitude[:, None] * attitude[None]
@@ -106,9 +118,16 @@ class Body:
                 inertia[i, j] = inertia[j, i] = e[name]
         self.inertia, self.inverse = inertia, np.linalg.inv(inertia)
         self.x, self.y = np.array(craft.hubs).T[:, :, None]
+        self.hubs = np.array(craft.hubs).T
         self.turns = np.array(craft.turns, dtype=float)[:, None]
         self.lever = np.concatenate([self.y.T, -self.x.T])
         """Roll and pitch torque of forces along body z at the hubs (2, 4)."""
+        self.crossed = -self.inverse @ _CROSS @ np.kron(np.eye(3), inertia)
+        """−J⁻¹ (ω × J ω) as a form of ω's outer product (3, 9)."""
+        held = {n: names for n, names in _BY_AXIS.items() if n in effects}
+        self.columns = {n: np.array([[effects[n][p]] for p in names]) for n, names in held.items()}
+        """Parameters of effects that have one an axis or a rotor (c, 1)."""
+        self.reaction = craft.drag * self.turns[:, 0]
         self.hover_power = 4 * craft.hover**3
         self.size = 17 if "suspended_load" in effects else 13
         names = ("rotor_drag", "inflow_thrust_loss", "translational_lift", "blade_flapping")
@@ -126,9 +145,9 @@ class Body:
     def thrusts(self, state: Array, turn: Array, now: Moment, air: Array | None) -> Array:
         """Of each rotor along body z (4, B) [N]."""
         has = self.effects
-        thrust = self.thrust_coefficient * now.speed**2
-        if e := has.get("unequal_rotors"):
-            thrust = thrust * np.array([[1 + e[f"eps_{i}"]] for i in (1, 2, 3, 4)])
+        thrust = self.thrust_coefficient * (now.speed * now.speed)
+        if "unequal_rotors" in has:
+            thrust = thrust * (1 + self.columns["unequal_rotors"])
         if e := has.get("battery_sag"):
             gain = e["slope"] * (self.volts(now.t, now.speed) - CELL) if "slope" in e else -e["rate"] * now.t
             thrust = thrust * (1 + gain)
@@ -146,18 +165,18 @@ class Body:
     def wrench(self, state: Array, turn: Array, now: Moment) -> tuple[Array, Array]:
         """Force (3, B) [N] and torque (3, B) [N m] in the body frame, gravity and the load's pull apart."""
         has, rates = self.effects, state[W]
-        air = (turn * (state[V] - now.wind)[:, None]).sum(0) if self._body else None
+        air = total_of(turn * (state[V] - now.wind)[:, None], 0) if self._body else None
         thrust = self.thrusts(state, turn, now, air)
         force, torque = np.zeros((3, state.shape[1])), np.empty((3, state.shape[1]))
-        force[2] = total = thrust.sum(0)
+        force[2] = total = total_of(thrust, 0)
         torque[:2] = self.lever @ thrust
-        torque[2] = (self.craft.drag * self.turns * now.speed**2).sum(0)
+        torque[2] = self.reaction @ (now.speed * now.speed)
         if self._hub and air is not None:
             self._at_hubs(force, torque, air, rates, now.speed)
-        if (e := has.get("linear_drag")) and air is not None:
-            force -= np.array([[e["d_x"]], [e["d_y"]], [e["d_z"]]]) * air
-        if (e := has.get("parasitic_drag")) and air is not None:
-            force -= np.array([[e["c_x"]], [e["c_y"]], [e["c_z"]]]) * np.sqrt((air**2).sum(0)) * air
+        if "linear_drag" in has and air is not None:
+            force -= self.columns["linear_drag"] * air
+        if "parasitic_drag" in has and air is not None:
+            force -= self.columns["parasitic_drag"] * np.sqrt(total_of(air * air, 0)) * air
         if e := has.get("rotor_misalignment"):
             force[0] += e["a_y"] * total
             force[1] -= e["a_x"] * total
@@ -170,12 +189,12 @@ class Body:
             torque[1] -= momentum * rates[0]
         if e := has.get("rotor_reaction_torque"):
             torque[2] += e["rotor_inertia"] * (self.turns * now.spin).sum(0)
-        if e := has.get("rotational_damping"):
-            torque -= np.array([[e["d_x"]], [e["d_y"]], [e["d_z"]]]) * rates
-        if e := has.get("torque_bias"):
-            torque += np.array([[e["t_x"]], [e["t_y"]], [e["t_z"]]])
-        if e := has.get("torque_scale"):
-            torque *= 1 + np.array([[e["eps_x"]], [e["eps_y"]], [e["eps_z"]]])
+        if "rotational_damping" in has:
+            torque -= self.columns["rotational_damping"] * rates
+        if "torque_bias" in has:
+            torque += self.columns["torque_bias"]
+        if "torque_scale" in has:
+            torque *= 1 + self.columns["torque_scale"]
         return force, torque
 
     def _at_hubs(self, force: Array, torque: Array, air: Array, rates: Array, speed: Array) -> None:
@@ -184,20 +203,20 @@ class Body:
         vx, vy = air[0] - rates[2] * self.y, air[1] + rates[2] * self.x
         if e := has.get("rotor_drag"):
             fx, fy = -e["k_d"] * speed * vx, -e["k_d"] * speed * vy
-            force[0] += fx.sum(0)
-            force[1] += fy.sum(0)
-            torque[2] += (self.x * fy - self.y * fx).sum(0)
+            force[0] += total_of(fx, 0)
+            force[1] += total_of(fy, 0)
+            torque[2] += self.hubs[0] @ fy - self.hubs[1] @ fx
         if "inflow_thrust_loss" in has or "translational_lift" in has:
             lift = np.zeros_like(speed)
             if e := has.get("inflow_thrust_loss"):
                 lift -= e["k_z"] * speed * (air[2] + rates[0] * self.y - rates[1] * self.x)
             if e := has.get("translational_lift"):
                 lift += e["k_h"] * (vx**2 + vy**2)
-            force[2] += lift.sum(0)
+            force[2] += total_of(lift, 0)
             torque[:2] += self.lever @ lift
         if e := has.get("blade_flapping"):
-            torque[0] -= e["k_flap"] * (speed * vy).sum(0)
-            torque[1] += e["k_flap"] * (speed * vx).sum(0)
+            torque[0] -= e["k_flap"] * total_of(speed * vy, 0)
+            torque[1] += e["k_flap"] * total_of(speed * vx, 0)
 
     # -------------------------------------------------------------------------------------------------- motion
 
@@ -206,7 +225,7 @@ class Body:
         turn, rates = rotation(state[Q]), state[W]
         force, torque = self.wrench(state, turn, now)
         out = np.empty_like(state)
-        acceleration = (turn * force).sum(1) / self.mass
+        acceleration = total_of(turn * force, 1) / self.mass
         acceleration[2] -= GRAVITY
         if e := self.effects.get("suspended_load"):
             angle, swing = state[13:15], state[15:17]
@@ -218,7 +237,7 @@ class Body:
             acceleration[:2] += ratio * GRAVITY * angle
         out[P], out[V] = state[V], acceleration
         out[Q] = _TURNING @ (state[Q][:, None] * rates[None]).reshape(12, -1)
-        out[W] = self.inverse @ (torque - cross(rates, self.inertia @ rates))
+        out[W] = self.inverse @ torque + self.crossed @ (rates[:, None] * rates[None]).reshape(9, -1)
         return out
 
     def step(self, state: Array, moments: tuple[Moment, Moment, Moment], dt: float) -> Array:
@@ -229,7 +248,8 @@ class Body:
         k3 = self.rates(state + dt / 2 * k2, middle)
         k4 = self.rates(state + dt * k3, last)
         out = state + dt / 6 * (k1 + 2 * (k2 + k3) + k4)
-        out[Q] /= np.sqrt((out[Q] ** 2).sum(0))
+        attitude = out[Q]
+        attitude /= np.sqrt(total_of(attitude * attitude, 0))
         return np.asarray(out)
 
     def specific_force(self, state: Array, now: Moment) -> Array:

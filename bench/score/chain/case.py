@@ -160,11 +160,13 @@ def write(case: ChainCase, path: Path) -> None:
     """Fly ``case`` and write ``path``: the logs, dataset.toml, model.toml where effects are known, and truth.json."""
     vessel = body(case)
     truth = _flown(case, vessel)
-    logs = recorder.record(np.random.default_rng([case.flight_seed, 6, case.seed]), truth, vessel, logging(case))
+    rng, how = np.random.default_rng([case.flight_seed, 6, case.seed]), logging(case)
+    observed = recorder.observe(rng, truth, vessel, how)
+    logs = recorder.record(rng, truth, vessel, how, observed)
     path.mkdir(parents=True, exist_ok=True)
     folder.write(path, case, stated(case), None if case.rough else UNCERTAINTY, logs)
     told = {"case": asdict(case), "constants": constants(vessel.craft)}
-    told["shares"] = oracle.shares(truth, vessel, case.effects) if case.effects else {}
+    told["shares"] = oracle.shares(truth, observed.states, vessel, case.effects) if case.effects else {}
     (path / "truth.json").write_text(json.dumps(told, indent=1), encoding="utf-8")
 
 

@@ -1,6 +1,6 @@
 """The logger: samples at its own rate, with a clock that is even, uneven but told, or uneven and not told."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,25 +34,40 @@ class Logging:
     battery: bool
 
 
-def record(rng: np.random.Generator, truth: Truth, body: Body, how: Logging) -> list[dict[str, Array]]:
+@dataclass(frozen=True)
+class Observed:
+    """What the sensors and the estimator say, each on an even grid; flights along the last axis."""
+
+    states: Estimate
+    felt: Array | None
+    """Specific force (N, 3, B) at every `TICK`."""
+    volts: Array | None
+    """Of a battery cell, at every step (N, B)."""
+
+
+def observe(rng: np.random.Generator, truth: Truth, body: Body, how: Logging) -> Observed:
+    """What is known of the flights on board or in the laboratory, before it is sampled for the log."""
+    quality, cut = QUALITIES[how.quality], CUTOFF[how.quality]
+    gyroscope, feels = sensors.inertial(rng, truth, quality)
+    if how.states == "capture":
+        states = sensors.capture(rng, truth, quality)
+    else:
+        states = sensors.estimator(rng, truth, quality, gyroscope, feels)
+        states = replace(states, rates=sensors.low_pass(states.rates, cut))
+    volts = np.stack([body.volts(k * DT, x) for k, x in enumerate(truth.speed)]) if how.battery else None
+    return Observed(states, sensors.low_pass(feels, cut) if how.accelerometer else None, volts)
+
+
+def record(
+    rng: np.random.Generator, truth: Truth, body: Body, how: Logging, observed: Observed
+) -> list[dict[str, Array]]:
     """The columns of each flight's log.
 
     Returns:
         t (N,), position (N, 3), attitude xyzw (N, 4), velocity (N, 3) in the world frame, body_rates (N, 3),
         rotor_speed (N, 4), rotor_command (N, 4); battery (N,) and specific_force (N, 3) where they are logged.
     """
-    quality = QUALITIES[how.quality]
-    gyroscope, feels = sensors.inertial(rng, truth, quality)
-    if how.states == "capture":
-        states = sensors.capture(rng, truth, quality)
-    else:
-        states = sensors.estimator(rng, truth, quality, gyroscope, feels)
-        cut = CUTOFF[how.quality]
-        states = Estimate(
-            states.period, states.position, states.velocity, states.attitude, sensors.low_pass(gyroscope, cut)
-        )
-    volts = np.stack([body.volts(k * DT, x) for k, x in enumerate(truth.speed)]) if how.battery else None
-    felt = sensors.low_pass(feels, CUTOFF[how.quality]) if how.accelerometer else None
+    quality, states, felt, volts = QUALITIES[how.quality], observed.states, observed.felt, observed.volts
     end, margin = (len(truth.state) - 1) * DT, 0.02
     grid = np.arange(int((end - 2 * margin) * how.rate)) / how.rate
     logs = []
