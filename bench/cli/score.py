@@ -12,12 +12,13 @@ from rich.console import Console
 
 from bench.cli import options
 from bench.cli.progress import clock, meter
-from registry.errors import BenchError
+from registry.errors import BenchError, near
 
 if TYPE_CHECKING:
     from bench.score.case import Case
     from bench.score.run import Job, Store
 
+CHAINS = ("first", "second", "both")
 CONDITIONS = ("single", "pair", "triple", "nothing", "gusts", "unknown", "tie", "corrupted", "shifted")
 
 
@@ -45,6 +46,21 @@ class _Share(click.ParamType):
     show_default=True,
     help="Which suite. Tune on development; what is reported shares no flight and no noise with it.",
 )
+@click.option(
+    "--chain",
+    type=click.Choice(CHAINS),
+    default="first",
+    show_default=True,
+    help="Which simulator: RotorPy, the second one with its motors, estimators and loggers, or both.",
+)
+@click.option("--case", "named", multiple=True, metavar="ID", help="This case only. Repeatable.")
+@click.option(
+    "--write",
+    "write_to",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Diagnose nothing: write the folder of each chosen case to DIR/ID, as a user would bring it.",
+)
 @click.option("--only", type=click.Choice(CONDITIONS), multiple=True, help="This condition only. Repeatable.")
 @click.option("--fraction", type=_Share(), default="1", help="This share of every condition, such as 1/3.")
 @options.results
@@ -64,6 +80,9 @@ def score_discovery_command(
     quick: bool,
     workers: int | None,
     seed: str,
+    chain: str,
+    named: tuple[str, ...],
+    write_to: Path | None,
     only: tuple[str, ...],
     fraction: Fraction,
     results: Path,
@@ -83,20 +102,32 @@ def score_discovery_command(
     bench score-discovery                                all of it; writes results/published/discovery.md
     bench score-discovery --only pair --only triple      two conditions
     bench score-discovery --fraction 1/3 --table         what is known so far, running nothing
+    bench score-discovery --chain second                 the flights of the second simulator
+    bench score-discovery --chain second --case ID --write DIR     one of them as a folder, for `bench diagnose`
 
     Finished cases are kept in RESULTS/discovery/answers.jsonl: after Ctrl-C or a crash the same command goes on
     where it stopped. When the code of the diagnosis changes, its answers are sought anew.
     """
-    from bench.score.cases import DEVELOPMENT, REPORTED, cases
+    from bench.score.chains import cases, write_folder
     from bench.score.run import Store, jobs, part
 
-    suite = cases(REPORTED if seed == "reported" else DEVELOPMENT, quick)
+    suite = cases(seed, quick, chain)
+    if unknown := sorted(set(named) - {c.id for c in suite}):
+        raise BenchError(f"--case {unknown[0]}: {near(unknown[0], [c.id for c in suite])}")
+    suite = [c for c in suite if not named or c.id in named]
     chosen = part([c for c in suite if not only or c.condition in only], float(fraction))
-    out, store = options.console(), Store(results)
+    out = options.console()
+    if write_to:
+        for case in chosen:
+            write_folder(case, write_to / case.id, cache or _cache())
+            out.print(str(write_to / case.id), highlight=False, markup=False, soft_wrap=True)
+        return
+    store = Store(results)
     if not table:
         _run(out, jobs(chosen, alternatives), store, cache or _cache(), workers or os.cpu_count() or 1)
-    whole = seed == "reported" and not quick and not only and fraction == 1
-    _conclude(out, chosen, store, _command(quick, seed, only, fraction, alternatives), results, whole)
+    whole = seed == "reported" and chain == "first" and not (quick or only or named) and fraction == 1
+    command = _command(quick, seed, chain, named, only, fraction, alternatives)
+    _conclude(out, chosen, store, command, results, whole)
 
 
 def _run(out: Console, todo: "list[Job]", store: "Store", cache: Path, workers: int) -> None:
@@ -132,10 +163,20 @@ def _conclude(out: Console, chosen: "list[Case]", store: "Store", command: str, 
     out.print(f"Table and failures: {path}", highlight=False, markup=False)
 
 
-def _command(quick: bool, seed: str, only: tuple[str, ...], fraction: Fraction, alternatives: bool) -> str:
+def _command(
+    quick: bool,
+    seed: str,
+    chain: str,
+    named: tuple[str, ...],
+    only: tuple[str, ...],
+    fraction: Fraction,
+    alternatives: bool,
+) -> str:
     """The command that makes the same table on any machine."""
     words = ["bench", "score-discovery", *["--quick"] * quick]
     words += ["--seed", seed] if seed != "reported" else []
+    words += ["--chain", chain] if chain != "first" else []
+    words += [w for name in named for w in ("--case", name)]
     words += [w for name in only for w in ("--only", name)]
     words += ["--fraction", str(fraction)] if fraction != 1 else []
     return shlex.join(words + ["--no-alternatives"] * (not alternatives))

@@ -21,8 +21,8 @@ from bench.diagnose.regression.linearise import Directions, Start, directions
 from bench.diagnose.regression.parameters import entries, with_values
 from bench.diagnose.regression.weak import Stack
 from bench.diagnose.select.search import admissible
-from bench.score.case import UNCERTAINTY, Case, fly, nominal
-from bench.score.logs import subject
+from bench.score.case import Case
+from bench.score.chains import measured
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
 
@@ -57,8 +57,7 @@ class Said:
 
 def attempt_all(case: Case, cache: Path) -> dict[str, Said]:
     """The answers of all alternatives to one case."""
-    known = {k: dict(v) for k, v in case.known.items()}
-    who = subject(case.id, fly(case, cache), nominal(case), dict(UNCERTAINTY), known, case.drive)
+    who, _ = measured(case, cache)
     catalogue = [n for n in EFFECTS.names() if n not in case.catalogue_without]
     models = attempts(who, catalogue)
     errors: dict[str, dict[str, float]] = {name: {} for name in models}

@@ -1,17 +1,16 @@
 """One case diagnosed, and what is right about the answer."""
 
 import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from bench.diagnose.compare import compare
 from bench.diagnose.diagnose import diagnose
 from bench.diagnose.result import ByGroup, Diagnosis
-from bench.score.case import UNCERTAINTY, Case, fly_and_faults, nominal, parameters
-from bench.score.logs import subject
+from bench.score.case import Case
+from bench.score.chains import measured, true_model
 from registry.core import EFFECTS
-from registry.dynamics import PhysicsModel
 
 INERTIA = {"rotor_gyroscopic_torque", "rotor_reaction_torque"}
 """They share a constant: either, or both, is right where the truth is the rotor inertia."""
@@ -55,28 +54,13 @@ class Answer:
 
 def attempt(case: Case, cache: Path) -> Answer:
     """Fly a case (or take its flights from the cache) and diagnose it."""
-    columns, faults = fly_and_faults(case, cache)
+    who, faults = measured(case, cache)
     names = [n for n in EFFECTS.names() if n not in case.catalogue_without]
-    uncertainty = dict(UNCERTAINTY)
-    who = subject(case.id, columns, nominal(case), uncertainty, {k: dict(v) for k, v in case.known.items()}, case.drive)
     began = time.perf_counter()
     said, _ = diagnose(who, catalogue=names, brief=case.condition not in MEASURED)
     seconds = time.perf_counter() - began
     exact = compare(who, {"true": true_model(case, who.model)}).error("true") if case.condition in MEASURED else {}
     return answer(case, said, faults, seconds, exact)
-
-
-def true_model(case: Case, base: PhysicsModel) -> PhysicsModel:
-    """``base`` with the true constants and the hidden effects."""
-    p = parameters(case)
-    constants: dict[str, Any] = {
-        "mass": p["mass"],
-        "inertia": (p["Ixx"], p["Iyy"], p["Izz"]),
-        "thrust_coefficient": p["k_eta"],
-        "torque_coefficient": p["k_m"],
-    }
-    hidden = (EFFECTS.get(name)(**values) for name, values in case.effects.items())
-    return replace(base, **constants, effects=(*base.effects, *hidden))
 
 
 def answer(case: Case, said: Diagnosis, faults: Any, seconds: float, exact: ByGroup) -> Answer:

@@ -5,7 +5,7 @@ import json
 import os
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache as once
 from importlib import import_module
 from importlib.metadata import version
@@ -16,6 +16,8 @@ import numpy as np
 
 from bench.score.corrupt import KINDS, Fault, time_shift
 from bench.score.measure import LEVELS, SMOOTHINGS, measure
+from registry.core import EFFECTS
+from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
 try:
@@ -89,6 +91,11 @@ class Case:
     """Signals that an unknown effect depends on: one of them should be said."""
 
     @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Parameters that no flight can tell, as effect.parameter: their error is not asked for."""
+        return ()
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Effects to be named: those hidden ones that the catalogue has; a shifted clock is a delay."""
         if self.corruption == "time_shift":
@@ -135,6 +142,19 @@ def changed_constants(case: Case) -> dict[str, tuple[str, float]]:
     if "thrust_scale" in case.effects:
         changed["thrust_scale"] = ("thrust_coefficient", true["k_eta"] * (1 + case.effects["thrust_scale"]["eps"]))
     return changed
+
+
+def true_model(case: Case, base: PhysicsModel) -> PhysicsModel:
+    """``base`` with the true constants and the hidden effects."""
+    p = parameters(case)
+    constants: dict[str, Any] = {
+        "mass": p["mass"],
+        "inertia": (p["Ixx"], p["Iyy"], p["Izz"]),
+        "thrust_coefficient": p["k_eta"],
+        "torque_coefficient": p["k_m"],
+    }
+    hidden = (EFFECTS.get(name)(**values) for name, values in case.effects.items())
+    return replace(base, **constants, effects=(*base.effects, *hidden))
 
 
 def nominal(case: Case) -> dict[str, Any]:

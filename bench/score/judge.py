@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from itertools import permutations
 from typing import Any
 
-from bench.score.case import Case, changed_constants
+from bench.score.case import Case
+from bench.score.chains import changed_constants
 
 INERTIA = ("rotor_gyroscopic_torque", "rotor_reaction_torque")
 """They share a constant: either alone or both is right where the truth is the rotor inertia."""
@@ -137,8 +138,8 @@ class Judged:
             values = named.get(effect, named.get(token(effect)))
             if values is not None and token(effect) in self.required:
                 for name, true in self.case.effects[effect].items():
-                    if true == 0:
-                        continue  # it has no relative error
+                    if true == 0 or f"{effect}.{name}" in self.case.undetermined:
+                        continue  # it has no relative error, or nothing tells it
                     found = values.get(name, math.nan)
                     found = found if isinstance(found, (list, tuple)) else (found,)
                     out.append(Estimate(f"{effect}.{name}", true, *found))

@@ -15,9 +15,9 @@ import torch
 
 from bench.execution.executor import work_off
 from bench.score.attempt import Answer, attempt, to_json
-from bench.score.case import Case, truth
+from bench.score.case import Case
+from bench.score.chains import shares
 from bench.score.judge import FAILED
-from bench.score.oracle import shares
 from bench.score.tie import distance
 from registry.errors import BenchError
 
@@ -46,7 +46,7 @@ class Job:
 
 def digest(kind: str) -> str:
     """Of the code that an answer depends on."""
-    folders = ("bench/diagnose", "bench/score", "registry/effects", "registry/physics")
+    folders = ("bench/diagnose", "bench/score", "bench/score/chain", "registry/effects", "registry/physics")
     files = [ROOT / "registry/dynamics.py", *(p for f in folders for p in (ROOT / f).glob("*.py"))]
     code = hashlib.sha256()
     for path in sorted(files):
@@ -125,7 +125,7 @@ def work(job: Job, cache: Path) -> dict[str, Any]:
 
             return {name: asdict(said) for name, said in attempt_all(job.case, cache).items()}
         said = to_json(attempt(job.case, cache))
-        said["extra"] |= {"shares": shares(job.case, truth(job.case, cache)) if job.case.effects else {}}
+        said["extra"] |= {"shares": shares(job.case, cache)}
         said["extra"] |= {"distance": distance(job.case, said["named"], said["rivals"], cache)}
         return said
     except Exception as error:

@@ -13,8 +13,8 @@ from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.simulate.floor import reach
 from bench.diagnose.simulate.free_run import default_steps, errors, free_run, groups, starts
-from bench.score.case import UNCERTAINTY, Case, fly, nominal
-from bench.score.logs import subject
+from bench.score.case import Case
+from bench.score.chains import measured
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 
@@ -33,9 +33,7 @@ def distance(
     wanted = {name: [t for t in case.names if t in (name, *rivals.get(name, ()))] for name in named if rivals.get(name)}
     if not any(wanted.values()):
         return {}
-    flown = fly(case, cache)
-    known = {k: dict(v) for k, v in case.known.items()}
-    who = subject(case.id, flown, nominal(case), dict(UNCERTAINTY), known, case.drive)
+    who, _ = measured(case, cache)
     noise = noise_of(who)
     true = {k: EFFECTS.get(k)(**v) for k, v in case.effects.items() if k in EFFECTS.names()}
     right, _ = fitted(who, replace(who.model, effects=(*who.model.effects, *true.values())), noise)

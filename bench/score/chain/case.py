@@ -1,0 +1,219 @@
+"""A case of the second chain: a specimen, what is hidden in it, how it is flown, logged and described."""
+
+import hashlib
+import json
+import shutil
+import tempfile
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.diagnose.logs.load import load
+from bench.diagnose.logs.subject import Subject
+from bench.score.case import Case
+from bench.score.chain import flight, folder, oracle, paths, recorder, turbulence
+from bench.score.chain.airframe import AIRFRAMES, Airframe, specimen
+from bench.score.chain.body import Body, Effects
+from bench.score.chain.motors import Motors
+from registry.core import EFFECTS
+from registry.dynamics import PhysicsModel
+
+UNCERTAINTY = {"mass": 0.01, "inertia": 0.02, "thrust_coefficient": 0.02, "torque_coefficient": 0.02}
+"""Relative 1σ, as written in dataset.toml, of constants that are stated well."""
+ROUGH = {"inertia": (0.10, 0.30), "thrust_coefficient": (0.10, 0.25), "torque_coefficient": (0.10, 0.25)}
+"""By how much constants are off, at least and at most, that are stated roughly: nothing is written about it."""
+SCALES = 0.03
+"""By how much mass and arms are off then, at most."""
+UNDETERMINED = ("rotor_reaction_torque.rotor_inertia", "rotational_damping.d_z", "torque_bias.t_z")
+"""Parameters that flights tell only relative to the yaw inertia: of no true value where that is stated roughly."""
+HEIGHT = 5.0
+"""At which turbulence is taken [m]."""
+RADII = 3.0
+"""Of a rotor, over the ground, that paths come down to."""
+
+
+@dataclass(frozen=True)
+class ChainCase(Case):
+    """A `Case` that the second chain flies; ``noise`` is of `sensors.QUALITIES`, ``style`` of `paths.MANNERS`."""
+
+    vehicle: str = "survey"
+    control_hz: int = 250
+    log_hz: int = 100
+    lag: tuple[float, float] = (0.02, 0.02)
+    """Time constants of the motors up and down [s], where neither `motor_lag` nor `input_delay` is hidden."""
+    states: str = "capture"
+    clock: str = "even"
+    jitter: float = 0.1
+    telemetry: float = 0.0
+    accelerometer: bool = False
+    turbulence: float = 0.0
+    """Mean wind at 20 feet that the gusts belong to [m/s]; 0: none. The mean itself does not blow."""
+    rough: bool = False
+    """Whether stated constants are far off."""
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Parameters whose error is not asked for, as effect.parameter."""
+        return UNDETERMINED if self.rough else ()
+
+
+def built(case: ChainCase) -> Airframe:
+    """The specimen, without what is hidden."""
+    return specimen(np.random.default_rng([case.flight_seed, 0]), case.vehicle)
+
+
+def constants(craft: Airframe) -> dict[str, Any]:
+    """Those of the base model, SI."""
+    return {
+        "mass": craft.mass,
+        "inertia": list(craft.inertia),
+        "thrust_coefficient": craft.thrust,
+        "torque_coefficient": craft.drag,
+        "rotor_positions": [[x, y, 0.0] for x, y in craft.hubs],
+        "rotor_directions": list(craft.turns),
+        "rotor_radius": craft.radius,
+    }
+
+
+def stated(case: ChainCase) -> dict[str, Any]:
+    """The constants that the user is given, SI."""
+    rng, true = np.random.default_rng([case.flight_seed, 1]), constants(built(case))
+
+    def off(name: str, count: int) -> np.ndarray:
+        if case.rough:
+            low, high = ROUGH.get(name, (0.0, SCALES))
+            return np.asarray(1 + rng.uniform(low, high, count) * rng.choice([-1.0, 1.0], count))
+        return np.asarray(1 + UNCERTAINTY.get(name, 0.0) * np.clip(rng.normal(size=count), -2, 2))
+
+    out = dict(true)
+    for name in ("mass", "thrust_coefficient", "torque_coefficient"):
+        out[name] = float(true[name] * off(name, 1)[0])
+    out["inertia"] = [float(x) for x in true["inertia"] * off("inertia", 3)]
+    arm = off("rotor_positions", 1)[0]
+    out["rotor_positions"] = [[float(x * arm) for x in hub] for hub in true["rotor_positions"]]
+    return out
+
+
+def changed_constants(case: ChainCase) -> dict[str, tuple[str, float]]:
+    """See `bench.score.case.changed_constants`."""
+    true, changed = built(case), {}
+    if "mass" in case.effects:
+        changed["mass"] = ("mass", true.mass + case.effects["mass"]["delta"])
+    if "thrust_scale" in case.effects:
+        changed["thrust_scale"] = ("thrust_coefficient", true.thrust * (1 + case.effects["thrust_scale"]["eps"]))
+    return changed
+
+
+def acting(case: ChainCase) -> Effects:
+    """Hidden and known effects together."""
+    return {**case.known, **case.effects}
+
+
+def body(case: ChainCase) -> Body:
+    """The true vehicle."""
+    charge = np.random.default_rng([case.flight_seed, 2]).uniform(-0.06, 0.1, case.recordings)
+    return Body(built(case), acting(case), charge)
+
+
+def motors(case: ChainCase) -> Motors:
+    """Between commands and rotor speeds."""
+    hidden = acting(case)
+    if e := hidden.get("motor_lag"):
+        up, down = e["tau_up"], e["tau_down"]
+    else:
+        up, down = (0.0, 0.0) if "input_delay" in hidden else case.lag
+    return Motors(up, down, round(hidden.get("input_delay", {}).get("delay", 0.0) / flight.DT))
+
+
+def _flown(case: ChainCase, vessel: Body) -> flight.Truth:
+    seconds, craft = case.seconds + flight.BEFORE + 0.1, vessel.craft
+    manner, lowest = paths.MANNERS[case.style], RADII * craft.radius + 0.15
+    asked = []
+    for i in range(case.recordings):
+        kind = paths.KINDS[i % len(paths.KINDS)]
+        rng = np.random.default_rng([case.flight_seed, 3, i])
+        asked.append(paths.path(rng, kind, manner, lowest, seconds, flight.DT))
+    wanted = np.stack(asked, axis=2)
+    wind = np.zeros((wanted.shape[1], 3, case.recordings))
+    if case.turbulence:
+        rng = np.random.default_rng([case.flight_seed, 4])
+        wind += turbulence.gusts(rng, HEIGHT, case.turbulence, seconds, case.recordings, flight.DT)
+    if e := acting(case).get("wind"):
+        wind[:, 0] += e["w_x"]
+        wind[:, 1] += e["w_y"]
+    # The pilot was tuned on a vehicle that weighs and lifts what this one does.
+    tuned = replace(craft, mass=vessel.mass, thrust=vessel.thrust_coefficient)
+    rng = np.random.default_rng([case.flight_seed, 5])
+    return flight.fly(rng, vessel, tuned, motors(case), 1 / case.control_hz, wanted, wind)
+
+
+def logging(case: ChainCase) -> recorder.Logging:
+    """How it is logged."""
+    volts = "slope" in acting(case).get("battery_sag", {})
+    return recorder.Logging(
+        case.log_hz, case.states, case.noise, case.clock, case.jitter, case.telemetry, case.accelerometer, volts
+    )
+
+
+def write(case: ChainCase, path: Path) -> None:
+    """Fly ``case`` and write ``path``: the logs, dataset.toml, model.toml where effects are known, and truth.json."""
+    vessel = body(case)
+    truth = _flown(case, vessel)
+    rng, how = np.random.default_rng([case.flight_seed, 6, case.seed]), logging(case)
+    observed = recorder.observe(rng, truth, vessel, how)
+    logs = recorder.record(rng, truth, vessel, how, observed)
+    path.mkdir(parents=True, exist_ok=True)
+    folder.write(path, case, stated(case), None if case.rough else UNCERTAINTY, logs)
+    told = {"case": asdict(case), "constants": constants(vessel.craft)}
+    told["shares"] = oracle.shares(truth, observed.states, vessel, case.effects) if case.effects else {}
+    (path / "truth.json").write_text(json.dumps(told, indent=1), encoding="utf-8")
+
+
+def _key(case: ChainCase) -> str:
+    """Of everything that determines the folder, the code included."""
+    code = hashlib.sha256(json.dumps(asdict(case), sort_keys=True).encode() + repr(AIRFRAMES).encode())
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        if source.name != "suite.py":
+            code.update(source.read_bytes())
+    return code.hexdigest()[:20]
+
+
+def kept(case: ChainCase, cache: Path) -> Path:
+    """The folder of ``case`` in ``cache``, written on first use."""
+    path = Path(cache) / "chain" / _key(case)
+    if not path.is_dir():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        made = Path(tempfile.mkdtemp(dir=path.parent))
+        write(case, made)
+        try:
+            made.rename(path)
+        except OSError:  # another process was quicker
+            shutil.rmtree(made)
+    return path
+
+
+def measured(case: ChainCase, cache: Path) -> Subject:
+    """What a user would bring to the diagnosis: the folder, read as any other."""
+    found = load(kept(case, cache))
+    known = tuple(EFFECTS.get(name)(**values) for name, values in case.known.items())
+    return replace(found, name=case.id, model=replace(found.model, effects=known)) if known else found
+
+
+def shares(case: ChainCase, cache: Path) -> dict[str, float]:
+    """Of each hidden effect, see `oracle.shares`."""
+    told = json.loads((kept(case, cache) / "truth.json").read_text(encoding="utf-8"))
+    return {str(k): float(v) for k, v in told["shares"].items()}
+
+
+def true_model(case: ChainCase, base: PhysicsModel) -> PhysicsModel:
+    """``base`` with the true constants and the hidden effects."""
+    true = constants(built(case))
+    values = {k: _tuples(v) for k, v in true.items()}
+    hidden = (EFFECTS.get(name)(**v) for name, v in case.effects.items())
+    return replace(base, **values, effects=(*base.effects, *hidden))
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else float(value)

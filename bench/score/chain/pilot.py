@@ -1,0 +1,94 @@
+"""A cascade of PID loops: position, velocity, attitude, body rates, mixer. Sampled; it feels a noisy gyroscope."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.score.chain.airframe import GRAVITY, Airframe
+from bench.score.chain.body import P, Q, V, cross, rotation
+
+Array = np.ndarray
+TILT = np.deg2rad(50)
+"""Steepest thrust that is asked for, from the vertical."""
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Of the loops [1/s], each slower than the one inside."""
+
+    rate: float
+    attitude: float
+    velocity: float
+    position: float
+    yaw: float
+
+
+def gains(lag: float, period: float) -> Gains:
+    """What motors of time constant ``lag`` and a controller of ``period`` bear with a margin [s]."""
+    rate = min(1 / (1.6 * (lag + 1.2 * period)), 28.0)
+    attitude = rate / 2.4
+    return Gains(rate, attitude, attitude / 2.6, attitude / 6, attitude / 3)
+
+
+class Pilot:
+    """The controller of several flights at a time; it keeps its integrals.
+
+    Args:
+        craft: whose constants it was tuned with.
+        tuned: gains.
+        period: between its ticks [s].
+        flights: how many.
+    """
+
+    def __init__(self, craft: Airframe, tuned: Gains, period: float, flights: int) -> None:
+        self.craft, self.tuned, self.period = craft, tuned, period
+        x, y = np.array(craft.hubs).T
+        turns = np.array(craft.turns, dtype=float)
+        mixing = np.stack([np.full(4, 1.0), y, -x, turns * craft.drag / craft.thrust])
+        self.unmix = np.linalg.inv(mixing)
+        self.inertia = np.array(craft.inertia)[:, None]
+        self.greatest = craft.power * craft.mass * GRAVITY / 4
+        self.drift = np.zeros((3, flights))
+        self.trim = np.zeros((3, flights))
+
+    def command(self, state: Array, felt: Array, wanted: Array) -> Array:
+        """Rotor speeds (4, B) [rad/s] for a state, body rates as ``felt`` (3, B) and ``wanted`` (11, B)."""
+        k = self.tuned
+        slip = wanted[3:6] + k.position * (wanted[0:3] - state[P]) - state[V]
+        self.drift = np.clip(self.drift + 0.3 * k.velocity * self.period * slip, -4, 4)
+        push = wanted[6:9] + k.velocity * slip + self.drift
+        push[2] += GRAVITY
+        push[2] = np.maximum(push[2], 0.3 * GRAVITY)
+        level = np.sqrt((push[:2] ** 2).sum(0))
+        push[:2] *= np.minimum(1, np.tan(TILT) * push[2] / np.maximum(level, 1e-9))
+        turn = rotation(state[Q])
+        lift = self.craft.mass * (push * turn[:, 2]).sum(0)
+        turning = self._turning(turn, push, wanted)
+        error = turning - felt
+        self.trim = np.clip(self.trim + 0.8 * k.rate * self.period * error, -25, 25)
+        gain = np.array([[k.rate], [k.rate], [0.6 * k.rate]])
+        torque = self.inertia * (gain * error + self.trim)
+        torque += cross(felt, self.inertia * felt)
+        thrust = self._mixed(lift, torque)
+        return np.asarray(np.sqrt(thrust / self.craft.thrust))
+
+    def _turning(self, turn: Array, push: Array, wanted: Array) -> Array:
+        """Body rates (3, B) that turn the thrust to ``push`` and the nose to the wanted yaw."""
+        k = self.tuned
+        up = push / np.sqrt((push**2).sum(0))
+        tilt = (turn * cross(turn[:, 2], up)[:, None]).sum(0)  # sine of the angle, body frame
+        nose = np.arctan2(turn[1, 0], turn[0, 0])
+        left = (wanted[9] - nose + np.pi) % (2 * np.pi) - np.pi
+        out = k.attitude * tilt
+        out[2] = k.yaw * np.clip(left, -1, 1) + wanted[10]
+        return np.asarray(out)
+
+    def _mixed(self, lift: Array, torque: Array) -> Array:
+        """Thrusts (4, B) within what rotors can do: yaw gives way first."""
+        least, greatest = 0.03 * self.greatest, self.greatest
+        lift = np.clip(lift, 4.4 * least, 3.6 * greatest)
+        roll = self.unmix[:, :3] @ np.concatenate([lift[None], torque[:2]])
+        twist = self.unmix[:, 3:] @ torque[2:]
+        room = np.minimum(roll - least, greatest - roll).min(0)
+        share = np.clip(room / np.maximum(np.abs(twist).max(0), 1e-12), 0.1, 1)
+        return np.asarray(np.clip(roll + share * twist, least, greatest))
