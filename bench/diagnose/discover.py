@@ -64,17 +64,13 @@ def discover(
     rounds = tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
     view = _settled(search, view, fit, fields)
     names = [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
-    named, imitators = _significant(view, len(subject.model.effects))
-    chosen = _Choice(view, tuple(imitators))
     tick("weigh")
-    weighing = Weighing(subject, noise) if subject.held_out else None
-    judged = () if weighing is None else weighing.errors({"calibrated": calibrated, "extended": chosen.model()})
+    weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
+    worthy, remarks = _worthy(view, weighing, len(subject.model.effects))
+    judged = () if weighing is None else weighing.errors(worthy.model())
+    named, imitators = _understood(view, worthy, judged, len(subject.model.effects))
+    chosen = _Choice(view, tuple(sorted({*worthy.dropped, *imitators})))
     savings = {i: _saved(weighing, chosen, i, judged) for i in named}
-    idle = [i for i in named if weighing is not None and not any(s.worth for s in savings[i])]
-    remarks = tuple(trifle(names[i], savings[i]) for i in idle)
-    if idle:
-        named = [i for i in named if i not in idle]
-        chosen = _Choice(view, tuple(sorted({*imitators, *view.linear.away(idle)[0]})))
     fit = chosen.fit
     traces, total = left_over(view, chosen.dropped)
     unknown = total > LEFT * view.floor
@@ -103,9 +99,7 @@ def discover(
         tuple(names[i] for i in imitators),
         tuple(t for t in traces if t.gain > FAINT),
         (*subject.notes, *search.notes),
-        ()
-        if weighing is None
-        else weighing.errors({"nominal": subject.model, "calibrated": calibrated, "extended": model}),
+        () if weighing is None else weighing.errors(model),
         remarks,
     )
 
@@ -151,17 +145,67 @@ def _settled(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> V
     return view
 
 
-def _significant(view: View, known: int) -> tuple[list[int], list[int]]:
-    """Places of the effects beyond the first ``known`` that are sure, and of those that only imitate something else."""
-    subsets, fit = view.subsets, view.subsets.fit()
+def _worthy(view: View, weighing: Weighing | None, known: int) -> tuple[_Choice, tuple[str, ...]]:
+    """The model's effects beyond the first ``known`` that are sure and worth a term; remarks on those that are not.
+
+    The one that saves least goes first: two that share what they explain would both seem idle.
+    """
+    subsets, numbers = view.subsets, estimates(view, view.subsets.fit())
     places = range(known, len(view.linear.model.effects))
-    traces, total = left_over(view)
-    numbers = estimates(view, fit)
-    sure = [i for i in places if not pinned(numbers, i) and accepted(view, subsets.fit(drop=[i]), fit, drop=[i])]
-    if total > LEFT * view.floor:
-        sure = understood(view, sure, traces, total)
-    gone, _ = view.linear.away([i for i in places if i not in sure])
-    return [i for i in sure if i not in gone], sorted(gone)
+    dropped = {i for i in places if pinned(numbers, i)}
+    remarks: list[str] = []
+    while True:
+        gone = view.linear.away(sorted(dropped))[0]
+        chosen = _Choice(view, tuple(sorted(gone)))
+        left = [i for i in places if i not in gone]
+        unsure = [i for i in left if not accepted(view, subsets.fit(drop=[*gone, i]), chosen.fit, drop=[*gone, i])]
+        if weighing is None:
+            if not unsure:
+                return chosen, ()
+            dropped.add(unsure[0])
+            continue
+        judged = weighing.errors(chosen.model())
+        savings = {i: _saved(weighing, chosen, i, judged) for i in left}
+        idle = [i for i in left if i in unsure or not any(s.worth for s in savings[i])]
+        if not idle:
+            return chosen, tuple(remarks)
+        least = min(idle, key=lambda i: max(s.share for s in savings[i]))
+        dropped.add(least)
+        if least not in unsure:
+            remarks.append(trifle(EFFECTS.name_of(type(view.linear.model.effects[least])), savings[least]))
+
+
+def _understood(
+    view: View, worthy: _Choice, judged: Sequence[EquationError], known: int
+) -> tuple[list[int], list[int]]:
+    """Places of the effects that are what they seem, and of those that only imitate something else.
+
+    Where an equation is predicted nearly as well as by any function of the signals, what acts in it is understood,
+    however little is known of the others.
+    """
+    left = [i for i in range(known, len(view.linear.model.effects)) if i not in worthy.dropped]
+    traces, total = left_over(view, worthy.dropped)
+    if total <= LEFT * view.floor:
+        return left, []
+    clear = {e.equation for e in judged if e.near_best}
+    settled = [i for i in left if clear & _acting(view, worthy, i)]
+    rest = [i for i in left if i not in settled]
+    if rest and not worthy.dropped:
+        settled += understood(view, rest, traces, total)
+    gone = view.linear.away([i for i in left if i not in settled])[0]
+    return sorted(i for i in settled if i not in gone), sorted(set(gone) - set(worthy.dropped))
+
+
+def _acting(view: View, chosen: _Choice, place: int) -> set[str]:
+    """Names of the equations in which the effect in this place makes at least half of what it explains."""
+    fit = view.subsets.fit(drop=[*chosen.dropped, place])
+    gains = (view.subsets.losses(fit) - view.subsets.losses(chosen.fit)).sum(0)
+    names = view.linear.model.equation_names()
+    by_name: dict[str, float] = {}
+    for channel, gain in zip(view.linear.channels, gains, strict=True):
+        group = view.linear.model.state_channels[channel].group
+        by_name[names.get(group, group)] = by_name.get(names.get(group, group), 0.0) + float(gain)
+    return {name for name, gain in by_name.items() if gain >= 0.5 * sum(by_name.values())}
 
 
 def _saved(

@@ -53,6 +53,14 @@ class Quadrotor(RigidBody):
     )
 
     input_signals: ClassVar[tuple[str, ...]] = ("rotor_speed", "rotor_command", "pwm")
+    rough: ClassVar[dict[str, float]] = {
+        "mass": 0.03,
+        "inertia": 0.3,
+        "thrust_coefficient": 0.2,
+        "torque_coefficient": 0.2,
+        "pwm_gain": 0.2,
+        "pwm_offset": 0.2,
+    }
     equation: ClassVar[str] = (
         "m dv/dt = R Σ k_f ω_i² e3 − m g e3;  J dω_b/dt = Σ r_i × T_i e3 + s_i k_m ω_i² e3 − ω_b × J ω_b"
     )

@@ -12,7 +12,9 @@ from torch import Tensor
 from registry.dynamics import Effect, Parameter, PhysicsModel
 
 WITHIN = 3.0
-"""A constant is calibrated within so many of its 1σ: one further off is a wrong constant, which is an effect."""
+"""A constant is calibrated within so many of its stated 1σ: one further off is a wrong constant, which is an effect."""
+LOOSE = 5.0
+"""Factor either way within which one is calibrated of which nobody stated how well it is known."""
 _PROBE = 1e-3
 """Step of a one-sided difference, in scales of the parameter."""
 
@@ -51,13 +53,14 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
 
     Args:
         model: its present values.
-        uncertainty: relative 1σ of constants, where it is not the model's own.
+        uncertainty: relative 1σ of constants as stated; default: `PhysicsModel.rough`, or the constant's own.
         nominal: the model whose constants the uncertainties are relative to; default ``model``.
     """
     found = []
     reference = {p.name: p.value for p in (nominal or model).parameters()}
     for p in model.parameters():
-        spread = uncertainty.get(p.name, p.uncertainty)
+        rough = p.name in model.rough and p.name not in uncertainty and p.uncertainty > 0
+        spread = model.rough[p.name] if rough else uncertainty.get(p.name, p.uncertainty)
         if spread <= 0:
             continue
         values, base = _flat(p.value), _flat(reference[p.name])
@@ -65,10 +68,13 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
             if b != 0:
                 component, scale = None if np.ndim(p.value) == 0 else i, abs(b) * spread
                 low, high = _bounds(p)
-                least = b - WITHIN * scale
-                if least <= 0.0 <= low:  # it may be as many times smaller as it may be larger, but not nothing
-                    least = b / (1 + WITHIN * spread)
-                low, high = max(low, least), min(high, b + WITHIN * scale)
+                if rough:
+                    low, high = max(low, min(b / LOOSE, b * LOOSE)), min(high, max(b / LOOSE, b * LOOSE))
+                else:
+                    least = b - WITHIN * scale
+                    if least <= 0.0 <= low:  # it may be as many times smaller as it may be larger, but not nothing
+                        least = b / (1 + WITHIN * spread)
+                    low, high = max(low, least), min(high, b + WITHIN * scale)
                 found.append(Entry(-1, p.name, component, p.unit, v, scale, low, high))
     for i, effect in enumerate(model.effects):
         found += effect_entries(effect, i)

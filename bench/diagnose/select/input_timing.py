@@ -18,7 +18,7 @@ from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import equilibrium
-from bench.diagnose.regression.linearise import Directions, directions
+from bench.diagnose.regression.linearise import Directions, Rows, directions
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
 from bench.diagnose.select.search import Search, admissible, hop_of, noise_filters, shortened
 from bench.diagnose.simulate.unmeasured import hidden
@@ -32,6 +32,8 @@ NEGLIGIBLE = 0.01
 """Shift below which nothing is gained by reading the input anew [samples]."""
 COARSE = 0.5
 """Shift from which the cross-correlation's estimate is the start [samples]; the regression alone finds smaller ones."""
+LONGEST = 9_000
+"""Samples that are looked at; more would make it slower and hardly surer."""
 STEPS = 3
 """Gauss–Newton steps."""
 PROBE = 1e-3
@@ -105,12 +107,13 @@ def _shift(subject: Subject, noise: Noise) -> Shift:
     """The shift that all recordings share; zero where it is not significant."""
     instant = subject.model.drive_acts_at_once
     widest = np.inf if instant else WITHIN_SAMPLE
-    start = _coarse(subject) if instant else 0.0
-    value, error = start, 0.0
+    value = start = _coarse(subject) if instant else 0.0
+    fit = _Regression(subject, noise, start)
+    error = np.inf
     for _ in range(STEPS):
-        step, error = _step(subject, noise, value)
+        step, error = fit.step(value)
         value = float(np.clip(value + np.clip(step, -1, 1), -widest, widest))
-        if abs(step) < NEGLIGIBLE / 2:
+        if abs(step) < NEGLIGIBLE:
             break
     if abs(value) < SIGNIFICANT * error and not start:
         value = 0.0
@@ -125,46 +128,56 @@ def _coarse(subject: Subject) -> float:
     return middle if abs(middle) > COARSE else 0.0
 
 
-def _step(subject: Subject, noise: Noise, shift: float) -> tuple[float, float]:
-    """Gauss–Newton step of the shift of all training recordings and its standard error [samples]."""
-    search = Search(subject, (), lambda name: None, noise)
-    model = subject.model
-    logs = shortened(subject.of(subject.training))
-    drives = drives_of(model, logs[0])
-    seen = [replace(log, inputs=read_at(log.inputs, drives, shift)) for log in logs]
-    stack = Stack.of(seen)
-    candidates = [(name, kind) for name, kind in admissible(subject, model, None) if not kind.screen]
+class _Regression:
+    """The weak form of the training recordings with the shift as one more number to be fitted."""
 
-    def linearised(offset: torch.Tensor) -> Directions:
-        here = replace(stack, inputs=stack.inputs + offset)
-        later = torch.stack([read_at(u, drives, PROBE) for u in here.inputs])
-        linear = directions(model, model, subject.uncertainty, here, candidates)
-        moved = mean_rates(model, replace(here, inputs=later)).numpy()[..., list(linear.channels)]
-        return replace(linear, columns=np.concatenate([linear.columns, (moved - linear.rates)[None] / PROBE]))
+    def __init__(self, subject: Subject, noise: Noise, shift: float) -> None:
+        """Linearise the model and every effect of the catalogue where inputs are read ``shift`` samples later."""
+        self.model, self.drives = subject.model, drives_of(subject.model, subject.logs[0])
+        self.stack = Stack.of(shortened(subject.of(subject.training), longest=LONGEST))
+        search = Search(subject, (), lambda name: None, noise)
+        candidates = [(name, kind) for name, kind in admissible(subject, self.model, None) if not kind.screen]
+        white = np.random.default_rng(0).normal(size=self.stack.inputs.shape) * np.array(noise.inputs)
+        self.hiss = torch.from_numpy(convolve1d(white, noise.input_smoothing.kernel(), axis=1))
+        here, noisy = self.read(shift), self.read(shift, noisy=True)
+        self.linear, self.noisy = (
+            directions(self.model, self.model, subject.uncertainty, stack, candidates) for stack in (here, noisy)
+        )
+        filters = [search.smoothing[self.model.state_channels[c].group] for c in self.linear.channels]
+        self.tests = TestFunctions.over(self.stack.logs, hop_of(self.stack), filters)
+        self.whitening = noise_filters(self.linear.project(self.tests), len(self.linear.own))
 
-    linear = linearised(torch.zeros_like(stack.inputs))
-    filters = [search.smoothing[model.state_channels[c].group] for c in linear.channels]
-    tests = TestFunctions.over(stack.logs, hop_of(stack), filters)
-    rows = linear.project(tests)
-    whitening = noise_filters(rows, len(linear.own))
-    white = np.random.default_rng(0).normal(size=stack.inputs.shape) * np.array(noise.inputs)
-    again = linearised(torch.from_numpy(convolve1d(white, noise.input_smoothing.kernel(), axis=1))).project(tests)
-    normal = rows.normal(whitening, rows.noise(again, whitening))
-    precision = _precision(linear)
-    gram = normal.total[:-1, :-1] + np.diag(precision)
-    scale = equilibrium(np.diag(gram))
-    inverse = np.linalg.inv(gram * np.outer(scale, scale) + 1e-9 * np.eye(len(gram))) * np.outer(scale, scale)
-    beta = inverse @ normal.total[:-1, -1]
-    blocks = normal.grams.sum(1)
-    scores = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ beta
-    scores -= scores.mean(0)
-    spread = inverse @ (scores.T @ scores) @ inverse
-    return float(beta[-1]), float(np.sqrt(max(spread[-1, -1], inverse[-1, -1])))
+    def read(self, shift: float, noisy: bool = False) -> Stack:
+        """The recordings with their inputs read ``shift`` samples later, once more with noise or not."""
+        inputs = self.stack.inputs + self.hiss if noisy else self.stack.inputs
+        return replace(self.stack, inputs=torch.stack([read_at(u, self.drives, shift) for u in inputs]))
+
+    def step(self, shift: float) -> tuple[float, float]:
+        """Gauss–Newton step of the shift and its standard error [samples]."""
+        rows, again = (self._rows(linear, shift, noisy) for linear, noisy in ((self.linear, False), (self.noisy, True)))
+        normal = rows.normal(self.whitening, rows.noise(again, self.whitening))
+        gram = normal.total[:-1, :-1] + np.diag(_precision(self.linear, len(normal.total) - 1))
+        scale = equilibrium(np.diag(gram))
+        inverse = np.linalg.inv(gram * np.outer(scale, scale) + 1e-9 * np.eye(len(gram))) * np.outer(scale, scale)
+        beta = inverse @ normal.total[:-1, -1]
+        blocks = normal.grams.sum(1)
+        scores = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ beta
+        scores -= scores.mean(0)
+        spread = inverse @ (scores.T @ scores) @ inverse
+        return float(beta[-1]), float(np.sqrt(max(spread[-1, -1], inverse[-1, -1])))
+
+    def _rows(self, linear: Directions, shift: float, noisy: bool) -> Rows:
+        rates, later = (
+            mean_rates(self.model, self.read(s, noisy)).numpy()[..., list(linear.channels)]
+            for s in (shift, shift + PROBE)
+        )
+        columns = np.concatenate([linear.columns, (later - rates)[None] / PROBE])
+        return replace(linear, rates=rates, columns=columns).project(self.tests)
 
 
-def _precision(linear: Directions) -> np.ndarray:
-    """1/σ² of every column: what is known of the constants, a wide one for the effects, none for the shift."""
-    out = np.zeros(len(linear.columns))
+def _precision(linear: Directions, count: int) -> np.ndarray:
+    """1/σ² (``count``,) of every column: as known of constants, wide for effects, none for the shift."""
+    out = np.zeros(count)
     for i, entry in enumerate(linear.own):
         out[i] = entry.scale**-2 if entry.constant else 0.0
     for start in linear.starts:

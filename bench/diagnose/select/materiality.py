@@ -5,14 +5,16 @@ short and at a long horizon. What can be explained at all is what the best predi
 by a ridge regression of what it leaves on functions of every measured signal.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.generic import dictionary
+from bench.diagnose.regression.generic import dictionary, follow
+from bench.diagnose.regression.least_squares import ridge
 from bench.diagnose.regression.weak import Stack
 from bench.diagnose.select.verify import Trace
 from bench.diagnose.simulate.teacher_forced import (
@@ -29,10 +31,14 @@ SHARE = 0.05
 """Of the squared error that can be explained: what an effect must save to be named, in some equation."""
 NEAR = 1.05
 """Error, relative to the best that can be reached, up to which nothing is worth a term."""
+CLOSE = 1.5
+"""Error, relative to the best that can be reached, up to which the effects of an equation are what they seem."""
 SURE = 2.0
 """Standard errors over blocks of held-out recordings of a 95 % interval over blocks of held-out recordings."""
 BLOCK = 4.0
 """Length of these blocks [s]."""
+TERMS = 8
+"""Columns at most that are taken one by one."""
 SHRINKAGE = np.logspace(-4, 2, 13)
 """Ridge penalties, relative to the mean eigenvalue, of which one is chosen on recordings left out."""
 
@@ -61,6 +67,11 @@ class EquationError:
     def matters(self) -> bool:
         """Whether enough can be explained that anything is worth a term."""
         return self.models["calibrated"] > NEAR * min(self.models["extended"], self.predictable)
+
+    @property
+    def near_best(self) -> bool:
+        """Whether no function of the measured signals predicts much better than the extended model."""
+        return self.models["extended"] <= CLOSE * self.predictable and self.matters
 
     @property
     def unexplained(self) -> float:
@@ -94,20 +105,26 @@ class Saving:
 class Weighing:
     """The held-out recordings, equation by equation."""
 
-    def __init__(self, subject: Subject, noise: Noise) -> None:
-        """Prepare; the subject's inputs are read when they act."""
-        self.subject, self.noise = subject, noise
+    def __init__(self, subject: Subject, noise: Noise, calibrated: PhysicsModel) -> None:
+        """Prepare.
+
+        Args:
+            subject: measurements and the nominal model; inputs are read when they act.
+            noise: of the measurements.
+            calibrated: the model without the effects to be weighed, its constants fitted.
+        """
+        self.subject, self.noise, self.calibrated = subject, noise, calibrated
         self.held = Stack.of(subject.of(subject.held_out))
         self.horizons = horizons(self.held.logs)
         measured = [all(m) for m in zip(*(log.measured for log in subject.logs), strict=True)]
         self.equations = equations(subject.model, measured)
-        self._left: dict[int, Increments] = {}
+        self._left: dict[PhysicsModel, Increments] = {}
 
     def increments(self, model: PhysicsModel) -> Increments:
         """What a model leaves of the held-out recordings."""
-        if id(model) not in self._left:
-            self._left[id(model)] = increments(model, self.held, self.noise)
-        return self._left[id(model)]
+        if model not in self._left:
+            self._left[model] = increments(model, self.held, self.noise)
+        return self._left[model]
 
     def squares(self, left: Increments, equation: Equation, horizon: int) -> tuple[np.ndarray, np.ndarray]:
         """Squared errors (W,) and the block (W,) that each window is in."""
@@ -116,30 +133,34 @@ class Weighing:
         block = np.unique(np.stack([recording, first // round(BLOCK / self.held.dt)]), axis=1, return_inverse=True)[1]
         return squared, block
 
-    def errors(self, models: Mapping[str, PhysicsModel]) -> tuple[EquationError, ...]:
-        """Errors of every equation at every horizon; the last of the models is helped by a regression."""
-        last = list(models.values())[-1]
-        shares = self._unpredictable(last)
-        chance = noise_increments(last, self.held, self.noise)
+    def errors(self, extended: PhysicsModel) -> tuple[EquationError, ...]:
+        """Errors of every equation at every horizon, of the nominal, the calibrated and the extended model."""
+        models = {"nominal": self.subject.model, "calibrated": self.calibrated, "extended": extended}
+        shares = self._unpredictable(extended)
         out = []
         for equation in self.equations:
             for horizon in self.horizons:
                 mean = {
-                    n: float(self.squares(self.increments(m), equation, horizon)[0].mean()) for n, m in models.items()
+                    name: float(self.squares(self.increments(model), equation, horizon)[0].mean())
+                    for name, model in models.items()
                 }
-                best = mean[list(models)[-1]] * shares[equation.name, horizon]
-                noise = float(self.squares(chance, equation, horizon)[0].mean())
+                chance = float(self.squares(self.chance, equation, horizon)[0].mean())
                 out.append(
                     EquationError(
                         equation.name,
                         horizon * self.held.dt,
                         equation.group.unit,
-                        {n: v**0.5 for n, v in mean.items()},
-                        best**0.5,
-                        noise**0.5,
+                        {name: value**0.5 for name, value in mean.items()},
+                        (mean["extended"] * shares[equation.name, horizon]) ** 0.5,
+                        chance**0.5,
                     )
                 )
         return tuple(out)
+
+    @cached_property
+    def chance(self) -> Increments:
+        """What noise alone leaves of the held-out recordings."""
+        return noise_increments(self.calibrated, self.held, self.noise)
 
     def savings(self, without: PhysicsModel, full: PhysicsModel, errors: Sequence[EquationError]) -> tuple[Saving, ...]:
         """What ``full`` saves of the error of ``without``, of each of ``errors``."""
@@ -196,26 +217,45 @@ def _projected(model: PhysicsModel, stack: Stack, left: Increments, equation: Eq
 
 
 def _share_left(x: np.ndarray, y: np.ndarray, fold: np.ndarray, held_x: np.ndarray, held_y: np.ndarray) -> float:
-    """Share of the held-out squares of ``y`` (W, axes) that a ridge regression on ``x`` (W, f) leaves, at most 1.
+    """Share of the held-out squares of ``y`` (W, axes) that a regression on ``x`` (W, f) leaves, at most 1.
 
-    The penalty is chosen with one recording left out after another.
+    For each axis the better one, with one recording left out after another, of ridge regression and of a few columns
+    taken one by one.
     """
     size = np.sqrt((x**2).mean(0))
     x, held_x = (z[:, size > 0] / size[size > 0] for z in (x, held_x))
-    grams = {f: (x[fold == f].T @ x[fold == f], x[fold == f].T @ y[fold == f]) for f in np.unique(fold)}
-    gram, moment = (np.asarray(sum(g[i] for g in grams.values())) for i in range(2))
-    loss = np.zeros(len(SHRINKAGE))
-    for f, (inner, cross) in grams.items():
-        values, vectors = np.linalg.eigh(gram - inner)
-        turned = vectors.T @ (moment - cross)
-        for i, s in enumerate(SHRINKAGE * gram.trace() / len(gram)):
-            beta = vectors @ (turned / (values[:, None] + s))
-            loss[i] += ((y[fold == f] - x[fold == f] @ beta) ** 2).sum()
-    best = SHRINKAGE[int(np.argmin(loss))] * gram.trace() / len(gram)
-    if loss.min() >= (y**2).sum():
-        return 1.0
-    beta = np.linalg.solve(gram + best * np.eye(len(gram)), moment)
-    return float(min(1.0, ((held_y - held_x @ beta) ** 2).sum() / max((held_y**2).sum(), 1e-300)))
+    left = total = 0.0
+    for own, held in zip(y.T, held_y.T, strict=True):
+        rows = np.column_stack([x, own])
+        grams = [rows[fold == f].T @ rows[fold == f] for f in np.unique(fold)]
+        whole = np.asarray(sum(grams))
+        losses = {0.0: float((own**2).sum())}
+        losses |= {float(s): _ridge_loss(grams, whole, s) for s in SHRINKAGE}
+        penalty = min(losses, key=lambda s: losses[s])
+        beta = np.zeros(x.shape[1])
+        if penalty:
+            inner = whole[:-1, :-1]
+            beta = np.linalg.solve(inner + penalty * np.trace(inner) / len(inner) * np.eye(len(inner)), whole[:-1, -1])
+        chosen = follow(grams, [], 0, TERMS)
+        if chosen and losses[0.0] - sum(gain for _, gain in chosen) < losses[penalty]:
+            index = [column for column, _ in chosen]
+            beta = np.zeros(x.shape[1])
+            beta[index] = ridge(whole[np.ix_([*index, -1], [*index, -1])], 1e-9)
+        rest = float(((held - held_x @ beta) ** 2).sum())
+        left, total = left + min(rest, float((held**2).sum())), total + float((held**2).sum())
+    return left / max(total, 1e-300)
+
+
+def _ridge_loss(grams: Sequence[np.ndarray], whole: np.ndarray, shrinkage: float) -> float:
+    """Squares of the last column that the others leave, each part by a fit to the rest."""
+    loss = 0.0
+    for gram in grams:
+        rest = (whole - gram)[:-1, :-1]
+        strength = shrinkage * np.trace(rest) / len(rest)
+        beta = np.linalg.solve(rest + strength * np.eye(len(rest)), (whole - gram)[:-1, -1])
+        vector = np.append(-beta, 1.0)
+        loss += float(vector @ gram @ vector)
+    return loss
 
 
 def trifle(name: str, savings: Sequence[Saving]) -> str:

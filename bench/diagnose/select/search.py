@@ -206,9 +206,9 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
     return f"{', '.join(missing)} was not measured" if missing else ""
 
 
-def shortened(logs: Sequence[Log], stride: int = 1) -> list[Log]:
-    """The middle of each log, every ``stride``-th sample, so that all together have no more than `LONGEST`."""
-    share = min(1.0, LONGEST * stride / sum(map(len, logs)))
+def shortened(logs: Sequence[Log], stride: int = 1, longest: int = LONGEST) -> list[Log]:
+    """The middle of each log, every ``stride``-th sample, so that all together have no more than ``longest``."""
+    share = min(1.0, longest * stride / sum(map(len, logs)))
     out = []
     for log in logs:
         first = int(len(log) * (1 - share) / 2)
