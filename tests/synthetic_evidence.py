@@ -103,6 +103,6 @@ def concluded(records: Sequence[RunRecord], command: str, folder: Path) -> None:
     """The folder of a study, without what is drawn and printed."""
     with pytest.MonkeyPatch.context() as quick:
         for name in ("figures.per_step_figure", "report.render_terminal", "study_page.write"):
-            quick.setattr(f"bench.{name}", lambda *_: None)
+            quick.setattr(f"bench.reporting.{name}", lambda *_: None)
         quick.setattr("bench.reporting.report.to_markdown", lambda *_: "")
         conclude(Console(file=StringIO()), records, "made up", study.get("washout_vs_mlp"), command, folder)

@@ -12,7 +12,8 @@ from torch.func import functional_call
 
 from registry import INITIALIZERS, PREDICTORS
 from registry.contracts import Predictor, Problem
-from registry.cost import prediction_cost, state_initialization_cost
+from registry.cost import prediction_cost
+from registry.state_cost import state_initialization_cost
 
 TAU, HIDDEN = 10, 4
 close = partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)

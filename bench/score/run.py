@@ -44,15 +44,19 @@ class Job:
         return self.case.id, self.kind
 
 
+def sources(kind: str) -> list[Path]:
+    """The files of the code that an answer depends on."""
+    folders = ("bench/diagnose", "bench/score", "registry/dynamics", "registry/effects", "registry/physics")
+    files = sorted(p for f in folders for p in (ROOT / f).rglob("*.py"))
+    told = [p for p in files if not any(p.match(pattern) for pattern in _PRESENTATION)]
+    return [p for p in told if kind == ALTERNATIVES or p.name != "alternatives.py"]
+
+
 def digest(kind: str) -> str:
     """Of the code that an answer depends on."""
-    folders = ("bench/diagnose", "bench/score", "bench/score/chain", "registry/effects", "registry/physics")
-    files = [ROOT / "registry/dynamics.py", *(p for f in folders for p in (ROOT / f).glob("*.py"))]
     code = hashlib.sha256()
-    for path in sorted(files):
-        shown = any(path.match(pattern) for pattern in _PRESENTATION)
-        if not shown and (kind == ALTERNATIVES or path.name != "alternatives.py"):
-            code.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    for path in sources(kind):
+        code.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
     return code.hexdigest()[:16]
 
 

@@ -11,8 +11,9 @@ from torch import Tensor
 
 from bench.training.model import Model, times
 from registry.contracts import Composite, Gradients, Initializer, Predictor
-from registry.cost import prediction_vjp, state_initialization_vjp
+from registry.cost import prediction_vjp
 from registry.kernels.native.library import core_for
+from registry.state_cost import state_initialization_vjp
 
 
 def cost_and_gradient(

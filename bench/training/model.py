@@ -7,8 +7,8 @@ from bench.experiment.config import RunConfig
 from bench.experiment.seeds import derive
 from bench.training.data import Prepared
 from registry.contracts import Channel, Initializer, Predictor, Problem
-from registry.cost import state_initialization_cost
 from registry.initializers.each import build as build_initializer
+from registry.state_cost import state_initialization_cost
 
 
 class Model(nn.Module):

@@ -6,7 +6,6 @@ y left, z up.
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from registry.datasets.cleaning import resample, runs
 from registry.datasets.folder_description import FILE
 from registry.datasets.rotations import unit_quaternion
+from registry.datasets.series import Log
 from registry.errors import BenchError
 
 FASTEST = 100.0
@@ -40,34 +40,6 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str]] = {
     "battery": (("vbat",), 'unit = "V"'),
 }
 """Columns of each signal (a prefix where the count is open), and how the description has it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """A signal with its own clock."""
-
-    t: np.ndarray
-    """(N,) [s], strictly increasing."""
-    values: np.ndarray
-    """(N, c), SI."""
-    source: str
-    """Topic that it came from."""
-
-    @property
-    def rate(self) -> float:
-        """Median sample rate [Hz]."""
-        return float(1 / np.median(np.diff(self.t)))
-
-
-Log = dict[str, Series]
-
-
-def series(t: np.ndarray, values: np.ndarray, source: str) -> Series | None:
-    """A series of the finite samples in order of time; None: fewer than three of them."""
-    keep = np.isfinite(values).all(axis=1) & np.isfinite(t)
-    t, values = t[keep], values[keep]
-    t, first = np.unique(t, return_index=True)
-    return Series(t, values[first], source) if len(t) >= 3 else None
 
 
 def convert(files: Sequence[Path], folder: Path, rate: float | None = None) -> list[str]:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from bench.execution import executor
 from bench.score.case import Case
 from bench.score.cases import DEVELOPMENT, cases
 from bench.score.judge import FAILED
-from bench.score.run import ALTERNATIVES, DIAGNOSIS, Job, Store, jobs, part, run, work
+from bench.score.run import ALTERNATIVES, DIAGNOSIS, Job, Store, jobs, part, run, sources, work
 from registry.errors import BenchError
 
 SUITE = [Case("a"), Case("b", condition="pair"), Case("c", condition="tie"), Case("d", condition="nothing")]
@@ -80,6 +81,14 @@ def test_answers_of_other_code_are_not_mixed_in(tmp_path: Path) -> None:
     line = json.loads(store.path.read_text())
     store.path.write_text(json.dumps({**line, "digest": "0" * 16}) + "\n")
     assert Store(tmp_path).read() == {}
+
+
+def test_an_answer_depends_on_every_module_that_a_diagnosis_runs() -> None:
+    rooms = ("bench.diagnose.", "registry.dynamics.", "registry.effects.", "registry.physics.")
+    loaded = {Path(str(m.__file__)) for name, m in sys.modules.items() if name.startswith(rooms)}
+    assert len(loaded) > 40
+    left = {p.name for p in loaded - set(sources(DIAGNOSIS))}
+    assert left <= {"page.py", "page_figures.py", "page_parts.py", "page_sections.py", "story.py"}
 
 
 def test_a_case_that_fails_is_an_answer(tmp_path: Path) -> None:

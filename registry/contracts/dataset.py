@@ -1,0 +1,74 @@
+"""A source of recordings."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from registry.contracts.measurements import Channel, Finding, Loaded, Recording, Split
+from registry.core import DATASETS
+from registry.errors import BenchError
+
+
+class Dataset(ABC):
+    """A source of recordings. Subclasses are frozen dataclasses; their fields are options."""
+
+    source: ClassVar[str] = ""
+    """Where the data come from: citation or address, and licence."""
+    system: ClassVar[str] = "quadrotor"
+    """The registered physics model of the recorded system."""
+    inputs: ClassVar[tuple[str, ...]] = ()
+    """Signals that drive a predictor by default."""
+    rates: ClassVar[str] = "body_rates"
+    """The signal of three rotational rates that the studies predict one by one."""
+    velocity: ClassVar[str] = "velocity"
+    """The translational velocity signal."""
+    input_hold: ClassVar[str] = "linear"
+    """Inputs between samples: "linear" (measured) or "previous" (commands)."""
+    physics: ClassVar[dict[str, Any]] = {}
+    """Nominal constants of the recorded system, SI."""
+    uncertainty: ClassVar[dict[str, float]] = {}
+    """Relative 1σ of these constants, where it is not the model's default."""
+    processing: ClassVar[dict[str, Any]] = {}
+    """What was done to the recordings, as [processing] of a dataset.toml says it."""
+    recorded: ClassVar[tuple[Channel, ...]] = ()
+    """Channels of every recording, inputs first, where they are known before anything is read or simulated."""
+    in_full: ClassVar[dict[str, str]] = {}
+    """Options of the whole of the data, where they come in sizes; studies take it for all but smoke tests."""
+
+    @property
+    def label(self) -> str:
+        """What tables and titles call the data: the registered name, unless the data have one of their own."""
+        return DATASETS.name_of(type(self))
+
+    def load(self) -> Loaded:
+        """Read, clean and check. Duplicated recordings are dropped and named in the findings.
+
+        Raises:
+            BenchError: the data are absent or broken; the message says what to do.
+        """
+        loaded = self.read()
+        kept: dict[str, Recording] = {}
+        findings = list(loaded.findings)
+        for recording in loaded.recordings:
+            digest = recording.digest()
+            if digest in kept:
+                findings.append(
+                    Finding(
+                        recording.name, "duplicate", len(recording), f"dropped: the same samples as {kept[digest].name}"
+                    )
+                )
+            else:
+                kept[digest] = recording
+        if not kept:
+            raise BenchError(f"Dataset {type(self).__name__} holds no usable recording.")
+        return Loaded(tuple(kept.values()), tuple(findings))
+
+    @abstractmethod
+    def read(self) -> Loaded:
+        """The cleaned recordings, duplicates included; called by `load`."""
+
+    @abstractmethod
+    def split(self, names: Sequence[str]) -> Split:
+        """The published or default split of the recordings ``names``."""

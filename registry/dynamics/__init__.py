@@ -1,0 +1,43 @@
+"""Physics models and the effects that a simple one leaves out.
+
+A model's constants and an effect's parameters are the fields of frozen dataclasses; each may hold a number,
+a tuple of numbers or a tensor (to fit it by gradient, or one value a batch element). Everything is batched
+over leading dimensions and differentiable. SI inside; world z up, body x forward, y left, z up.
+"""
+
+from registry.dynamics.effects import (
+    Effect,
+    HubEffect,
+    InputEffect,
+    InternalEffect,
+    LoadEffect,
+    ModelEffect,
+    Motion,
+    RateEffect,
+    ThrustEffect,
+    TorqueEffect,
+    WindEffect,
+)
+from registry.dynamics.model import PhysicsModel, unsuited
+from registry.dynamics.parameters import Parameter, constant, cross, tensor, vector
+
+__all__ = [
+    "Effect",
+    "HubEffect",
+    "InputEffect",
+    "InternalEffect",
+    "LoadEffect",
+    "ModelEffect",
+    "Motion",
+    "Parameter",
+    "PhysicsModel",
+    "RateEffect",
+    "ThrustEffect",
+    "TorqueEffect",
+    "WindEffect",
+    "constant",
+    "cross",
+    "tensor",
+    "unsuited",
+    "vector",
+]

@@ -1,0 +1,211 @@
+"""Continuous-time models with effects, and their integrator."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from functools import cache
+from typing import ClassVar
+
+import torch
+from torch import Tensor
+
+from registry.contracts import Channel
+from registry.core import EFFECTS, PHYSICS
+from registry.dynamics.effects import Effect, InputEffect
+from registry.dynamics.parameters import Parameter, parameters_of
+from registry.errors import BenchError
+
+
+def unsuited(name: str, effect: Effect | type[Effect], kind: type[PhysicsModel]) -> str:
+    """That an effect does not act in a model of this class, and what to do where the class is one's own."""
+    return (
+        f"The effect {name} does not fit {kind.system_name()}: it is for {', '.join(effect.systems)}, and for a class "
+        f'of your own that says alike = ("{effect.systems[0]}",).'
+    )
+
+
+RATE_OF = {"position": "velocity", "attitude": "body_rates", "displacement": "speed", "angle": "angle_rate"}
+"""Poses, and the signal that is their rate of change."""
+
+
+@dataclass(frozen=True)
+class PhysicsModel(ABC):
+    """A continuous-time model dx/dt = f(x, u) and its integrator (4th-order Runge–Kutta).
+
+    The full state is the state proper, `state_channels`, followed by the own states of effects that have some, and
+    the memories of the input effects. The inputs (…, m) are the driving signal followed by `extras`.
+    """
+
+    effects: tuple[Effect, ...] = field(
+        default=(), kw_only=True, metadata={"help": "effects added to the base model, in order"}
+    )
+    input_hold: str = field(
+        default="linear",
+        kw_only=True,
+        metadata={
+            "help": "inputs between samples: linear (measured) or previous (commands)",
+            "choices": ("linear", "previous"),
+        },
+    )
+
+    extras: tuple[str, ...] = field(
+        default=(),
+        kw_only=True,
+        metadata={"help": "signals that follow the driving one in the inputs, such as battery or time"},
+    )
+
+    state_channels: ClassVar[tuple[Channel, ...]]
+    """The state proper."""
+    input_signals: ClassVar[tuple[str, ...]]
+    """Signals that can drive the model; the first is its own."""
+    equation: ClassVar[str]
+    """As text."""
+    provides: ClassVar[tuple[str, ...]] = ()
+    """Ids of effects that the base model holds already."""
+    rough: ClassVar[dict[str, float]] = {}
+    """Relative 1σ of constants as vehicles of this kind have them where nobody says how well they are known."""
+    alike: ClassVar[tuple[str, ...]]
+    """Registered systems whose effects act in it too; default: those of the classes that it derives from."""
+
+    @classmethod
+    @cache  # models are made by the thousand
+    def systems(cls) -> frozenset[str]:
+        """The names under which effects know it (`Effect.systems`)."""
+        bases = [b for b in cls.__bases__ if issubclass(b, PhysicsModel)]
+        others = vars(cls)["alike"] if "alike" in vars(cls) else set[str]().union(*(b.systems() for b in bases))
+        return frozenset(others if cls.__abstractmethods__ else {cls.system_name(), *others})
+
+    @classmethod
+    def system_name(cls) -> str:
+        """The registered name, or that of the class."""
+        return PHYSICS.name_of(cls) if PHYSICS.knows(cls) else cls.__name__
+
+    def __post_init__(self) -> None:
+        if self.input_hold not in ("linear", "previous"):
+            raise BenchError(f"input_hold = {self.input_hold!r}: choose linear or previous.")
+        if not self.effects:
+            return
+        ids = [EFFECTS.name_of(type(e)) for e in self.effects]
+        for effect, label in zip(self.effects, ids, strict=True):
+            if not effect.suits(type(self)):
+                raise BenchError(unsuited(label, effect, type(self)))
+            if effect.requires and not set(effect.requires) & {*ids, *self.provides}:
+                raise BenchError(f"The effect {label} needs another one in the model: {', '.join(effect.requires)}.")
+
+    @abstractmethod
+    def derivative(self, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None) -> Tensor:
+        """Time derivative (…, s) of the state without memories (…, s).
+
+        Args:
+            state: (…, s) the state proper and the effects' own states, in the order of the effects.
+            inputs: (…, m) what acts now (after the input effects), and the extras.
+            input_rates: (…, m) its time derivative; None: constant inputs.
+        """
+
+    def project(self, state: Tensor) -> Tensor:
+        """The state (…, s) put back on its manifold after a step, such as a quaternion to unit length."""
+        return state
+
+    def parameters(self) -> list[Parameter]:
+        """The constants, in order (those of the effects are theirs)."""
+        return list(parameters_of(self))
+
+    def input_effects(self) -> list[InputEffect]:
+        """The effects between the given input and the acting one, in order."""
+        return [e for e in self.effects if isinstance(e, InputEffect)]
+
+    def equation_names(self) -> dict[str, str]:
+        """By group of states, what its equation is called; not those that only say that a pose changes as its rate."""
+        groups = dict.fromkeys(c.group for c in self.state_channels)
+        return {g: g.replace("_", " ") for g in groups if RATE_OF.get(g) not in groups}
+
+    @property
+    def drive_acts_at_once(self) -> bool:
+        """Whether the driving signal is what acts, so that any delay between it and the motion is one of the log."""
+        return False
+
+    @property
+    def internal_size(self) -> int:
+        """Number of states that the effects have of their own."""
+        return sum(e.internal_size for e in self.effects)
+
+    def extra(self, name: str, inputs: Tensor) -> Tensor | None:
+        """The extra signal (…) of that name within the inputs (…, m); None: it is not there."""
+        if name not in self.extras:
+            return None
+        return inputs[..., inputs.shape[-1] - len(self.extras) + self.extras.index(name)]
+
+    def initial(self, state: Tensor, inputs: Tensor, dt: float) -> Tensor:
+        """Full state from the state proper (…, s) and inputs (…, m) that have been steady until now."""
+        driving = inputs[..., : inputs.shape[-1] - len(self.extras)]
+        own = state.new_zeros((*state.shape[:-1], self.internal_size))
+        return torch.cat([state, own, *(e.steady(driving, dt) for e in self.input_effects())], dim=-1)
+
+    def transmit(self, memory: Tensor, before: Tensor, after: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        """Pass one time step through the input effects.
+
+        Args:
+            memory: (…, size) their memories at t.
+            before: (…, m) inputs at t.
+            after: (…, m) inputs at t + dt; not looked at when inputs are held (but for the extras).
+            dt: [s].
+
+        Returns:
+            The memories at t + dt and the segment (…, 3, m) of the inputs that act at its start, middle and end.
+        """
+        held = self.input_hold == "previous"
+        segment = torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
+        effects = self.input_effects()
+        if not effects:
+            return memory, segment
+        driving, extras = segment.split([segment.shape[-1] - len(self.extras), len(self.extras)], dim=-1)
+        memories, at = [], 0
+        for effect in effects:
+            size = effect.memory_size(driving.shape[-1], dt)
+            changed, driving = effect.act(memory[..., at : at + size], driving, dt, held)
+            memories.append(changed)
+            at += size
+        return torch.cat(memories, dim=-1), torch.cat([driving, extras], dim=-1)
+
+    def step(self, state: Tensor, before: Tensor, after: Tensor, dt: float) -> Tensor:
+        """One time step of the full state.
+
+        Args:
+            state: (…, s) full state at t.
+            before: (…, m) inputs at t.
+            after: (…, m) inputs at t + dt; not looked at when inputs are held.
+            dt: [s].
+
+        Returns:
+            The full state (…, s) at t + dt.
+        """
+        size = len(self.state_channels) + self.internal_size
+        body, memory = state[..., :size], state[..., size:]
+        memory, segment = self.transmit(memory, before, after, dt)
+        u0, um, u1 = segment.unbind(-2)
+        # The derivative of the parabola through the three: its Simpson integral is exactly u1 - u0.
+        d0, dm, d1 = (4 * um - 3 * u0 - u1) / dt, (u1 - u0) / dt, (3 * u1 - 4 * um + u0) / dt
+        k1 = self.derivative(body, u0, d0)
+        k2 = self.derivative(body + dt / 2 * k1, um, dm)
+        k3 = self.derivative(body + dt / 2 * k2, um, dm)
+        k4 = self.derivative(body + dt * k3, u1, d1)
+        body = self.project(body + dt / 6 * (k1 + 2 * (k2 + k3) + k4))
+        return torch.cat([body, memory], dim=-1) if memory.shape[-1] else body
+
+    def simulate(self, state: Tensor, inputs: Tensor, dt: float) -> Tensor:
+        """Free run.
+
+        Args:
+            state: (…, s) state proper at the first input sample, where all has been steady before.
+            inputs: (…, N, m).
+            dt: [s].
+
+        Returns:
+            The state proper (…, N, s) at the input samples, the first as given.
+        """
+        full, states = self.initial(state, inputs[..., 0, :], dt), [state]
+        for k in range(1, inputs.shape[-2]):
+            full = self.step(full, inputs[..., k - 1, :], inputs[..., k, :], dt)
+            states.append(full[..., : state.shape[-1]])
+        return torch.stack(states, dim=-2)

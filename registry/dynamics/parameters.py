@@ -1,0 +1,101 @@
+"""Physical constants as fields of frozen dataclasses, each a number, a tuple of numbers or a tensor."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from registry.core import option
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical constant: nominal value, bounds and what is known about it."""
+
+    name: str
+    unit: str
+    value: Any
+    low: float | None
+    high: float | None
+    uncertainty: float
+    """Relative, 1σ."""
+    neutral: Any
+    """Of an effect: the value that makes it no effect."""
+    typical: Any
+    """Of an effect: a value met on real vehicles."""
+    source: str
+    about: str
+
+
+def constant(
+    value: Any,
+    about: str,
+    unit: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    source: str = "",
+    uncertainty: float = 0.02,
+    typical: Any = None,
+) -> Any:
+    """A dataclass field for a physical constant; of an effect, ``value`` is the neutral one.
+
+    Args:
+        value: nominal value, SI.
+        about: one line of explanation.
+        unit: SI unit.
+        low: inclusive bound.
+        high: inclusive bound.
+        source: where the value comes from.
+        uncertainty: relative, 1σ.
+        typical: of an effect, a value met on real vehicles.
+    """
+    base = option(value, about, unit=unit, low=low, high=high, source=source)
+    return field(default=value, metadata={**base.metadata, "uncertainty": uncertainty, "typical": typical})
+
+
+def parameters_of(entry: Any) -> Iterator[Parameter]:
+    """The fields of a model or an effect that are a `constant`, in order."""
+    for f in dataclasses.fields(entry):
+        if "uncertainty" in f.metadata:
+            m = f.metadata
+            spread, neutral, typical = m["uncertainty"], f.default, m["typical"]
+            value = getattr(entry, f.name)
+            yield Parameter(
+                f.name, m["unit"], value, m["low"], m["high"], spread, neutral, typical, m["source"], m["help"]
+            )
+
+
+def tensor(value: Any, like: Tensor) -> Tensor:
+    """A constant (number, nested tuple or tensor) as a tensor of the type and device of ``like``: to read only."""
+    if isinstance(value, (float, tuple)):
+        return _fixed(value, like.dtype, like.device)
+    return torch.as_tensor(value, dtype=like.dtype, device=like.device)
+
+
+@lru_cache(maxsize=1024)
+def _fixed(value: float | tuple[Any, ...], dtype: torch.dtype, device: torch.device) -> Tensor:
+    # Made once: in a free run the same few numbers are asked for at every instant. Not as an inference tensor, which
+    # could not take part in a later backward pass.
+    with torch.inference_mode(False):
+        return torch.as_tensor(value, dtype=dtype, device=device)
+
+
+def vector(values: Sequence[Any], like: Tensor) -> Tensor:
+    """Constants (numbers, or tensors (…)) side by side (…, len) in a tensor of the type and device of ``like``."""
+    if any(isinstance(v, Tensor) for v in values):
+        return torch.stack(torch.broadcast_tensors(*(tensor(v, like) for v in values)), dim=-1)
+    return tensor(tuple(values), like)
+
+
+def cross(a: Tensor, b: Tensor) -> Tensor:
+    """a × b over the last dimension (…, 3), with broadcasting."""
+    ax, ay, az = a.unbind(-1)
+    bx, by, bz = b.unbind(-1)
+    return torch.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], dim=-1)
