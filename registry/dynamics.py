@@ -177,8 +177,9 @@ class Effect(ABC):
 
     @classmethod
     def suits(cls, kind: type[PhysicsModel]) -> bool:
-        """Whether it acts in models of this class."""
-        return not cls.systems or not kind.systems().isdisjoint(cls.systems)
+        """Whether it acts in models of this class; one of the input does where there is an input."""
+        driven = bool(kind.input_signals) or not issubclass(cls, InputEffect)
+        return driven and (not cls.systems or not kind.systems().isdisjoint(cls.systems))
 
     @classmethod
     def neutral(cls) -> Self:
@@ -320,6 +321,9 @@ class InputEffect(Effect):
 
 def unsuited(name: str, effect: Effect | type[Effect], kind: type[PhysicsModel]) -> str:
     """That an effect does not act in a model of this class, and what to do where the class is one's own."""
+    kinds = effect if isinstance(effect, type) else type(effect)
+    if issubclass(kinds, InputEffect) and not kind.input_signals:
+        return f"The effect {name} does not fit {kind.system_name()}: it acts on an input, and that has none."
     return (
         f"The effect {name} does not fit {kind.system_name()}: it is for {', '.join(effect.systems)}, and for a class "
         f'of your own that says alike = ("{effect.systems[0]}",).'
