@@ -58,6 +58,7 @@ def test_units_frames_and_conventions(folder):
     assert r.pick(["position"])[0] == pytest.approx(data[["x", "y", "z"]].to_numpy() / 1000)
     assert r.pick(["battery"])[0] == pytest.approx(data[["vbat"]].to_numpy() / 1000)
     assert r.pick(["velocity"])[0] == pytest.approx(rotation.apply(data[["vx", "vy", "vz"]].to_numpy().copy()))
+    assert r.channels == Folder(str(folder)).recorded  # as it is known before anything is read
     q = r.pick(["attitude"])[0]
     assert np.abs((q * rotation.as_quat()).sum(axis=1)) == pytest.approx(1)
     assert r.pick(["body_rates"])[0] == pytest.approx(np.deg2rad(data[["p", "q", "r"]].to_numpy()))
