@@ -65,6 +65,9 @@ def test_a_position_that_nothing_looks_at_need_not_be_measured(tmp_path: Path) -
             "--results", tmp_path,
         )  # fmt: skip
         assert "Figure and tables" in said
+    studies = sorted(p.name for p in (tmp_path / "studies").iterdir())
+    assert len(studies) == 2  # of two models of one name, each its own
+    assert len({(tmp_path / "studies" / s / "study.json").read_text() for s in studies}) == 2
 
 
 @pytest.mark.parametrize(("effect", "lacking"), [("", "body_rates"), ("ground_effect", "position")])
