@@ -201,7 +201,7 @@ def _unexplained(
     subject: Subject, found: Discovery, nominal: ByGroup, after: ByGroup, floor: ByGroup, high: Sequence[str]
 ) -> Unexplained:
     scale = {g: max(e.rmse, 1e-300) for g, e in nominal.items()}
-    above = pooled(nominal, scale) - pooled(floor, scale)
+    above = max(pooled(nominal, scale), pooled(after, scale)) - pooled(floor, scale)
     share = max(0.0, (pooled(after, scale) - pooled(floor, scale)) / above) if above > 0 else float("nan")
     # The traces that make nine tenths of what is left.
     left = sum(t.gain for t in found.traces)
