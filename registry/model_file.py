@@ -12,6 +12,9 @@ from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import Effect, Parameter, PhysicsModel
 from registry.errors import BenchError, near
 
+PER_ROTOR = ("rotor_positions", "rotor_directions")
+"""Constants with as many items as there are rotors."""
+
 
 def read(path: Path, system: str | type[PhysicsModel] = "") -> PhysicsModel:
     """The model in the file, with its effects.
@@ -96,7 +99,19 @@ def constants_of(where: str, parameters: Sequence[Parameter], given: dict[str, A
             span = f"at least {low:g}" if high == math.inf else f"at most {high:g}"
             span = f"from {low:g} to {high:g}" if math.isfinite(low) and math.isfinite(high) else span
             raise BenchError(f"{where}: {key} = {value!r} must be {span} {p.unit}.")
-    return {key: _tuples(value) for key, value in given.items()}
+        _refuse_shape(where, p, value)
+    per_rotor = {key: len(value) for key, value in given.items() if key in PER_ROTOR}
+    if len(set(per_rotor.values())) > 1:
+        raise BenchError(f"{where}: {' and '.join(f'{k} has {n}' for k, n in per_rotor.items())} rotors: mend one.")
+    return {key: _tuples([[*xy, 0.0][:3] for xy in v] if _depth(v) == 2 else v) for key, v in given.items()}
+
+
+def _refuse_shape(where: str, p: Parameter, value: Any) -> None:
+    """Raise where a vector has another length than its axes; of places (x, y) is enough, then z = 0."""
+    if _depth(value) == 1 and p.name not in PER_ROTOR and len(value) != len(p.neutral):
+        raise BenchError(f"{where}: {p.name} must be {len(p.neutral)} numbers, not {len(value)}.")
+    if _depth(value) == 2 and {len(place) for place in value} not in ({2}, {3}):
+        raise BenchError(f"{where}: {p.name} must be a list of places [x, y, z], or all of them [x, y] where z = 0.")
 
 
 def options(kind: type[PhysicsModel], changed: PhysicsModel | None = None) -> list[dataclasses.Field[Any]]:

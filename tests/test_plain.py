@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
+import pandas as pd
 import pytest
 import torch
 from conftest import Toy
@@ -13,6 +14,7 @@ from bench.execution import engine
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.notation import parse
 from bench.records import record
+from bench.training.run import run_group
 from registry.contracts import Initializer, InitializerEntry, Predictor, PredictorEntry, StateLayout
 from registry.core import INITIALIZERS, PREDICTORS, option
 
@@ -89,3 +91,21 @@ def test_modules_of_plain_pytorch_are_trained(spec: str, tmp_path: Path) -> None
         assert learnt.summary["status"] == "finished"
         assert learnt.curve.validation_loss.iloc[-1] < 0.7 * learnt.curve.validation_loss.iloc[0]
         assert record.verify(learnt) == []
+
+
+CALM = Training(updates=400, evaluate_every=1, patience=1, batch=32)
+WILD = Training(updates=60, evaluate_every=20, batch=32, alpha=1e12)  # its first cost is beyond all bounds
+
+
+@pytest.mark.parametrize(("training", "status"), [(CALM, "finished"), (WILD, "diverged")])
+def test_a_run_of_its_own_ends_before_its_budget(training: Training, status: str, tmp_path: Path) -> None:
+    config = RunConfig(*parse("plain cell - plain linear: 10"), Toy(), horizon=6, training=training)
+    (ended,) = run_group([config], checkpoint=tmp_path / "state")
+    assert ended.summary["status"] == status
+    assert 0 < ended.summary["updates"] < training.updates
+    if status == "finished":  # the killed driver's next one finds a checkpoint of a run that has ended
+        (again,) = run_group([config], checkpoint=tmp_path / "state")
+        pd.testing.assert_frame_equal(again.tables["steps"], ended.tables["steps"])
+        curve = ended.tables["curve"]
+        assert ended.summary["best_update"] == curve["update"].iloc[-2]
+        assert again.summary == ended.summary

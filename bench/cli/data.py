@@ -89,6 +89,8 @@ def check_command(folder: Path) -> None:
     click.echo(f"{len(loaded.recordings)} recording(s), {seconds:.1f} s in all, read without an error.")
     for f in loaded.findings:
         click.echo(f"  {f.recording}: {f.detail}")
+    for note in Folder(path=str(folder)).description.notes:
+        click.echo(f"  {note}")
     click.echo(f"Next: bench diagnose {folder}   (which physics a model of it lacks)")
     measured = dict.fromkeys(c.group for r in loaded.recordings for c in r.output_channels)
     outputs = "" if Folder.rates in measured else f" --outputs {','.join(measured)}"

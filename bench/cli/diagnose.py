@@ -95,6 +95,7 @@ def compare_command(
     bench compare flights/ --model diagnosis/model.toml    is the extended model better?
     bench compare emps --horizon 0.5                       a registered data set, up to half a second
     """
+    from bench.diagnose import words
     from bench.diagnose.compare import compare
     from bench.diagnose.extend import fitted
 
@@ -113,8 +114,11 @@ def compare_command(
     for group in found.groups:
         for k, seconds in enumerate(found.horizon_s):
             if k in (0, len(found.horizon_s) // 2, len(found.horizon_s) - 1):
-                cells = (f"{of[group.name].rmse[k]:.3g}" for of in found.lines.values())
-                rows.add_row(f"{group.name} [{group.unit}]".replace("[", "\\["), f"{seconds:.3g} s", *cells)
+                errors = [of[group.name].rmse[k] for of in found.lines.values()]
+                unit, factor = words.shown(group.unit, group.name, errors)
+                cells = (words.number(e * factor) for e in errors)
+                label = f"{words.named(group.name)} [{unit}]".replace("[", "\\[")
+                rows.add_row(label, f"{seconds:.3g} s", *cells)
     out.print(rows)
     print_notes(out, found.notes)
     lines = {n: {g: asdict(line) for g, line in of.items()} for n, of in found.lines.items()}
@@ -178,6 +182,8 @@ def discover_command(
     bench discover flights/ --without ground_effect        what else would explain it?
     bench discover flights/ --catalogue rotor_drag --catalogue linear_drag
     """
+    from bench.diagnose import words
+    from bench.diagnose.result import ParameterEstimate
     from bench.diagnose.discover import discover
 
     names = chosen(catalogue, without)
@@ -196,9 +202,7 @@ def discover_command(
         effects.append({"id": f.id, "parameters": values, "indistinguishable_from": list(f.rivals)})
         out.print(f"[bold]{f.id}[/]  {EFFECTS.get(f.id).equation}", highlight=False)
         for name, p in values.items():
-            out.print(
-                f"    {name} = {p['value']:.4g} {p['unit']}  ({p['low']:.4g} to {p['high']:.4g})", highlight=False
-            )
+            out.print(f"    {name} = {words.estimate(name, ParameterEstimate(**p))}", highlight=False)
         if f.rivals:
             out.print(f"    these data cannot tell it from {', '.join(f.rivals)}")
     if not found.found:

@@ -17,7 +17,7 @@ from registry.errors import BenchError
 if TYPE_CHECKING:
     from bench.diagnose.extend import Extension
     from bench.diagnose.logs.subject import Subject
-    from bench.diagnose.result import DataProblem, NamedEffect
+    from bench.diagnose.result import NamedEffect
     from registry.dynamics import PhysicsModel
 
 
@@ -94,11 +94,11 @@ def folder_for(source: str, out: Path | None) -> Path:
 def say_problems(subject: "Subject") -> None:
     """Say what is wrong with the data before a step that would take it for physics."""
     from bench.diagnose.checks.problems import problems
+    from bench.diagnose.report.words import gathered
 
-    found: Sequence[DataProblem] = problems(subject).problems
-    for p in found[:4]:
-        where = "" if p.rows is None else f", samples {p.rows[0]} to {p.rows[1]}"
-        click.echo(f"data problem: {p.recording}{where}: {p.signal}: {p.kind}: {p.detail}", err=True)
+    found = gathered(problems(subject).problems)
+    for line in found[:4]:
+        click.echo(f"data problem: {line}", err=True)
     if len(found) > 4:
         click.echo(f"data problem: and {len(found) - 4} more; `bench diagnose` lists them.", err=True)
 
@@ -128,17 +128,19 @@ def say_written(console: Any, written: Sequence[Path]) -> None:
 
 def show_extension(console: Any, done: "Extension") -> None:
     """Print the held-out error, effect by effect, and the fitted numbers."""
-    groups = done.comparison.groups
-    rows = table("held-out error", *(f"{g.name} [{g.unit}]".replace("[", "\\[") for g in groups))
-    for stage in done.stages:
+    from bench.diagnose import words
+
+    groups, stages = done.comparison.groups, done.stages
+    units = [words.shown(g.unit, g.name, [s.error[g.name] for s in stages]) for g in groups]
+    heads = (f"{words.named(g.name)} [{unit}]" for g, (unit, _) in zip(groups, units, strict=True))
+    rows = table("held-out error", *(h.replace("[", "\\[") for h in heads))
+    for stage in stages:
         added = stage.name in {e.id for e in done.effects}
-        rows.add_row(f"+ {stage.name}" if added else stage.name, *(f"{stage.error[g.name]:.3g}" for g in groups))
+        cells = (words.number(stage.error[g.name] * f) for g, (_, f) in zip(groups, units, strict=True))
+        rows.add_row(f"+ {stage.name}" if added else stage.name, *cells)
     console.print(rows)
     for e in done.effects:
-        values = ", ".join(
-            f"{n} = {p.value:.4g} {p.unit} ({p.low:.4g} to {p.high:.4g})" for n, p in e.parameters.items()
-        )
-        console.print(f"  {e.id}: {values}", highlight=False)
+        console.print(f"  {e.id}: {words.parameters(e)}", highlight=False)
 
 
 def track_extension(

@@ -18,6 +18,7 @@ from bench.experiment.notation import parse
 from registry.contracts import Dataset
 from registry.core import PREDICTORS
 from registry.errors import BenchError, near
+from registry.predictors.physics import digest
 
 BASELINES = ("constant", "linear")
 ALL = "all"
@@ -96,7 +97,9 @@ def run_command(
     known = study.studies()
     if seeds is not None and (target in known or target == ALL):
         raise BenchError("--seeds belongs to a single configuration; a study's presets set their own.")
-    said = {**run_options, **data_options, **({"predictor.model": Path(physics).name} if physics else {})}
+    said = {**run_options, **data_options}
+    if file := said.get("predictor.model"):  # its name alone would make one study of two models
+        said["predictor.model"] = f"{Path(file).name} {digest(file)[:8]}"
     asked = ", ".join(f"{k} {v}" for k, v in sorted(said.items()) if k != "path")
 
     def job(name: str) -> Job:

@@ -32,6 +32,8 @@ from registry.dynamics import PhysicsModel
 
 HIGH = 2.0
 """Squared error over the noise floor's from which something is missing although it follows no signal."""
+NOTHING = 1e-6
+"""Share of the squared error that an effect must explain in free runs: what is less follows how rates are computed."""
 
 Tick = Callable[[str], None]
 
@@ -83,9 +85,12 @@ def diagnose(
     if names:
         known = {f.id: f.effect for f in found.found}
         extension = extend(subject, subject.model, names, tick, noise, rivals, known, horizon_s)
+        if vanished := [e.id for e in extension.effects if abs(e.share_explained) < NOTHING]:
+            found, names = _unnamed(found, vanished), [n for n in names if n not in vanished]
+            extension = extend(subject, subject.model, names, tick, noise, rivals, known, horizon_s)
     refuted = bool(names) and sum(e.share_explained for e in extension.effects) < 0
     if refuted:
-        found, names = _unnamed(found), []
+        found, names = _unnamed(found, names), []
     if shifted:  # unless friction is missing, which makes motion lead what drives it
         again = problems(replace(subject, model=extension.model)) if names else checked
         if again.problems:
@@ -107,6 +112,8 @@ def diagnose(
     location = nowhere if brief else locate(subject, found.calibrated, after=model if names else None, noise=noise)
     best = "extended" if names else "calibrated"
     nominal, after, floor = (comparison.error(n) for n in ("nominal", best, "floor"))
+    if not names and not refuted and max(_excess(after, floor).values(), default=0.0) <= 1:
+        found = replace(found, traces=())  # rounding errors follow signals too
     # Where no equation could be judged by itself, what follows no signal at all shows in the free runs only.
     alone = found.verdict == "nothing" and not found.equations and max(_excess(after, floor).values(), default=0) > HIGH
     verdict = "unknown_effect" if refuted or alone else found.verdict
@@ -151,19 +158,20 @@ def diagnose(
     )
 
 
-def _unnamed(found: Discovery) -> Discovery:
-    """What is left to say when the effects found make the forecast of held-out recordings worse."""
-    names = tuple(f.id for f in found.found)
+def _unnamed(found: Discovery, names: Sequence[str]) -> Discovery:
+    """What is left to say when effects found make the forecast of held-out recordings no better."""
     note = (
-        f"{', '.join(names)} explained the rates of the recordings that were learnt from, but made the forecast of the "
-        "held-out ones worse, and so nothing is named."
+        f"{', '.join(names)} explained the rates of the recordings that were learnt from, but did not make the "
+        "forecast of recordings better, and so is not named."
     )
-    return replace(found, found=(), imitators=(*found.imitators, *names), notes=(*found.notes, note))
+    left = tuple(f for f in found.found if f.id not in names)
+    return replace(found, found=left, imitators=(*found.imitators, *names), notes=(*found.notes, note))
 
 
 def _excess(error: ByGroup, floor: ByGroup) -> dict[str, float]:
     """By group, squared error over that of the noise floor."""
-    return {g: (e.rmse / max(floor[g].rmse, 1e-300)) ** 2 for g, e in error.items()}
+    ratio = {g: e.rmse / max(floor[g].rmse, 1e-300) for g, e in error.items()}
+    return {g: r * r for g, r in ratio.items()}  # infinite where there is no floor
 
 
 def _broken(subject: Subject, source: str, found: Sequence[DataProblem]) -> Diagnosis:
@@ -187,7 +195,7 @@ def _unexplained(
     subject: Subject, found: Discovery, nominal: ByGroup, after: ByGroup, floor: ByGroup, high: Sequence[str]
 ) -> Unexplained:
     scale = {g: max(e.rmse, 1e-300) for g, e in nominal.items()}
-    above = pooled(nominal, scale) - pooled(floor, scale)
+    above = max(pooled(nominal, scale), pooled(after, scale)) - pooled(floor, scale)
     share = max(0.0, (pooled(after, scale) - pooled(floor, scale)) / above) if above > 0 else float("nan")
     # The traces that make nine tenths of what is left.
     left = sum(t.gain for t in found.traces)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -135,11 +136,8 @@ def extend(
     comparison = compare(subject, lines, noise=noise, horizon_s=horizon_s)
     order = ["calibrated", *(n for n in lines if n != "calibrated")]
     scale = _scales(subject, comparison)
-    above = pooled(comparison.error("nominal"), scale) - pooled(comparison.error("floor"), scale)
-
-    def share_of(before: ByGroup, after: ByGroup) -> float:
-        return (pooled(before, scale) - pooled(after, scale)) / above if above > 0 else float("nan")
-
+    squared = {n: pooled(comparison.error(n), scale) for n in comparison.lines}
+    taken, *shares = shares_of([squared[n] for n in ("nominal", *order)], squared["floor"])
     effects, stages = [], [_stage("nominal", comparison.error("nominal"))]
     stages.append(_stage("calibrated", comparison.error("calibrated")))
     for i, name in enumerate(add):
@@ -148,12 +146,9 @@ def extend(
         of = [x for x in found if x.entry.owner == len(model.effects) + i]
         numbers = {x.entry.label: ParameterEstimate(x.value, x.low, x.high, x.entry.unit) for x in of}
         alike = (rivals or {}).get(name, ())
-        effects.append(
-            NamedEffect(name, numbers, share_of(before, after), before, after, alike, _separate(name, alike))
-        )
+        effects.append(NamedEffect(name, numbers, shares[i], before, after, alike, _separate(name, alike)))
     stages.append(_stage("floor", comparison.error("floor")))
     constants = tuple(x for x in found if x.entry.constant)
-    taken = share_of(comparison.error("nominal"), comparison.error("calibrated"))
     return Extension(chain[-1], tuple(effects), comparison, tuple(stages), constants, taken)
 
 
@@ -171,6 +166,20 @@ def _starting_point(
     view = search.views(look)[0]
     best = min((view.subsets.fit([s]) for s in view.linear.starts), key=lambda f: f.loss)
     return next(iter(best.effects(len(view.linear.own)).values()))
+
+
+def shares_of(squared: Sequence[float], floor: float) -> list[float]:
+    """What each step after the first takes of the squared error above the floor, NaN where there is none.
+
+    Calibrated to other recordings, constants may make it worse: effects that take that back take no more than all.
+
+    Args:
+        squared: of the nominal model, the calibrated one, and with one effect more each.
+        floor: squared error below which it falls by chance only.
+    """
+    above, pairs = max(squared[:2]) - floor, pairwise(squared)
+    gone = (a - (max(b, floor) if a > floor else b) for a, b in pairs)
+    return [g / above if above > 0 else float("nan") for g in gone]
 
 
 def pooled(error: ByGroup, scale: dict[str, float]) -> float:

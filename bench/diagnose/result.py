@@ -57,7 +57,7 @@ class NamedEffect:
     id: str
     parameters: dict[str, ParameterEstimate]
     share_explained: float
-    """(E²_before − E²_after) / (E²_nominal − E²_floor), pooled over scaled outputs."""
+    """(E²_before − E²_after) / (E²_nominal − E²_floor), pooled over scaled outputs; E²_calibrated where larger."""
     error_before: ByGroup
     error_after: ByGroup
     indistinguishable_from: tuple[str, ...] = ()

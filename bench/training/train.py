@@ -169,6 +169,8 @@ class Group:
     def _train_only(self, active: list[int]) -> None:
         """Go on with these runs; the rows are theirs, in this order."""
         self.active = active
+        if not active:  # a network without a model dimension has no row left that its weights could be
+            return
         self.gradient = torch.zeros_like(self.theta)
         self.gradients, weights = self.named(self.gradient), self.named(self.theta)
         self.parameters = dict(self.network.named_parameters())

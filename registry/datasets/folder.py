@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from registry.contracts import Dataset, Loaded, Recording, Split
+from registry.contracts import Channel, Dataset, Loaded, Recording, Split
 from registry.core import DATASETS, option
 from registry.datasets.cleaning import resample
 from registry.datasets.folder_description import FolderDescription, SignalColumns, describe
@@ -19,7 +19,7 @@ from registry.datasets.rotations import (
     rotate,
     unit_quaternion,
 )
-from registry.datasets.signals import recording
+from registry.datasets.signals import channels, recording
 from registry.datasets.tables import ENDINGS, first_row, numbers
 from registry.errors import BenchError
 from registry.units import to_si
@@ -83,6 +83,15 @@ class Folder(Dataset):
     def processing(self) -> dict[str, Any]:  # type: ignore[override]
         """[processing]."""
         return self.description.processing
+
+    @property
+    def recorded(self) -> tuple[Channel, ...]:  # type: ignore[override]
+        """What the description says is in the files, inputs first, and the Euler rates that follow from it."""
+        drive, columns = self.inputs, {n: len(s.columns) for n, s in self.description.signals.items()}
+        if {"attitude", "body_rates"} <= set(columns):
+            columns.setdefault("euler_rates", 3)
+        ordered = sorted(columns, key=lambda n: n not in drive)
+        return tuple(c for n in ordered for c in channels(n, columns[n]))
 
     def read(self) -> Loaded:
         """See `Dataset.read`."""

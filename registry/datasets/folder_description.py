@@ -47,6 +47,8 @@ class FolderDescription:
     """Nominal constants, SI; "uncertainty" holds relative 1σ."""
     processing: dict[str, Any] = field(default_factory=dict)
     environment: dict[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    """What was taken for granted, in sentences."""
 
 
 def describe(folder: Path) -> FolderDescription:
@@ -99,7 +101,7 @@ def describe(folder: Path) -> FolderDescription:
     physics, processing = table.get("physics", {}), table.get("processing", {})
     environment = table.get("environment", {})
     parameters = model().parameters()
-    constants_of(f"{path} [physics]", parameters, {k: v for k, v in physics.items() if k != "uncertainty"})
+    given = constants_of(f"{path} [physics]", parameters, {k: v for k, v in physics.items() if k != "uncertainty"})
     _known(physics.get("uncertainty", {}), [p.name for p in parameters], f"{path} [physics.uncertainty]")
     _known(processing, ("smoothing", "noise"), f"{path} [processing]")
     _known(processing.get("noise", {}), signals, f"{path} [processing] noise")
@@ -119,10 +121,16 @@ def describe(folder: Path) -> FolderDescription:
         drive,
         hold,
         signals,
-        physics,
+        physics | given,
         processing,
         environment,
+        tuple(f"{k} were given as [x, y]: z = 0 was taken." for k, v in given.items() if _flat(physics[k], v)),
     )
+
+
+def _flat(given: Any, places: Any) -> bool:
+    """Whether places were given without their height."""
+    return isinstance(given, list) and isinstance(given[0], list) and len(given[0]) < len(places[0])
 
 
 def _signal(path: Path, name: str, entry: Any) -> SignalColumns:

@@ -77,8 +77,9 @@ class Effect(ABC):
 
     @classmethod
     def suits(cls, kind: Any) -> bool:
-        """Whether it acts in models of this class, a `PhysicsModel`."""
-        return not cls.systems or not kind.systems().isdisjoint(cls.systems)
+        """Whether it acts in models of this class, a `PhysicsModel`; one of the input does where there is an input."""
+        driven = bool(kind.input_signals) or not issubclass(cls, InputEffect)
+        return driven and (not cls.systems or not kind.systems().isdisjoint(cls.systems))
 
     @classmethod
     def neutral(cls) -> Self:

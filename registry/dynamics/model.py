@@ -19,6 +19,9 @@ from registry.errors import BenchError
 
 def unsuited(name: str, effect: Effect | type[Effect], kind: type[PhysicsModel]) -> str:
     """That an effect does not act in a model of this class, and what to do where the class is one's own."""
+    kinds = effect if isinstance(effect, type) else type(effect)
+    if issubclass(kinds, InputEffect) and not kind.input_signals:
+        return f"The effect {name} does not fit {kind.system_name()}: it acts on an input, and that has none."
     return (
         f"The effect {name} does not fit {kind.system_name()}: it is for {', '.join(effect.systems)}, and for a class "
         f'of your own that says alike = ("{effect.systems[0]}",).'

@@ -128,7 +128,7 @@ class WhiteBox:
 
     def _refuse_unknown_start(self, known: list[str]) -> None:
         states = self.model.state_channels
-        looked_at = {s for e in self.model.effects for s in e.needs} | set(_NEEDED)
+        looked_at = _looked_at(self.model)
         missing = [
             c.group
             for c in states
@@ -150,12 +150,16 @@ def default_signals(dataset: Dataset, file: str = "") -> tuple[Signals, Signals,
     drive = next((s for s in accepted if s in dataset.inputs), accepted[0] if accepted else None)
     inputs = (drive, *(e for e in model.extras if e in dataset.inputs)) if drive else dataset.inputs
     states = tuple(dict.fromkeys(c.group for c in model.state_channels))
-    if not isinstance(model, Quadrotor):  # whose data hold them all
-        states = tuple(s for s in states if s in measured_signals(dataset))
-    if not isinstance(model, RigidBody):
-        return inputs, states, ()
-    outputs = ("velocity", "body_rates")
-    return inputs, outputs, tuple(s for s in states if s not in outputs)
+    outputs = ("velocity", "body_rates") if isinstance(model, RigidBody) else ()
+    measured = measured_signals(dataset)
+    lacking = [s for s in states if s in _looked_at(model) and s not in measured] if outputs else []
+    if lacking:
+        raise BenchError(
+            f"{dataset.label} has no {' and no '.join(lacking)}, from which {type(model).system_name()} starts: a "
+            "network does without."
+        )
+    states = tuple(s for s in states if s in measured)
+    return inputs, outputs or states, tuple(s for s in states if s not in outputs) if outputs else ()
 
 
 def _accepted(model: PhysicsModel) -> tuple[str, ...]:
@@ -165,9 +169,16 @@ def _accepted(model: PhysicsModel) -> tuple[str, ...]:
     return model.input_signals
 
 
+def _looked_at(model: PhysicsModel) -> set[str]:
+    """States without which a rigid body does not start."""
+    return {s for e in model.effects for s in e.needs} | set(_NEEDED)
+
+
 @lru_cache(maxsize=4)
 def measured_signals(dataset: Dataset) -> frozenset[str]:
     """Names of the signals that every recording of the data set holds."""
+    if dataset.recorded:
+        return frozenset(c.group for c in dataset.recorded)
     return frozenset.intersection(*(frozenset(c.group for c in r.channels) for r in dataset.load().recordings))
 
 

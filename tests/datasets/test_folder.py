@@ -3,8 +3,10 @@ import gzip
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from bench.cli.data import data_command
 from registry.core import PHYSICS
 from registry.datasets.folder import Folder, check, draft
 from registry.errors import BenchError
@@ -56,6 +58,7 @@ def test_units_frames_and_conventions(folder):
     assert r.pick(["position"])[0] == pytest.approx(data[["x", "y", "z"]].to_numpy() / 1000)
     assert r.pick(["battery"])[0] == pytest.approx(data[["vbat"]].to_numpy() / 1000)
     assert r.pick(["velocity"])[0] == pytest.approx(rotation.apply(data[["vx", "vy", "vz"]].to_numpy().copy()))
+    assert r.channels == Folder(str(folder)).recorded  # as it is known before anything is read
     q = r.pick(["attitude"])[0]
     assert np.abs((q * rotation.as_quat()).sum(axis=1)) == pytest.approx(1)
     assert r.pick(["body_rates"])[0] == pytest.approx(np.deg2rad(data[["p", "q", "r"]].to_numpy()))
@@ -180,6 +183,12 @@ def torn_gzip(folder):
         (toml("mass = 0.5", "mass = 0"), ["[physics]", "mass = 0 must be at least 1e-06 kg"]),
         (toml("mass = 0.5", "inertia = [0.01, -0.01, 0.02]"), ["[physics]", "inertia", "at least 1e-09 kg m^2"]),
         (toml("mass = 0.5", "mass = [0.5]"), ["[physics]", "mass must be a finite number"]),
+        (toml("mass = 0.5", "inertia = [0.01, 0.02]"), ["[physics]", "inertia must be 3 numbers, not 2"]),
+        (toml("mass = 0.5", "rotor_positions = [[0.1, 0.1], [1, 1, 1]]"), ["rotor_positions", "list of places [x, y"]),
+        (
+            toml("mass = 0.5", "rotor_positions = [[1, 1], [2, 2]]\nrotor_directions = [1, -1, 1]"),
+            ["rotor_positions has 2 and rotor_directions has 3 rotors"],
+        ),
         (toml("mass = 0.01", 'mass = "little"'), ["[physics.uncertainty]", "mass must be a number from 0"]),
         (toml("mass = 0.01", "mass = -1"), ["[physics.uncertainty]", "mass must be a number from 0"]),
         (toml("gravity = 9.81", "gravty = 9.81"), ["[environment]", "did you mean gravity"]),
@@ -196,6 +205,13 @@ def test_every_mistake_is_one_sentence(folder, breakage, says):
     assert "\n" not in message
     for part in says:
         assert part in message
+
+
+def test_hubs_without_a_height_lie_in_the_plane(folder):
+    toml("mass = 0.5", "rotor_positions = [[0.1, 0.2], [-0.1, 0.3]]")(folder)
+    assert Folder(str(folder)).physics["rotor_positions"] == ((0.1, 0.2, 0.0), (-0.1, 0.3, 0.0))
+    shown = CliRunner().invoke(data_command, ["check", str(folder)])
+    assert "rotor_positions were given as [x, y]: z = 0 was taken." in shown.output
 
 
 def test_split_takes_the_last_fifth_and_needs_three(folder):

@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jsonschema
@@ -13,8 +14,20 @@ import pytest
 import samples
 from rich.console import Console
 
+from bench.cli.diagnosing import show_extension
+from bench.diagnose.extend import shares_of
 from bench.diagnose.report import story, words
-from bench.diagnose.result import Calibration, Diagnosis, ParameterEstimate, schema
+from bench.diagnose.report.words import gathered
+from bench.diagnose.result import (
+    Calibration,
+    DataProblem,
+    Diagnosis,
+    NamedEffect,
+    ParameterEstimate,
+    Stage,
+    schema,
+)
+from bench.diagnose.simulate.free_run import Group
 from registry.errors import BenchError
 
 VALIDATOR = jsonschema.Draft202012Validator(schema())
@@ -143,3 +156,50 @@ def test_constants_are_said_to_have_moved_where_their_interval_leaves_the_stated
         "Calibration moved stated constants: inertia about y by −5.0 % (−6.0 % to −4.0 %; 0.5 σ)."
     )
     assert "ratios of stated constants, of which either may be off: torque coefficient / inertia about z" in said(ratio)
+
+
+def test_what_effects_take_is_never_more_than_all() -> None:
+    # Calibration made it worse, and two effects end below the floor by chance.
+    taken, *shares = shares_of([1.0, 1.2, 0.5, 0.08], 0.1)
+    assert taken == pytest.approx(-0.2 / 1.1) and shares == pytest.approx([0.7 / 1.1, 0.4 / 1.1])
+    assert shares_of([1.0, 0.9, 0.6], 0.5) == pytest.approx([0.2, 0.6])
+    assert all(map(math.isnan, shares_of([0.1, 0.1, 0.1], 0.1)))
+
+
+def test_a_problem_that_many_recordings_have_is_one_line() -> None:
+    def found(name: str, kind: str, detail: str) -> DataProblem:
+        return DataProblem(name, "body_rates.p", kind, (3, 9), detail)
+
+    swapped = [found(f"flight_{i}", "swapped sign", "It is −p.") for i in range(5)]
+    spikes = [found("flight_7", "spike", "9 rad/s."), found("flight_8", "spike", "8 rad/s.")]
+    once = [found("flight_2", "frozen", "Held.")]
+    assert gathered([*swapped, *spikes, *once]) == [
+        "flight_0, flight_1 and 3 more, body rates p: swapped sign; It is −p.",
+        "flight_7 and flight_8, body rates p: spike; in flight_7: 9 rad/s.",
+        "flight_2, body rates p, samples 3 to 9: frozen; Held.",
+    ]
+
+
+def test_extending_prints_the_units_of_the_page() -> None:
+    console = Console(width=120, record=True, file=io.StringIO())
+    lag = NamedEffect("motor_lag", {"tau": ParameterEstimate(0.0412, 0.040, 0.0424, "s")}, 0.9, {}, {})
+    groups = (Group("attitude", "rad", (6, 7, 8, 9)), Group("body_rates", "rad/s", (10, 11, 12)))
+    stages = (
+        Stage("nominal", {"attitude": 0.1, "body_rates": 1.0}),
+        Stage("motor_lag", {"attitude": 0.01, "body_rates": 0.2}),
+    )
+    done = SimpleNamespace(comparison=SimpleNamespace(groups=groups), stages=stages, effects=(lag,))
+    show_extension(console, done)
+    shown = console.export_text()
+    for part in (
+        "attitude [deg]",
+        "body rates [deg/s]",
+        "5.73",
+        "57.3",
+        "+ motor_lag",
+        "0.573",
+        "11.5",
+        "41.2 ms (40.0 to",
+    ):
+        assert part in shown
+    assert "rad" not in shown

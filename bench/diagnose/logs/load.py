@@ -63,6 +63,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         {k: float(v) for k, v in dict(processing.get("noise", {})).items()},
         uncertainty,
         tuple(sorted(signals)),
+        dataset.description.notes if isinstance(dataset, Folder) else (),
     )
     return centred(subject)
 

@@ -11,17 +11,20 @@ from scipy.signal.windows import blackmanharris
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log, Subject
 from registry.contracts import Channel
+from registry.datasets.cleaning import runs
 
 DERIVED_FROM = {"velocity": "position", "body_rates": "attitude", "speed": "displacement", "angle_rate": "angle"}
 """Signals that are often read from the pose."""
 SEGMENT = 128
-"""Samples of a spectrum."""
+"""Samples of a spectrum; half or a quarter of them where no recording is as long."""
 QUIET = slice(SEGMENT // 4, SEGMENT // 2)
 """Frequencies of a spectrum, from a quarter to half the sampling rate, at which motion is small against noise."""
 UNLIKE = 0.35
 """Mean distance, in natural logarithms, from which no known filter has the spectrum that was found."""
 FAINT = 1e-4
 """Of a filter's largest gain: spectra are not believed to fall lower."""
+DIGITS = 1e-9
+"""Of a signal's largest value: files hold nine digits, and no noise is believed to be less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +59,12 @@ def noise_of(subject: Subject) -> Noise:
     """
     logs, channels = subject.logs, subject.model.state_channels
     measured = tuple(all(log.measured[i] for log in logs) for i in range(len(channels)))
-    height = {g: _height(logs, at) for g, at in channel_indices(channels, measured).items()}
+    places, length = channel_indices(channels, measured), _segment(logs)
+    height = {g: _height(logs, at, length) for g, at in places.items()}
     own = {g for g in subject.noise if g in DERIVED_FROM}  # a sensor of its own has noise of its own
     notes = []
     if subject.smoothing is None:
-        smoothing, fits = _filter(height)
+        smoothing, fits = _filter(height, length)
         what = f"{smoothing}" if fits else "no filter that is known here: none is assumed"
         notes.append(f"The filter that the measured states went through was estimated from their spectra: {what}.")
     else:
@@ -74,11 +78,12 @@ def noise_of(subject: Subject) -> Noise:
     for group, spectrum in height.items():
         if group in followers.values():
             continue
-        shapes, found = [_gain(smoothing, False)], [spectrum]
+        shapes, found = [_gain(smoothing, False, length)], [spectrum]
         if group in followers:
-            shapes.append(_gain(smoothing, True) * logs[0].rate ** 2)
+            shapes.append(_gain(smoothing, True, length) * logs[0].rate ** 2)
             found.append(height[followers[group]])
-        sigma[group] = subject.noise.get(group, _level(found, shapes) ** 0.5)
+        least = DIGITS * max(float(log.states[:, list(places[group])].abs().max()) for log in logs)
+        sigma[group] = max(least, subject.noise.get(group, _level(found, shapes) ** 0.5))
     if estimated := sorted(set(sigma) - set(subject.noise)):
         notes.append(f"The noise of {', '.join(estimated).replace('_', ' ')} was estimated from the spectra.")
     raw, processed = [], []
@@ -87,7 +92,7 @@ def noise_of(subject: Subject) -> Noise:
         weights = impulse_response(smoothing, is_derived)
         raw.append(0.0 if is_derived else of)
         processed.append(of * float(np.linalg.norm(weights)) * (logs[0].rate if is_derived else 1.0))
-    inputs, through = _input_noise(subject, replace(smoothing, derived=False))
+    inputs, through = _input_noise(subject, replace(smoothing, derived=False), length)
     if through.kind != "none":
         notes.append(f"The inputs show {through} as well.")
     return Noise(smoothing, derived, tuple(raw), tuple(processed), inputs, through, tuple(notes))
@@ -106,9 +111,9 @@ def impulse_response(s: Smoothing, derived: bool) -> np.ndarray:
 
 
 @lru_cache(maxsize=256)
-def _gain(s: Smoothing, derived: bool) -> np.ndarray:
+def _gain(s: Smoothing, derived: bool, length: int) -> np.ndarray:
     """Power (F,) that white noise of 1σ = 1 has after the filter, as `_spectrum` sees it through its taper."""
-    weights, taper = impulse_response(s, derived), _taper()
+    weights, taper = impulse_response(s, derived), _taper(length)
     n, lags = len(weights), np.arange(len(weights))
     own = np.correlate(weights, weights, "full")[n - 1 :]
     seen = own * np.array([taper[: SEGMENT - k] @ taper[k:] for k in lags]) / (taper @ taper)
@@ -117,20 +122,21 @@ def _gain(s: Smoothing, derived: bool) -> np.ndarray:
     return np.asarray(np.maximum(power, FAINT * power.max())[QUIET])
 
 
-@lru_cache(maxsize=1)
-def _taper() -> np.ndarray:
+@lru_cache(maxsize=3)
+def _taper(length: int) -> np.ndarray:
+    """Of ``length`` samples, with zeros up to `SEGMENT`."""
     # Its side lobes lie at -92 dB: slow motion does not leak into the quiet frequencies.
-    return np.asarray(blackmanharris(SEGMENT, sym=False))
+    return np.pad(blackmanharris(length, sym=False), (0, SEGMENT - length))
 
 
-def _filter(height: dict[str, np.ndarray]) -> tuple[Smoothing, bool]:
+def _filter(height: dict[str, np.ndarray], length: int) -> tuple[Smoothing, bool]:
     """The filter whose gain is most like the heights found, and whether it is like them at all."""
     best, least, unlike = Smoothing(), np.inf, np.inf
     height = {group: found for group, found in height.items() if found.min() > 0}
     for smoothing in _candidates():
         loss, distance = 0.0, []
         for group, found in height.items():
-            shape = _gain(smoothing, smoothing.derived and DERIVED_FROM.get(group) in height)
+            shape = _gain(smoothing, smoothing.derived and DERIVED_FROM.get(group) in height, length)
             shape = shape * _level([found], [shape])
             loss += float((np.log(shape) + found / shape).sum())
             distance.append(float(np.abs(np.log(found / shape)).mean()))
@@ -159,23 +165,29 @@ def channel_indices(channels: Sequence[Channel], measured: Sequence[bool]) -> di
     return found
 
 
-def _height(logs: Sequence[Log], at: Sequence[int]) -> np.ndarray:
+def _segment(logs: Sequence[Log]) -> int:
+    """Samples of a spectrum: `SEGMENT`, or less where no recording is as long without a gap."""
+    longest = max((b - a for log in logs for a, b in runs(log.valid.numpy())), default=0)
+    return next((n for n in (SEGMENT, SEGMENT // 2) if n <= longest), SEGMENT // 4)
+
+
+def _height(logs: Sequence[Log], at: Sequence[int], length: int) -> np.ndarray:
     """Mean power (F,) of a channel at quiet frequencies; white noise has its variance everywhere."""
-    out = _spectrum([log.states[:, list(at)].numpy() for log in logs], [log.valid.numpy() for log in logs])
+    out = _spectrum([log.states[:, list(at)].numpy() for log in logs], [log.valid.numpy() for log in logs], length)
     # About each axis: half the angle goes into a quaternion, three axes into its four numbers.
     return np.asarray((out.sum(-1) * 4 / 3 if len(at) == 4 else out.mean(-1))[QUIET])
 
 
-def _spectrum(series: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> np.ndarray:
-    """Typical power (F, c) of a segment; a median, so that bursts and spikes do not count."""
-    taper, parts = _taper(), []
-    line = np.linspace(-1, 1, SEGMENT)[:, None]
+def _spectrum(series: Sequence[np.ndarray], valid: Sequence[np.ndarray], length: int) -> np.ndarray:
+    """Typical power (F, c) of ``length`` samples; a median, so that bursts and spikes do not count."""
+    taper, parts = _taper(length)[:length], []
+    line = np.linspace(-1, 1, length)[:, None]
     for x, good in zip(series, valid, strict=True):
-        for k in range(0, len(x) - SEGMENT + 1, SEGMENT // 2):
-            if good[k : k + SEGMENT].all():
-                piece = x[k : k + SEGMENT] - x[k : k + SEGMENT].mean(0)
+        for k in range(0, len(x) - length + 1, length // 2):
+            if good[k : k + length].all():
+                piece = x[k : k + length] - x[k : k + length].mean(0)
                 piece = piece - line * (line * piece).sum(0) / (line**2).sum()
-                parts.append(np.abs(np.fft.rfft(piece * taper[:, None], axis=0)) ** 2 / (taper**2).sum())
+                parts.append(np.abs(np.fft.rfft(piece * taper[:, None], SEGMENT, axis=0)) ** 2 / (taper**2).sum())
     if not parts:  # too short to be heard
         return np.zeros((SEGMENT // 2 + 1, series[0].shape[1]))
     return np.asarray(np.median(parts, axis=0) / np.log(2))
@@ -187,15 +199,15 @@ def _level(found: Sequence[np.ndarray], shapes: Sequence[np.ndarray]) -> float:
     return float(np.median(ratios))
 
 
-def _input_noise(subject: Subject, smoothing: Smoothing) -> tuple[tuple[float, ...], Smoothing]:
+def _input_noise(subject: Subject, smoothing: Smoothing, length: int) -> tuple[tuple[float, ...], Smoothing]:
     """1σ (m,) of the inputs' noise, and the filter it went through: ``smoothing``, that of the states, or none."""
     model, logs = subject.model, subject.logs
     drives = logs[0].inputs.shape[1] - len(model.extras)
     still = (0.0,) * len(model.extras)
     if model.input_hold == "previous" or not drives:
         return (0.0,) * drives + still, Smoothing()  # commands are known
-    power = _spectrum([log.inputs[:, :drives].numpy() for log in logs], [log.valid.numpy() for log in logs])
-    white, shape = (_gain(s, False) for s in (Smoothing(), smoothing))
+    power = _spectrum([log.inputs[:, :drives].numpy() for log in logs], [log.valid.numpy() for log in logs], length)
+    white, shape = (_gain(s, False, length) for s in (Smoothing(), smoothing))
     mean = power[QUIET].mean(1)
     unlike, alike = (
         (float(np.abs(np.log(mean / (s * _level([mean], [s])))).mean()) for s in (white, shape))

@@ -56,9 +56,6 @@ def _regions(diagnosis: Diagnosis) -> list[str]:
 
 
 def _problems(diagnosis: Diagnosis) -> list[str]:
-    shown = [
-        f"  {p.recording}, {words.named(p.signal)}, {words.rows(p)}: {p.kind}; {p.detail}"
-        for p in diagnosis.data_problems[:4]
-    ]
-    more = len(diagnosis.data_problems) - len(shown)
-    return shown + ([f"  and {more} more in the report"] if more else [])
+    found = words.gathered(diagnosis.data_problems)
+    more = [f"  and {len(found) - 4} more in the report"] if len(found) > 4 else []
+    return [*(f"  {line}" for line in found[:4]), *more]

@@ -102,6 +102,23 @@ def rows(problem: DataProblem) -> str:
     return f"sample {first}" if first == end else f"samples {first} to {end}"
 
 
+def gathered(problems: Sequence[DataProblem]) -> list[str]:
+    """A line for every kind of problem of a signal: which recordings have it, and what it is in the first of them."""
+    alike: dict[tuple[str, str], list[DataProblem]] = {}
+    for p in problems:
+        alike.setdefault((p.signal, p.kind), []).append(p)
+    out = []
+    for (signal, kind), found in alike.items():
+        names, first = list(dict.fromkeys(p.recording for p in found)), found[0]
+        more = [f"{len(names) - 2} more"] if len(names) > 3 else []
+        where = listed([*(names[:2] if more else names), *more])
+        again = f", {len(found)} times" if len(found) > len(names) else ""
+        at = f", {rows(first)}" if len(found) == 1 else ""
+        detail = first.detail if len({p.detail for p in found}) == 1 else f"in {first.recording}: {first.detail}"
+        out.append(f"{where}, {named(signal)}{at}: {kind}{again}; {detail}")
+    return out
+
+
 @dataclass(frozen=True)
 class Fall:
     """How the error of one output group falls, as it is shown."""

@@ -194,6 +194,8 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
         measured |= {"rotor_speed", "rotor_command"}  # a command stands for the speed that it asks for
     measured |= {role for role, signals in _ROLES.items() if measured & signals}
     held = {EFFECTS.name_of(type(e)) for e in model.effects} | set(model.provides)
+    if issubclass(kind, InputEffect) and not type(model).input_signals:
+        return f"it acts on an input, and {type(model).system_name()} has none"
     if not kind.suits(type(model)):
         return f"it is an effect of {', '.join(kind.systems)}, not of {type(model).system_name()}"
     if "rotor_command" in kind.needs and getattr(model, "drive", "") not in ("rotor_command", "pwm"):
