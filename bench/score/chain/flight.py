@@ -51,13 +51,13 @@ def fly(
         wind: at every step.
     """
     steps, flights = wanted.shape[1] - 1, wanted.shape[2]
-    every, skipped = round(period / DT), round(BEFORE / DT)
-    pilot = Pilot(craft, gains(max(motors.up, motors.down) + motors.delay * DT, period), period, flights)
+    every, skipped, late = round(period / DT), round(BEFORE / DT), round(motors.delay / DT)
+    pilot = Pilot(craft, gains(motors.slowest, period), period, flights)
     state = np.zeros((body.size, flights))
     state[0:3] = wanted[0:3, 0]
     state[6], state[9] = np.cos(wanted[9, 0] / 2), np.sin(wanted[9, 0] / 2)
     speed = np.full((4, flights), craft.hover)
-    held = [speed] * (motors.delay + 1)
+    held = [speed] * (late + 1)
     noise = rng.normal(0, GYROSCOPE, (steps // every + 1, 3, flights))
     kept: list[tuple[Array, ...]] = []
     for k in range(steps):
@@ -65,7 +65,7 @@ def fly(
             held.append(pilot.command(state, state[W] + noise[k // every], wanted[:, k]))
         else:
             held.append(held[-1])
-        command = held[-1 - motors.delay]
+        command = held[-1 - late]
         speeds, spins = motors.step(speed, command, DT)
         t, air = (k - skipped) * DT, (wind[k], (wind[k] + wind[k + 1]) / 2, wind[k + 1])
         moments = tuple(Moment(t + i * DT / 2, speeds[i], spins[i], air[i]) for i in range(3))
