@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.score.chain.airframe import Airframe
-from bench.score.chain.body import Body, Moment, W
+from bench.score.chain.body import Body, Moment, W, moments
 from bench.score.chain.motors import Motors
 from bench.score.chain.pilot import Pilot, gains
 
@@ -68,13 +68,12 @@ def fly(
         command = held[-1 - late]
         speeds, spins = motors.step(speed, command, DT)
         t, air = (k - skipped) * DT, (wind[k], (wind[k] + wind[k + 1]) / 2, wind[k + 1])
-        moments = tuple(Moment(t + i * DT / 2, speeds[i], spins[i], air[i]) for i in range(3))
         if k >= skipped:
             kept.append((state, speeds[0], spins[0], held[-1], wind[k]))
-        state = body.step(state, moments, DT)
+        state = body.step(state, moments(t, speeds, spins, air, DT), DT)
         speed = speeds[2]
     parts = [np.stack(part) for part in zip(*kept, strict=True)]
-    return Truth(*parts, felt=_felt(body, parts))
+    return Truth(*parts, _felt(body, parts))
 
 
 def _felt(body: Body, parts: list[Array]) -> Array:
