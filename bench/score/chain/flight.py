@@ -67,18 +67,17 @@ def fly(
             held.append(held[-1])
         command = held[-1 - late]
         speeds, spins = motors.step(speed, command, DT)
-        t, air = (k - skipped) * DT, (wind[k], (wind[k] + wind[k + 1]) / 2, wind[k + 1])
+        t, blows = (k - skipped) * DT, (wind[k], (wind[k] + wind[k + 1]) / 2, wind[k + 1])
         if k >= skipped:
             kept.append((state, speeds[0], spins[0], held[-1], wind[k]))
-        state = body.step(state, moments(t, speeds, spins, air, DT), DT)
+        state = body.step(state, moments(t, speeds, spins, blows, DT), DT)
         speed = speeds[2]
-    parts = [np.stack(part) for part in zip(*kept, strict=True)]
-    return Truth(*parts, _felt(body, parts))
+    states, turning, spin, commands, air = (np.stack(part) for part in zip(*kept, strict=True))
+    return Truth(states, turning, spin, commands, air, _felt(body, states, turning, spin, air))
 
 
-def _felt(body: Body, parts: list[Array]) -> Array:
+def _felt(body: Body, states: Array, speed: Array, spin: Array, wind: Array) -> Array:
     """Specific force at every step (N, 3, B), all of them at once."""
-    states, speed, spin, _, wind = parts
     count, _, flights = states.shape
 
     def flat(x: Array) -> Array:
