@@ -82,7 +82,7 @@ BUILD = 0.08
 
 def specimen(rng: np.random.Generator, name: str) -> Airframe:
     """One vehicle as it was built."""
-    drawn, (mass, x, y, z, thrust, drag) = AIRFRAMES[name], 1 + rng.uniform(-BUILD, BUILD, 6)
+    drawn, (mass, x, y, z, thrust, drag) = AIRFRAMES[name], (1 + rng.uniform(-BUILD, BUILD, 6)).tolist()
     inertia = (drawn.inertia[0] * x, drawn.inertia[1] * y, drawn.inertia[2] * z)
     return replace(
         drawn,

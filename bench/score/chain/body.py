@@ -4,7 +4,7 @@ Written from the table of effects alone. States of many flights stand side by si
 velocity (3), attitude wxyz (4), body rates (3) and, with a load, its swing angles (2) and their rates (2).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,6 +97,18 @@ class Moment:
     """Its time derivative (4, B)."""
     wind: Array
     """World frame (3, B) [m/s]."""
+
+
+Step = tuple[Moment, Moment, Moment]
+"""What acts at the start, in the middle and at the end of a step."""
+
+
+def moments(
+    t: float | Array, speeds: Sequence[Array], spins: Sequence[Array], wind: Sequence[Array], dt: float
+) -> Step:
+    """Start, middle and end of the step from ``t``."""
+    a, b, c = (Moment(t + i * dt / 2, speeds[i], spins[i], wind[i]) for i in range(3))
+    return a, b, c
 
 
 class Body:
@@ -240,9 +252,9 @@ class Body:
         out[W] = self.inverse @ torque + self.crossed @ (rates[:, None] * rates[None]).reshape(9, -1)
         return out
 
-    def step(self, state: Array, moments: tuple[Moment, Moment, Moment], dt: float) -> Array:
+    def step(self, state: Array, during: Step, dt: float) -> Array:
         """One step of the classical Runge–Kutta method, with what acts at its start, middle and end."""
-        first, middle, last = moments
+        first, middle, last = during
         k1 = self.rates(state, first)
         k2 = self.rates(state + dt / 2 * k1, middle)
         k3 = self.rates(state + dt / 2 * k2, middle)

@@ -13,7 +13,7 @@ import numpy as np
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject
 from bench.score.case import Case
-from bench.score.chain import flight, folder, oracle, paths, recorder, turbulence
+from bench.score.chain import flight, folder, oracle, paths, pilot, recorder, turbulence
 from bench.score.chain.airframe import AIRFRAMES, Airframe, specimen
 from bench.score.chain.body import Body, Effects
 from bench.score.chain.motors import Motors
@@ -124,12 +124,14 @@ def motors(case: ChainCase) -> Motors:
         up, down = e["tau_up"], e["tau_down"]
     else:
         up, down = (0.0, 0.0) if "input_delay" in hidden else case.lag
-    return Motors(up, down, round(hidden.get("input_delay", {}).get("delay", 0.0) / flight.DT))
+    return Motors(up, down, hidden.get("input_delay", {}).get("delay", 0.0))
 
 
 def _flown(case: ChainCase, vessel: Body) -> flight.Truth:
     seconds, craft = case.seconds + flight.BEFORE + 0.1, vessel.craft
-    manner, lowest = paths.MANNERS[case.style], RADII * craft.radius + 0.15
+    drives, period = motors(case), 1 / case.control_hz
+    manner = paths.eased(paths.MANNERS[case.style], pilot.gains(drives.slowest, period).attitude)
+    lowest = RADII * craft.radius + 0.15
     asked = []
     for i in range(case.recordings):
         kind = paths.KINDS[i % len(paths.KINDS)]
@@ -146,7 +148,7 @@ def _flown(case: ChainCase, vessel: Body) -> flight.Truth:
     # The pilot was tuned on a vehicle that weighs and lifts what this one does.
     tuned = replace(craft, mass=vessel.mass, thrust=vessel.thrust_coefficient)
     rng = np.random.default_rng([case.flight_seed, 5])
-    return flight.fly(rng, vessel, tuned, motors(case), 1 / case.control_hz, wanted, wind)
+    return flight.fly(rng, vessel, tuned, drives, period, wanted, wind)
 
 
 def logging(case: ChainCase) -> recorder.Logging:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.score.chain.airframe import Airframe
-from bench.score.chain.body import Body, Moment, W
+from bench.score.chain.body import Body, Moment, W, moments
 from bench.score.chain.motors import Motors
 from bench.score.chain.pilot import Pilot, gains
 
@@ -51,13 +51,13 @@ def fly(
         wind: at every step.
     """
     steps, flights = wanted.shape[1] - 1, wanted.shape[2]
-    every, skipped = round(period / DT), round(BEFORE / DT)
-    pilot = Pilot(craft, gains(max(motors.up, motors.down) + motors.delay * DT, period), period, flights)
+    every, skipped, late = round(period / DT), round(BEFORE / DT), round(motors.delay / DT)
+    pilot = Pilot(craft, gains(motors.slowest, period), period, flights)
     state = np.zeros((body.size, flights))
     state[0:3] = wanted[0:3, 0]
     state[6], state[9] = np.cos(wanted[9, 0] / 2), np.sin(wanted[9, 0] / 2)
     speed = np.full((4, flights), craft.hover)
-    held = [speed] * (motors.delay + 1)
+    held = [speed] * (late + 1)
     noise = rng.normal(0, GYROSCOPE, (steps // every + 1, 3, flights))
     kept: list[tuple[Array, ...]] = []
     for k in range(steps):
@@ -65,21 +65,19 @@ def fly(
             held.append(pilot.command(state, state[W] + noise[k // every], wanted[:, k]))
         else:
             held.append(held[-1])
-        command = held[-1 - motors.delay]
+        command = held[-1 - late]
         speeds, spins = motors.step(speed, command, DT)
-        t, air = (k - skipped) * DT, (wind[k], (wind[k] + wind[k + 1]) / 2, wind[k + 1])
-        moments = tuple(Moment(t + i * DT / 2, speeds[i], spins[i], air[i]) for i in range(3))
+        t, blows = (k - skipped) * DT, (wind[k], (wind[k] + wind[k + 1]) / 2, wind[k + 1])
         if k >= skipped:
             kept.append((state, speeds[0], spins[0], held[-1], wind[k]))
-        state = body.step(state, moments, DT)
+        state = body.step(state, moments(t, speeds, spins, blows, DT), DT)
         speed = speeds[2]
-    parts = [np.stack(part) for part in zip(*kept, strict=True)]
-    return Truth(*parts, felt=_felt(body, parts))
+    states, turning, spin, commands, air = (np.stack(part) for part in zip(*kept, strict=True))
+    return Truth(states, turning, spin, commands, air, _felt(body, states, turning, spin, air))
 
 
-def _felt(body: Body, parts: list[Array]) -> Array:
+def _felt(body: Body, states: Array, speed: Array, spin: Array, wind: Array) -> Array:
     """Specific force at every step (N, 3, B), all of them at once."""
-    states, speed, spin, _, wind = parts
     count, _, flights = states.shape
 
     def flat(x: Array) -> Array:

@@ -14,8 +14,13 @@ class Motors:
     up: float
     """Time constant when the speed rises [s]; 0: at once."""
     down: float
-    delay: int = 0
-    """Dead time, in whole steps of the integration, so that commands switch between two of them."""
+    delay: float = 0.0
+    """Dead time [s]; a whole number of steps of the integration, so that commands switch between two of them."""
+
+    @property
+    def slowest(self) -> float:
+        """Time that an answer takes at most [s]."""
+        return max(self.up, self.down) + self.delay
 
     def step(self, speed: Array, command: Array, dt: float) -> tuple[tuple[Array, Array, Array], tuple[Array, ...]]:
         """Speeds (4, B) at start, middle and end of a step under one command, and their time derivatives."""

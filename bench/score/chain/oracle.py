@@ -4,7 +4,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from bench.score.chain.body import Body, Moment, P, Q, V, W
+from bench.score.chain.body import Body, P, Q, V, W, moments
 from bench.score.chain.flight import DT, Truth
 from bench.score.chain.sensors import Estimate
 
@@ -47,8 +47,8 @@ def squared(truth: Truth, known: Estimate, body: Body, removed: Collection[str])
     for j in range(steps):
         first, last = speeds[k + j, :, b].T, speeds[k + j + 1, :, b].T
         middle, spin = (first + last) / 2, (last - first) / DT
-        moments = tuple(Moment((k + j) * DT + i * DT / 2, w, spin, wind) for i, w in enumerate((first, middle, last)))
-        state = model.step(state, moments, DT)
+        during = moments((k + j) * DT, (first, middle, last), [spin] * 3, [wind] * 3, DT)
+        state = model.step(state, during, DT)
         error = (state - truth.state[k + j + 1, : model.size, b].T)[[3, 4, 5, 10, 11, 12]] / scale
         total += float((error**2).mean())
     return total / steps

@@ -1,10 +1,12 @@
 """Where the pilot is asked to fly: way-points, circles, figures of eight, sums of sines, each with a yaw of its own."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 Array = np.ndarray
+AGILE = 6.0
+"""Bandwidth of an attitude loop that can follow any of the manners [1/s]."""
 KINDS = ("sines", "waypoints", "circle", "lemniscate")
 
 
@@ -29,6 +31,11 @@ MANNERS = {
 }
 
 
+def eased(manner: Manner, bandwidth: float) -> Manner:
+    """What a vehicle can follow whose attitude loop has this bandwidth [1/s]: slow ones are asked for less."""
+    return replace(manner, acceleration=manner.acceleration * min(1.0, bandwidth / AGILE))
+
+
 def path(rng: np.random.Generator, kind: str, manner: Manner, lowest: float, seconds: float, dt: float) -> Array:
     """Position (3), velocity (3), acceleration (3), yaw and yaw rate as rows (11, N) from a start at rest."""
     t = np.arange(round(seconds / dt) + 1) * dt
@@ -50,8 +57,9 @@ def _ramp(t: Array, length: float) -> Array:
 
 
 def _faded(wave: Array, begin: Array) -> Array:
-    """``wave`` times ``begin``, with the derivatives of the product."""
+    """``wave`` from its first point on, times ``begin``, with the derivatives of the product."""
     (f, f1, f2), (g, g1, g2) = wave, begin
+    f = f - f[0]
     return np.stack([f * g, f1 * g + f * g1, f2 * g + 2 * f1 * g1 + f * g2])
 
 
@@ -76,7 +84,7 @@ def _circle(rng: np.random.Generator, manner: Manner, t: Array) -> tuple[Array, 
     speed, acceleration = manner.speed * rng.uniform(0.7, 1), manner.acceleration * rng.uniform(0.5, 0.8)
     radius, way = speed**2 / acceleration, rng.choice([-1.0, 1.0])
     rate = speed / radius
-    wobble = _sine(0.35 * rate / 0.5, 0.5 * rng.uniform(0.7, 1.3), rng.uniform(0, 2 * np.pi), t)
+    wobble = _sine(0.15 * rate / 0.5, 0.5 * rng.uniform(0.7, 1.3), rng.uniform(0, 2 * np.pi), t)
     angle = way * (rate * t + wobble[0]) + rng.uniform(0, 2 * np.pi)
     turn, slew = way * (rate + wobble[1]), way * wobble[2]
     c, s = np.cos(angle), np.sin(angle)

@@ -19,7 +19,11 @@ class Gains:
     rate: float
     attitude: float
     velocity: float
+    """Horizontal, as is the next."""
     position: float
+    climb: float
+    """Of the vertical velocity: thrust needs no turn of the body."""
+    height: float
     yaw: float
 
 
@@ -27,7 +31,7 @@ def gains(lag: float, period: float) -> Gains:
     """What motors of time constant ``lag`` and a controller of ``period`` bear with a margin [s]."""
     rate = min(1 / (1.6 * (lag + 1.2 * period)), 28.0)
     attitude = rate / 2.4
-    return Gains(rate, attitude, attitude / 2.6, attitude / 6, attitude / 3)
+    return Gains(rate, attitude, attitude / 2.6, attitude / 6, rate / 3, rate / 9, attitude / 3)
 
 
 class Pilot:
@@ -48,21 +52,23 @@ class Pilot:
         self.unmix = np.linalg.inv(mixing)
         self.inertia = np.array(craft.inertia)[:, None]
         self.greatest = craft.power * craft.mass * GRAVITY / 4
+        self.place = np.array([[tuned.position], [tuned.position], [tuned.height]])
+        self.pace = np.array([[tuned.velocity], [tuned.velocity], [tuned.climb]])
         self.drift = np.zeros((3, flights))
         self.trim = np.zeros((3, flights))
 
     def command(self, state: Array, felt: Array, wanted: Array) -> Array:
         """Rotor speeds (4, B) [rad/s] for a state, body rates as ``felt`` (3, B) and ``wanted`` (11, B)."""
         k = self.tuned
-        slip = wanted[3:6] + k.position * (wanted[0:3] - state[P]) - state[V]
-        self.drift = np.clip(self.drift + 0.3 * k.velocity * self.period * slip, -4, 4)
-        push = wanted[6:9] + k.velocity * slip + self.drift
+        slip = wanted[3:6] + self.place * (wanted[0:3] - state[P]) - state[V]
+        self.drift = np.clip(self.drift + 0.3 * self.pace * self.period * slip, -4, 4)
+        push = wanted[6:9] + self.pace * slip + self.drift
         push[2] += GRAVITY
         push[2] = np.maximum(push[2], 0.3 * GRAVITY)
         level = np.sqrt((push[:2] ** 2).sum(0))
         push[:2] *= np.minimum(1, np.tan(TILT) * push[2] / np.maximum(level, 1e-9))
         turn = rotation(state[Q])
-        lift = self.craft.mass * (push * turn[:, 2]).sum(0)
+        lift = self.craft.mass * push[2] / np.maximum(turn[2, 2], 0.4)
         turning = self._turning(turn, push, wanted)
         error = turning - felt
         self.trim = np.clip(self.trim + 0.8 * k.rate * self.period * error, -25, 25)
