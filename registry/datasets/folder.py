@@ -192,7 +192,9 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
 def _rest(first: int, end: int, samples: int, rate: float) -> str:
     """What is said of samples without flight."""
     where = "before take-off" if first == 0 else "after landing" if end == samples else "on the ground"
-    return f"samples {first} to {end - 1} ({(end - first) / rate:.1f} s) are {where}: left out, with {MARGIN:g} s beside"
+    return (
+        f"samples {first} to {end - 1} ({(end - first) / rate:.1f} s) are {where}: left out, with {MARGIN:g} s beside"
+    )
 
 
 def _attitude(file: Path, values: np.ndarray, signal: SignalColumns) -> np.ndarray:

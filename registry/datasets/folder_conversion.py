@@ -1,4 +1,4 @@
-"""From the columns of a file, as a dataset.toml reads them, to signals in SI, world z up, body x forward, y left, z up."""
+"""From the columns of a file to signals in SI and in the frames of this project, as a dataset.toml says."""
 
 from collections.abc import Mapping
 

@@ -50,7 +50,11 @@ class Set:
         own = {line.split(" = ", 1)[0]: line for line in mend}
         head = ['name = "set"', 'system = "quadrotor"', f"rate_hz = {self.rate:g}", 'files = "*.csv"', 'time = "t"']
         head.append(own.pop("input", f'input = "{self.drive}"'))
-        lines = [own.pop(n, self._line(n)) for n in self.columns if n in self.logs[0] and not (n == self.drive and "pwm" in own)]
+        lines = [
+            own.pop(n, self._line(n))
+            for n in self.columns
+            if n in self.logs[0] and not (n == self.drive and "pwm" in own)
+        ]
         lines += [own.pop("pwm")] if "pwm" in own else []
         constants = [own.pop(n, f"{n} = {json.dumps(v)}") for n, v in self.physics.items()]
         text = [*head, "[signals]", *lines, "[physics]", *constants, *own.values()]
@@ -63,7 +67,7 @@ class Set:
 
 
 def flown(vehicle: str, cache: Path, recordings: int = 4, seconds: float = 12.0, seed: int = 0) -> Set:
-    """Flights with drag: a Hummingbird and a Crazyflie of RotorPy's, this one with motors that lag, or a Pelican twin."""
+    """Flights with drag: a Hummingbird and a Crazyflie (with motors that lag) of RotorPy's, or a Pelican twin."""
     if vehicle == "pelican":
         data = DATASETS.get("pelican_twin")().load().recordings
         chosen = [r for r in data if "aggressive" in r.name or "moderate" in r.name] or list(data)
@@ -77,18 +81,32 @@ def flown(vehicle: str, cache: Path, recordings: int = 4, seconds: float = 12.0,
         drive = "rotor_command" if vehicle == "crazyflie" else "rotor_speed"
         hidden = {"rotor_drag": {"k_d": 1.19e-4 if vehicle == "hummingbird" else 5.1e-6}}
         hidden |= {"motor_lag": {"tau_up": 0.05, "tau_down": 0.05}} if vehicle == "crazyflie" else {}
-        case = Case(vehicle, vehicle, "aggressive", hidden, drive=drive, recordings=recordings, seconds=seconds, flight_seed=40 + seed)
-        logs, physics = [{n: v for n, v in log.items() if n in COLUMNS or n == "t"} for log in fly(case, cache)], nominal(case)
+        case = Case(
+            vehicle,
+            vehicle,
+            "aggressive",
+            hidden,
+            drive=drive,
+            recordings=recordings,
+            seconds=seconds,
+            flight_seed=40 + seed,
+        )
+        logs, physics = (
+            [{n: v for n, v in log.items() if n in COLUMNS or n == "t"} for log in fly(case, cache)],
+            nominal(case),
+        )
         for log in logs:
             log.pop("rotor_speed" if drive == "rotor_command" else "rotor_command")
     for i, log in enumerate(logs):
         log["specific_force"] = accelerometer(log, np.random.default_rng([seed, i]))
-    return Set(logs, drive, dict(physics), columns={n: (list(c), dict(h)) for n, (c, h) in COLUMNS.items() if n in logs[0]})
+    return Set(
+        logs, drive, dict(physics), columns={n: (list(c), dict(h)) for n, (c, h) in COLUMNS.items() if n in logs[0]}
+    )
 
 
 def accelerometer(log: Log, rng: np.random.Generator) -> np.ndarray:
     """What the flight is felt like (N, 3) [m/s²], with a sensor's noise."""
-    a = savgol_filter(log["velocity"], 7, 2, deriv=1, delta=0.01, axis=0) + [0, 0, 9.81]
+    a = savgol_filter(log["velocity"], 7, 2, deriv=1, delta=0.01, axis=0) + np.array([0, 0, 9.81])
     felt: np.ndarray = Rotation.from_quat(log["attitude"]).inv().apply(a) + rng.normal(0, 0.1, a.shape)
     return felt
 
@@ -193,7 +211,11 @@ MISTAKES: dict[str, tuple[tuple[Callable[[Set], object], str, str], ...]] = {
         (lambda s: _euler(s, "XYZ"), "euler convention", "attitude"),
     ),
     "north-east-down": (
-        (each(lambda log: _flip(log, ("position", "velocity", "attitude", "body_rates", "specific_force"))), "frame", "position"),
+        (
+            each(lambda log: _flip(log, ("position", "velocity", "attitude", "body_rates", "specific_force"))),
+            "frame",
+            "position",
+        ),
         (each(lambda log: _flip(log, ("position", "velocity"))), "frame", "position"),
         (each(lambda log: _flip(log, ("body_rates",))), "frame", "body_rates"),
         (each(lambda log: _flip(log, ("attitude",))), "frame", "attitude"),

@@ -76,7 +76,11 @@ def clocks(recorded: Recorded, carried: bool = True) -> list[Mistake]:
     """
     reading, rate = recorded.reading, recorded.rate
     least = max(SAMPLES, TIME * rate)
-    found = [lag for pair in (_PAIRS if carried else _PAIRS[:2]) if (lag := _lag(recorded.flights, reading, pair)) is not None]
+    found = [
+        lag
+        for pair in (_PAIRS if carried else _PAIRS[:2])
+        if (lag := _lag(recorded.flights, reading, pair)) is not None
+    ]
     for flight in recorded.flights:
         flight.forget()
     wrong = [f for f in found if abs(f.middle) > least or f.spread > least]
@@ -102,6 +106,7 @@ def clocks(recorded: Recorded, carried: bool = True) -> list[Mistake]:
 
 def _effect(lag: _Lag, group: Sequence[str]) -> int:
     """What a sample by which ``group`` is late does to this lag."""
+
     def late(side: Sequence[str]) -> bool:
         return any(s in group for s in side)
 

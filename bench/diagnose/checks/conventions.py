@@ -1,15 +1,15 @@
 """Signs, axes, units, frames and orders: which change of dataset.toml makes signals agree that do not."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from bench.diagnose.checks.edits import Edit, edits
-from bench.diagnose.checks.recorded import Flight, Reading, Recorded
-from bench.diagnose.checks.relations import CARRIED, KINEMATIC, Relation, lifting, misfit
-from bench.diagnose.checks.rotors import lag_of, torque
 from bench.diagnose.checks.mistake import Mistake, lines
+from bench.diagnose.checks.recorded import Flight, Reading, Recorded, joined
+from bench.diagnose.checks.relations import CARRIED, KINEMATIC, Relation, lifting, misfit
+from bench.diagnose.checks.rotors import pace_of, torque
 
 Array = np.ndarray
 
@@ -27,8 +27,17 @@ ROTORS = ("rotor_speed", "rotor_command", "pwm")
 """Inputs that are one a rotor."""
 ALIKE = 0.15
 """Total misfit between two changes that are told together: either may be right."""
-PROBE, FEW_FLIGHTS, KEPT = 12.0, 4, 16
+SURE = 0.12
+"""Misfit below which two signals agree beyond doubt."""
+PROBE, PROBED, KEPT = 6.0, 4, 10
 """Seconds of each of so many recordings on which all changes are tried, and how many are tried on everything."""
+_SIDES = {
+    "turning": (("attitude",), ("body_rates",)),
+    "moving": (("position",), ("velocity",)),
+    "tilting": (("attitude",), ("velocity", "position")),
+}
+SAME = 1e-6
+"""Total misfit between changes that are the same by another name."""
 PASSES = 4
 """Mistakes of one folder that are looked for, one after the other."""
 
@@ -88,12 +97,15 @@ def _relations(recorded: Recorded, carried: bool) -> list[Relation]:
         if (moving or "specific_force" in known) and reading.drive in ROTORS:
             among.append(lifting(reading.drive))
         if "body_rates" in known and reading.positions:
-            among.append(torque(reading.drive, lag_of(recorded.flights, reading)))
+            among.append(torque(reading.drive, pace_of(recorded.flights, reading)))
     return among
 
 
 def _score(
-    flights: Sequence[Flight], reading: Reading, relations: Sequence[Relation], known: _Scores | None = None,
+    flights: Sequence[Flight],
+    reading: Reading,
+    relations: Sequence[Relation],
+    known: _Scores | None = None,
     changed: Sequence[str] = (),
 ) -> _Scores:
     """Misfits of all relations; those that use nothing that ``changed`` are as ``known``."""
@@ -124,8 +136,9 @@ def _best(
     if not wrong:
         return None
     signals = list(dict.fromkeys(n for r in wrong for n in (*r.needs, *r.either)))
+    among = [e for e in edits(reading, signals) if not _breaks(e, reading, relations, before)]
     tried = []
-    for edit in _promising(flights, reading, relations, edits(reading, signals)):
+    for edit in _promising(flights, reading, relations, among):
         after = _score(flights, edit.reading, relations, before, edit.signals)
         if _plain(relations, before, after):
             tried.append((after.total() + edit.cost, len(tried), edit, after))
@@ -133,19 +146,37 @@ def _best(
         return None
     tried.sort(key=lambda t: t[:2])
     least, _, edit, after = tried[0]
-    others = [e for total, _, e, _ in tried[1:] if total < least + ALIKE and (e.kind, e.signals) != (edit.kind, edit.signals)]
+    others = [
+        e
+        for total, _, e, scores in tried[1:]
+        if total < least + ALIKE
+        and (e.kind, e.signals) != (edit.kind, edit.signals)
+        and abs(scores.total() - after.total()) > SAME
+    ]
     return edit, after, others
 
 
+def _breaks(edit: Edit, reading: Reading, relations: Sequence[Relation], before: _Scores) -> bool:
+    """Whether it changes one of two signals that agree beyond doubt, and not the other."""
+    for relation in relations:
+        if relation.name in _SIDES and (before.middle()[relation.name] < SURE).all():
+            one, other = ([n for n in side if n in reading.signals][:1] for side in _SIDES[relation.name])
+            if any(n in edit.signals for n in one) != any(n in edit.signals for n in other):
+                return True
+    return False
+
+
 def _promising(
-    flights: Sequence[Flight], reading: Reading, relations: Sequence[Relation], among: Iterable[Edit]
+    flights: Sequence[Flight], reading: Reading, relations: Sequence[Relation], among: Sequence[Edit]
 ) -> list[Edit]:
     """Those that do best on a few seconds of a few recordings: hundreds are tried."""
-    step = max(1, len(flights) // FEW_FLIGHTS)
-    probes = [f.part(PROBE) for f in flights[::step][:FEW_FLIGHTS]]
-    before = _score(probes, reading, relations)
+    step = max(1, len(flights) // PROBED)
+    probe = [joined([f.part(PROBE) for f in flights[::step][:PROBED]])]
+    before = _score(probe, reading, relations)
     level = before.total()
-    totals = [(_score(probes, e.reading, relations, before, e.signals).total() + e.cost, i, e) for i, e in enumerate(among)]
+    totals = [
+        (_score(probe, e.reading, relations, before, e.signals).total() + e.cost, i, e) for i, e in enumerate(among)
+    ]
     return [e for total, _, e in sorted(totals, key=lambda t: t[:2])[:KEPT] if total < level - FALL / 2]
 
 

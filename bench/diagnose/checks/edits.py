@@ -124,7 +124,11 @@ def _gravity(reading: Reading, turned: bool) -> Iterator[Edit]:
         ("included", "removed") if turned else ("included",),
     ):
         changed = replace(
-            now, unit=unit, columns=columns, frame="" if frame == "body" else frame, gravity=gravity.replace("included", "")
+            now,
+            unit=unit,
+            columns=columns,
+            frame="" if frame == "body" else frame,
+            gravity=gravity.replace("included", ""),
         )
         if changed == now:
             continue
@@ -140,7 +144,9 @@ def _gravity(reading: Reading, turned: bool) -> Iterator[Edit]:
         changes = (gravity != (now.gravity or "included"), unit != now.unit, columns != now.columns)
         kind = next((k for k, c in zip(("gravity", "unit", "swapped sign"), changes, strict=True) if c), "frame")
         cost = SOME * (len(said) - 1) + ODD * (frame == "ned")
-        yield Edit(kind, ("specific_force",), ", ".join(said), reading.with_signal("specific_force", **vars(changed)), cost)
+        yield Edit(
+            kind, ("specific_force",), ", ".join(said), reading.with_signal("specific_force", **vars(changed)), cost
+        )
 
 
 # ------------------------------------------------------------------------------------------------ axes and signs
@@ -152,6 +158,8 @@ def _axes(reading: Reading, names: Sequence[str]) -> Iterator[Edit]:
         for signs in product((1, -1), repeat=3):
             if order == (0, 1, 2) and signs == (1, 1, 1):
                 continue
+            if len(names) > 1 and (order[2] != 2 or signs[2] < 0):
+                continue  # of several signals at once, only another heading of the world
             changed = reading
             for name in names:
                 columns = reading.signals[name].columns
@@ -235,7 +243,9 @@ def _rotors(reading: Reading) -> Iterator[Edit]:
     for swapped, sx, sy in product((False, True), (1, -1), (1, -1)):
         if (swapped, sx, sy) != (False, 1, 1):
             hubs = tuple((sx * (y if swapped else x), sy * (x if swapped else y), z) for x, y, z in _whole(reading))
-            what = ", ".join((["x and y swapped"] if swapped else []) + [f"{a} negative" for a, s in (("x", sx), ("y", sy)) if s < 0])
+            what = ", ".join(
+                (["x and y swapped"] if swapped else []) + [f"{a} negative" for a, s in (("x", sx), ("y", sy)) if s < 0]
+            )
             yield Edit("rotor positions", (reading.drive,), what, replace(reading, positions=hubs), SOME)
 
 

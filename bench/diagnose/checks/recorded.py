@@ -1,4 +1,4 @@
-"""Recordings as their files have them, and how a dataset.toml reads them: what a mistake of reading is looked for in."""
+"""Recordings as their files have them, and how a dataset.toml reads them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 Array = np.ndarray
 T = TypeVar("T")
 
-MOST = 12
+MOST = 8
 """Recordings that are looked at, spread over all."""
-LONGEST = 40.0
+LONGEST = 30.0
 """Of each, from its middle [s]."""
 
 
@@ -75,7 +75,8 @@ class Flight:
         signal = reading.signals[name]
         if (name, signal) not in self._kept:
             values = own_units(self.columns, signal)
-            self._kept[name, signal] = unit_quaternion(attitude(values, signal)) if name == "attitude" else values
+            values = unit_quaternion(attitude(values, signal)) if name == "attitude" else values
+            self._kept[name, signal] = _earlier(values, signal.delay * self.rate) if signal.delay else values
         return self._kept[name, signal]
 
     def part(self, seconds: float) -> "Flight":
@@ -88,6 +89,22 @@ class Flight:
     def forget(self) -> None:
         """Drop what was converted."""
         self._kept.clear()
+
+
+def _earlier(values: Array, samples: float) -> Array:
+    """What was logged late (N, c), put back by a number of samples; the ends repeat."""
+    at = np.arange(len(values))
+    return np.stack([np.interp(at + samples, at, v) for v in values.T], axis=1)
+
+
+def joined(flights: Sequence[Flight]) -> Flight:
+    """Flights one after the other as one; nothing that spans two of them is valid."""
+    columns = {n: np.concatenate([f.columns[n] for f in flights]) for n in flights[0].columns}
+    valid = np.concatenate([f.valid for f in flights])
+    ends = np.cumsum([len(f) for f in flights])
+    valid[ends - 1] = False
+    valid[ends[:-1]] = False
+    return Flight(flights[0].name, flights[0].rate, columns, valid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +164,7 @@ def _as_read(recordings: Sequence[Recording]) -> dict[str, SignalColumns]:
     for name in dict.fromkeys(c.group for c in recordings[0].channels):
         channels = [c for c in recordings[0].channels if c.group == name]
         common = all({c.name for c in channels} <= {c.name for c in r.channels} for r in recordings)
-        if common and len(channels) >= len(SIGNALS[name].axes):
+        if common and name in SIGNALS and len(channels) >= len(SIGNALS[name].axes):
             convention = "quaternion_xyzw" if name == "attitude" else ""
             out[name] = SignalColumns(tuple(c.name for c in channels), channels[0].unit, convention)
     return out
@@ -181,5 +198,3 @@ def _spread(of: Sequence[T]) -> list[T]:
 def flying(system: str) -> bool:
     """Whether a system is pushed along its own z axis by rotors, as a quadrotor is."""
     return system in PHYSICS.names() and hasattr(PHYSICS.get(system), "rotor_thrust")
-
-

@@ -24,13 +24,10 @@ WINDOW = 0.3
 """Over which changes are compared [s]."""
 HALF = 0.06
 """Half of the time over which an acceleration is the change of the velocity [s]."""
-BURST = 0.05
-"""Torques are compared with the change of the change of the body rates over this time [s]: what moves slowly with the
-speed of flight, such as drag and flapping, falls out."""
-LAGS = (0.0, 0.02, 0.04, 0.08, 0.15)
-"""Of first order, with which rotors may follow what is logged of them [s]."""
 FEW = 60
 """Samples that are too few to judge."""
+STRIDE = 3
+"""Of the samples that are compared: windows overlap."""
 TAIL = 0.01
 """Share of the samples at either end that are brought in to their neighbours' size."""
 
@@ -57,15 +54,17 @@ class Relation:
 
 def misfit(measured: Array, said: Array) -> Array:
     """Of each axis (c,) of (N, c); the largest samples count no more than those that one in a hundred exceeds."""
-    m, s = _calmed(measured), _calmed(said)
+    m, s = calmed(measured[::STRIDE]), calmed(said[::STRIDE])
     size = (m * m + s * s).sum(axis=0)
     out: Array = np.where(size > 0, ((m - s) ** 2).sum(axis=0) / np.where(size > 0, size, 1.0), 1.0)
     return out
 
 
-def _calmed(x: Array) -> Array:
-    low, high = np.quantile(x, [TAIL, 1 - TAIL], axis=0)
-    return np.clip(x, low, high)
+def calmed(x: Array) -> Array:
+    """Columns (N, c) of which the largest samples are brought in; see `TAIL`."""
+    ordered = np.sort(x, axis=0)
+    count = int(TAIL * len(x))
+    return np.clip(x, ordered[count], ordered[-1 - count])
 
 
 # ---------------------------------------------------------------------------------------------------- kinematics
@@ -187,12 +186,12 @@ def bursts(x: Array, length: int) -> Array:
     return np.asarray(x[2 * length :] - 2 * x[length:-length] + x[: -2 * length])
 
 
-def kicks(flight: Flight, rates: Array, thrusts: Array) -> tuple[Array, Array, Array] | None:
+def kicks(flight: Flight, rates: Array, thrusts: Array, burst: float) -> tuple[Array, Array, Array] | None:
     """What bodies and rotors do in bursts: (K, 3) of the rates, (K, m) of ∫ thrust, (K, m) of the root of the thrust.
 
-    Where too little is valid, None.
+    The change of the change over ``burst`` [s]; None where too little is valid.
     """
-    length = max(1, round(BURST * flight.rate))
+    length = max(1, round(burst * flight.rate))
     inside = _within(flight.valid, 2 * length)
     if inside.sum() < FEW:
         return None
@@ -231,6 +230,4 @@ CARRIED = (
 
 def lifting(drive: str) -> Relation:
     """Thrust against what is felt of it."""
-    return Relation(
-        "lifting", (drive,), ("velocity", "position", "specific_force"), ("z",), _lifting, firm=False
-    )
+    return Relation("lifting", (drive,), ("velocity", "position", "specific_force"), ("z",), _lifting, firm=False)

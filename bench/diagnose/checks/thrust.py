@@ -9,7 +9,8 @@ import numpy as np
 from bench.diagnose.checks.conventions import ROTORS
 from bench.diagnose.checks.mistake import Mistake, lines
 from bench.diagnose.checks.recorded import Flight, Reading, Recorded
-from bench.diagnose.checks.relations import LAGS, boxed, felt, followed
+from bench.diagnose.checks.relations import boxed, felt, followed
+from bench.diagnose.checks.rotors import LAGS
 from registry.units import to_si
 
 Array = np.ndarray
@@ -91,8 +92,9 @@ def _deaf(forces: Sequence[_Force], reading: Reading) -> Mistake | None:
         return None
     r, size = (float(np.median(v)) for v in zip(*((f.correlation, f.needed.std()) for f in moved), strict=True))
     detail = (
-        f"{reading.drive} does not move the thrust: the force along body z varies by {size:.2g} m/s² (1σ), and its "
-        f"correlation with the sum of squares is {r:.2f} in {len(moved)} recordings: are these the columns of the rotors?"
+        f"{reading.drive} does not move the thrust: the force along body z varies by {size:.2g} m/s² (1σ), "
+        f"and its correlation with the sum of squares is {r:.2f} in {len(moved)} recordings: are these the "
+        "columns of the rotors?"
     )
     return Mistake("no effect", reading.drive, tuple(f.name for f in moved), detail)
 
@@ -135,7 +137,7 @@ def _weight(recorded: Recorded, forces: Sequence[_Force]) -> list[Mistake]:
         "no more certain than mass and thrust_coefficient are."
     )
     signal = reading.signals[reading.drive]
-    columns = f"pwm = {{columns = {json.dumps(list(signal.columns))}, unit = \"pwm\"}}"
+    columns = f'pwm = {{columns = {json.dumps(list(signal.columns))}, unit = "pwm"}}'
     renamed = () if reading.drive == "pwm" else ('input = "pwm"', columns)
     return [Mistake("input scale", reading.drive, names, detail, (*renamed, *_map_lines(gain, offset)))]
 
