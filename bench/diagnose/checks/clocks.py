@@ -86,8 +86,9 @@ def clocks(recorded: Recorded, carried: bool = True) -> list[Mistake]:
     wrong = [f for f in found if abs(f.middle) > least or f.spread > least]
     if not wrong:
         return []
-    if any(f.spread > max(1.0, STEADY * abs(f.middle)) for f in wrong):
-        return [_varying(f, rate) for f in wrong]
+    free = [f for f in wrong if f.spread > max(1.0, STEADY * abs(f.middle))]
+    told = [_varying(f, rate) for f in free]
+    found, wrong = ([f for f in fs if f not in free] for fs in (found, wrong))
     best: tuple[int, int, tuple[str, ...], float] | None = None
     for number, group in enumerate(GROUPS):
         if not all(g in reading.signals for g in group):
@@ -100,8 +101,8 @@ def clocks(recorded: Recorded, carried: bool = True) -> list[Mistake]:
         if best is None or (left, number) < best[:2]:
             best = (left, number, group, shift)
     if best is None or best[0] >= len(wrong):
-        return []
-    return [_offset(recorded, best[2], best[3], wrong)]
+        return told
+    return [_offset(recorded, best[2], best[3], wrong), *told]
 
 
 def _effect(lag: _Lag, group: Sequence[str]) -> int:

@@ -27,8 +27,10 @@ ROTORS = ("rotor_speed", "rotor_command", "pwm")
 """Inputs that are one a rotor."""
 ALIKE = 0.15
 """Total misfit between two changes that are told together: either may be right."""
-SURE = 0.12
-"""Misfit below which two signals agree beyond doubt."""
+SURE = 0.08
+"""Misfit below which two signals agree beyond doubt. Where one is the integral of the other and it is more, …"""
+CLEARED = 0.15
+"""… a change is named that leaves no more than this share of it."""
 PROBE, PROBED, KEPT = 6.0, 4, 10
 """Seconds of each of so many recordings on which all changes are tried, and how many are tried on everything."""
 _SIDES = {
@@ -132,12 +134,12 @@ def _best(
     flights: Sequence[Flight], reading: Reading, relations: Sequence[Relation], before: _Scores
 ) -> tuple[Edit, _Scores, list[Edit]] | None:
     """The change after which most agrees, and others that do as well."""
-    wrong = [r for r in relations if (before.middle()[r.name] > WRONG).any()]
+    wrong = [r for r in relations if (before.middle()[r.name] > (SURE if r.exact else WRONG)).any()]
     if not wrong:
         return None
     signals = list(dict.fromkeys(n for r in wrong for n in (*r.needs, *r.either)))
     among = [e for e in edits(reading, signals) if not _breaks(e, reading, relations, before)]
-    tried = []
+    tried: list[tuple[float, int, Edit, _Scores]] = []
     for edit in _promising(flights, reading, relations, among):
         after = _score(flights, edit.reading, relations, before, edit.signals)
         if _plain(relations, before, after):
@@ -159,6 +161,8 @@ def _best(
 def _breaks(edit: Edit, reading: Reading, relations: Sequence[Relation], before: _Scores) -> bool:
     """Whether it changes one of two signals that agree beyond doubt, and not the other."""
     for relation in relations:
+        if relation.name == "tilting" and edit.kind == "frame" and edit.signals == ("velocity",):
+            continue  # a vehicle that keeps its heading hardly shows it in its tilt
         if relation.name in _SIDES and (before.middle()[relation.name] < SURE).all():
             one, other = ([n for n in side if n in reading.signals][:1] for side in _SIDES[relation.name])
             if any(n in edit.signals for n in one) != any(n in edit.signals for n in other):
@@ -177,7 +181,7 @@ def _promising(
     totals = [
         (_score(probe, e.reading, relations, before, e.signals).total() + e.cost, i, e) for i, e in enumerate(among)
     ]
-    return [e for total, _, e in sorted(totals, key=lambda t: t[:2])[:KEPT] if total < level - FALL / 2]
+    return [e for total, _, e in sorted(totals, key=lambda t: t[:2])[:KEPT] if total < level - SURE / 2]
 
 
 def _plain(relations: Sequence[Relation], before: _Scores, after: _Scores) -> bool:
@@ -187,13 +191,16 @@ def _plain(relations: Sequence[Relation], before: _Scores, after: _Scores) -> bo
         was, now = old[relation.name], new[relation.name]
         if ((now > was + WORSE) & (was < WRONG)).any():
             return False
-        fallen = (was > WRONG) & (was - now > FALL)
-        good = now < (RIGHT if relation.firm else LOOSE)
-        if (fallen & good).any():
-            a, b = before.of[relation.name], after.of[relation.name]
-            told = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
-            share = ((a[told] - b[told]) > FALL / 2).mean(axis=0)
-            mended |= bool((fallen & good & (share >= MOST)).any())
+        a, b = before.of[relation.name], after.of[relation.name]
+        told = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+        if not told.any():
+            continue
+        fallen = (was > WRONG) & (was - now > FALL) & (now < (RIGHT if relation.firm else LOOSE))
+        often = ((a[told] - b[told]) > FALL / 2).mean(axis=0) >= MOST
+        mended |= bool((fallen & often).any())
+        if relation.exact:
+            cleared = (was > SURE) & (now < CLEARED * was) & (now < SURE)
+            mended |= bool((cleared & ((b[told] < a[told] / 2).mean(axis=0) >= MOST)).any())
     return mended
 
 
@@ -215,7 +222,7 @@ def _mistake(
     axis = int((old[most.name] - new[most.name]).argmax())
     was, now = (float(x[most.name][axis]) for x in (old, new))
     table = before.of[most.name][:, axis] - after.of[most.name][:, axis]
-    recordings = tuple(f.name for f, d in zip(recorded.flights, table, strict=True) if d > FALL / 2)
+    recordings = tuple(f.name for f, d in zip(recorded.flights, table, strict=True) if d > min(FALL, was - now) / 2)
     subject = _called(edit)
     # A misfit beyond one is as good as none: the signal would better be left out.
     fall = 1 - now / min(was, 1.0) if most.firm else 1 - (1 - (1 - min(now, 1.0)) ** 2) / 1.0

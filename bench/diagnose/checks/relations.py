@@ -46,6 +46,8 @@ class Relation:
     """Measured and said (N, axes)."""
     firm: bool = True
     """Whether nothing but a mistake of reading spoils it: torques are spoilt by more."""
+    exact: bool = False
+    """Whether not even the vehicle matters."""
 
     def uses(self, signals: Mapping[str, object]) -> bool:
         """Whether these signals are enough for it."""
@@ -197,7 +199,7 @@ def kicks(flight: Flight, rates: Array, thrusts: Array, burst: float) -> tuple[A
         return None
     impulse = accumulated((thrusts[1:] + thrusts[:-1]) / 2 / flight.rate)
     spin = np.sqrt(np.maximum(thrusts, 0))
-    return tuple(bursts(v, length)[inside] for v in (rates, impulse, spin))  # type: ignore[return-value]
+    return tuple(bursts(v, length)[inside] for v in (rates, impulse, spin))
 
 
 def _lifting(flight: Flight, reading: Reading, x: Signals) -> tuple[Array, Array] | None:
@@ -216,8 +218,8 @@ def _lifting(flight: Flight, reading: Reading, x: Signals) -> tuple[Array, Array
 
 
 KINEMATIC = (
-    Relation("turning", ("attitude", "body_rates"), (), ("p", "q", "r"), _turning),
-    Relation("moving", ("position", "velocity"), (), ("x", "y", "z"), _moving),
+    Relation("turning", ("attitude", "body_rates"), (), ("p", "q", "r"), _turning, exact=True),
+    Relation("moving", ("position", "velocity"), (), ("x", "y", "z"), _moving, exact=True),
 )
 """True of every rigid body."""
 CARRIED = (

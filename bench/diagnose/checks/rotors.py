@@ -84,8 +84,8 @@ def pace_of(flights: Sequence[Flight], reading: Reading) -> Pace:
                     rates, impulse, spin = (calmed(v[::STRIDE]) for v in found)
                     left[i, j, 0] += _unexplained(rates[:, :2], impulse)
                     left[i, j, 1] += _unexplained(rates[:, 2:], np.column_stack([impulse, spin]))
-    lag, tilt = np.unravel_index(left[..., 0].argmin(), left.shape[:2])
-    return Pace(LAGS[int(lag)], BURSTS[int(tilt)], BURSTS[int(left[lag, :, 1].argmin())])
+    at, tilt = divmod(int(left[..., 0].argmin()), len(BURSTS))
+    return Pace(LAGS[at], BURSTS[tilt], BURSTS[int(left[at, :, 1].argmin())])
 
 
 def _unexplained(y: Array, x: Array) -> float:

@@ -153,7 +153,7 @@ def _unit(reading: Reading, ratio: float, stated: object) -> tuple[str, tuple[st
             return f"in {unit} it would be {factor / ratio:.2f} times", lines(reading, after), after
     if 1 / NEAR < ratio / PER_RPM < NEAR:
         constants = [n for n in ("thrust_coefficient", "torque_coefficient") if n in stated]  # type: ignore[operator]
-        mend = tuple(f"{n} = {float(stated[n]) * PER_RPM:.4g}" for n in constants)  # type: ignore[index]
+        mend = tuple(f"{n} = {float(stated[n]) * PER_RPM:.4g}" for n in constants)
         said = f"a coefficient for rpm², turned into one for (rad/s)², would give {PER_RPM / ratio:.2f} times"
         return said, mend, None
     return None
