@@ -19,8 +19,10 @@ WIDEST = 0.3
 """Offset that is looked for [s]."""
 SAMPLES, TIME = 1.2, 0.012
 """Least offset that is one: in samples, and in seconds."""
-SURE = 0.8
+SURE = 0.9
 """Least correlation of two signals whose offset is told."""
+APART = 1.5
+"""Times as much of two motions that must disagree without an offset as with it."""
 STEADY = 0.25
 """Least spread of the offset over recordings, relative and in samples ×3, from which no one number mends it."""
 MOST = 0.75
@@ -84,10 +86,11 @@ def clocks(recorded: Recorded, carried: bool = True) -> list[Mistake]:
     for flight in recorded.flights:
         flight.forget()
     wrong = [f for f in found if abs(f.middle) > least or f.spread > least]
-    if not wrong:
+    # Wind shifts tilt against acceleration as well: that pair only says which side of another is late.
+    if all(f.pair.braked for f in wrong):
         return []
     free = [f for f in wrong if f.spread > max(1.0, STEADY * abs(f.middle))]
-    told = [_varying(f, rate) for f in free]
+    told = [_varying(f, rate) for f in free if not f.pair.braked]
     found, wrong = ([f for f in fs if f not in free] for fs in (found, wrong))
     best: tuple[int, int, tuple[str, ...], float] | None = None
     for number, group in enumerate(GROUPS):
@@ -135,8 +138,16 @@ def _lag(flights: Sequence[Flight], reading: Reading, pair: _Pair) -> _Lag | Non
         beside = np.where(inside[:, None], x["velocity"][:, :2], 0.0) if pair.braked else None
         shift, how = delay(a, b, widest, beside)
         if how > SURE and abs(shift) < 0.9 * widest:
-            lags[flight.name] = shift
+            # Slow motion agrees with itself at many offsets, and noise picks one.
+            agrees = 1 - _together(a, b) < APART * (1 - how) and not pair.braked
+            lags[flight.name] = 0.0 if agrees else shift
     return _Lag(pair, lags) if len(lags) >= max(1, MOST * len(flights)) else None
+
+
+def _together(a: Array, b: Array) -> float:
+    """Correlation of two motions (N, c) as they are, mean over the channels."""
+    size = np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
+    return float(np.mean((a * b).sum(axis=0) / np.where(size > 0, size, 1.0)))
 
 
 def _offset(recorded: Recorded, group: tuple[str, ...], shift: float, wrong: Sequence[_Lag]) -> Mistake:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from bench.diagnose.checks.conventions import ROTORS
 from bench.diagnose.checks.mistake import Mistake, lines
@@ -23,6 +24,8 @@ PER_RPM = to_si("rpm")[1] ** -2
 """Of a thrust coefficient given for revolutions a minute to one for rad/s."""
 MOVES = 0.05
 """Share of the weight by which the force must vary for inputs to be judged by it."""
+CALM = 0.5
+"""Over which the force is averaged for that [s]."""
 DEAF = 0.2
 """Correlation below which inputs have nothing to do with the force."""
 FLAT = 0.25
@@ -54,7 +57,7 @@ def thrust(recorded: Recorded) -> list[Mistake]:
         flight.forget()
     if not forces:
         return []
-    deaf = _deaf(forces, reading)
+    deaf = _deaf(forces, reading, recorded.rate)
     if deaf is not None:
         return [deaf]
     stated = recorded.stated
@@ -86,9 +89,11 @@ def _force(flight: Flight, reading: Reading) -> _Force | None:
     return best
 
 
-def _deaf(forces: Sequence[_Force], reading: Reading) -> Mistake | None:
-    moved = [f for f in forces if f.needed.std() > MOVES * abs(f.needed.mean())]
-    if not moved or np.median([abs(f.correlation) for f in moved]) > DEAF:
+def _deaf(forces: Sequence[_Force], reading: Reading, rate: float) -> Mistake | None:
+    length = max(1, round(CALM * rate))
+    # Noise of a differentiated velocity hardly lasts that long.
+    moved = [f for f in forces if uniform_filter1d(f.needed, length).std() > MOVES * abs(f.needed.mean())]
+    if len(moved) < max(1, len(forces) / 2) or np.median([abs(f.correlation) for f in moved]) > DEAF:
         return None
     r, size = (float(np.median(v)) for v in zip(*((f.correlation, f.needed.std()) for f in moved), strict=True))
     detail = (
