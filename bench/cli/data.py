@@ -81,7 +81,13 @@ def import_command(files: tuple[Path, ...], folder: Path, rate: float | None) ->
 @data_command.command("check")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
 def check_command(folder: Path) -> None:
-    """Read everything that FOLDER/dataset.toml describes and say what is wrong."""
+    """Read everything that FOLDER/dataset.toml describes and say what is wrong.
+
+    Signals are held against each other: signs, axes, units, frames, the order of the rotors and clocks. What
+    dataset.toml has wrong is named with the line that mends it; the exit code is then 2. Time on the ground is left
+    out.
+    """
+    from bench.diagnose.checks.checklist import check_folder
     from registry.datasets.folder import Folder, check
 
     loaded = check(folder)
@@ -91,6 +97,14 @@ def check_command(folder: Path) -> None:
         click.echo(f"  {f.recording}: {f.detail}")
     for note in Folder(path=str(folder)).description.notes:
         click.echo(f"  {note}")
+    mistakes = check_folder(folder)
+    for m in mistakes:
+        click.echo(f"{'WRONG' if m.stops else 'note'}: {m.kind}: {m.detail}")
+        for row in m.mend:
+            click.echo(f"    {row}")
+    if any(m.stops for m in mistakes):
+        click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: bench data check {folder}")
+        raise click.exceptions.Exit(2)
     click.echo(f"Next: bench diagnose {folder}   (which physics a model of it lacks)")
     measured = dict.fromkeys(c.group for r in loaded.recordings for c in r.output_channels)
     outputs = "" if Folder.rates in measured else f" --outputs {','.join(measured)}"

@@ -1,5 +1,6 @@
 """`bench compare`, `locate`, `discover`, `extend` and `diagnose`: find the missing physics."""
 
+import shlex
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -183,8 +184,8 @@ def discover_command(
     bench discover flights/ --catalogue rotor_drag --catalogue linear_drag
     """
     from bench.diagnose import words
-    from bench.diagnose.result import ParameterEstimate
     from bench.diagnose.discover import discover
+    from bench.diagnose.result import ParameterEstimate
 
     names = chosen(catalogue, without)
     check_writable(to_json)
@@ -275,6 +276,10 @@ def extend_command(
 @_shared
 @_horizon
 @_choice
+@click.option(
+    "--ignore-problem", "ignore", multiple=True, metavar="KIND", help="Go on although the data have this. Repeatable."
+)
+@click.option("--exclude", multiple=True, metavar="RECORDING", help="Leave this recording out. Repeatable.")
 @_out
 def diagnose_command(
     source: str,
@@ -284,6 +289,8 @@ def diagnose_command(
     to_json: Path | None,
     catalogue: tuple[str, ...],
     without: tuple[str, ...],
+    ignore: tuple[str, ...],
+    exclude: tuple[str, ...],
     out: Path | None,
 ) -> None:
     """All four steps: compare, locate, discover, extend; a story here, a page and a model to keep.
@@ -297,21 +304,26 @@ def diagnose_command(
     bench diagnose silverbox                               a registered data set (`bench list datasets`)
     bench diagnose flights/ --system mine.py:Tailsitter    your own physics
     bench diagnose flights/ --without mass --out second/   another look
+    bench diagnose flights/ --ignore-problem spike --exclude flight_3
     """
     from bench.diagnose.diagnose import diagnose
+    from bench.diagnose.logs.load import excluding
     from bench.diagnose.report import page, story
 
     names, folder = chosen(catalogue, without), folder_for(source, out)
     check_writable(folder, to_json)
     subject, model = load(source, system, model_file)
     check_catalogue(subject, model or subject.model, catalogue)
+    subject = excluding(subject if model is None else replace(subject, model=model), exclude)
     with announcer(options.console()) as tick:
-        found, extended = diagnose(
-            subject if model is None else replace(subject, model=model), tick=tick, catalogue=names, horizon_s=horizon
-        )
+        found, extended = diagnose(subject, tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
     found = replace(found, evidence=replace(found.evidence, source=source))
     console = options.console()
     story.tell(found, console)
+    if found.verdict == "data_problem":
+        kinds = dict.fromkeys(p.kind for p in found.data_problems)
+        again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)
+        say_next(f"bench diagnose {source} {again}", "if that is no fault (or --exclude RECORDING)")
     written = [folder / "diagnosis.html", folder / "diagnosis.json"]
     page.write(written[0], found)
     found.write(written[1])

@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bench.diagnose.checks.problems import problems
+from bench.diagnose.checks.checklist import check_subject
+from bench.diagnose.checks.problems import Checked, problems
 from bench.diagnose.compare import compare
 from bench.diagnose.discover import discover
 from bench.diagnose.extend import extend, fitted, pooled
@@ -50,6 +51,7 @@ def diagnose(
     catalogue: Sequence[str] | None = None,
     horizon_s: float | None = None,
     brief: bool = False,
+    ignore: Sequence[str] = (),
 ) -> tuple[Diagnosis, PhysicsModel]:
     """Compare a model with measurements, say where it fails and what is missing, add that and fit it.
 
@@ -61,6 +63,7 @@ def diagnose(
         catalogue: ids of the effects to choose from; default: all that are registered.
         horizon_s: longest horizon of the comparisons [s].
         brief: whether to leave out where the error is.
+        ignore: kinds of data problems that are noted and do not stop the analysis.
 
     Returns:
         The diagnosis and the extended model.
@@ -72,7 +75,7 @@ def diagnose(
     subject = source if isinstance(source, Subject) else load(source, system, model)
     named_as = subject.name if isinstance(source, (Subject, Dataset)) else str(source)
     tick("check the data")
-    checked = problems(subject)
+    checked = _checked(subject, ignore)
     shifted = bool(checked.problems) and all(p.kind == "time shift" for p in checked.problems)
     if checked.problems and not shifted:
         return _broken(subject, named_as, checked.problems), subject.model
@@ -92,7 +95,7 @@ def diagnose(
     if refuted:
         found, names = _unnamed(found, names), []
     if shifted:  # unless friction is missing, which makes motion lead what drives it
-        again = problems(replace(subject, model=extension.model)) if names else checked
+        again = _checked(replace(subject, model=extension.model), ignore) if names else checked
         if again.problems:
             return _broken(subject, named_as, checked.problems), subject.model
         checked = again
@@ -156,6 +159,18 @@ def diagnose(
         ),
         model,
     )
+
+
+def _checked(subject: Subject, ignore: Sequence[str]) -> Checked:
+    """What is wrong with the data; how they are read comes first, since everything else follows from it."""
+    stopping, minor = check_subject(subject)
+    faults = [p for p in stopping if p.kind not in ignore]
+    if faults:
+        return Checked(tuple(faults), tuple(minor))
+    found = problems(subject)
+    passed = [p for p in (*stopping, *found.problems) if p.kind in ignore]
+    left = tuple(p for p in found.problems if p.kind not in ignore)
+    return Checked(left, (*found.suspicions, *minor, *passed))
 
 
 def _unnamed(found: Discovery, names: Sequence[str]) -> Discovery:

@@ -7,22 +7,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from registry.contracts import Channel, Dataset, Loaded, Recording, Split
-from registry.core import DATASETS, option
-from registry.datasets.cleaning import resample
+from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Split
+from registry.core import DATASETS, PHYSICS, option
+from registry.datasets.cleaning import resample, runs, widen
+from registry.datasets.folder_conversion import attitude, in_frames, own_units
 from registry.datasets.folder_description import FolderDescription, SignalColumns, describe
 from registry.datasets.folder_draft import draft
-from registry.datasets.rotations import (
-    euler_from_quaternion,
-    euler_rates_from_body,
-    quaternion_from_euler,
-    rotate,
-    unit_quaternion,
-)
+from registry.datasets.ground import MARGIN, resting
+from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
 from registry.datasets.signals import channels, recording
 from registry.datasets.tables import ENDINGS, first_row, numbers
 from registry.errors import BenchError
-from registry.units import to_si
+from registry.physics.rigid_body import RigidBody
 
 __all__ = ["Folder", "FolderDescription", "check", "draft"]
 
@@ -96,7 +92,8 @@ class Folder(Dataset):
     def read(self) -> Loaded:
         """See `Dataset.read`."""
         description, folder = self.description, Path(self.path)
-        return Loaded(tuple(_recording(f, description) for f in _files(folder, description.files)), ())
+        read = [_recording(f, description) for f in _files(folder, description.files)]
+        return Loaded(tuple(r for r, _ in read), tuple(f for _, found in read for f in found))
 
     def split(self, names: Sequence[str]) -> Split:
         """The last fifth of the recordings by name (at least one) tests, as many before it validate.
@@ -145,9 +142,14 @@ def _name(file: Path) -> str:
     return file.name.removesuffix(next(e for e in ENDINGS[::-1] if file.name.endswith(e)))
 
 
-def _recording(file: Path, description: FolderDescription) -> Recording:
-    columns = [description.time, *(c for s in description.signals.values() for c in s.columns)]
-    table = numbers(file, columns)
+def read_columns(file: Path, description: FolderDescription) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times (N,) [s] and columns (N,) of a file as they are written there, its clock checked.
+
+    Raises:
+        BenchError: a column is missing or holds no numbers, or the clock jumps.
+    """
+    names = list(dict.fromkeys(c for s in description.signals.values() for c in s.names))
+    table = numbers(file, [description.time, *names])
     t, period = table[:, 0], 1 / description.rate
     step = np.diff(t)
     off = np.abs(step - period) > JITTER * period
@@ -157,35 +159,60 @@ def _recording(file: Path, description: FolderDescription) -> Recording:
             f"{file}, column {description.time!r}, row {first_row(file) + i + 1}: the clock jumps by {step[i]:.6g} s "
             f"where rate_hz = {description.rate:g} means {period:.6g} s; split the file there or mend rate_hz."
         )
-    x: dict[str, np.ndarray] = {}
-    at = 1
-    for name, signal in description.signals.items():
-        x[name] = table[:, at : at + len(signal.columns)] * to_si(signal.unit)[1]
-        at += len(signal.columns)
+    return t, dict(zip(names, table[:, 1:].T, strict=True))
+
+
+def recording_files(folder: str | Path) -> list[Path]:
+    """The files of a folder that its description means.
+
+    Raises:
+        BenchError: none, or one that leaves the folder.
+    """
+    return _files(Path(folder), describe(Path(folder)).files)
+
+
+def _recording(file: Path, description: FolderDescription) -> tuple[Recording, list[Finding]]:
+    t, columns = read_columns(file, description)
+    signals, period, name = description.signals, 1 / description.rate, _name(file)
+    x = {n: own_units(columns, s) for n, s in signals.items()}
     if "attitude" in x:
-        x["attitude"] = _attitude(file, x["attitude"], description.signals["attitude"])
-    if len(t) > 1 and np.ptp(step) > 1e-3 * period:
-        grid = t[0] + np.arange(int((t[-1] - t[0]) * description.rate + 1e-6) + 1) * period
-        x = {name: resample(t, values, grid, np.inf)[0] for name, values in x.items()}
+        x["attitude"] = _attitude(file, x["attitude"], signals["attitude"])
+    uneven = len(t) > 1 and np.ptp(np.diff(t)) > 1e-3 * period
+    late = {n: s.delay for n, s in signals.items() if s.delay}
+    grid = t[0] + np.arange(int((t[-1] - t[0]) * description.rate + 1e-6) + 1) * period if uneven else t
+    valid = np.ones(len(grid), dtype=bool)
+    for n in x if uneven else late:
+        x[n], inside = resample(t - late.get(n, 0.0), x[n], grid, np.inf)
+        valid &= inside | (n not in late)
     if "attitude" in x:
         x["attitude"] = unit_quaternion(x["attitude"])
-        if description.signals.get("velocity", SignalColumns((), "")).frame == "body":
-            x["velocity"] = rotate(x["attitude"], x["velocity"])
-        if "body_rates" in x and "euler_rates" not in x:
-            x["euler_rates"] = euler_rates_from_body(euler_from_quaternion(x["attitude"]), x["body_rates"])
-    valid = np.ones(len(next(iter(x.values()))), dtype=bool)
+    x = in_frames(x, signals)
+    if "attitude" in x and "body_rates" in x and "euler_rates" not in x:
+        x["euler_rates"] = euler_rates_from_body(euler_from_quaternion(x["attitude"]), x["body_rates"])
+    findings = []
+    if description.input and issubclass(PHYSICS.get(description.system), RigidBody):
+        rests = resting(x, x[description.input], description.rate)
+        valid &= ~widen(rests, round(MARGIN * description.rate))
+        findings = [Finding(name, "ground", b - a, _rest(a, b, len(rests), description.rate)) for a, b in runs(rests)]
     inputs = {description.input: x.pop(description.input)} if description.input else {}
-    return recording(_name(file), description.rate, inputs, x, valid)
+    return recording(name, description.rate, inputs, x, valid), findings
+
+
+def _rest(first: int, end: int, samples: int, rate: float) -> str:
+    """What is said of samples without flight."""
+    where = "before take-off" if first == 0 else "after landing" if end == samples else "on the ground"
+    return (
+        f"samples {first} to {end - 1} ({(end - first) / rate:.1f} s) are {where}: left out, with {MARGIN:g} s beside"
+    )
 
 
 def _attitude(file: Path, values: np.ndarray, signal: SignalColumns) -> np.ndarray:
-    if signal.convention == "euler_zyx":
-        return quaternion_from_euler(values)
-    length = np.linalg.norm(values, axis=1)
-    if (np.abs(length - 1) > 0.1).any():
-        i = int((np.abs(length - 1) > 0.1).argmax())
-        raise BenchError(
-            f"{file}, column {signal.columns[0]!r}, row {first_row(file) + i}: "
-            f"a quaternion of length {length[i]:.3g} is no attitude."
-        )
-    return unit_quaternion(values if signal.convention == "quaternion_xyzw" else values[:, [1, 2, 3, 0]])
+    if signal.convention.startswith("quaternion"):
+        length = np.linalg.norm(values, axis=1)
+        if (np.abs(length - 1) > 0.1).any():
+            i = int((np.abs(length - 1) > 0.1).argmax())
+            raise BenchError(
+                f"{file}, column {signal.names[0]!r}, row {first_row(file) + i}: "
+                f"a quaternion of length {length[i]:.3g} is no attitude."
+            )
+    return attitude(values, signal)

@@ -11,7 +11,19 @@ from registry.model_file import constants_of
 from registry.units import SIGNALS, to_si
 
 FILE = "dataset.toml"
-CONVENTIONS = {"euler_zyx": 3, "quaternion_xyzw": 4, "quaternion_wxyz": 4}
+CONVENTIONS = {"euler_zyx": 3, "euler_xyz": 3, "quaternion_xyzw": 4, "quaternion_wxyz": 4}
+FRAMES = {
+    "position": ("world", "ned"),
+    "velocity": ("world", "body", "ned", "frd"),
+    "attitude": ("flu", "ned"),
+    "body_rates": ("body", "frd"),
+    "specific_force": ("body", "frd", "world", "ned"),
+}
+"""Of each signal: world with z up or north-east-down; body with y left and z up or forward-right-down. An attitude is
+from the body (flu) to the world with z up, or from forward-right-down to north-east-down (ned)."""
+GRAVITY = ("included", "removed")
+LONGEST_DELAY = 1.0
+"""Of a signal that was logged late [s]."""
 _REQUIRED = ("name", "system", "rate_hz", "files", "time", "signals")
 _OPTIONAL = ("input", "input_hold", "physics", "processing", "environment")
 _ENVIRONMENT = ("gravity", "ground_z", "air_density")
@@ -24,9 +36,18 @@ class SignalColumns:
     columns: tuple[str, ...]
     unit: str
     convention: str = ""
-    """Of the attitude: euler_zyx, quaternion_xyzw or quaternion_wxyz."""
+    """Of the attitude: one of `CONVENTIONS`."""
     frame: str = ""
-    """Of vectors: "world" or "body"."""
+    """One of `FRAMES`; empty: the first of them."""
+    gravity: str = ""
+    """Of the specific force: "removed" where it is the acceleration alone."""
+    delay: float = 0.0
+    """By how much it was logged late [s]."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The columns as the files call them, without the sign that may stand before."""
+        return tuple(c.removeprefix("-") for c in self.columns)
 
 
 @dataclass(frozen=True)
@@ -93,11 +114,10 @@ def describe(folder: Path) -> FolderDescription:
         raise BenchError(f"{path}: input = {drive!r} is none of its signals: {near(str(drive), signals)}")
     if drive and drive not in accepted:
         raise BenchError(f"{path}: {table['system']} cannot be driven by {drive}: {near('', accepted)}")
-    twice = [c for c in {c for s in signals.values() for c in s.columns} if _uses(signals, c) > 1]
+    twice = [c for c in {c for s in signals.values() for c in s.names} if _uses(signals, c) > 1]
     if twice:
         raise BenchError(f"{path}: column {min(twice)!r} is used twice.")
-    if "attitude" not in signals and any(s.frame == "body" for n, s in signals.items() if n == "velocity"):
-        raise BenchError(f"{path}: velocity in the body frame needs the attitude to be turned into the world.")
+    _turned(path, signals)
     physics, processing = table.get("physics", {}), table.get("processing", {})
     environment = table.get("environment", {})
     parameters = model().parameters()
@@ -138,7 +158,7 @@ def _signal(path: Path, name: str, entry: Any) -> SignalColumns:
         raise BenchError(f"{path}: unknown signal {name!r}: {near(name, SIGNALS)}")
     if not isinstance(entry, dict) or "columns" not in entry:
         raise BenchError(f'{path}: {name} must be written {{columns = ["…"], unit = "…"}}.')
-    _known(entry, ("columns", "unit", "convention", "frame"), f"{path}: {name}")
+    _known(entry, ("columns", "unit", "convention", "frame", "gravity", "delay_s"), f"{path}: {name}")
     columns = entry["columns"]
     if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
         raise BenchError(f"{path}: {name}: columns must be a list of column names, not {columns!r}.")
@@ -148,7 +168,7 @@ def _signal(path: Path, name: str, entry: Any) -> SignalColumns:
     if name == "attitude":
         if convention not in CONVENTIONS:
             raise BenchError(f"{path}: attitude: convention = {convention!r}: {near(str(convention), CONVENTIONS)}")
-        count, si = CONVENTIONS[convention], "rad" if convention == "euler_zyx" else "1"
+        count, si = CONVENTIONS[convention], "rad" if convention.startswith("euler") else "1"
         unit = entry.get("unit", "1") if si == "1" else unit
     elif convention:
         raise BenchError(f"{path}: {name} has no convention: only the attitude has.")
@@ -164,10 +184,26 @@ def _signal(path: Path, name: str, entry: Any) -> SignalColumns:
         raise BenchError(f"{path}: {name} is measured in {si}, which {unit!r} is not.")
     if len(columns) != count:
         raise BenchError(f"{path}: {name} needs {count} columns, not {len(columns)}.")
-    frames = {"velocity": ("world", "body"), "specific_force": ("body",)}.get(name, ())
+    frames = FRAMES.get(name, ())
     if frame and frame not in frames:
         raise BenchError(f"{path}: {name}: frame = {frame!r}: {near(str(frame), frames)}")
-    return SignalColumns(tuple(columns), unit, convention, frame)
+    gravity, delay = entry.get("gravity", ""), entry.get("delay_s", 0.0)
+    if gravity and (name != "specific_force" or gravity not in GRAVITY):
+        raise BenchError(f"{path}: {name}: gravity = {gravity!r}: only specific_force has it, {near('', GRAVITY)}")
+    if not _number(delay) or abs(delay) > LONGEST_DELAY:
+        raise BenchError(f"{path}: {name}: delay_s must be a number of at most {LONGEST_DELAY:g} s, not {delay!r}.")
+    return SignalColumns(tuple(columns), unit, convention, frame, gravity, float(delay))
+
+
+def _turned(path: Path, signals: dict[str, SignalColumns]) -> None:
+    """Raise `BenchError` where a vector must be turned and the attitude was not measured."""
+    if "attitude" in signals:
+        return
+    if signals.get("velocity", SignalColumns((), "")).frame in ("body", "frd"):
+        raise BenchError(f"{path}: velocity in the body frame needs the attitude to be turned into the world.")
+    force = signals.get("specific_force", SignalColumns((), ""))
+    if force.frame in ("world", "ned") or force.gravity == "removed":
+        raise BenchError(f"{path}: specific_force in the world frame, or without gravity, needs the attitude.")
 
 
 def _known(table: Any, keys: Any, where: str) -> None:
@@ -179,7 +215,7 @@ def _known(table: Any, keys: Any, where: str) -> None:
 
 
 def _uses(signals: dict[str, SignalColumns], column: str) -> int:
-    return sum(s.columns.count(column) for s in signals.values())
+    return sum(s.names.count(column) for s in signals.values())
 
 
 def _number(value: Any) -> bool:

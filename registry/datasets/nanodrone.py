@@ -13,7 +13,7 @@ from registry.contracts import Dataset, Finding, Loaded, Recording, Split
 from registry.core import DATASETS, option
 from registry.datasets.cleaning import airborne, delay, extent, held, resample, runs, smooth, spikes, widen
 from registry.datasets.locate import locate
-from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
+from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, rotate, unit_quaternion
 from registry.datasets.signals import recording
 from registry.errors import BenchError
 
@@ -195,7 +195,8 @@ class Nanodrone(Dataset):
             "attitude": attitude,
             "body_rates": rates,
             "euler_rates": euler_rates_from_body(euler_from_quaternion(attitude), rates),
-            "specific_force": x[:, 13:16],
+            # Logged along the axes of the world, with the weight: there it is the acceleration (correlation .98).
+            "specific_force": rotate(attitude * [-1.0, -1.0, -1.0, 1.0], x[:, 13:16]),
             "battery": x[:, 16:],
         }
         return [

@@ -173,7 +173,7 @@ def torn_gzip(folder):
         (toml('"rpm"', '"rmp"'), ["rotor_speed", "'rmp'", "did you mean rpm"]),
         (toml('"rpm"', '"m"'), ["rotor_speed", "rad/s"]),
         (toml("body_rates", "bodyrates"), ["'bodyrates'", "did you mean body_rates"]),
-        (toml('"euler_zyx"', '"euler_xyz"'), ["euler_xyz", "did you mean euler_zyx"]),
+        (toml('"euler_zyx"', '"euler_zy"'), ["euler_zy", "did you mean euler_zyx"]),
         (toml('["p","q","r"]', '["p","q"]'), ["body_rates needs 3 columns"]),
         (toml('["p","q","r"]', '["p","q","q"]'), ["'q' is used twice"]),
         (toml('input = "rotor_speed"', 'input = "battery"'), ["cannot be driven by battery"]),

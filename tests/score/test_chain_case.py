@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rotorpy")
 
-from bench.diagnose.subject import load
+from bench.diagnose.logs.load import load
 from bench.score import cases as first
 from bench.score.chain import flight, paths, recorder, suite
 from bench.score.chain.airframe import AIRFRAMES

@@ -4,6 +4,7 @@ import dataclasses
 import importlib.util
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from registry.contracts import Dataset, Recording
 from registry.core import DATASETS, PHYSICS
 from registry.datasets.folder import Folder
 from registry.dynamics import PhysicsModel
-from registry.errors import BenchError
+from registry.errors import BenchError, near
 
 _TOLD = ("state_channels", "input_signals", "equation")
 """What a physics model says of itself."""
@@ -64,8 +65,29 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         uncertainty,
         tuple(sorted(signals)),
         dataset.description.notes if isinstance(dataset, Folder) else (),
+        folder=dataset.path if isinstance(dataset, Folder) else "",
     )
     return centred(subject)
+
+
+def excluding(subject: Subject, names: Sequence[str]) -> Subject:
+    """A subject without some of its recordings.
+
+    Raises:
+        BenchError: no recording has such a name, or too few are left to fit and to test.
+    """
+    known = [log.name for log in subject.logs]
+    for name in names:
+        if name not in known:
+            raise BenchError(f"--exclude {name}: no recording has this name: {near(name, known)}")
+    training, held_out = (tuple(n for n in part if n not in names) for part in (subject.training, subject.held_out))
+    if not training or not held_out:
+        raise BenchError(
+            f"--exclude {', '.join(names)} leaves nothing to {'test on' if training else 'learn from'}: "
+            f"{', '.join(training or held_out) or 'none'} would be all."
+        )
+    logs = tuple(log for log in subject.logs if log.name not in names)
+    return replace(subject, logs=logs, training=training, held_out=held_out)
 
 
 def partition(dataset: Dataset, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -65,6 +65,8 @@ class Subject:
     """Whether the inputs are read at the times at which they act; see `select.input_timing`."""
     notes: tuple[str, ...] = ()
     """What was done to the measurements, in sentences."""
+    folder: str = ""
+    """Where they were read from, if a dataset.toml describes them."""
 
     def of(self, names: Sequence[str]) -> tuple[Log, ...]:
         """The logs of these names, in order."""

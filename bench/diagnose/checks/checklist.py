@@ -1,0 +1,52 @@
+"""What a human checks first of a log: whether dataset.toml reads it as it was written."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from bench.diagnose.checks.clocks import clocks
+from bench.diagnose.checks.conventions import conventions
+from bench.diagnose.checks.mistake import Mistake
+from bench.diagnose.checks.pace import pace
+from bench.diagnose.checks.recorded import Recorded, flying, of_folder, of_subject
+from bench.diagnose.checks.thrust import thrust
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.result import DataProblem
+from registry.datasets.folder_description import describe
+
+
+def check(recorded: Recorded, carried: bool) -> list[Mistake]:
+    """Everything that these recordings say against the way they are read; `Mistake.stops` tells what spoils the rest.
+
+    Args:
+        recorded: from `of_folder` or `of_subject`.
+        carried: whether the vehicle is carried by rotors along its z axis; see `flying`.
+    """
+    if not recorded.flights:
+        return []
+    found = conventions(recorded, carried)
+    if found and found[-1].reading is not None:
+        recorded = replace(recorded, reading=found[-1].reading)
+    found += pace(recorded) if carried else []
+    # Clocks are told apart only once signs and axes are right.
+    found += clocks(recorded, carried)
+    return found + (thrust(recorded) if carried else [])
+
+
+def check_folder(folder: str | Path) -> list[Mistake]:
+    """`check` of a folder with a dataset.toml.
+
+    Raises:
+        BenchError: the folder cannot be read.
+    """
+    return check(of_folder(folder), flying(describe(Path(folder)).system))
+
+
+def check_subject(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
+    """`check` of what is diagnosed: what stops it, and what goes into the notes."""
+    stopping: list[DataProblem] = []
+    minor: list[DataProblem] = []
+    for m in check(of_subject(subject), flying(subject.system)):
+        lines = f" dataset.toml should have: {'; '.join(m.mend)}" if m.mend else ""
+        where = m.recordings[0] if m.recordings else subject.logs[0].name
+        (stopping if m.stops else minor).append(DataProblem(where, m.signal, m.kind, None, m.detail + lines))
+    return stopping, minor

@@ -1,0 +1,32 @@
+"""Whether samples follow each other fast enough for rotations to be judged."""
+
+import numpy as np
+
+from bench.diagnose.checks.mistake import Mistake
+from bench.diagnose.checks.recorded import Recorded
+
+SLOW, SLOWER = 60.0, 20.0
+"""Rates [Hz] from which body rates are looked at, and at which a small rotorcraft always turns too fast."""
+MISSED = 0.3
+"""Share of the body rates (rms) that a sample's neighbours do not tell, from which rotations are lost."""
+
+
+def pace(recorded: Recorded) -> list[Mistake]:
+    """A log that is too slow for rotations, and what it is still good for."""
+    if recorded.rate > SLOW or "body_rates" not in recorded.reading.signals:
+        return []
+    missed = []
+    for flight in recorded.flights:
+        rates = flight.signals(recorded.reading, ("body_rates",))["body_rates"][:, :2][flight.valid]
+        between = rates[1:-1] - (rates[2:] + rates[:-2]) / 2
+        if len(between) > 10:
+            size = np.sqrt(np.mean((rates - rates.mean(axis=0)) ** 2))
+            missed.append(float(np.sqrt(np.mean(between**2)) / max(float(size), 1e-12)))
+    if not missed or (np.median(missed) < MISSED and recorded.rate > SLOWER):
+        return []
+    detail = (
+        f"{recorded.rate:g} Hz is too slow for rotations: {np.median(missed):.0%} of the body rates cannot be told "
+        "from the samples before and after. Forces can still be judged with measured attitude (drag, mass, thrust, "
+        "battery, wind), torques and motor lag cannot; log rates and rotors at 100 Hz or more for those."
+    )
+    return [Mistake("slow log", "body_rates", tuple(f.name for f in recorded.flights), detail, (), False)]

@@ -1,0 +1,94 @@
+"""Which rotor is which, and which way it turns: bursts of the body rates against those of the torques."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from bench.diagnose.checks.recorded import Flight, Reading
+from bench.diagnose.checks.relations import STRIDE, Relation, Signals, calmed, followed, kicks
+
+Array = np.ndarray
+
+BURSTS = (0.05, 0.1, 0.2)
+"""Times over which the change of the change of the body rates is looked at [s]: the shortest that noise allows, since
+what moves slowly with the speed of flight, such as drag and flapping, then falls out."""
+LAGS = (0.0, 0.02, 0.04, 0.08, 0.15)
+"""Of first order, with which rotors may follow what is logged of them [s]."""
+ENOUGH = 4
+"""Recordings from which the pace is taken."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How quickly bodies answer rotors, and over what time it shows best."""
+
+    lag: float
+    """Of first order, with which rotors follow what is logged of them [s]."""
+    tilt: float
+    """Time over which roll and pitch are compared [s]."""
+    yaw: float
+    """The same of yaw [s]."""
+
+
+def torque(drive: str, pace: Pace) -> Relation:
+    """Body rates against rotors.
+
+    Moments of inertia and coefficients need not be known: each axis has a gain of its own, which is positive. About
+    yaw two add up, the drag of the rotors and what it takes to speed them up; both have the rotor's direction.
+    """
+
+    def compare(flight: Flight, reading: Reading, x: Signals) -> tuple[Array, Array] | None:
+        if len(reading.positions) != x[drive].shape[1]:
+            return None
+        acting = followed(x[drive] ** 2, pace.lag, flight.rate)
+        tilt, yaw = (kicks(flight, x["body_rates"], acting, b) for b in (pace.tilt, pace.yaw))
+        if tilt is None or yaw is None:
+            return None
+        count = min(len(tilt[0]), len(yaw[0]))
+        measured, impulse, _ = (v[:count] for v in tilt)
+        hubs = np.array(reading.positions)
+        said = np.zeros((count, 3))
+        said[:, 0], said[:, 1] = impulse @ hubs[:, 1], -impulse @ hubs[:, 0]
+        turned, impulse, spin = (v[:count] for v in yaw)
+        measured = np.column_stack([measured[:, :2], turned[:, 2]])
+        if reading.directions:
+            signs = np.array(reading.directions)
+            about = np.column_stack([impulse @ signs, spin @ signs])
+            scale = np.maximum(about.std(axis=0), 1e-300)
+            gains, _ = nnls(about / scale, measured[:, 2])
+            said[:, 2] = about / scale @ gains
+        return _sized(measured), _sized(said)
+
+    return Relation("torque", ("body_rates", drive), (), ("roll", "pitch", "yaw"), compare, firm=False)
+
+
+def _sized(x: Array) -> Array:
+    """Columns over their size, so that the gain of an axis does not count; what stands still stays zero."""
+    x = calmed(x)
+    size = x.std(axis=0)
+    return np.asarray((x - x.mean(axis=0)) / np.where(size > 0, size, 1.0))
+
+
+def pace_of(flights: Sequence[Flight], reading: Reading) -> Pace:
+    """The pace that explains most, whichever rotor is which: each has free gains."""
+    left = np.zeros((len(LAGS), len(BURSTS), 2))
+    for flight in flights[:ENOUGH]:
+        x = flight.signals(reading, ("body_rates", reading.drive))
+        for i, lag in enumerate(LAGS):
+            acting = followed(x[reading.drive] ** 2, lag, flight.rate)
+            for j, burst in enumerate(BURSTS):
+                found = kicks(flight, x["body_rates"], acting, burst)
+                if found is not None:
+                    rates, impulse, spin = (calmed(v[::STRIDE]) for v in found)
+                    left[i, j, 0] += _unexplained(rates[:, :2], impulse)
+                    left[i, j, 1] += _unexplained(rates[:, 2:], np.column_stack([impulse, spin]))
+    at, tilt = divmod(int(left[..., 0].argmin()), len(BURSTS))
+    return Pace(LAGS[at], BURSTS[tilt], BURSTS[int(left[at, :, 1].argmin())])
+
+
+def _unexplained(y: Array, x: Array) -> float:
+    x = x / np.maximum(x.std(axis=0), 1e-300)
+    miss = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    return float((miss**2).sum() / max((y**2).sum(), 1e-300))

@@ -1,0 +1,138 @@
+"""What a human checks first: mistakes in the description of flights are named, and the proposed lines mend them."""
+
+import copy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from mistakes import MISTAKES, VEHICLES, Set, flown
+from scipy.spatial.transform import Rotation
+
+from bench.cli.data import data_command
+from bench.diagnose.checks.checklist import check, check_folder, check_subject
+from bench.diagnose.checks.mistake import Mistake
+from bench.diagnose.checks.recorded import flying, of_folder
+from bench.diagnose.logs.load import load
+from registry.datasets.folder import check as read_folder
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Set]:
+    cache = tmp_path_factory.mktemp("flights")
+    return {v: flown(v, cache, recordings=3, seconds=8.0) for v in VEHICLES}
+
+
+def stopping(found: list[Mistake]) -> list[Mistake]:
+    return [m for m in found if m.stops]
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("about", MISTAKES)
+def test_a_mistake_is_named_and_its_lines_mend_it(
+    about: str, vehicle: str, flights: dict[str, Set], tmp_path: Path
+) -> None:
+    cases = MISTAKES[about]
+    spoil, kind, signal = cases[VEHICLES.index(vehicle) % len(cases)]
+    spoilt = copy.deepcopy(flights[vehicle])
+    spoil(spoilt)
+    found = stopping(check_folder(spoilt.write(tmp_path)))
+    assert [(m.kind, m.signal) for m in found] == [(kind, spoilt.drive if signal == "drive" else signal)], found
+    assert len(found[0].recordings) == len(spoilt.logs)
+    if about != "no effect":  # nobody can tell where the rotors' columns are
+        assert stopping(check_folder(spoilt.write(tmp_path, found[0].mend))) == []
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_nothing_is_said_of_flights_that_are_read_as_they_are(
+    vehicle: str, flights: dict[str, Set], tmp_path: Path
+) -> None:
+    """Constants may be off as those of real vehicles are; drag, motor lag and noise are in the flights."""
+    wrong = copy.deepcopy(flights[vehicle])
+    wrong.physics |= {
+        "mass": 1.2 * float(wrong.physics["mass"]),  # type: ignore[arg-type]
+        "thrust_coefficient": 0.7 * float(wrong.physics["thrust_coefficient"]),  # type: ignore[arg-type]
+        "inertia": [0.6 * float(j) for j in wrong.physics["inertia"]],  # type: ignore[attr-defined]
+        "torque_coefficient": 4 * float(wrong.physics["torque_coefficient"]),  # type: ignore[arg-type]
+    }
+    for flown_as in (flights[vehicle], wrong):
+        assert check_folder(flown_as.write(tmp_path)) == []
+
+
+def test_two_mistakes_are_mended_one_after_the_other(flights: dict[str, Set], tmp_path: Path) -> None:
+    spoilt = copy.deepcopy(flights["pelican"])
+    for about, case in (("body rates", 0), ("rotor order", 0), ("unit of the motion", 0)):
+        MISTAKES[about][case][0](spoilt)
+    found = stopping(check_folder(spoilt.write(tmp_path)))
+    assert {(m.kind, m.signal) for m in found} == {
+        ("unit", "body_rates"),
+        ("rotor order", "rotor_speed"),
+        ("unit", "position"),
+    }
+    mend = {row.split(" = ")[0]: row for m in found for row in m.mend}
+    assert check_folder(spoilt.write(tmp_path, tuple(mend.values()))) == []
+
+
+def test_a_slow_log_is_told_with_what_it_is_good_for(flights: dict[str, Set], tmp_path: Path) -> None:
+    slow = copy.deepcopy(flights["pelican"])
+    slow.rate = 10.0
+    slow.logs = [{n: v[::10] for n, v in log.items()} for log in slow.logs]
+    (told,) = check_folder(slow.write(tmp_path))
+    assert (told.kind, told.stops) == ("slow log", False)
+    assert "10 Hz is too slow for rotations" in told.detail and "drag" in told.detail
+
+
+def test_time_on_the_ground_is_left_out_and_said(flights: dict[str, Set], tmp_path: Path) -> None:
+    grounded = copy.deepcopy(flights["hummingbird"])
+    for log in grounded.logs:
+        rest = {
+            n: np.repeat(
+                v[:1] * (0.02 if n == "rotor_speed" else 0.0 if n in ("velocity", "body_rates") else 1), 150, axis=0
+            )
+            for n, v in log.items()
+        }
+        for name in log:
+            log[name] = np.concatenate([rest[name], log[name]])
+        log["t"] = np.arange(len(log["t"])) / 100
+    loaded = read_folder(grounded.write(tmp_path))
+    assert [(f.kind, f.count) for f in loaded.findings] == [("ground", 150)] * 3
+    assert "samples 0 to 149 (1.5 s) are before take-off" in loaded.findings[0].detail
+    assert not loaded.recordings[0].valid[:199].any() and loaded.recordings[0].valid[201:].all()
+    assert check_folder(tmp_path) == []
+    assert read_folder(flights["hummingbird"].write(tmp_path)).findings == ()
+
+
+def test_the_command_names_the_lines_and_fails(flights: dict[str, Set], tmp_path: Path) -> None:
+    spoilt = copy.deepcopy(flights["pelican"])
+    MISTAKES["rotor order"][0][0](spoilt)
+    said = CliRunner().invoke(data_command, ["check", str(spoilt.write(tmp_path))])
+    assert said.exit_code == 2
+    assert "rotor order looks like 1-3-2-4: the residual of the torque" in said.output
+    assert 'rotor_speed = {columns = ["m1", "m3", "m2", "m4"], unit = "rad/s"}' in said.output
+    stopping_problems, _ = check_subject(load(tmp_path))
+    assert [p.kind for p in stopping_problems] == ["rotor order"] and '"m3", "m2"' in stopping_problems[0].detail
+
+
+def test_rotations_do_not_depend_on_the_heading_or_on_one_bad_recording(
+    flights: dict[str, Set], tmp_path: Path
+) -> None:
+    turned = copy.deepcopy(flights["pelican"])
+    turn = Rotation.from_euler("z", 2.1)
+    for log in turned.logs:
+        log["attitude"] = (turn * Rotation.from_quat(log["attitude"])).as_quat()
+        for name in ("position", "velocity"):
+            log[name] = turn.apply(log[name])
+    assert check_folder(turned.write(tmp_path)) == []
+    turned.logs[0]["body_rates"] *= -1  # not a matter of dataset.toml, which all recordings share
+    assert check(of_folder(turned.write(tmp_path)), flying("quadrotor")) == []
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["nanodrone", "nanobench", "crazypad", "tailsitter"])
+def test_nothing_that_stops_is_said_of_real_recordings(name: str, bench_data: None) -> None:
+    from registry.core import DATASETS
+
+    dataset = DATASETS.get(name)()
+    if not dataset.system:
+        pytest.skip("no physics model of the vehicle is registered")
+    assert check_subject(load(name))[0] == []
