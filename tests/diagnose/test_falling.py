@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bench.diagnose.search import admissible
+from bench.diagnose.select.search import admissible
 from scipy.integrate import solve_ivp
 
 from bench.diagnose import diagnose, extend, load
