@@ -66,6 +66,11 @@ def read(path: Path, system: str | type[PhysicsModel] = "") -> PhysicsModel:
     return model
 
 
+def stated_in(path: Path) -> set[str]:
+    """Names of the constants in the [physics] of a file that `read` has read."""
+    return set(tomllib.loads(path.read_text(encoding="utf-8")).get("physics", {}))
+
+
 def _effect(path: Path, number: int, entry: dict[str, Any]) -> Effect:
     where = f"{path} [[effects]] number {number}"
     if not isinstance(entry.get("id"), str):

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -196,7 +197,7 @@ def discover_command(
     out = options.console()
     effects = []
     for f in found.found:
-        values = {
+        values: dict[str, dict[str, Any]] = {
             x.entry.label: {"value": x.value, "low": x.low, "high": x.high, "unit": x.entry.unit} for x in f.estimates
         }
         effects.append({"id": f.id, "parameters": values, "indistinguishable_from": list(f.rivals)})

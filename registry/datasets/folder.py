@@ -10,7 +10,7 @@ import numpy as np
 from registry.contracts import Channel, Dataset, Loaded, Recording, Split
 from registry.core import DATASETS, option
 from registry.datasets.cleaning import resample
-from registry.datasets.folder_description import FolderDescription, SignalColumns, describe
+from registry.datasets.folder_description import FILE, FolderDescription, SignalColumns, describe
 from registry.datasets.folder_draft import draft
 from registry.datasets.rotations import (
     euler_from_quaternion,
@@ -73,6 +73,11 @@ class Folder(Dataset):
         """[physics] but for its uncertainty, and [environment]."""
         stated = {k: v for k, v in self.description.physics.items() if k != "uncertainty"}
         return {**stated, **self.description.environment}
+
+    @property
+    def described(self) -> str:  # type: ignore[override]
+        """The dataset.toml."""
+        return str(Path(self.path) / FILE)
 
     @property
     def uncertainty(self) -> dict[str, float]:  # type: ignore[override]
