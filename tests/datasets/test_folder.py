@@ -164,6 +164,7 @@ def torn_gzip(folder):
         (torn_gzip, ["p.csv.gz", "cannot be read"]),
         (raw(b"\xff", "dataset.toml"), ["dataset.toml", "UTF-8"]),
         (toml("[physics]", "[physics"), ["dataset.toml cannot be read"]),
+        (toml("mass = 0.5", "mass = " + 2000 * "["), ["dataset.toml cannot be read"]),
         (toml('name = "mine"', ""), ["no key 'name'"]),
         (toml('name = "mine"', 'nmae = "mine"'), ["unknown key 'nmae'", "did you mean name"]),
         (toml('"quadrotor"', '"quadrotr"'), ["quadrotr", "did you mean quadrotor"]),
