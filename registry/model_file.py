@@ -33,7 +33,7 @@ def read(path: Path, system: str | type[PhysicsModel] = "") -> PhysicsModel:
         raise BenchError(f"{path} does not exist: `bench diagnose` writes a model.toml.") from error
     except UnicodeDecodeError as error:
         raise BenchError(f"{path} is not UTF-8 text (byte {error.start}).") from error
-    except (tomllib.TOMLDecodeError, OSError) as error:
+    except (tomllib.TOMLDecodeError, OSError, RecursionError) as error:
         raise BenchError(f"{path} cannot be read: {error}.") from error
     expected = system if isinstance(system, str) else system.system_name()
     named = table.pop("system", expected)
@@ -64,6 +64,11 @@ def read(path: Path, system: str | type[PhysicsModel] = "") -> PhysicsModel:
     except BenchError as error:
         raise BenchError(f"{path}: {error}") from error
     return model
+
+
+def stated_in(path: Path) -> set[str]:
+    """Names of the constants in the [physics] of a file that `read` has read."""
+    return set(tomllib.loads(path.read_text(encoding="utf-8")).get("physics", {}))
 
 
 def _effect(path: Path, number: int, entry: dict[str, Any]) -> Effect:

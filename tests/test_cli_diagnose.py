@@ -46,7 +46,7 @@ def folder(tmp_path: Path) -> Path:
     (data / "dataset.toml").write_text(
         'name = "swing"\nsystem = "oscillator"\nrate_hz = 100\nfiles = "*.csv"\ntime = "t"\ninput = "force"\n'
         '[signals]\ndisplacement = {columns = ["x"], unit = "m"}\nspeed = {columns = ["v"], unit = "m/s"}\n'
-        'force = {columns = ["f"], unit = "N"}\n'
+        'force = {columns = ["f"], unit = "N"}\n[physics]\nmass = 1.0\ndamping = 0.5\nstiffness = 100.0\n'
     )
     return data
 

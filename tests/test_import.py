@@ -12,9 +12,11 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from bench.cli.data import data_command
-from registry.datasets.folder import check
+from registry.core import PHYSICS
+from registry.datasets.folder import Folder, check
 from registry.datasets.importing import convert
 from registry.errors import BenchError
+from registry.stated import refuse_unstated
 
 pytest.importorskip("pyulog")
 pytest.importorskip("rosbags")
@@ -71,6 +73,8 @@ def px4(seconds: float = 4.0, q: tuple[float, ...] = STILL, gap: tuple[float, fl
 def test_px4_axes_become_east_north_up_and_forward_left_up(tmp_path: Path) -> None:
     ulog(tmp_path / "flight.ulg", px4())
     convert([tmp_path / "flight.ulg"], tmp_path / "out")
+    with pytest.raises(BenchError, match="does not state mass"):  # of the vehicle that flew, no other
+        refuse_unstated(Folder(str(tmp_path / "out")), PHYSICS.get("quadrotor"))
     (recording,) = check(tmp_path / "out").recordings
     assert recording.rate == 50
     t = np.arange(len(recording)) / recording.rate

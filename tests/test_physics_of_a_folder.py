@@ -1,5 +1,6 @@
 """A folder of flights and the physics that predicts them: what it must hold, and what is told apart."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -7,13 +8,17 @@ import pytest
 from click.testing import CliRunner
 
 from bench.cli import cli
+from bench.diagnose import load
+from registry.core import DATASETS, PHYSICS
+from registry.dynamics import constant
 from registry.errors import BenchError
+from registry.stated import needed
 
 SIGNALS = {
     "attitude": ('["qx", "qy", "qz", "qw"], unit = "1", convention = "quaternion_xyzw"', (0, 0, 0, 1)),
     "velocity": ('["vx", "vy", "vz"], unit = "m/s", frame = "world"', (0, 0, 0)),
     "body_rates": ('["p", "q", "r"], unit = "rad/s"', (0, 0, 0)),
-    "rotor_speed": ('["w1", "w2", "w3", "w4"], unit = "rad/s"', (495.5, 495.5, 495.5, 495.5)),
+    "rotor_speed": ('["rotor1", "rotor2", "rotor3", "rotor4"], unit = "rad/s"', (495.5, 495.5, 495.5, 495.5)),
 }
 CONSTANTS = {
     "mass": "1.0",
@@ -75,6 +80,61 @@ def test_what_is_not_measured_is_told_before_anything_is_read(tmp_path: Path, ef
     folder, model = hover(tmp_path / "flights", without=(lacking,)), tmp_path / "model.toml"
     for file in folder.glob("*.csv"):
         file.unlink()
-    model.write_text(f'system = "quadrotor"\n[[effects]]\nid = "{effect}"' if effect else 'system = "quadrotor"')
+    physics = "\n".join(['system = "quadrotor"', "[physics]", *(f"{n} = {v}" for n, v in CONSTANTS.items())])
+    model.write_text(f'{physics}\n[[effects]]\nid = "{effect}"' if effect else physics)
     with pytest.raises(BenchError, match=f"hover has no {lacking}, from which quadrotor starts"):
         bench("run", "physics", "--dataset", folder, "--physics", model, "--no-track", "--results", tmp_path)
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["data check {}", "compare {}", "diagnose {}", "run physics --dataset {}", "run Hybrid:1x8-MLP:8x10 --dataset {}"],
+)
+def test_constants_that_nobody_stated_are_asked_for(tmp_path: Path, command: str) -> None:
+    folder = hover(tmp_path / "flights", without=("mass", "rotor_directions"))
+    with pytest.raises(
+        BenchError, match=r"\[physics\] does not state mass \[kg\], rotor_directions: add.*show quadrotor"
+    ):
+        bench(*command.format(folder).split())
+    left = sorted(p.name for p in tmp_path.rglob("*"))
+    assert left == ["dataset.toml", "flight_0.csv", "flight_1.csv", "flight_2.csv", "flights"]
+
+
+def test_a_model_file_must_state_them_too(tmp_path: Path) -> None:
+    folder, model = hover(tmp_path / "flights"), tmp_path / "model.toml"
+    model.write_text('system = "quadrotor"\n[physics]\nmass = 1.0\n')
+    for command in ("run physics --physics {} --dataset {}", "compare --model {} {}"):
+        with pytest.raises(
+            BenchError, match=r"model\.toml \[physics\] does not state inertia \[kg m\^2\], thrust_coeff"
+        ):
+            bench(*command.format(model, folder).split())
+
+
+def test_what_is_left_to_the_default_is_said(tmp_path: Path) -> None:
+    folder = hover(tmp_path / "flights")
+    assert "read without an error" in bench("data", "check", folder)
+    (note,) = [n for n in load(str(folder)).notes if n.startswith("Not stated")]
+    assert note == "Not stated, and assumed where an effect looks at it: rotor radius = 0.127 m."
+
+
+def test_a_draft_is_not_diagnosed(tmp_path: Path) -> None:
+    folder = hover(tmp_path / "flights")
+    (folder / "dataset.toml").unlink()
+    bench("data", "init", folder)
+    with pytest.raises(BenchError, match="does not state mass"):
+        bench("diagnose", folder)
+    done = CliRunner().invoke(cli, ["data", "check", str(folder)])
+    assert "dataset.toml still says TODO" in done.output and "does not state mass" in str(done.exception)
+
+
+def test_constants_of_a_registered_data_set_are_its_own() -> None:
+    """The rotors of another vehicle are none of its business: the Pelican's are in the model itself."""
+    assert not DATASETS.get("pelican_twin")().described
+    assert [p.name for p in needed(PHYSICS.get("quadrotor"), "pwm")][-2:] == ["pwm_gain", "pwm_offset"]
+
+    class Mine(PHYSICS.get("oscillator")):
+        """With a stiffness of its own."""
+
+        stiffness: float = constant(3.0, "stiffness", "N/m", source="measured")
+
+    assert [p.name for p in needed(dataclass(frozen=True)(Mine))] == ["mass", "damping"]

@@ -81,22 +81,27 @@ def import_command(files: tuple[Path, ...], folder: Path, rate: float | None) ->
 @data_command.command("check")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
 def check_command(folder: Path) -> None:
-    """Read everything that FOLDER/dataset.toml describes and say what is wrong.
+    """Read everything that FOLDER/dataset.toml describes and say what is wrong, and what is missing.
 
     Signals are held against each other: signs, axes, units, frames, the order of the rotors and clocks. What
     dataset.toml has wrong is named with the line that mends it; the exit code is then 2. Time on the ground is left
     out.
     """
     from bench.diagnose.checks.checklist import check_folder
+    from registry.core import PHYSICS
     from registry.datasets.folder import Folder, check
+    from registry.stated import refuse_unstated
 
-    loaded = check(folder)
+    loaded, dataset = check(folder), Folder(path=str(folder))
     seconds = sum(r.seconds for r in loaded.recordings)
     click.echo(f"{len(loaded.recordings)} recording(s), {seconds:.1f} s in all, read without an error.")
     for f in loaded.findings:
         click.echo(f"  {f.recording}: {f.detail}")
-    for note in Folder(path=str(folder)).description.notes:
+    for note in dataset.description.notes:
         click.echo(f"  {note}")
+    if todo := (folder / "dataset.toml").read_text(encoding="utf-8").count("TODO"):
+        click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
+    refuse_unstated(dataset, PHYSICS.get(dataset.system))
     mistakes = check_folder(folder)
     for m in mistakes:
         click.echo(f"{'WRONG' if m.stops else 'note'}: {m.kind}: {m.detail}")

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -96,9 +97,9 @@ def compare_command(
     bench compare flights/ --model diagnosis/model.toml    is the extended model better?
     bench compare emps --horizon 0.5                       a registered data set, up to half a second
     """
-    from bench.diagnose import words
     from bench.diagnose.compare import compare
     from bench.diagnose.extend import fitted
+    from bench.diagnose.report import words
 
     subject, model = load(source, system, model_file)
     with announcer(options.console()) as tick:
@@ -183,8 +184,8 @@ def discover_command(
     bench discover flights/ --without ground_effect        what else would explain it?
     bench discover flights/ --catalogue rotor_drag --catalogue linear_drag
     """
-    from bench.diagnose import words
     from bench.diagnose.discover import discover
+    from bench.diagnose.report import words
     from bench.diagnose.result import ParameterEstimate
 
     names = chosen(catalogue, without)
@@ -197,7 +198,7 @@ def discover_command(
     out = options.console()
     effects = []
     for f in found.found:
-        values = {
+        values: dict[str, dict[str, Any]] = {
             x.entry.label: {"value": x.value, "low": x.low, "high": x.high, "unit": x.entry.unit} for x in f.estimates
         }
         effects.append({"id": f.id, "parameters": values, "indistinguishable_from": list(f.rivals)})

@@ -26,8 +26,10 @@ if TYPE_CHECKING:
 
 def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Subject, PhysicsModel | None]":
     """The measurements with the nominal model, and the model in the file if one was given."""
-    from bench.diagnose.logs.load import load
+    from bench.diagnose.logs.load import load, registered
     from bench.diagnose.report import model_file as files
+    from registry.datasets.folder import Folder
+    from registry.stated import refuse_unstated
 
     if not Path(source).is_dir() and source not in DATASETS.names():
         hint = "" if Path(source).exists() else " (it does not exist)"
@@ -39,6 +41,8 @@ def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Sub
     if model_file is None:
         return subject, None
     model = files.read(model_file, type(subject.model))
+    if Path(source).is_dir() and not registered(source):
+        refuse_unstated(Folder(path=source), type(model), str(model_file))
     # How inputs are given is a matter of the data, not of the file.
     given = {
         n: getattr(subject.model, n) for n in ("extras", "input_hold", "drive") if n in {f.name for f in fields(model)}
@@ -128,7 +132,7 @@ def say_written(console: Any, written: Sequence[Path]) -> None:
 
 def show_extension(console: Any, done: "Extension") -> None:
     """Print the held-out error, effect by effect, and the fitted numbers."""
-    from bench.diagnose import words
+    from bench.diagnose.report import words
 
     groups, stages = done.comparison.groups, done.stages
     units = [words.shown(g.unit, g.name, [s.error[g.name] for s in stages]) for g in groups]

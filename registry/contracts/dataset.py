@@ -30,6 +30,8 @@ class Dataset(ABC):
     """Nominal constants of the recorded system, SI."""
     uncertainty: ClassVar[dict[str, float]] = {}
     """Relative 1σ of these constants, where it is not the model's default."""
+    described: ClassVar[str] = ""
+    """Where a user states its constants; empty: what is not in ``physics`` is as in the registered system."""
     processing: ClassVar[dict[str, Any]] = {}
     """What was done to the recordings, as [processing] of a dataset.toml says it."""
     recorded: ClassVar[tuple[Channel, ...]] = ()

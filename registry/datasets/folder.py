@@ -11,7 +11,7 @@ from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Spl
 from registry.core import DATASETS, PHYSICS, option
 from registry.datasets.cleaning import resample, runs, widen
 from registry.datasets.folder_conversion import attitude, in_frames, own_units
-from registry.datasets.folder_description import FolderDescription, SignalColumns, describe
+from registry.datasets.folder_description import FILE, FolderDescription, SignalColumns, describe
 from registry.datasets.folder_draft import draft
 from registry.datasets.ground import MARGIN, resting
 from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
@@ -69,6 +69,11 @@ class Folder(Dataset):
         """[physics] but for its uncertainty, and [environment]."""
         stated = {k: v for k, v in self.description.physics.items() if k != "uncertainty"}
         return {**stated, **self.description.environment}
+
+    @property
+    def described(self) -> str:  # type: ignore[override]
+        """The dataset.toml."""
+        return str(Path(self.path) / FILE)
 
     @property
     def uncertainty(self) -> dict[str, float]:  # type: ignore[override]

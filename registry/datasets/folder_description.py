@@ -85,7 +85,7 @@ def describe(folder: Path) -> FolderDescription:
         raise BenchError(f"{path} does not exist: `bench data init {folder}` drafts it.") from error
     except UnicodeDecodeError as error:
         raise BenchError(f"{path} is not UTF-8 text (byte {error.start}).") from error
-    except (tomllib.TOMLDecodeError, OSError) as error:
+    except (tomllib.TOMLDecodeError, OSError, RecursionError) as error:
         raise BenchError(f"{path} cannot be read: {error}.") from error
     _known(table, (*_REQUIRED, *_OPTIONAL), f"{path}")
     for key in _REQUIRED:

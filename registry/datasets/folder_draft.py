@@ -4,10 +4,12 @@ import json
 import re
 from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
 from registry.core import PHYSICS
 from registry.datasets.tables import ENDINGS, header
 from registry.errors import BenchError
+from registry.stated import needed
 from registry.units import SIGNALS
 
 _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
@@ -104,10 +106,22 @@ def draft(folder: str | Path, system: str = "") -> str:
         ),
         *(f"# TODO: what is column {json.dumps(n, ensure_ascii=False)}?" for n in left),
         "",
-        "# [physics]  # TODO: nominal constants as you know them, SI; what is left out is as here",
-        *(f"# {p.name} = {json.dumps(p.value)}  # {p.unit}; {p.about}" for p in PHYSICS.get(system)().parameters()),
+        *physics_lines(system, driver or ""),
     ]
     return "\n".join(lines) + "\n"
+
+
+def physics_lines(system: str, drive: str) -> list[str]:
+    """Of a drafted dataset.toml: the constants that it must state, without a value, and those that it may."""
+    kind: Any = PHYSICS.get(system)
+    own = [p.name for p in needed(kind, drive)]
+    lines = {p.name: (json.dumps(p.value), f"# {p.unit}; {p.about}") for p in kind().parameters()}
+    return [
+        "# [physics]  # TODO: what this system has, SI; physics models need all of these, networks none",
+        *(f"# {name} = …  {lines[name][1]}" for name in own),
+        "# These may be left out, and are then as here:",
+        *(f"# {name} = {value}  {about}" for name, (value, about) in lines.items() if name not in own),
+    ]
 
 
 def _signals_of(system: str) -> dict[str, str]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from registry.datasets.cleaning import resample, runs
 from registry.datasets.folder_description import FILE
+from registry.datasets.folder_draft import physics_lines
 from registry.datasets.rotations import unit_quaternion
 from registry.datasets.series import Log
 from registry.errors import BenchError
@@ -157,8 +158,8 @@ def _write(
         "[signals]  # SI; world z up, body x forward, y left, z up",
         *(f"{s} = {{columns = {json.dumps(names[s])}, {_COLUMNS[s][1]}}}" for s in signals),
         "",
-        "# [physics]  # TODO: nominal constants, SI: mass, inertia, thrust_coefficient, torque_coefficient,",
-        "#           # rotor_positions (x forward, y left) and rotor_directions in the order of the motor columns",
+        "# rotor_positions and rotor_directions go in the order of the motor columns; x forward, y left",
+        *physics_lines("quadrotor", driver),
     ]
     try:
         folder.mkdir(parents=True, exist_ok=True)

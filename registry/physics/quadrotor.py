@@ -35,7 +35,11 @@ class Quadrotor(RigidBody):
         source=_ROTORS,
     )
     rotor_directions: Any = constant(
-        (1.0, -1.0, 1.0, -1.0), "s: sign of each rotor's reaction torque about body z", "1", uncertainty=0.0
+        (1.0, -1.0, 1.0, -1.0),
+        "s: sign of each rotor's reaction torque about body z",
+        "1",
+        uncertainty=0.0,
+        source=_ROTORS,
     )
     rotor_radius: Any = constant(0.127, "rotor radius", "m", low=0, source=_CHOSEN)
 

@@ -17,6 +17,7 @@ from registry.physics.rigid_body import rotation_matrix
 from registry.predictors.learned_load import SWING, LearnedLoad, Rotors, Sizes, Units
 from registry.predictors.mirror import Mirrors
 from registry.predictors.white_box import WhiteBox, measured_signals
+from registry.stated import refuse_unstated
 from registry.units import SIGNALS
 
 SPREAD = 1.5
@@ -229,6 +230,7 @@ class LoadHybrid(PredictorEntry):
 
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
         """See `PredictorEntry.signals`; the accelerometer is read where there is one."""
+        refuse_unstated(dataset, Quadrotor)
         felt = ("specific_force",) if "specific_force" in measured_signals(dataset) else ()
         return ("rotor_speed",), ("velocity", "body_rates"), ("attitude", *felt)
 

@@ -16,6 +16,7 @@ from registry.errors import BenchError
 from registry.model_file import read
 from registry.physics.quadrotor import Quadrotor
 from registry.physics.rigid_body import RigidBody
+from registry.stated import refuse_unstated
 
 _NEEDED = ("velocity", "attitude", "body_rates")
 """States of a rigid body that nothing else tells; a position is looked at by few effects."""
@@ -146,6 +147,7 @@ def default_signals(dataset: Dataset, file: str = "") -> tuple[Signals, Signals,
     state that the data hold is predicted.
     """
     model: Any = read(Path(file), dataset.system) if file else PHYSICS.get(dataset.system)()
+    refuse_unstated(dataset, type(model), file)
     accepted = _accepted(model)
     drive = next((s for s in accepted if s in dataset.inputs), accepted[0] if accepted else None)
     inputs = (drive, *(e for e in model.extras if e in dataset.inputs)) if drive else dataset.inputs

@@ -3,13 +3,12 @@ import gzip
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from bench.cli.data import data_command
 from registry.core import PHYSICS
 from registry.datasets.folder import Folder, check, draft
 from registry.errors import BenchError
+from registry.stated import refuse_unstated
 
 TOML = """
 name = "mine"
@@ -165,6 +164,7 @@ def torn_gzip(folder):
         (torn_gzip, ["p.csv.gz", "cannot be read"]),
         (raw(b"\xff", "dataset.toml"), ["dataset.toml", "UTF-8"]),
         (toml("[physics]", "[physics"), ["dataset.toml cannot be read"]),
+        (toml("mass = 0.5", "mass = " + 2000 * "["), ["dataset.toml cannot be read"]),
         (toml('name = "mine"', ""), ["no key 'name'"]),
         (toml('name = "mine"', 'nmae = "mine"'), ["unknown key 'nmae'", "did you mean name"]),
         (toml('"quadrotor"', '"quadrotr"'), ["quadrotr", "did you mean quadrotor"]),
@@ -210,8 +210,7 @@ def test_every_mistake_is_one_sentence(folder, breakage, says):
 def test_hubs_without_a_height_lie_in_the_plane(folder):
     toml("mass = 0.5", "rotor_positions = [[0.1, 0.2], [-0.1, 0.3]]")(folder)
     assert Folder(str(folder)).physics["rotor_positions"] == ((0.1, 0.2, 0.0), (-0.1, 0.3, 0.0))
-    shown = CliRunner().invoke(data_command, ["check", str(folder)])
-    assert "rotor_positions were given as [x, y]: z = 0 was taken." in shown.output
+    assert Folder(str(folder)).description.notes == ("rotor_positions were given as [x, y]: z = 0 was taken.",)
 
 
 def test_split_takes_the_last_fifth_and_needs_three(folder):
@@ -270,13 +269,19 @@ def test_the_signals_of_a_named_system_are_drafted(tmp_path, system, columns, si
     (tmp_path / "dataset.toml").write_text(text.replace("# [physics]", "[physics]"), encoding="utf-8")
     described = Folder(path=str(tmp_path)).description
     assert {name: s.columns for name, s in described.signals.items()} == {n: (c,) for n, c in signals.items()}
-    constants = [line[2:] for line in text.split("[physics]")[1].splitlines()[1:]]
-    (tmp_path / "dataset.toml").write_text(text.split("# [physics]")[0] + "\n".join(["[physics]", *constants]))
-    assert check(tmp_path).recordings
-    assert Folder(path=str(tmp_path)).physics == {
-        k: list(v) if isinstance(v, tuple) else v
-        for k, v in ((p.name, p.value) for p in PHYSICS.get(system)().parameters())
-    }
+    # Uncommented as they are, constants that the system must have are no values; completed, they are read.
+    lines = [line.removeprefix("# ") for line in text.split("[physics]")[1].splitlines()[1:]]
+    constants = [line for line in lines if " = " in line]
+    own = {line.split(" = ")[0] for line in constants if " = …" in line}
+    for value in ("…", "0.25"):
+        given = "\n".join(["[physics]", *constants]).replace("…", value)
+        (tmp_path / "dataset.toml").write_text(text.split("# [physics]")[0] + given, encoding="utf-8")
+        if own and value == "…":
+            with pytest.raises(BenchError, match="cannot be read"):
+                check(tmp_path)
+    values = {p.name: p.value for p in PHYSICS.get(system)().parameters()} | dict.fromkeys(own, 0.25)
+    assert Folder(path=str(tmp_path)).physics == values
+    refuse_unstated(Folder(path=str(tmp_path)), PHYSICS.get(system))
 
 
 def test_a_draft_says_what_was_not_found(tmp_path):

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from bench.diagnose.select.search import admissible
 from scipy.integrate import solve_ivp
 
 from bench.diagnose import diagnose, extend, load
+from bench.diagnose.select.search import admissible
 from registry.dynamics import InputEffect
 from registry.errors import BenchError
 

@@ -16,6 +16,7 @@ from registry.core import DATASETS, PHYSICS
 from registry.datasets.folder import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
+from registry.stated import refuse_unstated
 
 _TOLD = ("state_channels", "input_signals", "equation")
 """What a physics model says of itself."""
@@ -37,6 +38,14 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
     dataset = source if isinstance(source, Dataset) else _dataset(source)
     constants, processing, uncertainty, drive = _described(dataset)
     kind = physics_class(system or dataset.system)
+    nominal, acting = model is None, kind if model is None else type(model)
+    if (drive or acting.input_signals) and drive not in acting.input_signals:
+        raise BenchError(
+            f"{dataset.label} is driven by {drive!r}, which {acting.__name__} does not accept: "
+            f"it accepts {', '.join(acting.input_signals) or 'no input'}."
+        )
+    if nominal:
+        refuse_unstated(dataset, kind)
     loaded = dataset.load()
     recordings = loaded.recordings
     signals = set.intersection(*({c.group for c in r.channels} for r in recordings))
@@ -47,11 +56,6 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
             given["drive"] = drive
         extras = ("battery",) if "battery" in signals - {drive} and _columns(recordings[0], "battery") == 1 else ()
         model = kind(**given, input_hold=dataset.input_hold, extras=(*extras, "time"))
-    if (drive or type(model).input_signals) and drive not in type(model).input_signals:
-        raise BenchError(
-            f"{dataset.label} is driven by {drive!r}, which {type(model).__name__} does not accept: "
-            f"it accepts {', '.join(type(model).input_signals) or 'no input'}."
-        )
     names = [r.name for r in recordings]
     training, held_out = partition(dataset, names)
     subject = Subject(
@@ -64,7 +68,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         {k: float(v) for k, v in dict(processing.get("noise", {})).items()},
         uncertainty,
         tuple(sorted(signals)),
-        dataset.description.notes if isinstance(dataset, Folder) else (),
+        notes=_taken(dataset, model) if nominal and isinstance(dataset, Folder) else (),
         folder=dataset.path if isinstance(dataset, Folder) else "",
     )
     return centred(subject)
@@ -155,6 +159,14 @@ def _dataset(source: str | Path) -> Dataset:
             f"or one of {', '.join(DATASETS.names())}."
         )
     return Folder(path=str(source))
+
+
+def _taken(folder: Folder, model: PhysicsModel) -> tuple[str, ...]:
+    """What was taken for granted because the description does not state it, in sentences."""
+    own = [p for p in model.parameters() if p.source and p.uncertainty > 0 and p.name not in folder.physics]
+    said = ", ".join(f"{p.name} = {p.value} {p.unit}".replace("_", " ") for p in own)
+    assumed = (f"Not stated, and assumed where an effect looks at it: {said}.",) if said else ()
+    return (*folder.description.notes, *assumed)
 
 
 def _described(dataset: Dataset) -> tuple[dict[str, Any], dict[str, Any], dict[str, float], str]:
