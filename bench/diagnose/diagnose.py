@@ -91,14 +91,15 @@ def diagnose(
         if vanished := [e.id for e in extension.effects if abs(e.share_explained) < NOTHING]:
             found, names = _unnamed(found, vanished), [n for n in names if n not in vanished]
             extension = extend(subject, subject.model, names, tick, noise, rivals, known, horizon_s)
-    refuted = bool(names) and sum(e.share_explained for e in extension.effects) < 0
+    # Where each equation was judged by itself, a free run that is lost in another one refutes nothing.
+    refuted = bool(names) and not found.equations and sum(e.share_explained for e in extension.effects) < 0
     if refuted:
         found, names = _unnamed(found, names), []
-    if shifted:  # unless friction is missing, which makes motion lead what drives it
-        again = _checked(replace(subject, model=extension.model), ignore) if names else checked
+    if shifted:  # unless the inputs were read anew, or friction is missing, which makes motion lead what drives it
+        again = problems(replace(subject, model=extension.model) if names else subject)
         if again.problems:
             return _broken(subject, named_as, checked.problems), subject.model
-        checked = again
+        checked = Checked((), (*again.suspicions, *checked.problems[:1]))
     if names:
         model = extension.model
         comparison, stages, effects = extension.comparison, extension.stages, extension.effects

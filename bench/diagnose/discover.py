@@ -15,7 +15,15 @@ from bench.diagnose.select import by_simulation
 from bench.diagnose.select.choose import accepted, agreed, updated
 from bench.diagnose.select.discovery import Discovery, Found, Loser
 from bench.diagnose.select.input_timing import prepared
-from bench.diagnose.select.materiality import SHARE, EquationError, Saving, Weighing, faint_traces, trifle
+from bench.diagnose.select.materiality import (
+    SHARE,
+    EquationError,
+    Saving,
+    Weighing,
+    contradiction,
+    faint_traces,
+    trifle,
+)
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.select.verify import (
@@ -66,15 +74,16 @@ def discover(
     names = [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
     tick("weigh")
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
-    worthy, remarks = _worthy(view, weighing, len(subject.model.effects))
+    worthy, remarks, contradicted = _worthy(view, weighing, len(subject.model.effects))
     judged = () if weighing is None else weighing.errors(worthy.model())
     named, imitators = _understood(view, worthy, judged, len(subject.model.effects))
     chosen = _Choice(view, tuple(sorted({*worthy.dropped, *imitators})))
     savings = {i: _saved(weighing, chosen, i, judged) for i in named}
     fit = chosen.fit
+    errors = () if weighing is None else weighing.errors(chosen.model())
     traces, total = left_over(view, chosen.dropped)
     unknown = total > LEFT * view.floor
-    if unknown and weighing is not None and not any(e.unexplained >= SHARE for e in judged):
+    if unknown and errors and not contradicted and not any(e.unexplained >= SHARE for e in errors):
         unknown, remarks = False, (*remarks, faint_traces(traces))
     numbers, model = estimates(view, fit), chosen.model()
     found = tuple(
@@ -99,7 +108,7 @@ def discover(
         tuple(names[i] for i in imitators),
         tuple(t for t in traces if t.gain > FAINT),
         (*subject.notes, *search.notes),
-        () if weighing is None else weighing.errors(model),
+        errors,
         remarks,
     )
 
@@ -145,15 +154,19 @@ def _settled(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> V
     return view
 
 
-def _worthy(view: View, weighing: Weighing | None, known: int) -> tuple[_Choice, tuple[str, ...]]:
+def _worthy(view: View, weighing: Weighing | None, known: int) -> tuple[_Choice, tuple[str, ...], bool]:
     """The model's effects beyond the first ``known`` that are sure and worth a term; remarks on those that are not.
 
     The one that saves least goes first: two that share what they explain would both seem idle.
+
+    Returns:
+        The choice, the remarks, and whether held-out recordings contradict an effect that the others are sure of.
     """
     subsets, numbers = view.subsets, estimates(view, view.subsets.fit())
     places = range(known, len(view.linear.model.effects))
     dropped = {i for i in places if pinned(numbers, i)}
     remarks: list[str] = []
+    contradicted = False
     while True:
         gone = view.linear.away(sorted(dropped))[0]
         chosen = _Choice(view, tuple(sorted(gone)))
@@ -161,18 +174,25 @@ def _worthy(view: View, weighing: Weighing | None, known: int) -> tuple[_Choice,
         unsure = [i for i in left if not accepted(view, subsets.fit(drop=[*gone, i]), chosen.fit, drop=[*gone, i])]
         if weighing is None:
             if not unsure:
-                return chosen, ()
+                return chosen, (), False
             dropped.add(unsure[0])
             continue
         judged = weighing.errors(chosen.model())
         savings = {i: _saved(weighing, chosen, i, judged) for i in left}
         idle = [i for i in left if i in unsure or not any(s.worth for s in savings[i])]
         if not idle:
-            return chosen, tuple(remarks)
+            return chosen, tuple(remarks), contradicted
         least = min(idle, key=lambda i: max(s.share for s in savings[i]))
         dropped.add(least)
         if least not in unsure:
-            remarks.append(trifle(EFFECTS.name_of(type(view.linear.model.effects[least])), savings[least]))
+            name, worse = EFFECTS.name_of(type(view.linear.model.effects[least])), _worse(savings[least])
+            remarks.append(contradiction(name) if worse else trifle(name, savings[least]))
+            contradicted |= worse
+
+
+def _worse(savings: Sequence[Saving]) -> bool:
+    """Whether an effect makes held-out recordings worse for sure, in every equation."""
+    return all(s.high < 0 for s in savings)
 
 
 def _understood(

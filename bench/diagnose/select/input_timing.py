@@ -19,6 +19,7 @@ from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.regression.linearise import Directions, Rows, directions
+from bench.diagnose.regression.parameters import entries
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
 from bench.diagnose.select.search import Search, admissible, hop_of, noise_filters, shortened
 from bench.diagnose.simulate.unmeasured import hidden
@@ -69,7 +70,8 @@ def prepared(
         return subject, noise
     subject = replace(subject, timed=True)
     drives = drives_of(subject.model, subject.logs[0])
-    if not subject.training or subject.model.input_hold == "previous" or not drives or hidden(subject.logs):
+    known = entries(subject.model, subject.uncertainty)
+    if not (known and drives and subject.training) or subject.model.input_hold == "previous" or hidden(subject.logs):
         return subject, noise
     tick("input timing")
     shift = _shift(subject, noise)
@@ -112,6 +114,8 @@ def _shift(subject: Subject, noise: Noise) -> Shift:
     error = np.inf
     for _ in range(STEPS):
         step, error = fit.step(value)
+        if not np.isfinite([step, error]).all():
+            return Shift(0.0, 0.0, 0.0)  # nothing moves by which a shift could be told
         value = float(np.clip(value + np.clip(step, -1, 1), -widest, widest))
         if abs(step) < NEGLIGIBLE:
             break

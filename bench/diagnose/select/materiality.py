@@ -36,7 +36,9 @@ CLOSE = 1.5
 SURE = 2.0
 """Standard errors over blocks of held-out recordings of a 95 % interval over blocks of held-out recordings."""
 BLOCK = 4.0
-"""Length of these blocks [s]."""
+"""Longest of these blocks [s]."""
+BLOCKS = 8
+"""Blocks at least, where recordings are long enough for that many horizons."""
 TERMS = 8
 """Columns at most that are taken one by one."""
 SHRINKAGE = np.logspace(-4, 2, 13)
@@ -130,7 +132,9 @@ class Weighing:
         """Squared errors (W,) and the block (W,) that each window is in."""
         errors, recording, first = left.over(horizon, max(1, horizon // 4))
         squared = (errors[:, list(equation.group.at)] ** 2).sum(1)
-        block = np.unique(np.stack([recording, first // round(BLOCK / self.held.dt)]), axis=1, return_inverse=True)[1]
+        whole = sum(map(len, self.held.logs))
+        length = max(horizon, min(round(BLOCK / self.held.dt), whole // BLOCKS))
+        block = np.unique(np.stack([recording, first // length]), axis=1, return_inverse=True)[1]
         return squared, block
 
     def errors(self, extended: PhysicsModel) -> tuple[EquationError, ...]:
@@ -260,11 +264,21 @@ def _ridge_loss(grams: Sequence[np.ndarray], whole: np.ndarray, shrinkage: float
 
 def trifle(name: str, savings: Sequence[Saving]) -> str:
     """A remark on an effect that is not worth a term."""
-    best = max(savings, key=lambda s: s.share)
-    size = f"{100 * best.share:.1g} %" if best.matters else "next to nothing"
+    best = max(savings, key=lambda s: (s.matters, s.share))
+    if not best.matters:
+        return f"A trace of {name.replace('_', ' ')} shows where hardly anything can be explained: not worth a term."
+    low, share, high = (f"{100 * x:.0f}".replace("-", "−") for x in (best.low, best.share, best.high))
     return (
-        f"A trace of {name.replace('_', ' ')} shows; it saves {size} of what can be explained in {best.equation} on "
-        "held-out recordings: not worth a term."
+        f"A trace of {name.replace('_', ' ')} shows; it saves {share} % ({low} to {high}) of what can be explained in "
+        f"{best.equation} on held-out recordings: not worth a term, or not for sure."
+    )
+
+
+def contradiction(name: str) -> str:
+    """A remark on an effect that held-out recordings contradict."""
+    return (
+        f"{name.replace('_', ' ')} explains the recordings that were learnt from and makes the held-out ones worse: "
+        "recordings differ, and it is not named."
     )
 
 
