@@ -28,6 +28,7 @@ from bench.diagnose.result import (
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.simulate.unmeasured import hidden
+from bench.diagnose.summaries import constant_estimates, effect_savings, equation_results, placed
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
 
@@ -103,11 +104,12 @@ def diagnose(
     if names:
         model = extension.model
         comparison, stages, effects = extension.comparison, extension.stages, extension.effects
-        taken = extension.calibrated
+        taken, numbers = extension.calibrated, extension.constants
     else:
-        model, effects, taken = found.calibrated, (), 0.0
+        model, effects, taken, numbers = found.calibrated, (), 0.0, found.constants
         if subject.model.effects:  # it was fitted so that free runs meet the measurements, and stays so
-            model, _ = fitted(subject, subject.model, noise, tick)
+            model, estimated = fitted(subject, subject.model, noise, tick)
+            numbers = tuple(estimated)
         comparison = compare(subject, {"calibrated": model}, noise=noise, horizon_s=horizon_s)
         stages = tuple(Stage(n, {g: e.rmse for g, e in comparison.error(n).items()}) for n in comparison.lines)
     nowhere = Location((), (), (), float("nan"), {}, ())
@@ -132,7 +134,7 @@ def diagnose(
             verdict,
             floor,
             Errors(nominal, comparison.error("calibrated"), after),
-            effects,
+            placed(found, effects),
             _unexplained(subject, found, nominal, after, floor, axes),
             location.regions,
             (),
@@ -156,7 +158,10 @@ def diagnose(
                     *location.notes,
                     *_warnings(subject, found, checked.suspicions),
                 ),
+                effect_savings(found, effects),
             ),
+            equation_results(found, subject.model, bool(names)),
+            constant_estimates(subject, model, numbers),
         ),
         model,
     )

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
 from registry.errors import BenchError
 
 VERDICTS = ("named", "tie", "nothing", "unknown_effect", "data_problem")
@@ -64,6 +65,8 @@ class NamedEffect:
     """Ids that explain these data as well; empty: the effect stands alone."""
     separate_by: str = ""
     """A sentence: the manoeuvre that would separate them."""
+    acts_on: str = ""
+    """The equation in which it saves most; empty: no equation was judged by itself."""
 
 
 @dataclass(frozen=True)
@@ -229,6 +232,8 @@ class Evidence:
     """A symbolic form of what is left, offered as a hypothesis."""
     notes: tuple[str, ...] = ()
     """Sentences: what was estimated, what was assumed, what the data cannot show."""
+    savings: dict[str, tuple[EffectSaving, ...]] = field(default_factory=dict)
+    """By the id of a named effect, what it saves in every equation."""
 
 
 @dataclass(frozen=True)
@@ -246,6 +251,10 @@ class Diagnosis:
     where: tuple[Region, ...]
     data_problems: tuple[DataProblem, ...]
     evidence: Evidence = field(default_factory=Evidence, compare=False)
+    by_equation: dict[str, EquationResult] = field(default_factory=dict)
+    """By name, such as "forces"; empty: no equation could be judged by itself."""
+    constants: dict[str, ConstantEstimate] = field(default_factory=dict)
+    """Of the base model, by name."""
 
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
 from bench.diagnose.result import (
     ByGroup,
     Calibration,
@@ -106,6 +107,7 @@ DRAG = NamedEffect(
     0.87,
     errors(CALIBRATED),
     errors(FIRST),
+    acts_on="forces",
 )
 REACTION = NamedEffect(
     "rotor_reaction_torque",
@@ -113,7 +115,21 @@ REACTION = NamedEffect(
     0.09,
     errors(FIRST),
     errors(EXTENDED),
+    acts_on="torques",
 )
+EQUATIONS = {
+    "forces": EquationResult("velocity", 0.5, "m/s", 0.32, 0.30, 0.034, 0.033, 0.0012),
+    "torques": EquationResult("body_rates", 0.5, "rad/s", 0.28, 0.26, 0.052, 0.047, 0.011),
+}
+SAVINGS = {
+    "rotor_drag": (EffectSaving("forces", 0.93, 0.89, 0.97), EffectSaving("torques", 0.013, -0.02, 0.05)),
+    "rotor_reaction_torque": (EffectSaving("forces", 0.0, 0.0, 0.0, False), EffectSaving("torques", 0.84, 0.71, 0.96)),
+}
+CONSTANTS = {
+    "mass": ConstantEstimate(0.5, 0.5062, 0.4995, 0.5129, "kg", False),
+    "thrust_coefficient": ConstantEstimate(5.57e-6, 5.61e-6, 5.59e-6, 5.63e-6, "N s^2", True),
+    "torque_coefficient": ConstantEstimate(1.36e-7, 1.34e-7, math.nan, math.nan, "N m s^2", False),
+}
 WHERE = (
     Region("speed > 2.8 m/s", 0.61, 0.14, ("flight_01", "flight_02", "flight_03", "flight_05")),
     Region("rotor speed changes faster than 2400 rad/s²", 0.22, 0.06, ("flight_02", "flight_03")),
@@ -207,7 +223,10 @@ def named() -> Diagnosis:
                 _window("flight_11", 4.07, "body_rates", "pqr", 0.1),
             ),
             notes=NOTES,
+            savings=SAVINGS,
         ),
+        EQUATIONS,
+        CONSTANTS,
     )
 
 

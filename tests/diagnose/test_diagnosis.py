@@ -10,12 +10,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 import samples
 from rich.console import Console
 
 from bench.cli.diagnosing import show_extension
+from bench.diagnose.by_equation import ConstantEstimate
 from bench.diagnose.extend import shares_of
+from bench.diagnose.regression.parameters import entries
 from bench.diagnose.report import story, words
 from bench.diagnose.report.words import gathered
 from bench.diagnose.result import (
@@ -27,8 +30,13 @@ from bench.diagnose.result import (
     Stage,
     schema,
 )
+from bench.diagnose.select.discovery import Discovery, Found
+from bench.diagnose.select.materiality import EquationError, Saving
+from bench.diagnose.select.verify import Estimate
 from bench.diagnose.simulate.free_run import Group
+from bench.diagnose.summaries import constant_estimates, effect_savings, equation_results, placed
 from registry.errors import BenchError
+from registry.physics.quadrotor import Quadrotor
 
 VALIDATOR = jsonschema.Draft202012Validator(schema())
 
@@ -57,6 +65,71 @@ def test_numbers_that_do_not_exist_are_null() -> None:
     assert read["effects"][0]["parameters"]["k_d"] == {"value": 1.187e-4, "low": None, "high": None, "unit": "kg/rad"}
 
 
+def test_equations_and_constants_are_part_of_the_contract() -> None:
+    read = samples.named().to_json()
+    assert [e["acts_on"] for e in read["effects"]] == ["forces", "torques"]
+    assert read["by_equation"]["torques"] == {
+        "output": "body_rates",
+        "horizon_s": 0.5,
+        "unit": "rad/s",
+        "nominal": 0.28,
+        "calibrated": 0.26,
+        "extended": 0.052,
+        "predictable": 0.047,
+        "floor": 0.011,
+    }
+    assert read["constants"]["thrust_coefficient"]["determined"] is True
+    assert read["constants"]["torque_coefficient"]["low"] is None
+
+
+def _error(equation: str, horizon_s: float, size: float) -> EquationError:
+    models = {"nominal": 4 * size, "calibrated": 3 * size, "extended": 2 * size}
+    return EquationError(equation, horizon_s, "m/s", models, 1.5 * size, 0.1 * size)
+
+
+def test_each_equation_is_summed_up_at_its_longest_horizon_and_an_effect_acts_where_it_saves_most() -> None:
+    model = Quadrotor()
+    errors = tuple(_error(e, h, h) for e in ("forces", "torques") for h in (0.5, 0.1))
+    savings = (
+        Saving("forces", 0.1, 1.1, 0.9, 1.3, True),  # both are all of it: the first
+        Saving("forces", 0.5, 0.2, 0.1, 0.3, True),
+        Saving("torques", 0.1, 1.4, 1.1, 1.7, True),
+        Saving("torques", 0.5, 9.0, 8.0, 10.0, False),  # of next to nothing
+    )
+    drag = Found("rotor_drag", samples.DRAG, (), 1.0, (), savings)  # type: ignore[arg-type]
+    found = Discovery(model, model, (drag,), (), (), (), equations=errors)
+    summed = equation_results(found, model, extended=True)
+    assert {n: (e.output, e.horizon_s, e.extended) for n, e in summed.items()} == {
+        "forces": ("velocity", 0.5, 1.0),
+        "torques": ("body_rates", 0.5, 1.0),
+    }
+    assert equation_results(found, model, extended=False)["forces"].extended == 1.5  # the effects were given up
+    (effect,) = placed(found, [replace(samples.DRAG, acts_on="")])
+    assert effect.acts_on == "forces"
+    said = effect_savings(found, [effect])["rotor_drag"]
+    assert [(s.equation, s.share, s.matters) for s in said] == [("forces", 0.2, True), ("torques", 1.0, False)]
+
+
+def test_a_constant_is_determined_where_its_interval_is_under_half_of_the_stated_one() -> None:
+    stated = Quadrotor()
+    subject: Any = SimpleNamespace(model=stated, uncertainty={"mass": 0.02})
+    entry = next(e for e in entries(stated, subject.uncertainty) if e.label == "mass")
+    half = 1.96 * 0.02 * stated.mass
+    moved = replace(stated, mass=1.01 * stated.mass)
+
+    def estimated(share: float, off: float = 0.0) -> ConstantEstimate:
+        low, high = (np.float64(moved.mass + off + side * share * half) for side in (-1, 1))  # as the fits give them
+        x = Estimate(entry, moved.mass + off, low, high)
+        return constant_estimates(subject, moved, [x])["mass"]
+
+    sharp = estimated(0.49)
+    assert (sharp.stated, sharp.value, sharp.unit) == (stated.mass, moved.mass, "kg")
+    assert sharp.determined is True and not estimated(0.51).determined
+    # The model that is written has another value than the fit of the interval: it is worth no more than that.
+    wide = estimated(0.1, off=0.6 * half)
+    assert wide.value == moved.mass and wide.high - wide.low == pytest.approx(1.2 * half) and not wide.determined
+
+
 def _without(*path: Any) -> Any:
     def change(d: Any) -> None:
         for key in path[:-1]:
@@ -73,6 +146,10 @@ def _without(*path: Any) -> Any:
         _without("effects", 0, "parameters", "k_d", "low"),
         _without("error", "extended"),
         lambda d: d.update(verdict="maybe"),
+        _without("by_equation"),
+        _without("constants", "mass", "determined"),
+        _without("effects", 0, "acts_on"),
+        lambda d: d["by_equation"]["forces"].update(best=1.0),
         lambda d: d.update(evidence={}),
         lambda d: d["data_problems"][0].update(rows=[3]),
         lambda d: d["effects"].clear(),
@@ -108,6 +185,27 @@ def test_the_story_is_short_and_says_the_verdict(verdict: str) -> None:
         "data_problem": ["frozen", "flight_03", "body rates r", "samples 1202 to 1466", "velocity x, all samples"],
     }[verdict]:
         assert said in flat
+
+
+def test_the_story_has_a_line_for_each_of_several_equations() -> None:
+    d = samples.named()
+    text = told(replace(d, where=()))
+    assert "  forces, all else measured: velocity after 0.5 s  0.320 → 0.0340 m/s (best 0.0330, noise 0.0012)" in text
+    assert "  torques, all else measured: body rates after 0.5 s  16.0 → 2.98 deg/s (best 2.69, noise 0.63)" in text
+    assert "all else measured" not in told(replace(d, by_equation={"forces": samples.EQUATIONS["forces"]}))
+
+
+def test_every_tie_is_said_by_itself() -> None:
+    d = samples.tie()
+    (drag,) = d.effects
+    torque = replace(samples.REACTION, share_explained=0.05, indistinguishable_from=("motor_lag",))
+    both = "rotor drag or linear drag; rotor reaction torque or motor lag."
+    two = replace(d, effects=(drag, torque))
+    assert words.headline(two) == f"The model lacks two effects that these recordings cannot name: {both}"
+    assert "One of each, together, explain about 97 %" in words.explanation(two)
+    sure = replace(two, verdict="named", effects=(samples.DRAG, drag, torque))
+    assert words.headline(sure) == "The model lacks rotor drag."
+    assert f"Two more are there that these recordings cannot name: {both}" in words.explanation(sure)
 
 
 def test_the_story_stays_short_when_there_is_much_to_say() -> None:

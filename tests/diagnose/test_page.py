@@ -100,6 +100,31 @@ def test_named_page_shows_every_part_with_the_units_of_a_reader() -> None:
         assert said in parsed.text, said
 
 
+def test_every_equation_is_shown_by_itself_with_what_each_effect_saves_in_it() -> None:
+    d = samples.named()
+    source = rendered("named")
+    start = source.index("With everything else as measured")
+    shown = Parsed(source[start : source.index('id="effect-by-effect"')]).text
+    assert source.index('id="equation-by-equation"') < start
+    for said in (
+        "forces velocity after 0.5 s",
+        "torques body rates after 0.5 s",
+        "best predictor",
+        "RMSE [deg/s]",
+        "2.69",  # 0.047 rad/s, best predictor of the torques
+        "0.0340",
+        "rotor drag forces 93 % 89 % to 97 %",
+        "rotor drag torques 1 % −2 % to 5 %",
+        "rotor reaction torque forces – too little to explain",
+        "rotor reaction torque torques 84 % 71 % to 96 %",
+    ):
+        assert said in shown, said
+    without = Parsed(page.render(dataclasses.replace(d, by_equation={}))).text
+    assert "Equation by equation" not in without
+    left = dataclasses.replace(d, verdict="nothing", effects=())
+    assert "What each effect saves" not in Parsed(page.render(left)).text
+
+
 def test_a_set_that_was_given_up_is_not_called_taken() -> None:
     d = samples.named()
     shown = Parsed(page.render(dataclasses.replace(d, effects=d.effects[:1]))).text

@@ -7,6 +7,7 @@ from html import escape
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import page_parts as parts
 from bench.diagnose.report import words
+from bench.diagnose.report.page_equations import equation_by_equation
 from bench.diagnose.result import LINES, Candidate, Diagnosis
 from bench.reporting import page
 
@@ -246,6 +247,7 @@ def _method(d: Diagnosis) -> str:
 
 
 SECTIONS: dict[str, Callable[[Diagnosis], str]] = {
+    "Equation by equation": equation_by_equation,
     "Effect by effect": _waterfall,
     "Error against horizon": _curves,
     "Where the error is": _where,

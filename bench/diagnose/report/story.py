@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from bench.diagnose.report import words
+from bench.diagnose.report import alone, words
 from bench.diagnose.result import Diagnosis
 
 LINES = 15
@@ -20,8 +20,11 @@ def tell(diagnosis: Diagnosis, console: Any) -> None:
     from rich.text import Text
 
     verdict = Text(words.headline(diagnosis), style=f"bold {_STYLES[diagnosis.verdict]}")
-    first = _problems(diagnosis) if diagnosis.verdict == "data_problem" else _effects(diagnosis) + _errors(diagnosis)
-    last = _regions(diagnosis) if diagnosis.verdict == "data_problem" else _regions(diagnosis) + _problems(diagnosis)
+    if diagnosis.verdict == "data_problem":
+        first, last = _problems(diagnosis), _regions(diagnosis)
+    else:
+        first = [*_effects(diagnosis), *_errors(diagnosis), *alone.lines(diagnosis)]
+        last = [*_regions(diagnosis), *_problems(diagnosis)]
     texts = [verdict, *map(Text, [words.explanation(diagnosis), *first, *last])]
     for line in [line for text in texts for line in text.wrap(console, console.width)][:LINES]:
         line.rstrip()

@@ -167,15 +167,27 @@ def headline(diagnosis: Diagnosis) -> str:
         sure = [named(e.id) for e in diagnosis.effects if not e.indistinguishable_from]
         return f"The model lacks {listed(sure)}."
     if diagnosis.verdict == "tie":
-        ids = dict.fromkeys(i for e in diagnosis.effects for i in (e.id, *e.indistinguishable_from))
-        either = listed(map(named, ids), "or")
-        return f"The model lacks something, and these recordings cannot tell whether it is {either}."
+        tied = ties(diagnosis)
+        if len(tied) > 1:
+            return f"The model lacks {_count(tied)} effects that these recordings cannot name: {'; '.join(tied)}."
+        return f"The model lacks something, and these recordings cannot tell whether it is {tied[0]}."
     if diagnosis.verdict == "unknown_effect":
         left = diagnosis.unexplained
         acts = f"acts on {listed(map(named, left.axes))}" if left.axes else "moves the system"
         follows = f" and follows {listed(map(named, left.follows))}" if left.follows else ""
         return f"Something systematic that is not in the catalogue {acts}{follows}."
     return "No effect of the catalogue is missing as far as these recordings can show."
+
+
+def ties(diagnosis: Diagnosis) -> list[str]:
+    """ "rotor drag or linear drag" for every effect that the recordings cannot name."""
+    tied = [(e.id, *e.indistinguishable_from) for e in diagnosis.effects if e.indistinguishable_from]
+    return [listed(map(named, ids), "or") for ids in tied]
+
+
+def _count(items: Sequence[str]) -> str:
+    words = ("no", "one", "two", "three", "four", "five", "six")
+    return words[len(items)] if len(items) < len(words) else str(len(items))
 
 
 def explanation(diagnosis: Diagnosis) -> str:
@@ -195,14 +207,13 @@ def explanation(diagnosis: Diagnosis) -> str:
         before = diagnosis.evidence.calibrated
         constants = f", the constants calibrated before them {percent(before)}" if before >= LITTLE else ""
         sentences.append(f"{each} {percent(sum(shares))} of the squared error above the noise floor{constants}.")
-        for effect in diagnosis.effects:
-            if effect.indistinguishable_from:
-                others = listed(map(named, (effect.id, *effect.indistinguishable_from)), "or")
-                sentences.append(f"One more is there that these recordings cannot name: {others}.")
+        if tied := ties(diagnosis):
+            more = "One more is" if len(tied) == 1 else f"{_count(tied).capitalize()} more are"
+            sentences.append(f"{more} there that these recordings cannot name: {'; '.join(tied)}.")
     if diagnosis.verdict == "tie":
-        sentences.append(
-            f"Any of them explains about {percent(max(shares))} of the squared error above the noise floor."
-        )
+        alone = f"Any of them explains about {percent(max(shares))}"
+        several = f"One of each, together, explain about {percent(sum(shares))}"
+        sentences.append(f"{alone if len(shares) == 1 else several} of the squared error above the noise floor.")
         sentences += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
     if diagnosis.verdict == "unknown_effect":
         share = diagnosis.unexplained.share

@@ -1,0 +1,42 @@
+"""Every equation by itself, as it is shown: what it errs with everything else as measured."""
+
+from dataclasses import dataclass
+
+from bench.diagnose.report import words
+from bench.diagnose.result import Diagnosis
+
+
+@dataclass(frozen=True)
+class Alone:
+    """The errors of one equation in the unit in which they are shown."""
+
+    equation: str
+    output: str
+    horizon: str
+    unit: str
+    nominal: float
+    calibrated: float
+    extended: float
+    predictable: float
+    floor: float
+
+
+def alone(diagnosis: Diagnosis) -> list[Alone]:
+    """One for every equation that was judged by itself."""
+    out = []
+    for name, e in diagnosis.by_equation.items():
+        unit, factor = words.shown(e.unit, e.output, [e.nominal, e.calibrated, e.extended])
+        errors = [v * factor for v in (e.nominal, e.calibrated, e.extended, e.predictable, e.floor)]
+        out.append(Alone(words.named(name), words.named(e.output), f"{e.horizon_s:g} s", unit, *errors))
+    return out
+
+
+def lines(diagnosis: Diagnosis) -> list[str]:
+    """A line for each of several equations; the free runs say as much of a single one."""
+    every = alone(diagnosis)
+    return [
+        f"  {a.equation}, all else measured: {a.output} after {a.horizon}  "
+        f"{words.number(a.nominal)} → {words.united(words.number(a.extended), a.unit)} "
+        f"(best {words.number(a.predictable)}, noise {words.number(a.floor, 2)})"
+        for a in (every if len(every) > 1 else [])
+    ]
