@@ -55,7 +55,7 @@ def effect_savings(found: Discovery, effects: Sequence[NamedEffect]) -> dict[str
         longest = {s.equation: s for s in sorted(savings, key=lambda s: s.horizon_s)}
         if longest:
             out[e.id] = tuple(
-                EffectSaving(s.equation, *(min(1.0, float(v)) for v in (s.share, s.low, s.high)), s.matters)
+                EffectSaving(s.equation, _most(s.share), _most(s.low), _most(s.high), s.matters)
                 for name in dict.fromkeys(s.equation for s in savings)
                 for s in [longest[name]]
             )
@@ -69,8 +69,12 @@ def placed(found: Discovery, effects: Sequence[NamedEffect]) -> tuple[NamedEffec
 
 
 def _most_saved(found: Found) -> str:
-    best = max((s for s in found.savings if s.matters), key=lambda s: min(1.0, s.share), default=None)
+    best = max((s for s in found.savings if s.matters), key=lambda s: _most(s.share), default=None)
     return best.equation if best else ""
+
+
+def _most(share: float) -> float:
+    return min(1.0, float(share))
 
 
 def constant_estimates(
