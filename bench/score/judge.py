@@ -220,11 +220,13 @@ class Judged:
 
     @property
     def shift(self) -> bool:
-        """Whether a shifted clock is called a delay or a shift, and the other mentioned."""
+        """Whether a shifted clock is called a delay or a shift, and the other mentioned, or read so and said."""
         text = " ".join((*self.said["notes"], *(p[4] for p in self.said["problems"])))
         if self.verdict == "data_problem":
             return any(p[2] == "time shift" for p in self.said["problems"]) and "input_delay" in text
-        return set(self.named) == {"input_delay"} and "time shift" in text
+        if set(self.named) == {"input_delay"}:
+            return "time shift" in text
+        return self.verdict == "nothing" and "time shift" in text and "is read so everywhere" in text
 
     @property
     def right(self) -> bool:

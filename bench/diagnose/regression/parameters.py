@@ -12,9 +12,7 @@ from torch import Tensor
 from registry.dynamics import Effect, Parameter, PhysicsModel
 
 WITHIN = 3.0
-"""A constant is calibrated within so many of its stated 1σ: one further off is a wrong constant, which is an effect."""
-LOOSE = 5.0
-"""Factor either way within which one is calibrated of which nobody stated how well it is known."""
+"""A constant is calibrated within so many of its 1σ: one further off is a wrong constant, which is an effect."""
 _PROBE = 1e-3
 """Step of a one-sided difference, in scales of the parameter."""
 
@@ -68,13 +66,10 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
             if b != 0:
                 component, scale = None if np.ndim(p.value) == 0 else i, abs(b) * spread
                 low, high = _bounds(p)
-                if rough:
-                    low, high = max(low, min(b / LOOSE, b * LOOSE)), min(high, max(b / LOOSE, b * LOOSE))
-                else:
-                    least = b - WITHIN * scale
-                    if least <= 0.0 <= low:  # it may be as many times smaller as it may be larger, but not nothing
-                        least = b / (1 + WITHIN * spread)
-                    low, high = max(low, least), min(high, b + WITHIN * scale)
+                least = b - WITHIN * scale
+                if least <= 0.0 <= low:  # it may be as many times smaller as it may be larger, but not nothing
+                    least = b / (1 + WITHIN * spread)
+                low, high = max(low, least), min(high, b + WITHIN * scale)
                 found.append(Entry(-1, p.name, component, p.unit, v, scale, low, high))
     for i, effect in enumerate(model.effects):
         found += effect_entries(effect, i)

@@ -1,0 +1,70 @@
+"""When inputs act: what an actuator does between two samples, and logs that are late, against closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.linalg import expm
+from scipy.ndimage import gaussian_filter1d
+from test_compare import DT, TRUE, flights, subject_of
+
+from bench.diagnose import discover
+from bench.diagnose.select.input_timing import prepared, read_at
+
+
+def behind_held_commands(tau: float, count: int = 3, samples: int = 2000) -> tuple[np.ndarray, np.ndarray]:
+    """States (R, N, 2) and measured forces (R, N, 1) of the oscillator; forces follow commands held for a sample."""
+    white = np.random.default_rng(3).normal(0, 100.0, (samples, count))
+    command = gaussian_filter1d(white, 3.0, axis=0)
+    whole = np.zeros((4, 4))  # position, velocity, force, command
+    whole[0, 1], whole[1, :3], whole[2, 2:] = 1, [-100.0, -0.5, 1.0], [-1 / tau, 1 / tau]
+    step = expm(whole * DT)
+    states, force = np.zeros((count, samples, 2)), np.zeros((count, samples))
+    for k in range(1, samples):
+        full = np.column_stack([states[:, k - 1], force[:, k - 1], command[k - 1]]) @ step.T
+        states[:, k], force[:, k] = full[:, :2], full[:, 2]
+    return states, force[..., None]
+
+
+def noisy(states: np.ndarray) -> np.ndarray:
+    return states + np.random.default_rng(1).normal(size=states.shape) * [1e-4, 1e-3]
+
+
+@pytest.mark.parametrize("tau", [0.004, 0.02])
+def test_an_actuator_behind_held_commands_is_read_later_by_what_its_mean_over_a_sample_says(tau: float) -> None:
+    states, force = behind_held_commands(tau)
+    subject, _ = prepared(subject_of(TRUE, noisy(states), force))
+    # Over a sample the force is c + (u_0 − c) exp(−t/τ): its mean is u_0 + w (u_1 − u_0), linear would be w = 1/2.
+    passed = 1 - np.exp(-DT / tau)
+    shift = 1 / passed - tau / DT - 0.5
+    note = next(n for n in subject.notes if "acts" in n)
+    told = float(note.split("(")[1].split(" ms, ")[1].split(" ")[0])
+    assert told == pytest.approx(shift, abs=0.03)
+
+
+def test_without_the_shift_an_exact_model_seems_to_lack_something_and_with_it_nothing() -> None:
+    states, force = behind_held_commands(0.004)
+    subject = subject_of(TRUE, noisy(states), force)
+    found = discover(subject)
+    assert found.verdict == "nothing" and not found.found
+    unread = discover(replace(subject, timed=True))
+    for read, as_filed in zip(found.equations, unread.equations, strict=True):
+        assert read.models["calibrated"] < 0.5 * as_filed.models["calibrated"]
+
+
+def test_inputs_that_are_linear_between_samples_are_left_as_they_are() -> None:
+    states, force = flights(count=3, samples=2000)
+    subject = subject_of(TRUE, noisy(states), force)
+    timed, _ = prepared(subject)
+    assert all(torch.equal(a.inputs, b.inputs) for a, b in zip(subject.logs, timed.logs, strict=True))
+    assert not any("acts" in n for n in timed.notes)
+
+
+def test_reading_between_samples_is_exact_for_cubics_and_leaves_other_signals_alone() -> None:
+    t = torch.arange(20, dtype=torch.float64)
+    inputs = torch.stack([t**3, t], dim=1)
+    for shift in (-1.3, 0.4, 2.0):
+        found = read_at(inputs, 1, shift)[4:-4]
+        assert torch.allclose(found[:, 0], (t[4:-4] + shift) ** 3)
+        assert torch.equal(found[:, 1], t[4:-4])
