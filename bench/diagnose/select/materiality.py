@@ -121,6 +121,7 @@ class Weighing:
         measured = [all(m) for m in zip(*(log.measured for log in subject.logs), strict=True)]
         self.equations = equations(subject.model, measured)
         self._left: dict[PhysicsModel, Increments] = {}
+        self._errors: dict[PhysicsModel, tuple[EquationError, ...]] = {}
 
     def increments(self, model: PhysicsModel) -> Increments:
         """What a model leaves of the held-out recordings."""
@@ -139,6 +140,8 @@ class Weighing:
 
     def errors(self, extended: PhysicsModel) -> tuple[EquationError, ...]:
         """Errors of every equation at every horizon, of the nominal, the calibrated and the extended model."""
+        if extended in self._errors:
+            return self._errors[extended]
         models = {"nominal": self.subject.model, "calibrated": self.calibrated, "extended": extended}
         shares = self._unpredictable(extended)
         out = []
@@ -159,7 +162,8 @@ class Weighing:
                         chance**0.5,
                     )
                 )
-        return tuple(out)
+        self._errors[extended] = tuple(out)
+        return self._errors[extended]
 
     @cached_property
     def chance(self) -> Increments:
