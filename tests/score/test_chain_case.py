@@ -126,7 +126,7 @@ def test_stated_constants_are_as_far_off_as_is_said() -> None:
 
 def test_the_true_model_forecasts_what_happened(cache: Path) -> None:
     """Half a second from the logged states with the logged rotor speeds, by the code that diagnoses."""
-    from bench.diagnose.free_run import free_run
+    from bench.diagnose.simulate.free_run import free_run
 
     drag = {"rotor_drag": {"k_d": 1.2e-4}, "cog_offset": {"x": 0.003, "y": -0.002}}
     case = ChainCase("two", effects=drag, noise="low", control_hz=500, log_hz=200, style="aggressive", **SHORT)

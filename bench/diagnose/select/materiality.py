@@ -259,7 +259,7 @@ def _ridge_loss(grams: Sequence[np.ndarray], whole: np.ndarray, shrinkage: float
     loss = 0.0
     for gram in grams:
         rest = (whole - gram)[:-1, :-1]
-        strength = shrinkage * np.trace(rest) / len(rest)
+        strength = max(shrinkage * np.trace(rest) / len(rest), 1e-300)
         beta = np.linalg.solve(rest + strength * np.eye(len(rest)), (whole - gram)[:-1, -1])
         vector = np.append(-beta, 1.0)
         loss += float(vector @ gram @ vector)

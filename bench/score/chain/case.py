@@ -4,7 +4,7 @@ import hashlib
 import json
 import shutil
 import tempfile
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,10 @@ import numpy as np
 
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject
-from bench.score.case import Case
 from bench.score.chain import flight, folder, oracle, paths, pilot, recorder, turbulence
 from bench.score.chain.airframe import AIRFRAMES, Airframe, specimen
 from bench.score.chain.body import Body, Effects
+from bench.score.chain.condition import ChainCase
 from bench.score.chain.motors import Motors
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
@@ -26,37 +26,10 @@ ROUGH = {"inertia": (0.10, 0.30), "thrust_coefficient": (0.10, 0.25), "torque_co
 """By how much constants are off, at least and at most, that are stated roughly: nothing is written about it."""
 SCALES = 0.03
 """By how much mass and arms are off then, at most."""
-UNDETERMINED = ("rotor_reaction_torque.rotor_inertia", "rotational_damping.d_z", "torque_bias.t_z")
-"""Parameters that flights tell only relative to the yaw inertia: of no true value where that is stated roughly."""
 HEIGHT = 5.0
 """At which turbulence is taken [m]."""
 RADII = 3.0
 """Of a rotor, over the ground, that paths come down to."""
-
-
-@dataclass(frozen=True)
-class ChainCase(Case):
-    """A `Case` that the second chain flies; ``noise`` is of `sensors.QUALITIES`, ``style`` of `paths.MANNERS`."""
-
-    vehicle: str = "survey"
-    control_hz: int = 250
-    log_hz: int = 100
-    lag: tuple[float, float] = (0.02, 0.02)
-    """Time constants of the motors up and down [s], where neither `motor_lag` nor `input_delay` is hidden."""
-    states: str = "capture"
-    clock: str = "even"
-    jitter: float = 0.1
-    telemetry: float = 0.0
-    accelerometer: bool = False
-    turbulence: float = 0.0
-    """Mean wind at 20 feet that the gusts belong to [m/s]; 0: none. The mean itself does not blow."""
-    rough: bool = False
-    """Whether stated constants are far off."""
-
-    @property
-    def undetermined(self) -> tuple[str, ...]:
-        """Parameters whose error is not asked for, as effect.parameter."""
-        return UNDETERMINED if self.rough else ()
 
 
 def built(case: ChainCase) -> Airframe:

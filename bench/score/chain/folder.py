@@ -2,12 +2,11 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from bench.score.chain.case import ChainCase
+from bench.score.chain.condition import ChainCase
 
 _COLUMNS = {
     "position": (("x", "y", "z"), "m", ""),
