@@ -29,7 +29,7 @@ def test_a_weight_at_motor_3_moves_the_centre_of_gravity_there(bench_data):
 @pytest.mark.slow
 @pytest.mark.xfail(
     strict=True,
-    reason="only flapping is confirmed on melon, which is held out: its velocity lags the attitude by some five samples",
+    reason="only flapping is confirmed on melon, which is held out: its velocity lags its attitude by some samples",
 )
 def test_nanodrone_lacks_what_its_rotors_do(bench_data):
     """What the recordings are known to hold: drag, a moment that goes with lateral velocity, rotors' inertia in yaw."""
