@@ -105,10 +105,12 @@ def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float
 @cache
 def git_commit() -> str:
     """The commit of the code that runs, with "+" where it was changed; empty outside a checkout."""
-    here = Path(__file__).parent
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():  # an environment within some other repository, whose settings may name programs
+        return ""
     try:
         asked = subprocess.run(
-            ["git", "describe", "--always", "--dirty=+", "--abbrev=12"], cwd=here, capture_output=True, text=True
+            ["git", "describe", "--always", "--dirty=+", "--abbrev=12"], cwd=root, capture_output=True, text=True
         )
     except OSError:
         return ""
