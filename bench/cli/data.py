@@ -88,6 +88,7 @@ def check_command(folder: Path) -> None:
     out.
     """
     from bench.diagnose.checks.checklist import check_folder
+    from bench.diagnose.logs.smoothing import stated
     from registry.core import PHYSICS
     from registry.datasets.folder import Folder, check
     from registry.stated import refuse_unstated
@@ -101,6 +102,7 @@ def check_command(folder: Path) -> None:
         click.echo(f"  {note}")
     if todo := (folder / "dataset.toml").read_text(encoding="utf-8").count("TODO"):
         click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
+    stated(dataset.processing)
     refuse_unstated(dataset, PHYSICS.get(dataset.system))
     mistakes = check_folder(folder)
     for m in mistakes:

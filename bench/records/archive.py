@@ -18,6 +18,7 @@ from bench.records.concluded import Concluded, slug
 from bench.records.record import RunRecord
 from bench.records.record_check import BYTES, FILES, KEY, check, read_json, text
 from registry.errors import BenchError
+from registry.regular_file import regular
 
 MANIFEST = "study.json"
 FORMAT = 1
@@ -104,7 +105,7 @@ def read(source: Path, runs: Path) -> Imported:
 def _opened(source: Path) -> Iterator[zipfile.ZipFile]:
     """The archive; what its parser and decompressor make of damaged bytes is one sentence."""
     try:
-        with source.open("rb") as file, zipfile.ZipFile(file) as packed:
+        with regular(source).open("rb") as file, zipfile.ZipFile(file) as packed:
             yield packed
     except FileNotFoundError:
         raise BenchError(f"There is no file {source}.") from None

@@ -24,6 +24,7 @@ from torch import Tensor
 
 from bench.records import durable
 from registry.errors import BenchError, near
+from registry.regular_file import regular
 
 T = TypeVar("T")
 TABLES = ("steps", "curve", "windows")
@@ -77,7 +78,7 @@ class RunRecord:
     def _read(self, name: str, reader: Callable[[Path], T]) -> T:
         path = self.folder / name
         try:
-            return reader(path)
+            return reader(regular(path))
         except (
             OSError,
             ValueError,

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from registry.errors import BenchError
+from registry.regular_file import regular
 
 
 def locate(folder: str, pattern: str, address: str, checksum: str) -> list[Path]:
@@ -23,7 +24,7 @@ def locate(folder: str, pattern: str, address: str, checksum: str) -> list[Path]
     for root in (*roots, cache):
         found = sorted((root / folder).glob(pattern))
         if found:
-            return found
+            return [regular(file) for file in found]
     set_aside = "" if roots else " (or set BENCH_DATA to the folder above it)"
     raise BenchError(
         f"No {pattern} in {' or '.join(str(r / folder) for r in (*roots, cache))}: "

@@ -57,6 +57,12 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         extras = ("battery",) if "battery" in signals - {drive} and _columns(recordings[0], "battery") == 1 else ()
         model = kind(**given, input_hold=dataset.input_hold, extras=(*extras, "time"))
     names = [r.name for r in recordings]
+    smoothing = stated(processing)
+    if smoothing is not None and smoothing.window > (shortest := min(map(len, recordings))):
+        raise BenchError(
+            f"{dataset.label}: [processing] smoothing over {smoothing.window} samples is longer than a recording of "
+            f"{shortest}: give the window of the filter that the data went through."
+        )
     training, held_out = partition(dataset, names)
     subject = Subject(
         dataset.label,
@@ -64,7 +70,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         tuple(log_of(r, model, drive) for r in recordings),
         training,
         held_out,
-        stated(processing),
+        smoothing,
         {k: float(v) for k, v in dict(processing.get("noise", {})).items()},
         uncertainty,
         tuple(sorted(signals)),
