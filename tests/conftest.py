@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from bench.claims.manifest import entered
 from registry.contracts import Channel, Dataset, Loaded, Recording, Split
 from registry.core import DATASETS, option
 
@@ -66,6 +67,7 @@ def faults(request: pytest.FixtureRequest) -> Iterator[Callable[..., None]]:
         lines = [" | ".join(("", *row, "")).strip() for row in (head, ("---",) * len(head), *sorted(rows))]
         command = "tox -e cluster -- --faults-table results/published/faults.md"
         Path(target).write_text("\n".join(["# What dies, and what is lost", "", f"`{command}`", "", *lines, ""]))
+        entered(Path(target))
 
 
 @pytest.fixture(scope="session")
