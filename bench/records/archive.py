@@ -91,7 +91,7 @@ def read(source: Path, runs: Path) -> Imported:
             for key in about["keys"]:
                 _unpack(packed, members[key], draft / key)
                 check(RunRecord(draft / key))
-            new = tuple(k for k in about["keys"] if not record.exists(runs, k))
+            new = tuple(k for k in about["keys"] if not record.whole(runs, k))
             for key in new:
                 if (runs / key).exists():  # damaged from outside
                     shutil.rmtree(runs / key)
