@@ -20,10 +20,8 @@ CAUGHT = 1
 @click.command("check")
 @click.option("--claim", "wanted", multiple=True, metavar="ID", help="Only this claim, in full. May be repeated.")
 @click.option("--details", "-v", is_flag=True, help="Source, basis and the command that would settle it, for each.")
-@click.option("--json", "target", type=click.Path(path_type=Path, dir_okay=False), help="Write everything as JSON.")
-@click.option(
-    "--markdown", "page", type=click.Path(path_type=Path, dir_okay=False), help="Write the verdicts as Markdown."
-)
+@click.option("--json", "target", type=options.Output(), help="Write everything as JSON.")
+@click.option("--markdown", "page", type=options.Output(), help="Write the verdicts as Markdown.")
 @click.option(
     "--claims", "file", type=click.Path(path_type=Path, dir_okay=False), help="Default: results/paper/claims.toml."
 )

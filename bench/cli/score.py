@@ -12,6 +12,7 @@ from rich.console import Console
 
 from bench.cli import options
 from bench.cli.progress import clock, meter
+from registry.cache import cache_folder
 from registry.errors import BenchError, near
 
 if TYPE_CHECKING:
@@ -185,5 +186,4 @@ def _command(
 
 
 def _cache() -> Path:
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "multistep-bench" / "flights"
+    return cache_folder() / "flights"
