@@ -311,7 +311,7 @@ def diagnose_command(
     """
     from bench.diagnose.diagnose import diagnose
     from bench.diagnose.logs.load import excluding
-    from bench.diagnose.report import page, story
+    from bench.diagnose.report import story, together
 
     names, folder = chosen(catalogue, without), folder_for(source, out)
     check_writable(folder, to_json)
@@ -327,11 +327,7 @@ def diagnose_command(
         kinds = dict.fromkeys(p.kind for p in found.data_problems)
         again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)
         say_next(f"bench diagnose {source} {again}", "if that is no fault (or --exclude RECORDING)")
-    written = [folder / "diagnosis.html", folder / "diagnosis.json"]
-    page.write(written[0], found)
-    found.write(written[1])
-    if found.verdict != "data_problem":
-        written += write_model(folder / "model.toml", extended, found.effects)
+    written = together.write(folder, found, extended)
     if to_json is not None:
         found.write(to_json)
     say_written(console, written)
