@@ -56,6 +56,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--faults-table", metavar="FILE", help="Write what the fault tests killed, and what was lost.")
 
 
+def pytest_report_header() -> list[str]:
+    from fuzz.inputs import FACTOR, SEED
+
+    return [f"fuzzing: {FACTOR:g} times the inputs, BENCH_FUZZ_SEED={SEED}"] if FACTOR else []
+
+
 @pytest.fixture(scope="session")
 def faults(request: pytest.FixtureRequest) -> Iterator[Callable[..., None]]:
     """Enters a row: what was hit, how often, records lost, records damaged, what was trained again."""
