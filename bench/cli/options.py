@@ -30,7 +30,7 @@ class Output(click.Path):
         """
         if not str(value).strip():
             self.fail("it names no file.", param, ctx)
-        path: Path = super().convert(value, param, ctx)
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if any(len(os.fsencode(part)) > LONGEST for part in path.parts):
             raise BenchError(f"{path} cannot be written: no file has so long a name.")
         if os.path.lexists(path):

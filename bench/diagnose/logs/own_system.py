@@ -4,6 +4,7 @@ import importlib.util
 import sys
 import traceback
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -78,9 +79,8 @@ def _tried(where: str, file: Path, kind: Any) -> None:
     width = _do(where, file, f"{name}()", lambda: drives(model))
     state = torch.linspace(0.5, 1.5, BATCH * size, dtype=torch.float64).reshape(BATCH, size)
     inputs = torch.linspace(1.0, 2.0, BATCH * width, dtype=torch.float64).reshape(BATCH, width)
-    for call in ("derivative", "project"):
-        asked = (state, inputs) if call == "derivative" else (state,)
-        made = _do(where, file, f"{name}.{call}", lambda c=call, a=asked: getattr(model, c)(*a))
+    for call, asked in (("derivative", (state, inputs)), ("project", (state,))):
+        made = _do(where, file, f"{name}.{call}", partial(getattr(model, call), *asked))
         if not isinstance(made, Tensor):
             raise BenchError(
                 f"{where}: {name}.{call} returns {type(made).__name__}, where a tensor (…, {size}) is due."
