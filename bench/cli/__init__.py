@@ -88,6 +88,7 @@ def cli() -> None:
 
 def main() -> None:
     """Entry point: a user's mistake is one sentence and exit code 2, Ctrl-C is exit code 130."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # no child imports what lies in the working directory
     _speak()
     try:
         cli.main(standalone_mode=False)

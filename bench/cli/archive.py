@@ -14,7 +14,7 @@ from registry.errors import BenchError
 @click.argument("name", metavar="STUDY|SPEC")
 @options.dataset
 @click.option("--preset", type=click.Choice(study.PRESETS), help="Size of the study.")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path, dir_okay=False), help="The zip file.")
+@click.option("-o", "--output", required=True, type=options.Output(), help="The zip file.")
 @options.results
 def export_command(name: str, dataset: str | None, preset: str | None, output: Path, results: Path) -> None:
     """Pack a finished STUDY, with every record, configuration and provenance, into one zip file.

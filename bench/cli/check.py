@@ -20,10 +20,8 @@ CAUGHT = 1
 @click.command("check")
 @click.option("--claim", "wanted", multiple=True, metavar="ID", help="Only this claim, in full. May be repeated.")
 @click.option("--details", "-v", is_flag=True, help="Source, basis and the command that would settle it, for each.")
-@click.option("--json", "target", type=click.Path(path_type=Path, dir_okay=False), help="Write everything as JSON.")
-@click.option(
-    "--markdown", "page", type=click.Path(path_type=Path, dir_okay=False), help="Write the verdicts as Markdown."
-)
+@click.option("--json", "target", type=options.Output(), help="Write everything as JSON.")
+@click.option("--markdown", "page", type=options.Output(), help="Write the verdicts as Markdown.")
 @click.option(
     "--claims", "file", type=click.Path(path_type=Path, dir_okay=False), help="Default: results/paper/claims.toml."
 )
@@ -33,6 +31,7 @@ CAUGHT = 1
 @options.results
 @click.option("--rerun", type=click.Choice(("smoke",)), help="Train a small fixed set again instead: minutes.")
 @click.option("--write", is_flag=True, help="With --rerun: publish its numbers instead of checking them.")
+@click.option("--seal", is_flag=True, help="List the published files as they are now, after publishing others.")
 def check_command(
     wanted: tuple[str, ...],
     details: bool,
@@ -43,6 +42,7 @@ def check_command(
     results: Path,
     rerun: str | None,
     write: bool,
+    seal: bool,
 ) -> None:
     """For every claim of the paper: does it reproduce here? And do the published numbers of this suite still hold?
 
@@ -54,14 +54,21 @@ def check_command(
     bench check --claim body-rates-level         one of them, in full
     bench check --rerun smoke                    trains a small set again and compares: minutes
 
-    Exit code 1: a number that was published no longer holds.
+    Exit code 1: a number that was published no longer holds, or a published file is not as it was published (by the
+    hashes in its folder's SHA256SUMS; commands that publish keep them, --seal lists all files anew).
     """
-    from bench.claims import claim, evidence, judge, markdown
+    from bench.claims import claim, evidence, judge, manifest, markdown
     from bench.claims import published as regression
 
+    own = published is None
     published = published or claim.checkout() / "results" / "published"
     if write and not rerun:
         raise click.UsageError("--write belongs to --rerun.")
+    if seal:
+        click.echo(f"{manifest.seal(published)} published files are listed in {published / manifest.FILE}.")
+        return
+    if not write and (own or manifest.sealed(published)):
+        _refuse_spoilt(published)
     if rerun:
         _rerun(published, write)
         return
@@ -84,6 +91,20 @@ def check_command(
         _explain(rows, out)
     _summarize(rows, out, brief=not details and not wanted)
     _regressions(held, out)
+
+
+def _refuse_spoilt(published: Path) -> None:
+    """Say which published files were altered, and end with `CAUGHT`: nothing is judged by them."""
+    from bench.claims import manifest
+
+    spoilt = manifest.spoilt(published)
+    if not spoilt:
+        return
+    for s in spoilt:
+        click.echo(f"{s.how}: {published / s.name}", err=True)
+    count = f"{len(spoilt)} published file{'s are' if len(spoilt) > 1 else ' is'} not as published"
+    click.echo(f"bench: {count}: restore what was, or list what you published with `{manifest.SEAL}`.", err=True)
+    sys.exit(CAUGHT)
 
 
 def _table(rows: Sequence[Any]) -> Any:
@@ -185,8 +206,11 @@ def _rerun(published: Path, write: bool) -> None:
 
 
 def _write(target: Path, text: str) -> None:
+    from bench.claims import manifest
+
     try:
         target.write_text(text, encoding="utf-8")
+        manifest.entered(target)
     except OSError as error:
         raise BenchError(f"{target} cannot be written: {error.strerror or error}.") from error
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
 from bench.cli import options
@@ -53,13 +54,11 @@ def init_command(folder: Path, system: str) -> None:
 
 @data_command.command("import")
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
-@click.option(
-    "-o", "--out", "folder", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder to write."
-)
+@click.option("-o", "--out", "folder", required=True, type=options.Output(folder=True), help="Folder to write.")
 @click.option(
     "--rate",
     metavar="HZ",
-    type=options.Positive(),
+    type=options.Positive(1e5),
     help="Common sample rate; default: that of the slowest signal, 100 Hz at most.",
 )
 def import_command(files: tuple[Path, ...], folder: Path, rate: float | None) -> None:
@@ -88,6 +87,7 @@ def check_command(folder: Path) -> None:
     out.
     """
     from bench.diagnose.checks.checklist import check_folder
+    from bench.diagnose.logs.smoothing import stated
     from registry.core import PHYSICS
     from registry.datasets.folder import Folder, check
     from registry.stated import refuse_unstated
@@ -101,6 +101,7 @@ def check_command(folder: Path) -> None:
         click.echo(f"  {note}")
     if todo := (folder / "dataset.toml").read_text(encoding="utf-8").count("TODO"):
         click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
+    stated(dataset.processing)
     refuse_unstated(dataset, PHYSICS.get(dataset.system))
     mistakes = check_folder(folder)
     for m in mistakes:
@@ -127,7 +128,7 @@ def _render(rows: list[dict[str, Any]], findings: list[Finding]) -> None:
         rate = "" if r["rate"] is None else f"{r['rate']:g}"
         counts = [r[k] for k in ("invalid", "dropped", "held", "spike", "gaps")]
         cells = (str(c or "") for c in counts)
-        table.add_row(r["name"], str(r["samples"]), rate, f"{r['seconds']:.1f}", *cells, lag)
+        table.add_row(escape(r["name"]), str(r["samples"]), rate, f"{r['seconds']:.1f}", *cells, lag)
     out.print(table)
     total = sum(r["samples"] for r in rows)
     out.print(f"{len(rows)} recordings, {total} samples, {sum(r['seconds'] for r in rows) / 60:.1f} minutes.\n")
@@ -149,11 +150,11 @@ def _render_ranges(out: Any, rows: list[dict[str, Any]]) -> None:
     for signal, channels in signals.items():
         unit = next(r["ranges"][c][2] for r in rows for c in channels if c in r["ranges"])
         table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
-        table.add_column(f"{signal} [{unit}]".replace("[", "\\["))
+        table.add_column(escape(f"{signal} [{unit}]"))
         for c in channels:
-            table.add_column(c.partition(".")[2], justify="right", no_wrap=True)
+            table.add_column(escape(c.partition(".")[2]), justify="right", no_wrap=True)
         for r in rows:
             cells = [r["ranges"].get(c) for c in channels]
             if any(cells):
-                table.add_row(r["name"], *("" if c is None else f"{c[0]:.3g} .. {c[1]:.3g}" for c in cells))
+                table.add_row(escape(r["name"]), *("" if c is None else f"{c[0]:.3g} .. {c[1]:.3g}" for c in cells))
         out.print(table)

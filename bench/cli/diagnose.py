@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.markup import escape
 
 from bench.cli import options
 from bench.cli.diagnosing import (
@@ -35,7 +36,7 @@ Command = Callable[..., None]
 def _shared(command: Command) -> Command:
     """What every step takes."""
     for decorate in (
-        click.option("--json", "to_json", type=click.Path(path_type=Path), help="Write the figures there too."),
+        click.option("--json", "to_json", type=options.Output(made=True), help="Write the figures there too."),
         click.option(
             "--model",
             "model_file",
@@ -47,7 +48,7 @@ def _shared(command: Command) -> Command:
             metavar="NAME|FILE.py:CLASS",
             help="Physics model: one of `bench list physics`, or your own class; default: what the data name.",
         ),
-        click.argument("source", metavar="DATA"),
+        click.argument("source", metavar="DATA", callback=options.named),
     ):
         command = decorate(command)
     return command
@@ -70,12 +71,12 @@ def _choice(command: Command) -> Command:
 _horizon = click.option(
     "--horizon",
     metavar="SECONDS",
-    type=options.Positive(),
+    type=options.Positive(1e6),
     help="Length of the longest free run; default: what suits the sample rate.",
 )
 _out = click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=options.Output(folder=True),
     help="Folder of what is written; default: diagnosis/ in DATA, or diagnosis/NAME here for a registered data set.",
 )
 
@@ -119,7 +120,7 @@ def compare_command(
                 errors = [of[group.name].rmse[k] for of in found.lines.values()]
                 unit, factor = words.shown(group.unit, group.name, errors)
                 cells = (words.number(e * factor) for e in errors)
-                label = f"{words.named(group.name)} [{unit}]".replace("[", "\\[")
+                label = escape(f"{words.named(group.name)} [{unit}]")
                 rows.add_row(label, f"{seconds:.3g} s", *cells)
     out.print(rows)
     print_notes(out, found.notes)
@@ -154,7 +155,7 @@ def locate_command(source: str, system: str | None, model_file: Path | None, to_
     if found.regions:
         rows = table("region", "share of error", "share of time", "recordings")
         for r in found.regions:
-            rows.add_row(r.region, f"{r.share_of_error:.0%}", f"{r.share_of_time:.0%}", str(len(r.recordings)))
+            rows.add_row(escape(r.region), f"{r.share_of_error:.0%}", f"{r.share_of_time:.0%}", str(len(r.recordings)))
         out.print(rows)
     print_notes(out, found.notes)
     write_json(to_json, {"dataset": subject.name, "where": [asdict(r) for r in found.regions]})
@@ -202,9 +203,10 @@ def discover_command(
             x.entry.label: {"value": x.value, "low": x.low, "high": x.high, "unit": x.entry.unit} for x in f.estimates
         }
         effects.append({"id": f.id, "parameters": values, "indistinguishable_from": list(f.rivals)})
-        out.print(f"[bold]{f.id}[/]  {EFFECTS.get(f.id).equation}", highlight=False)
+        out.print(f"[bold]{f.id}[/]  {escape(EFFECTS.get(f.id).equation)}", highlight=False)
         for name, p in values.items():
-            out.print(f"    {name} = {words.estimate(name, ParameterEstimate(**p))}", highlight=False)
+            estimated = words.estimate(name, ParameterEstimate(**p))
+            out.print(f"    {name} = {estimated}", highlight=False, markup=False)
         if f.rivals:
             out.print(f"    these data cannot tell it from {', '.join(f.rivals)}")
     if not found.found:
@@ -214,7 +216,7 @@ def discover_command(
             else "Nothing is missing."
         )
     for trace in found.traces[:3]:
-        out.print(f"  left in {trace.axis}: follows {trace.signal}", highlight=False)
+        out.print(f"  left in {trace.axis}: follows {trace.signal}", highlight=False, markup=False)
     left = [{"axis": t.axis, "follows": t.signal} for t in found.traces]
     write_json(to_json, {"dataset": subject.name, "effects": effects, "unexplained": left})
     if found.found:
@@ -309,7 +311,7 @@ def diagnose_command(
     """
     from bench.diagnose.diagnose import diagnose
     from bench.diagnose.logs.load import excluding
-    from bench.diagnose.report import page, story
+    from bench.diagnose.report import story, together
 
     names, folder = chosen(catalogue, without), folder_for(source, out)
     check_writable(folder, to_json)
@@ -325,11 +327,7 @@ def diagnose_command(
         kinds = dict.fromkeys(p.kind for p in found.data_problems)
         again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)
         say_next(f"bench diagnose {source} {again}", "if that is no fault (or --exclude RECORDING)")
-    written = [folder / "diagnosis.html", folder / "diagnosis.json"]
-    page.write(written[0], found)
-    found.write(written[1])
-    if found.verdict != "data_problem":
-        written += write_model(folder / "model.toml", extended, found.effects)
+    written = together.write(folder, found, extended)
     if to_json is not None:
         found.write(to_json)
     say_written(console, written)

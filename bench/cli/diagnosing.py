@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
 from registry.core import DATASETS, EFFECTS
@@ -127,7 +128,7 @@ def write_model(target: Path, model: "PhysicsModel", effects: "Sequence[NamedEff
 def say_written(console: Any, written: Sequence[Path]) -> None:
     """Name the files, and what a former model is called now."""
     former = " (the model that was there)" if written[-1].name == "model.previous.toml" else ""
-    console.print(f"\nWrote {', '.join(map(str, written))}{former}", highlight=False, soft_wrap=True)
+    console.print(f"\nWrote {', '.join(map(str, written))}{former}", highlight=False, markup=False, soft_wrap=True)
 
 
 def show_extension(console: Any, done: "Extension") -> None:
@@ -137,14 +138,14 @@ def show_extension(console: Any, done: "Extension") -> None:
     groups, stages = done.comparison.groups, done.stages
     units = [words.shown(g.unit, g.name, [s.error[g.name] for s in stages]) for g in groups]
     heads = (f"{words.named(g.name)} [{unit}]" for g, (unit, _) in zip(groups, units, strict=True))
-    rows = table("held-out error", *(h.replace("[", "\\[") for h in heads))
+    rows = table("held-out error", *map(escape, heads))
     for stage in stages:
         added = stage.name in {e.id for e in done.effects}
         cells = (words.number(stage.error[g.name] * f) for g, (_, f) in zip(groups, units, strict=True))
-        rows.add_row(f"+ {stage.name}" if added else stage.name, *cells)
+        rows.add_row(escape(f"+ {stage.name}" if added else stage.name), *cells)
     console.print(rows)
     for e in done.effects:
-        console.print(f"  {e.id}: {words.parameters(e)}", highlight=False)
+        console.print(f"  {e.id}: {words.parameters(e)}", highlight=False, markup=False)
 
 
 def track_extension(

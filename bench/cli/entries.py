@@ -76,11 +76,11 @@ def show_command(name: str) -> None:
 
 
 def _show_study(out: Any, s: study.Study) -> None:
-    out.print(f"[bold]{s.name}[/]  (study): {s.title}\n")
-    out.print(s.question)
-    out.print(f"Source: the paper, {s.source}.\nDefault data set: {s.default_dataset}.\n")
+    out.print(f"[bold]{escape(s.name)}[/]  (study): {escape(s.title)}\n")
+    out.print(s.question, markup=False)
+    out.print(f"Source: the paper, {s.source}.\nDefault data set: {s.default_dataset}.\n", markup=False)
     for preset, about in s.presets.items():
-        out.print(f"  --preset {preset:8} {about}")
+        out.print(f"  --preset {preset:8} {about}", markup=False)
 
 
 def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
@@ -112,7 +112,7 @@ def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
         about = str(meta.get("help", ""))
         if meta.get("source"):
             about += f" ({meta['source']})"
-        table.add_row(f.name, default, span, str(meta.get("unit", "")), escape(about))
+        table.add_row(*map(escape, (f.name, default, span, str(meta.get("unit", "")), about)))
     out.print()
     out.print(table)
 

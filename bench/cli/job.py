@@ -61,6 +61,8 @@ class Place:
 
 def say(out: Console, job: Job, todo: engine.Plan) -> int:
     """One line about what there is to do; returns the number of runs to do."""
+    for sentence in todo.damaged:
+        click.echo(f"bench: {sentence}", err=True)
     models = sum(len(t.configs) for t in todo.tasks)
     out.print(
         f"[bold]{escape(job.title)}[/]: {len(todo.keys)} runs, {len(todo.done)} already recorded, {models} to do."

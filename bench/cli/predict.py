@@ -13,7 +13,7 @@ from registry.errors import BenchError
 @click.option(
     "--input", "source", type=click.Path(path_type=Path), required=True, help="CSV or Parquet, one row a sample."
 )
-@click.option("--output", "-o", type=click.Path(path_type=Path), help="CSV or Parquet; default: CSV on the terminal.")
+@click.option("--output", "-o", type=options.Output(), help="CSV or Parquet; default: CSV on the terminal.")
 @options.results
 def predict_command(run: str, source: Path, output: Path | None, results: Path) -> None:
     """Predict with a recorded RUN (the first characters of its key, see `bench runs list`).

@@ -26,7 +26,7 @@ TITLE = re.compile(r"(?P<name>.+) on (?P<dataset>.+?)(?: \((?P<preset>\w+)\))?(?
 @options.dataset
 @click.option("--preset", type=click.Choice(study.PRESETS), help="Size of the study.")
 @options.results
-@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="Where to write the page.")
+@click.option("-o", "--output", type=options.Output(), help="Where to write the page.")
 def report_command(name: str, dataset: str | None, preset: str | None, results: Path, output: Path | None) -> None:
     """Write the report of a STUDY (or SPEC) that `bench run` has finished: one HTML page that needs no network.
 

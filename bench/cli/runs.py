@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 import pandas as pd
+from rich.markup import escape
 from rich.table import Table
 
 from bench.cli import options
@@ -38,11 +39,11 @@ def list_command(results: Path, dataset: str | None) -> None:
         first = next(iter(s["metrics"].values()), None)
         value = "–" if first is None else f"{first:.4g}"
         outputs = ", ".join(_signals(s["outputs"]))
-        table.add_row(
-            s["key"][:12], s["spec"], s["dataset"], outputs, str(s["horizon"]), str(s["seed"]), s["status"], value
-        )
+        cells = (s["key"][:12], s["spec"], s["dataset"], outputs, str(s["horizon"]), str(s["seed"]), s["status"], value)
+        table.add_row(*map(escape, cells))
     out = options.console()
-    out.print(table if found else f"No runs in {results / 'runs'} yet: start one with `bench run washout_vs_mlp`.")
+    none = escape(f"No runs in {results / 'runs'} yet: start one with `bench run washout_vs_mlp`.")
+    out.print(table if found else none)
 
 
 @runs_command.command("show")
@@ -52,12 +53,12 @@ def show_command(key: str, results: Path) -> None:
     """Configuration, metrics and files of the run whose key begins with KEY."""
     r = record.find(results / "runs", key)
     out = options.console()
-    out.print(f"[bold]{r.summary['spec']}[/]  {r.folder}")
+    out.print(f"[bold]{escape(r.summary['spec'])}[/]  {escape(str(r.folder))}")
     out.print_json(json.dumps({k: v for k, v in r.summary.items() if k != "files"}))
     out.print("configuration")
     out.print_json(json.dumps(r.config))
     broken = record.verify(r)
-    out.print(f"[red]altered since it was written: {', '.join(broken)}[/]" if broken else "files: as written")
+    out.print(f"[red]altered since it was written: {escape(', '.join(broken))}[/]" if broken else "files: as written")
 
 
 def _signals(outputs: list[str]) -> list[str]:
@@ -105,10 +106,12 @@ def errors_command(
             sums = values.sum()
             spread = f"{sums.min():.2f} to {sums.max():.2f}" if len(sums) > 1 else ""
             cells = [f"{values.loc[s].mean():.4f}" for s in steps]
-            table.add_row(quantity, spec, str(len(sums)), kind, shown, *cells, f"{sums.mean():.2f}", spread)
+            table.add_row(
+                *map(escape, (quantity, spec, str(len(sums)), kind, shown, *cells, f"{sums.mean():.2f}", spread))
+            )
     out = options.console()
     datasets = dict.fromkeys(f"{r.summary['dataset']}, {r.summary['windows']['test']} test windows" for r in runs)
-    out.print("; ".join(datasets))
+    out.print("; ".join(datasets), markup=False)
     out.print(table)
 
 
@@ -132,15 +135,15 @@ def diff_command(first: str, second: str, results: Path) -> None:
     left, right = (_flat({"config": r.config, "metrics": r.summary["metrics"]}) for r in (a, b))
     table = Table(box=None, header_style="bold", pad_edge=False)
     for name in ("", a.folder.name[:12], b.folder.name[:12]):
-        table.add_column(name)
+        table.add_column(escape(name))
     for name in sorted(left.keys() | right.keys()):
         if left.get(name) != right.get(name):
-            table.add_row(name, str(left.get(name, "–")), str(right.get(name, "–")))
+            table.add_row(*map(escape, (name, str(left.get(name, "–")), str(right.get(name, "–")))))
     out = options.console()
     files = record.differences(a, b)
     if table.row_count:
         out.print(table)
-    out.print(f"Files that differ: {', '.join(files)}." if files else "Bit-equal, provenance aside.")
+    out.print(f"Files that differ: {', '.join(files)}." if files else "Bit-equal, provenance aside.", markup=False)
 
 
 def _flat(nested: object, prefix: str = "") -> dict[str, object]:

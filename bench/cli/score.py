@@ -12,6 +12,7 @@ from rich.console import Console
 
 from bench.cli import options
 from bench.cli.progress import clock, meter
+from registry.cache import cache_folder
 from registry.errors import BenchError, near
 
 if TYPE_CHECKING:
@@ -149,6 +150,7 @@ def _run(out: Console, todo: "list[Job]", store: "Store", cache: Path, workers: 
 
 
 def _conclude(out: Console, chosen: "list[Case]", store: "Store", command: str, results: Path, whole: bool) -> None:
+    from bench.claims.manifest import entered
     from bench.diagnose.result import write_text
     from bench.score.show import markdown, show
     from bench.score.table import table
@@ -160,6 +162,7 @@ def _conclude(out: Console, chosen: "list[Case]", store: "Store", command: str, 
     complete = whole and found.scored == len(chosen)
     path = results / "published" / "discovery.md" if complete else store.path.with_name("table.md")
     write_text(path, markdown(found, command))
+    entered(path)
     out.print(f"Table and failures: {path}", highlight=False, markup=False)
 
 
@@ -183,5 +186,4 @@ def _command(
 
 
 def _cache() -> Path:
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "multistep-bench" / "flights"
+    return cache_folder() / "flights"

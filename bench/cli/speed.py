@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @click.command("speed")
 @click.option("--quick", is_flag=True, help="A few small rows, briefly: that everything runs; seconds.")
 @click.option("--only", metavar="TEXT", multiple=True, help='Rows whose name holds TEXT, such as "MLFC". Repeatable.')
-@click.option("--json", "target", type=click.Path(path_type=Path, dir_okay=False), help="Write everything as JSON.")
+@click.option("--json", "target", type=options.Output(), help="Write everything as JSON.")
 def speed_command(quick: bool, only: tuple[str, ...], target: Path | None) -> None:
     """Measure how fast networks train here: ms of one step, on one thread, all in turns in one run.
 

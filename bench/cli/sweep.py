@@ -47,7 +47,7 @@ LOOKS = 20
 @options.horizon
 @options.outputs
 @click.option("--preset", type=click.Choice(study.PRESETS), default="laptop", show_default=True, help="Of a STUDY.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the proposals.")
+@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the proposals.")
 @options.workers
 @options.cluster
 @click.option("--name", help="Of the sweep's folder, `<results>/sweeps/NAME`; default: made of what is searched.")

@@ -7,6 +7,9 @@ import click
 from bench.cli import options
 from registry.errors import BenchError
 
+LOCK = ".sync.lock"
+"""Held while `bench sync` logs: two at once would log one run twice."""
+
 
 @click.command("ui")
 @options.results
@@ -31,12 +34,19 @@ def sync_command(results: Path, tracking: str | None) -> None:
 
     Runs that a killed driver has left half logged are completed.
     """
+    from bench.execution import lock
+
+    _present(results)
+    with lock.turn(results, LOCK, lambda sentence: click.echo(f"bench: {sentence}", err=True)):
+        _sync(results, tracking)
+
+
+def _sync(results: Path, tracking: str | None) -> None:
     from bench.records import record
     from bench.records.concluded import concluded
     from bench.sweep import journal as sweep
     from bench.tracking import track
 
-    _present(results)
     own = track.default_uri(results)
     uri, logged = tracking or own, 0
     for study in concluded(results):

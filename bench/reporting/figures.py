@@ -25,6 +25,8 @@ PANELS = 4
 BOXES = 40
 """Boxes beyond which steps are left out, evenly."""
 STYLE: Any = {
+    # a matplotlibrc in the working directory has no say: it may ask for other programs
+    **{k: v for k, v in matplotlib.rcParamsDefault.items() if k != "backend"},
     **sns.axes_style("whitegrid"),
     "axes.edgecolor": "0.6",
     "axes.labelsize": 9,

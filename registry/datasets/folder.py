@@ -1,5 +1,6 @@
 """A user's own recordings: a folder with a `dataset.toml`."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +20,14 @@ from registry.datasets.signals import channels, recording
 from registry.datasets.tables import ENDINGS, first_row, numbers
 from registry.errors import BenchError
 from registry.physics.rigid_body import RigidBody
+from registry.regular_file import regular
 
 __all__ = ["Folder", "FolderDescription", "check", "draft"]
 
 JITTER = 0.4
 """How much of a sampling period the clock may be off between two samples before it counts as a jump."""
+DRIFT, STRETCH = 0.05, 50
+"""How far the clock may run from the stated rate, over so many samples and over all of them."""
 
 
 @DATASETS.register("folder")
@@ -125,19 +129,20 @@ def check(folder: str | Path) -> Loaded:
 
 
 def _files(folder: Path, pattern: str) -> list[Path]:
-    home = folder.resolve()
+    home = Path(os.path.realpath(folder))
     if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
         raise BenchError(f"{folder}: files = {pattern!r} leaves the folder: data must lie inside it.")
     try:
         found = sorted(p for p in folder.glob(pattern) if p.name.endswith(ENDINGS))
-    except (ValueError, NotImplementedError) as error:
+    except (ValueError, IndexError, NotImplementedError, OSError) as error:
         raise BenchError(f"{folder}: files = {pattern!r} is not a file pattern: {error}.") from error
     if not found:
         raise BenchError(f"{folder}: no CSV, CSV.gz or Parquet file matches files = {pattern!r}.")
     names: dict[str, Path] = {}
     for file in found:
-        if not file.resolve().is_relative_to(home):
+        if not Path(os.path.realpath(file)).is_relative_to(home):
             raise BenchError(f"{file} is a link that leaves the folder: data must lie inside it.")
+        regular(file)
         if names.setdefault(_name(file), file) is not file:
             raise BenchError(f"{file} and {names[_name(file)]} would give two recordings of one name: rename one.")
     return found
@@ -155,6 +160,8 @@ def read_columns(file: Path, description: FolderDescription) -> tuple[np.ndarray
     """
     names = list(dict.fromkeys(c for s in description.signals.values() for c in s.names))
     table = numbers(file, [description.time, *names])
+    if len(table) < 2:
+        raise BenchError(f"{file} holds one sample: a recording has two or more; remove the file.")
     t, period = table[:, 0], 1 / description.rate
     step = np.diff(t)
     off = np.abs(step - period) > JITTER * period
@@ -164,7 +171,28 @@ def read_columns(file: Path, description: FolderDescription) -> tuple[np.ndarray
             f"{file}, column {description.time!r}, row {first_row(file) + i + 1}: the clock jumps by {step[i]:.6g} s "
             f"where rate_hz = {description.rate:g} means {period:.6g} s; split the file there or mend rate_hz."
         )
+    _refuse_drift(file, t, description)
     return t, dict(zip(names, table[:, 1:].T, strict=True))
+
+
+def _refuse_drift(file: Path, t: np.ndarray, description: FolderDescription) -> None:
+    """Raise where steps that are each about a period make another rate together."""
+    span = min(STRETCH, len(t) - 1)
+    measured = span / (t[span:] - t[:-span])
+    off = np.abs(measured / description.rate - 1)
+    allowed = DRIFT + 2 * JITTER / span
+    if off.max() <= allowed:
+        return
+    i, whole = int(off.argmax()), (len(t) - 1) / (t[-1] - t[0])
+    lowest, highest = measured.min(), measured.max()
+    if highest / lowest - 1 > allowed:
+        told = f"from {lowest:.4g} to {highest:.4g} Hz, worst from row {first_row(file) + i} on"
+    else:
+        told = f"at {whole:.4g} Hz"
+    raise BenchError(
+        f"{file}, column {description.time!r}: the clock runs {told}, where rate_hz = {description.rate:g}: mend "
+        "rate_hz if all files have that rate, or the clock."
+    )
 
 
 def recording_files(folder: str | Path) -> list[Path]:

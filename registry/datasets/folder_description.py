@@ -1,13 +1,13 @@
 """`dataset.toml`: how a user's own files are to be read."""
 
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from registry.core import PHYSICS
 from registry.errors import BenchError, near
-from registry.model_file import constants_of
+from registry.model_file import constants_of, finite
+from registry.regular_file import read_toml
 from registry.units import SIGNALS, to_si
 
 FILE = "dataset.toml"
@@ -22,6 +22,10 @@ FRAMES = {
 """Of each signal: world with z up or north-east-down; body with y left and z up or forward-right-down. An attitude is
 from the body (flu) to the world with z up, or from forward-right-down to north-east-down (ned)."""
 GRAVITY = ("included", "removed")
+SLOWEST, FASTEST = 1e-6, 1e6
+"""Sample rates [Hz] beyond which nothing is measured: a period overflows, or a grid has no end."""
+LARGEST_NOISE = 1e9
+"""1σ of any signal, SI: larger ones overflow where they are squared."""
 LONGEST_DELAY = 1.0
 """Of a signal that was logged late [s]."""
 _REQUIRED = ("name", "system", "rate_hz", "files", "time", "signals")
@@ -79,14 +83,7 @@ def describe(folder: Path) -> FolderDescription:
         BenchError: what is missing, unknown or of the wrong kind.
     """
     path = folder / FILE
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise BenchError(f"{path} does not exist: `bench data init {folder}` drafts it.") from error
-    except UnicodeDecodeError as error:
-        raise BenchError(f"{path} is not UTF-8 text (byte {error.start}).") from error
-    except (tomllib.TOMLDecodeError, OSError, RecursionError) as error:
-        raise BenchError(f"{path} cannot be read: {error}.") from error
+    table = read_toml(path, f"`bench data init {folder}` drafts it")
     _known(table, (*_REQUIRED, *_OPTIONAL), f"{path}")
     for key in _REQUIRED:
         if key not in table:
@@ -95,9 +92,11 @@ def describe(folder: Path) -> FolderDescription:
         if not isinstance(table[key], str) or not table[key]:
             raise BenchError(f"{path}: {key} must be a text, not {table[key]!r}.")
     rate = table["rate_hz"]
-    if not _number(rate) or rate <= 0:
-        raise BenchError(f"{path}: rate_hz must be a positive number, not {rate!r}.")
+    if not finite(rate) or not SLOWEST <= rate <= FASTEST:
+        raise BenchError(f"{path}: rate_hz must be a number from {SLOWEST:g} to {FASTEST:g}, not {rate!r:.60}.")
     hold = table.get("input_hold", "linear")
+    if not isinstance(table.get("input", ""), str):
+        raise BenchError(f"{path}: input must be the name of a signal, not {table['input']!r:.60}.")
     if hold not in ("linear", "previous"):
         raise BenchError(f"{path}: input_hold = {hold!r}: choose linear or previous.")
     for key in ("signals", *_OPTIONAL[2:]):
@@ -114,6 +113,8 @@ def describe(folder: Path) -> FolderDescription:
         raise BenchError(f"{path}: input = {drive!r} is none of its signals: {near(str(drive), signals)}")
     if drive and drive not in accepted:
         raise BenchError(f"{path}: {table['system']} cannot be driven by {drive}: {near('', accepted)}")
+    if timed := [n for n, s in signals.items() if table["time"] in s.names]:
+        raise BenchError(f"{path}: {timed[0]} is read from column {table['time']!r}, which is the time: give its own.")
     twice = [c for c in {c for s in signals.values() for c in s.names} if _uses(signals, c) > 1]
     if twice:
         raise BenchError(f"{path}: column {min(twice)!r} is used twice.")
@@ -127,10 +128,15 @@ def describe(folder: Path) -> FolderDescription:
     _known(processing.get("noise", {}), signals, f"{path} [processing] noise")
     _known(environment, _ENVIRONMENT, f"{path} [environment]")
     for key, value in physics.get("uncertainty", {}).items():
-        if not _number(value) or value < 0:
+        if not finite(value) or value < 0:
             raise BenchError(f"{path} [physics.uncertainty]: {key} must be a number from 0, not {value!r}.")
+    for key, value in processing.get("noise", {}).items():
+        if not finite(value) or not 0 <= value <= LARGEST_NOISE:
+            raise BenchError(
+                f"{path} [processing] noise: {key} must be a standard deviation, a number from 0, not {value!r:.60}."
+            )
     for key, value in environment.items():
-        if not _number(value):
+        if not finite(value):
             raise BenchError(f"{path} [environment]: {key} must be a number, not {value!r}.")
     return FolderDescription(
         table["name"],
@@ -163,6 +169,8 @@ def _signal(path: Path, name: str, entry: Any) -> SignalColumns:
     if not isinstance(columns, list) or not columns or not all(isinstance(c, str) for c in columns):
         raise BenchError(f"{path}: {name}: columns must be a list of column names, not {columns!r}.")
     known, convention, frame = SIGNALS[name], entry.get("convention", ""), entry.get("frame", "")
+    if not isinstance(convention, str) or not isinstance(frame, str):
+        raise BenchError(f"{path}: {name}: convention and frame must be texts.")
     count = len(known.axes) or len(columns)
     si, unit = known.unit, entry.get("unit")
     if name == "attitude":
@@ -190,7 +198,7 @@ def _signal(path: Path, name: str, entry: Any) -> SignalColumns:
     gravity, delay = entry.get("gravity", ""), entry.get("delay_s", 0.0)
     if gravity and (name != "specific_force" or gravity not in GRAVITY):
         raise BenchError(f"{path}: {name}: gravity = {gravity!r}: only specific_force has it, {near('', GRAVITY)}")
-    if not _number(delay) or abs(delay) > LONGEST_DELAY:
+    if not finite(delay) or abs(delay) > LONGEST_DELAY:
         raise BenchError(f"{path}: {name}: delay_s must be a number of at most {LONGEST_DELAY:g} s, not {delay!r}.")
     return SignalColumns(tuple(columns), unit, convention, frame, gravity, float(delay))
 
@@ -216,7 +224,3 @@ def _known(table: Any, keys: Any, where: str) -> None:
 
 def _uses(signals: dict[str, SignalColumns], column: str) -> int:
     return sum(s.names.count(column) for s in signals.values())
-
-
-def _number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < float("inf")

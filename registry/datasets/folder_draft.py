@@ -1,6 +1,7 @@
 """A first `dataset.toml` guessed from the headers of a folder's files."""
 
 import json
+import os
 import re
 from collections.abc import Collection
 from pathlib import Path
@@ -89,7 +90,7 @@ def draft(folder: str | Path, system: str = "") -> str:
     driver = next((s for s in PHYSICS.get(system).input_signals if s in signals), None)
     missing = [s for s in wanted if s not in signals]
     lines = [
-        f"name = {json.dumps(folder.resolve().name, ensure_ascii=False)}",
+        f"name = {json.dumps(Path(os.path.realpath(folder)).name, ensure_ascii=False)}",
         f'system = "{system}"' + ("" if wanted else "  # TODO: check; `bench list physics` names the others"),
         "rate_hz = 100  # TODO: check",
         f'files = "*{ending}"',

@@ -1,14 +1,13 @@
 """Read measurements and the physics model of their system, by name, from a folder or from a file of one's own."""
 
 import dataclasses
-import importlib.util
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from bench.diagnose.logs.differences import centred
+from bench.diagnose.logs.own_system import own_class
 from bench.diagnose.logs.smoothing import stated
 from bench.diagnose.logs.subject import Subject, log_of
 from registry.contracts import Dataset, Recording
@@ -18,8 +17,6 @@ from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
 from registry.stated import refuse_unstated
 
-_TOLD = ("state_channels", "input_signals", "equation")
-"""What a physics model says of itself."""
 HELD_OUT = 1 / 3
 """Share of the recordings that only test."""
 
@@ -57,6 +54,12 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         extras = ("battery",) if "battery" in signals - {drive} and _columns(recordings[0], "battery") == 1 else ()
         model = kind(**given, input_hold=dataset.input_hold, extras=(*extras, "time"))
     names = [r.name for r in recordings]
+    smoothing = stated(processing)
+    if smoothing is not None and smoothing.window > (shortest := min(map(len, recordings))):
+        raise BenchError(
+            f"{dataset.label}: [processing] smoothing over {smoothing.window} samples is longer than a recording of "
+            f"{shortest}: give the window of the filter that the data went through."
+        )
     training, held_out = partition(dataset, names)
     subject = Subject(
         dataset.label,
@@ -64,7 +67,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         tuple(log_of(r, model, drive) for r in recordings),
         training,
         held_out,
-        stated(processing),
+        smoothing,
         {k: float(v) for k, v in dict(processing.get("noise", {})).items()},
         uncertainty,
         tuple(sorted(signals)),
@@ -118,30 +121,10 @@ def physics_class(system: str) -> Any:
     """A physics model's class by registered name, or from "path/to/file.py:Class" (which runs that file).
 
     Raises:
-        BenchError: no such model, file or class.
+        BenchError: no such model, file or class, or a class that cannot be used.
     """
-    path, colon, name = system.rpartition(":")
-    if not colon or not path.endswith(".py"):
-        return PHYSICS.get(system)
-    file = Path(path)
-    if not file.is_file():
-        raise BenchError(f"--system {system}: the file {file} does not exist.")
-    module_name = f"_system_{file.stem}"
-    spec = importlib.util.spec_from_file_location(module_name, file)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise BenchError(f"--system {system}: {file} fails with {type(error).__name__}: {error}.") from error
-    kind = getattr(module, name, None)
-    if not (isinstance(kind, type) and issubclass(kind, PhysicsModel)):
-        raise BenchError(f"--system {system}: {file} has no class {name} that derives from PhysicsModel.")
-    missing = sorted(kind.__abstractmethods__) + [n for n in _TOLD if not hasattr(kind, n)]
-    if missing:
-        raise BenchError(f"--system {system}: {name} lacks {', '.join(missing)}.")
-    return kind
+    path, colon, _ = system.rpartition(":")
+    return own_class(system) if colon and path.endswith(".py") else PHYSICS.get(system)
 
 
 def registered(source: str) -> bool:
