@@ -11,6 +11,7 @@ from typing import Any
 from bench.diagnose.logs.differences import centred
 from bench.diagnose.logs.smoothing import stated
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
 from registry.core import DATASETS, PHYSICS
 from registry.datasets.folder import Folder
@@ -142,11 +143,6 @@ def physics_class(system: str) -> Any:
     if missing:
         raise BenchError(f"--system {system}: {name} lacks {', '.join(missing)}.")
     return kind
-
-
-def registered(source: str) -> bool:
-    """Whether ``source`` means a registered data set: a folder of that name goes first if it describes data."""
-    return source in DATASETS.names() and not (Path(source) / "dataset.toml").is_file()
 
 
 def _dataset(source: str | Path) -> Dataset:
