@@ -55,17 +55,18 @@ class Options:
         return ", ".join(f"{k} {v}" for k, v in sorted(said.items()) if k != "path")
 
 
-def request(target: str, asked: Options) -> Request:
+def request(target: str | study.Study, asked: Options) -> Request:
     """The runs of a study, or of one configuration and of the baselines that it is judged beside.
 
     Args:
-        target: name of a study, or a configuration in the paper's notation.
+        target: a study or its name, or a configuration in the paper's notation.
         asked: everything else.
 
     Raises:
         BenchError: an unknown name or option, data that are absent, or an option that nothing here has.
     """
-    found = study.studies().get(target)
+    found = target if isinstance(target, study.Study) else study.studies().get(target)
+    target = found.name if isinstance(target, study.Study) and found else str(target)
     if found is not None and asked.seeds is not None:
         raise BenchError("--seeds belongs to a single configuration; a study's presets set their own.")
     source = asked.dataset or (found.default_dataset if found else DEFAULT_DATASET)
