@@ -23,7 +23,7 @@ from registry.core import DATASETS, EFFECTS, PREDICTORS, Registry
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 FENCE = re.compile(
-    r"(?P<only><!-- parsed only -->\n)?^(?P<indent> *)```(?P<kind>\w+)?(?: title=\"(?P<title>[^\"]+)\")?\n"
+    r"(?P<only> *<!-- parsed only -->\n)?^(?P<indent> *)```(?P<kind>\w+)?(?: title=\"(?P<title>[^\"]+)\")?\n"
     r"(?P<text>.*?)^ *```$",
     re.S | re.M,
 )
@@ -110,8 +110,12 @@ def test_a_command_that_does_not_exist_is_seen() -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the tutorial is followed: the others go on with its recordings."""
-    return tmp_path_factory.mktemp("documents")
+    """Where the documents are followed, with the recordings that the tutorial writes."""
+    made = tmp_path_factory.mktemp("documents")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(made)
+        exec(compile(next(blocks(ROOT / "docs/tutorial.md")).text, "tutorial.md", "exec"), {})
+    return made
 
 
 HERE = [p for p in PAGES if p.name not in ("own-predictor.md", "own-effect.md", "own-study.md", "own-data-set.md")]
@@ -163,15 +167,13 @@ def test_the_dataset_toml_of_the_reference_is_right(tmp_path: Path) -> None:
 TITLES = [b.title for page in PAGES for b in blocks(page) if b.title.endswith(".py")]
 
 
-def test_what_is_to_be_saved_passes_the_gates(tmp_path: Path) -> None:
+@pytest.mark.parametrize("title", TITLES)
+@pytest.mark.parametrize("gate", ["check", "format --check"])
+def test_what_is_to_be_saved_passes_the_gates(title: str, gate: str) -> None:
     pytest.importorskip("ruff", reason="comes with the development tools")
-    for title in TITLES:
-        (tmp_path / title).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / title).write_text(saved(title))
-    for gate in (["check"], ["format", "--check"]):
-        command = [sys.executable, "-m", "ruff", *gate, "--no-cache", "--config", str(ROOT / "pyproject.toml"), "."]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-        assert done.returncode == 0, done.stdout
+    command = [sys.executable, "-m", "ruff", *gate.split(), "--no-cache", "--stdin-filename", title, "-"]
+    done = subprocess.run(command, cwd=ROOT, input=saved(title), capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
 
 
 def execute(registry: Registry, name: str, title: str, monkeypatch: pytest.MonkeyPatch) -> types.ModuleType:
@@ -251,7 +253,5 @@ def test_the_python_of_the_readme_runs(
 ) -> None:
     (block,) = [b for b in blocks(ROOT / "README.md") if b.kind == "python"]
     monkeypatch.chdir(folder)
-    if not (folder / "spring").is_dir():
-        exec(compile(next(b.text for b in blocks(ROOT / "docs/tutorial.md")), "tutorial", "exec"), {})
     exec(compile(block.text.replace("my_flights", "spring"), "README.md", "exec"), {})
     assert "cubic_stiffness" in capsys.readouterr().out
