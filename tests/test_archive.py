@@ -17,7 +17,7 @@ import pytest
 from faults.test_kills import sound, study
 from rich.console import Console
 
-from bench.cli.archive import import_command
+from bench.cli.commands.archive import import_command
 from bench.execution import engine
 from bench.records import archive, record
 from bench.records.concluded import concluded

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from synthetic_records import resealed
 
 from bench.analysis import tables
-from bench.cli.report import report_command
+from bench.cli.commands.report import report_command
 from bench.experiment.study import Study
 from bench.records.record import RunRecord, write_json
 from bench.reporting import report, study_page

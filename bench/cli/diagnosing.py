@@ -12,6 +12,8 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
+from bench.cli.names import check_system
+from bench.experiment.datasets import registered
 from registry.core import DATASETS, EFFECTS
 from registry.errors import BenchError
 
@@ -27,17 +29,19 @@ if TYPE_CHECKING:
 
 def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Subject, PhysicsModel | None]":
     """The measurements with the nominal model, and the model in the file if one was given."""
-    from bench.diagnose.logs.load import load, registered
-    from bench.diagnose.report import model_file as files
-    from registry.datasets.folder import Folder
-    from registry.stated import refuse_unstated
-
-    if not Path(source).is_dir() and source not in DATASETS.names():
+    if not Path(source).is_dir() and source not in DATASETS.outline():
         hint = "" if Path(source).exists() else " (it does not exist)"
         raise BenchError(
             f"{source}{hint} is neither a folder with a dataset.toml nor a data set: `bench list datasets` has them, "
             "`bench data init FOLDER` drafts a dataset.toml."
         )
+    check_system(system)
+
+    from bench.diagnose.logs.load import load
+    from bench.diagnose.report import model_file as files
+    from registry.datasets.folder import Folder
+    from registry.stated import refuse_unstated
+
     subject = load(source, system)
     if model_file is None:
         return subject, None
@@ -56,7 +60,7 @@ def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None
     check_effects((*catalogue, *without))
     if not catalogue and not without:
         return None
-    return [n for n in (catalogue or EFFECTS.names()) if n not in without]
+    return [n for n in (catalogue or EFFECTS.outline()) if n not in without]
 
 
 def check_catalogue(subject: "Subject", model: "PhysicsModel", names: Sequence[str]) -> None:
@@ -81,15 +85,13 @@ def check_writable(*targets: Path | None) -> None:
 def check_effects(names: Sequence[str]) -> None:
     """Raise `BenchError` where the catalogue has no effect of such a name."""
     for name in names:
-        EFFECTS.get(name)
+        EFFECTS.check(name)
 
 
 def folder_for(source: str, out: Path | None) -> Path:
     """Where files are written: ``out``, or beside the data."""
     if out is not None:
         return out
-    from bench.diagnose.logs.load import registered
-
     return Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
 
 

@@ -10,6 +10,7 @@ from bench.diagnose.logs.differences import centred
 from bench.diagnose.logs.own_system import own_class
 from bench.diagnose.logs.smoothing import stated
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
 from registry.core import DATASETS, PHYSICS
 from registry.datasets.folder import Folder
@@ -125,11 +126,6 @@ def physics_class(system: str) -> Any:
     """
     path, colon, _ = system.rpartition(":")
     return own_class(system) if colon and path.endswith(".py") else PHYSICS.get(system)
-
-
-def registered(source: str) -> bool:
-    """Whether ``source`` means a registered data set: a folder of that name goes first if it describes data."""
-    return source in DATASETS.names() and not (Path(source) / "dataset.toml").is_file()
 
 
 def _dataset(source: str | Path) -> Dataset:

@@ -1,16 +1,18 @@
 """`bench data`: look at recordings, describe a folder of one's own, check it."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.markup import escape
 from rich.table import Table
 
 from bench.cli import options
-from bench.cli.datasets import choose
-from registry.contracts import Finding
+from bench.cli.names import check_dataset
 from registry.errors import BenchError
+
+if TYPE_CHECKING:
+    from registry.contracts import Finding
 
 
 @click.group("data")
@@ -23,9 +25,12 @@ def data_command() -> None:
 @options.assignments
 def inspect_command(name: str, assignments: tuple[str, ...]) -> None:
     """Per recording: samples, rate, seconds, what cleaning found, ranges with units; then every finding."""
+    given = {k.removeprefix("dataset."): v for k, v in options.parsed(assignments).items()}
+    check_dataset(name)
+
+    from bench.experiment.datasets import choose
     from registry.datasets.inspect import inspect
 
-    given = {k.removeprefix("dataset."): v for k, v in options.parsed(assignments).items()}
     _render(*inspect(choose(name, given)))
 
 
@@ -117,7 +122,7 @@ def check_command(folder: Path) -> None:
     click.echo(f'  or: bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}{outputs}   (a network that predicts it)')
 
 
-def _render(rows: list[dict[str, Any]], findings: list[Finding]) -> None:
+def _render(rows: list[dict[str, Any]], findings: "list[Finding]") -> None:
     out = options.console()
     table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
     table.add_column("recording")

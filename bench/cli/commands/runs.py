@@ -1,17 +1,14 @@
-"""`bench runs`: the records in the results folder."""
+"""`bench runs` and `bench predict`: the records in the results folder, and a recorded model on new inputs."""
 
 import json
 import shutil
 from pathlib import Path
 
 import click
-import pandas as pd
 from rich.markup import escape
 from rich.table import Table
 
 from bench.cli import options
-from bench.execution import lock
-from bench.records import record
 from registry.errors import BenchError, near
 from registry.units import to_si
 
@@ -26,6 +23,8 @@ def runs_command() -> None:
 @click.option("--dataset", help="Only this data set.")
 def list_command(results: Path, dataset: str | None) -> None:
     """One line a run."""
+    from bench.records import record
+
     table = Table(box=None, header_style="bold", pad_edge=False)
     for name in ("key", "spec", "dataset", "outputs", "T", "seed", "status", "RMSSE (SI)"):
         table.add_column(name, no_wrap=name != "outputs")
@@ -51,6 +50,8 @@ def list_command(results: Path, dataset: str | None) -> None:
 @options.results
 def show_command(key: str, results: Path) -> None:
     """Configuration, metrics and files of the run whose key begins with KEY."""
+    from bench.records import record
+
     r = record.find(results / "runs", key)
     out = options.console()
     out.print(f"[bold]{escape(r.summary['spec'])}[/]  {escape(str(r.folder))}")
@@ -81,6 +82,10 @@ def errors_command(
 
     Runs that differ in their seed only share a line: the mean over seeds, and the spread of the sum.
     """
+    import pandas as pd
+
+    from bench.records import record
+
     runs = [record.find(results / "runs", key) for key in (*keys, *_of_study(results, study))]
     if not runs:
         raise BenchError("Name runs by their keys (`bench runs list` shows them) or a study with --study.")
@@ -131,6 +136,8 @@ def _of_study(results: Path, study: str | None) -> list[str]:
 @options.results
 def diff_command(first: str, second: str, results: Path) -> None:
     """Where two runs differ: options, metrics, files. FIRST and SECOND are keys or record folders."""
+    from bench.records import record
+
     a, b = (record.find(results / "runs", k) for k in (first, second))
     left, right = (_flat({"config": r.config, "metrics": r.summary["metrics"]}) for r in (a, b))
     table = Table(box=None, header_style="bold", pad_edge=False)
@@ -158,6 +165,9 @@ def _flat(nested: object, prefix: str = "") -> dict[str, object]:
 @click.option("--yes", is_flag=True, help="Do not ask.")
 def prune_command(results: Path, diverged: bool, yes: bool) -> None:
     """Remove what a kill left behind: drafts, checkpoints of groups, records whose files were altered."""
+    from bench.execution import lock
+    from bench.records import record
+
     runs = results / "runs"
     busy = lock.holders(results / "studies")
     if busy:
@@ -173,3 +183,34 @@ def prune_command(results: Path, diverged: bool, yes: bool) -> None:
         for path in doomed:
             shutil.rmtree(path)
         click.echo("Removed.")
+
+
+@click.command("predict")
+@click.argument("run")
+@click.option(
+    "--input", "source", type=click.Path(path_type=Path), required=True, help="CSV or Parquet, one row a sample."
+)
+@click.option("--output", "-o", type=options.Output(), help="CSV or Parquet; default: CSV on the terminal.")
+@options.results
+def predict_command(run: str, source: Path, output: Path | None, results: Path) -> None:
+    """Predict with a recorded RUN (the first characters of its key, see `bench runs list`).
+
+    The input has one column a channel in SI units, named as `bench runs show RUN` lists them, at the run's sample
+    rate. Its first rows, as many as the run's history, need the measured outputs too; every later row is one
+    predicted step.
+    """
+    from bench.records import record
+    from bench.training import predict
+
+    predicted = predict.predict_table(record.find(results / "runs", run), predict.read_table(source), str(source))
+    if output is None:
+        click.echo(predicted.to_csv(index=False), nl=False)
+        return
+    try:
+        if output.suffix == ".parquet":
+            predicted.to_parquet(output, index=False)
+        else:
+            predicted.to_csv(output, index=False)
+    except OSError as error:
+        raise BenchError(f"{output} cannot be written: {error.strerror or error}.") from error
+    click.echo(f"Wrote {len(predicted)} predicted steps to {output}.")

@@ -12,7 +12,6 @@ from bench.cli.options import console
 from bench.experiment import study
 from bench.experiment.notation import parse
 from registry.core import INITIALIZERS, PREDICTORS, REGISTRIES
-from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
 from registry.units import SIGNALS
 
@@ -27,24 +26,15 @@ def list_command(kind: str | None) -> None:
         raise BenchError(f"There is no kind {kind!r}: {near(kind, KINDS)}")
     out = console()
     for shown in [kind] if kind else KINDS:
-        lines = _studies() if shown == "studies" else _entries(shown)
+        lines = study.titles() if shown == "studies" else REGISTRIES[shown].outline()
         table = Table(box=None, show_header=False, pad_edge=False, title=shown, title_justify="left")
         table.add_column(no_wrap=True)
         table.add_column()
-        for name, about in lines:
+        for name, about in lines.items():
             table.add_row(f"  {name}", escape(about))
         out.print(table)
     if kind is None:
         out.print("\n`bench show NAME` explains one; `bench run STUDY` or `bench run SPEC` runs it.")
-
-
-def _entries(kind: str) -> list[tuple[str, str]]:
-    registry = REGISTRIES[kind]
-    return [(name, registry.summary(name)) for name in registry.names()]
-
-
-def _studies() -> list[tuple[str, str]]:
-    return [(name, s.title) for name, s in study.studies().items()]
 
 
 @click.command("show")
@@ -57,13 +47,14 @@ def show_command(name: str) -> None:
     bench show "LSTM: 1x50 - MLP: 60x10"    the parts of a configuration
     """
     out = console()
-    known = {n for r in REGISTRIES.values() for n in r.names()} | set(study.studies())
-    if name in study.studies():
+    if name in study.titles():
         _show_study(out, study.get(name))
         return
+    known = set(study.titles())
     for kind, registry in REGISTRIES.items():
-        match = [n for n in registry.names() if n.lower() == name.lower()]
-        if match:
+        names = list(registry.outline())
+        known.update(names)
+        if match := [n for n in names if n.lower() == name.lower()]:
             _show_entry(out, kind, match[0], registry.get(match[0]))
             return
     if ":" not in name:
@@ -84,6 +75,8 @@ def _show_study(out: Any, s: study.Study) -> None:
 
 
 def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
+    from registry.dynamics import PhysicsModel
+
     out.print(f"[bold]{name}[/]  ({kind})")
     out.print(inspect.getdoc(entry) or "", highlight=False, markup=False)
     for fact in ("equation", "source", "system", "inputs", "rates", "needs", "requires"):

@@ -1,14 +1,20 @@
 """From a name or a folder on the command line to a data set."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from bench.experiment.config import build_entry
-from registry.contracts import Dataset
 from registry.core import DATASETS
 
+if TYPE_CHECKING:  # it loads torch, and a wrong name is to be said at once
+    from registry.contracts import Dataset
 
-def choose(name: str, options: dict[str, str] | None = None, full: bool = False) -> Dataset:
+
+def registered(source: str) -> bool:
+    """Whether ``source`` means a registered data set: a folder of that name goes first if it describes data."""
+    return source in DATASETS.outline() and not (Path(source) / "dataset.toml").is_file()
+
+
+def choose(name: str, options: dict[str, str] | None = None, full: bool = False) -> "Dataset":
     """The data set of that name, or the `folder` data set where ``name`` is a folder with a dataset.toml.
 
     Args:
@@ -19,6 +25,8 @@ def choose(name: str, options: dict[str, str] | None = None, full: bool = False)
     Raises:
         BenchError: neither a name nor such a folder, or an unknown option.
     """
+    from bench.experiment.config import build_entry
+
     given: dict[str, Any] = dict(options or {})
     if (Path(name) / "dataset.toml").is_file():
         name, given = "folder", {"path": str(Path(name).resolve()), **given}

@@ -26,7 +26,7 @@ def export_command(name: str, dataset: str | None, preset: str | None, output: P
     The same study gives the same file. Paths of your own that are options of a run (a folder of data, a model.toml)
     are part of its configuration.
     """
-    from bench.cli.report import finished_study
+    from bench.cli.finished import finished_study
     from bench.records import archive
 
     found = finished_study(name, dataset, preset, results)

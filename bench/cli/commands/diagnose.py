@@ -98,11 +98,12 @@ def compare_command(
     bench compare flights/ --model diagnosis/model.toml    is the extended model better?
     bench compare emps --horizon 0.5                       a registered data set, up to half a second
     """
+    subject, model = load(source, system, model_file)
+
     from bench.diagnose.compare import compare
     from bench.diagnose.extend import fitted
     from bench.diagnose.report import words
 
-    subject, model = load(source, system, model_file)
     with announcer(options.console()) as tick:
         say_problems(subject)
         calibrated, _ = fitted(subject, subject.model, tick=tick)
@@ -141,10 +142,11 @@ def locate_command(source: str, system: str | None, model_file: Path | None, to_
     bench locate flights/
     bench locate flights/ --model diagnosis/model.toml     what is left, and where
     """
+    subject, model = load(source, system, model_file)
+
     from bench.diagnose.extend import fitted
     from bench.diagnose.locate import locate
 
-    subject, model = load(source, system, model_file)
     with announcer(options.console()) as tick:
         say_problems(subject)
         if model is None:
@@ -185,13 +187,14 @@ def discover_command(
     bench discover flights/ --without ground_effect        what else would explain it?
     bench discover flights/ --catalogue rotor_drag --catalogue linear_drag
     """
+    names = chosen(catalogue, without)
+    check_writable(to_json)
+    subject, model = load(source, system, model_file)
+
     from bench.diagnose.discover import discover
     from bench.diagnose.report import words
     from bench.diagnose.result import ParameterEstimate
 
-    names = chosen(catalogue, without)
-    check_writable(to_json)
-    subject, model = load(source, system, model_file)
     check_catalogue(subject, model or subject.model, catalogue)
     with announcer(options.console()) as tick:
         say_problems(subject)
@@ -254,10 +257,11 @@ def extend_command(
     bench discover flights/ --model flights/diagnosis/model.toml            what else?
     bench extend flights/ --model flights/diagnosis/model.toml --add inflow_thrust_loss
     """
-    from bench.diagnose.extend import extend
-
     check_effects(add)
     subject, model = load(source, system, model_file)
+
+    from bench.diagnose.extend import extend
+
     start, folder = model or subject.model, folder_for(source, out)
     check_writable(folder, to_json)
     with announcer(options.console()) as tick:
@@ -309,13 +313,14 @@ def diagnose_command(
     bench diagnose flights/ --without mass --out second/   another look
     bench diagnose flights/ --ignore-problem spike --exclude flight_3
     """
+    names, folder = chosen(catalogue, without), folder_for(source, out)
+    check_writable(folder, to_json)
+    subject, model = load(source, system, model_file)
+
     from bench.diagnose.diagnose import diagnose
     from bench.diagnose.logs.load import excluding
     from bench.diagnose.report import story, together
 
-    names, folder = chosen(catalogue, without), folder_for(source, out)
-    check_writable(folder, to_json)
-    subject, model = load(source, system, model_file)
     check_catalogue(subject, model or subject.model, catalogue)
     subject = excluding(subject if model is None else replace(subject, model=model), exclude)
     with announcer(options.console()) as tick:

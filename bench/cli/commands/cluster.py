@@ -7,7 +7,7 @@ import click
 
 @click.group("cluster")
 def cluster_command() -> None:
-    """A Dask cluster for `bench run` and `bench sweep`: a local one; the README shows SLURM and Kubernetes."""
+    """A Dask cluster for `bench run` and `bench sweep`; SLURM and Kubernetes: docs/how-to/cluster.md."""
 
 
 @cluster_command.command("start")

@@ -2,25 +2,14 @@
 
 import shlex
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from bench.cli import options
-from bench.cli.datasets import choose
-from bench.cli.job import Place, portable
-from bench.cli.run import apply, check_target
+from bench.cli.names import check_dataset, check_target
 from bench.experiment import study
-from bench.experiment.config import RunConfig
-from bench.experiment.notation import parse
-from bench.experiment.study import Study
-from bench.records.concluded import slug
-from registry.contracts import Dataset
 from registry.errors import BenchError
-
-LOOKS = 20
-"""At the validation part in a trial, where the user sets the updates alone; each is a chance to stop it."""
 
 
 @click.command("sweep")
@@ -101,43 +90,27 @@ def sweep_command(
 
     Nothing that was told is lost: after Ctrl-C, a crash or a power cut, the same command with --resume goes on.
     """
+    changes = options.parsed(assignments)
+    check_dataset(dataset)
+    check_target(target)
+    if target not in study.titles():
+        options.preset_belongs_to_a_study(ctx)
+
+    from bench.cli.job import Place, portable
     from bench.cli.sweeping import carry_out, estimate
+    from bench.experiment.request import Options
+    from bench.records.concluded import slug
     from bench.sweep import journal as sweeps
-    from bench.sweep.space import default_space, parse_search
+    from bench.sweep.request import request
 
     out = options.console()
     place = Place(results, tracking, no_track, workers, cluster)
-    changes = options.parsed(assignments)
-    run_options = {k: v for k, v in changes.items() if not k.startswith("dataset.")}
-    if horizon is not None:
-        run_options["horizon"] = str(horizon)
-    if outputs is not None:
-        run_options["outputs"] = outputs
-    data_options = {k.removeprefix("dataset."): v for k, v in changes.items() if k.startswith("dataset.")}
-    found = study.studies().get(target)
-    if found is None:
-        check_target(target)
-        options.preset_belongs_to_a_study(ctx)
-    chosen = choose(dataset or (found.default_dataset if found else "pelican_twin"), data_options)
-    configs = _choices(found, preset, chosen, run_options) if found else [RunConfig(*parse(target), chosen)]
-    configs = list({c.spec: c for c in apply(configs, _with_looks(run_options))}.values())
-    space = default_space(configs, run_options)
-    for text in searches:
-        path, values = parse_search(text, configs)
-        if path in run_options:
-            raise BenchError(f"{path} is given with --set and with --search: leave one of them out.")
-        space[path] = values
-    asked = [f"{k} {v}" for k, v in sorted((run_options | data_options).items()) if k != "path"]
-    asked += [f"search {s}" for s in searches]
-    wanted = tuple(o for o in sweeps.OBJECTIVES if o == "rmsse" or o in objectives)
-    title = f"sweep of {target} on {chosen.label}" + (f" ({preset})" if found else "")
-    title += "".join(f", {a}" for a in asked) + "".join(f", and {o}" for o in wanted[1:])
+    asked = Options(dataset, preset, None, *options.by_owner(changes, horizon, outputs))
     command = shlex.join(["bench", *portable(sys.argv[1:])])
-    sweep = sweeps.Sweep(title, tuple(configs), space, wanted, seed, command)
-    sweep.check()
+    sweep = request(target, asked, searches, objectives, seed, command)
     if name is not None and (not slug(name) or not set(name).isdisjoint("/\\")):
         raise BenchError(f"--name {name!r} is no name of a folder: use letters and digits.")
-    folder = results / "sweeps" / slug(name or title)
+    folder = results / "sweeps" / slug(name or sweep.title)
     if resume and not (folder / sweeps.DEFINITION).is_file():
         there = "; ".join(f.name for f in sweeps.sweeps(results)) or "none"
         raise BenchError(
@@ -153,24 +126,3 @@ def sweep_command(
         again = shlex.join(["bench", *(a for a in sys.argv[1:] if a != "--resume"), "--resume"])
         click.echo(f"\nbench: stopped. Every trial that was told is kept; go on with {again}", err=True)
         sys.exit(130)
-
-
-def _choices(found: Study, preset: str, dataset: Dataset, asked: dict[str, str]) -> list[RunConfig]:
-    """One run of every configuration of a study that is trained, of one problem and horizon."""
-    runs = [c for c in found.runs(preset, dataset) if c.predictor.training == "gradient"]
-    if not runs:
-        raise BenchError(f"Nothing in {found.name} is trained: choose a configuration.")
-    first = runs[0]
-    horizon = int(asked["horizon"]) if asked.get("horizon", "").isdecimal() else first.horizon
-    nearest = min((c.horizon for c in runs), key=lambda h: abs(h - horizon))
-    alike = [c for c in runs if c.horizon == nearest]
-    outputs = alike[0].outputs
-    return list({c.spec: replace(c, seed=0, outputs=outputs) for c in reversed(alike)}.values())[::-1]
-
-
-def _with_looks(asked: dict[str, str]) -> dict[str, str]:
-    """With as many looks at the validation part as usual where only the number of updates is changed."""
-    updates = asked.get("training.updates", "")
-    if updates.isdecimal() and "training.evaluate_every" not in asked:
-        return {**asked, "training.evaluate_every": str(max(1, int(updates) // LOOKS))}
-    return asked
