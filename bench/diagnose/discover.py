@@ -179,7 +179,7 @@ def _worthy(view: View, weighing: Weighing | None, known: int) -> tuple[_Choice,
             continue
         judged = weighing.errors(chosen.model())
         savings = {i: _saved(weighing, chosen, i, judged) for i in left}
-        idle = [i for i in left if i in unsure or not any(s.worth for s in savings[i])]
+        idle = [i for i in left if i in unsure or _worse(savings[i]) or not any(s.worth for s in savings[i])]
         if not idle:
             return chosen, tuple(remarks), contradicted
         least = min(idle, key=lambda i: max(s.share for s in savings[i]))
@@ -191,8 +191,8 @@ def _worthy(view: View, weighing: Weighing | None, known: int) -> tuple[_Choice,
 
 
 def _worse(savings: Sequence[Saving]) -> bool:
-    """Whether an effect makes held-out recordings worse for sure, in every equation."""
-    return all(s.high < 0 for s in savings)
+    """Whether an effect makes held-out recordings worse for sure, in every equation, or loses one of them."""
+    return all(s.high < 0 for s in savings) or any(s.harms for s in savings)
 
 
 def _understood(
@@ -223,7 +223,7 @@ def _acting(view: View, chosen: _Choice, place: int) -> set[str]:
     names = view.linear.model.equation_names()
     by_name: dict[str, float] = {}
     for channel, gain in zip(view.linear.channels, gains, strict=True):
-        group = view.linear.model.state_channels[channel].group
+        group = view.linear.model.measured_channels[channel].group
         by_name[names.get(group, group)] = by_name.get(names.get(group, group), 0.0) + float(gain)
     return {name for name, gain in by_name.items() if gain >= 0.5 * sum(by_name.values())}
 

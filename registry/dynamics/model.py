@@ -124,6 +124,20 @@ class PhysicsModel(ABC):
         return {g: g.replace("_", " ") for g in groups if RATE_OF.get(g) not in groups}
 
     @property
+    def sensed_channels(self) -> tuple[Channel, ...]:
+        """What sensors tell of the derivative of the state rather than of the state, such as an accelerometer."""
+        return ()
+
+    @property
+    def measured_channels(self) -> tuple[Channel, ...]:
+        """All that measurements can be compared with: the states, and after them what sensors tell of their rates."""
+        return (*self.state_channels, *self.sensed_channels)
+
+    def sensed(self, state: Tensor, rates: Tensor) -> Tensor:
+        """What the sensors of `sensed_channels` show (…, f) at states (…, s) and their time derivative (…, s)."""
+        return state[..., :0]
+
+    @property
     def drive_acts_at_once(self) -> bool:
         """Whether the driving signal is what acts, so that any delay between it and the motion is one of the log."""
         return False

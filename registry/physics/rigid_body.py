@@ -29,6 +29,9 @@ from registry.dynamics import (
 from registry.units import SIGNALS
 
 _POSE = ("position", "velocity", "attitude", "body_rates")
+_ACCELEROMETER = tuple(
+    Channel(f"specific_force.{axis}", SIGNALS["specific_force"].unit) for axis in SIGNALS["specific_force"].axes
+)
 
 
 def rotation_matrix(quaternion: Tensor) -> Tensor:
@@ -78,8 +81,18 @@ class RigidBody(PhysicsModel):
         """
 
     def equation_names(self) -> dict[str, str]:
-        """Forces move the velocity, torques the body rates."""
-        return {"velocity": "forces", "body_rates": "torques"}
+        """Forces move the velocity, and an accelerometer feels them; torques move the body rates."""
+        return {"velocity": "forces", "body_rates": "torques", "specific_force": "accelerations"}
+
+    @property
+    def sensed_channels(self) -> tuple[Channel, ...]:
+        """An accelerometer at the centre of gravity, along the body's axes."""
+        return _ACCELEROMETER
+
+    def sensed(self, state: Tensor, rates: Tensor) -> Tensor:
+        """Specific force (…, 3) [m/s²], body frame: Rᵀ(dv/dt + g e3)."""
+        gravity = tensor(self.gravity, state).unsqueeze(-1) * tensor((0.0, 0.0, 1.0), state)
+        return turned_back(rotation_matrix(state[..., 6:10]), rates[..., 3:6] + gravity)
 
     def rotor_thrust(self, inputs: Tensor) -> Tensor:
         """Thrust (…, rotors) [N] along body z that effects may scale, at what acts (…, m); here of no rotor."""

@@ -30,7 +30,7 @@ def test_what_an_equation_leaves_is_the_integral_of_the_term_that_it_lacks() -> 
 
 
 def test_only_the_equation_of_the_speed_is_one_of_forces() -> None:
-    assert [e.name for e in equations(TRUE, (True, True))] == ["speed"]
+    assert [e.name for e in equations(TRUE, (0, 1))] == ["speed"]
 
 
 def test_noise_alone_leaves_the_difference_of_two_samples() -> None:

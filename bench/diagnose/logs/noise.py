@@ -44,6 +44,8 @@ class Noise:
     """What the inputs went through: nothing, or what the states did."""
     notes: tuple[str, ...]
     """What was stated, what was estimated."""
+    sensed: tuple[float, ...] = ()
+    """(f,) 1σ of what sensors show of the rates."""
 
     def smoothing_of(self, channel: int) -> Smoothing:
         """What a state channel went through, as the weak form takes it."""
@@ -95,7 +97,8 @@ def noise_of(subject: Subject) -> Noise:
     inputs, through = _input_noise(subject, replace(smoothing, derived=False), length)
     if through.kind != "none":
         notes.append(f"The inputs show {through} as well.")
-    return Noise(smoothing, derived, tuple(raw), tuple(processed), inputs, through, tuple(notes))
+    sensed = _sensed_noise(subject, length)
+    return Noise(smoothing, derived, tuple(raw), tuple(processed), inputs, through, tuple(notes), sensed)
 
 
 # ---------------------------------------------------------------------------------------------------- the filter
@@ -197,6 +200,16 @@ def _level(found: Sequence[np.ndarray], shapes: Sequence[np.ndarray]) -> float:
     """σ² that brings the shapes to the heights found: where the shape is faint, so is what it says."""
     ratios = np.concatenate([f / s for f, s in zip(found, shapes, strict=True)])
     return float(np.median(ratios))
+
+
+def _sensed_noise(subject: Subject, length: int) -> tuple[float, ...]:
+    """1σ (f,) of what sensors show of the rates, vibration included: as stated, or from their spectra."""
+    logs, groups = subject.logs, [c.group for c in subject.model.sensed_channels]
+    if any(log.sensed is None for log in logs):
+        return ()
+    shown = [log.recording.pick(list(dict.fromkeys(groups)))[0].astype(np.float64) for log in logs]
+    power = _spectrum(shown, [log.valid.numpy() for log in logs], length)[QUIET]
+    return tuple(subject.noise.get(g, float(np.median(p)) ** 0.5) for g, p in zip(groups, power.T, strict=True))
 
 
 def _input_noise(subject: Subject, smoothing: Smoothing, length: int) -> tuple[tuple[float, ...], Smoothing]:

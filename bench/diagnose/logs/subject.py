@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
+from scipy.integrate import cumulative_trapezoid
 from torch import Tensor
 
 from bench.diagnose.logs.smoothing import Smoothing
@@ -31,11 +32,19 @@ class Log:
     recording: Recording
     estimated: tuple[bool, ...] = ()
     """(s,): channels that were not measured although all that was measured depends on them."""
+    sensed: Tensor | None = None
+    """(N, f): the integral over time of what sensors tell of the state's rates; None: there is no such sensor."""
 
     @property
     def dt(self) -> float:
         """Sampling period [s]."""
         return 1 / self.rate
+
+    @property
+    def paths(self) -> np.ndarray:
+        """(N, s + f): the states, and the integrals of what was sensed, whose changes the weak form compares."""
+        own = self.states.numpy()
+        return own if self.sensed is None else np.concatenate([own, self.sensed.numpy()], axis=1)
 
     def __len__(self) -> int:
         return len(self.states)
@@ -117,7 +126,18 @@ def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
         torch.from_numpy(recording.valid.copy()),
         recording,
         () if any(known) else tuple(not m for m in measured),
+        _sensed(recording, model),
     )
+
+
+def _sensed(recording: Recording, model: PhysicsModel) -> Tensor | None:
+    """The integral (N, f) of what the model's sensors recorded; None: they did not."""
+    names = {c.name for c in recording.channels}
+    if not model.sensed_channels or not all(c.name in names for c in model.sensed_channels):
+        return None
+    shown = recording.pick(list(dict.fromkeys(c.group for c in model.sensed_channels)))[0].astype(np.float64)
+    shown = np.where(np.isfinite(shown), shown, 0.0)  # where it is not, the recording is not valid
+    return torch.from_numpy(cumulative_trapezoid(shown, dx=1 / recording.rate, axis=0, initial=0.0))
 
 
 def self_contained(model: PhysicsModel, measured: Sequence[bool]) -> tuple[bool, ...]:

@@ -212,19 +212,21 @@ def _axes(model: PhysicsModel, state: torch.Tensor, channels: tuple[int, ...]) -
     out = {}
     if isinstance(model, RigidBody):
         rotation = rotation_matrix(state[..., 6:10]).numpy()
+        felt = [i for i, c in enumerate(model.measured_channels) if c.group == "specific_force"]
+        none = np.zeros((*state.shape[:-1], len(model.measured_channels)))
         for i, a in enumerate("xyz"):
-            full = np.zeros((*state.shape[:-1], 13))
-            full[..., 3:6] = rotation[..., :, i]
-            out[f"force {a}"] = full[..., list(channels)].copy()
-            full[..., 3:6] = np.eye(3)[i]
-            out[f"world force {a}"] = full[..., list(channels)].copy()
+            full = none.copy()
+            full[..., 3:6], full[..., felt] = rotation[..., :, i], np.eye(3)[i]
+            out[f"force {a}"] = full[..., list(channels)]
+            full[..., 3:6], full[..., felt] = np.eye(3)[i], rotation[..., i, :]
+            out[f"world force {a}"] = full[..., list(channels)]
         for i, a in enumerate("xyz"):
-            full = np.zeros((*state.shape[:-1], 13))
+            full = none.copy()
             full[..., 10 + i] = 1.0
             out[f"torque {a}"] = full[..., list(channels)]
         return out
     for i, c in enumerate(channels):
         direction = np.zeros(shape)
         direction[..., i] = 1.0
-        out[f"d {model.state_channels[c].name}/dt"] = direction
+        out[f"d {model.measured_channels[c].name}/dt"] = direction
     return out

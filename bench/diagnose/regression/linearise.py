@@ -89,7 +89,7 @@ class Directions:
 
     def project(self, tests: TestFunctions, more: Dictionary | None = None) -> Rows:
         """Rows of the weak form, with the terms of a dictionary as further columns."""
-        dt, count = self.stack.dt, len(self.columns)
+        dt, count, states = self.stack.dt, len(self.columns), self.stack.states.shape[-1]
         terms = [] if more is None else more.on_channels(len(self.channels))
         width = count + (0 if more is None else len(more.terms))
         own = [np.flatnonzero(np.abs(self.columns[..., c]).max((1, 2))) for c in range(len(self.channels))]
@@ -99,7 +99,7 @@ class Directions:
         ]
         out = []
         for i, log in enumerate(self.stack.logs):
-            measured = tests.increment(i, log.states.numpy()[:, list(self.channels)])
+            measured = tests.increment(i, log.paths[:, list(self.channels)])
             values = None if more is None else more.of_log(i)
             parts = []
             for c, mine in enumerate(own):
@@ -107,7 +107,9 @@ class Directions:
                 columns = [tests.integral(i, c, self.columns[mine, i, :, c].T, dt)]
                 if more is not None and values is not None:
                     columns += [tests.integral(i, c, more.along(place, i, values), dt) for place in terms[c]]
-                parts.append(np.column_stack([*columns, left]))
+                rows = np.column_stack([*columns, left])
+                # What a sensor of rates shows has an offset of its own in every recording.
+                parts.append(rows - rows.mean(0) if self.channels[c] >= states and len(rows) else rows)
             out.append(tuple(parts))
         return Rows(tuple(out), tuple(acting), width, tests.hop * dt)
 
@@ -170,8 +172,7 @@ def directions(
                 here = replace(model, effects=(*model.effects, effect))
                 columns += _by_constant(here, [own[j] for j in wide], x[0], stack)
             starts.append(Start(name, effect, tuple(where), tuple(range(first, first + width)), low, high, instead))
-    measured = [i for i in range(at.shape[-1]) if all(log.measured[i] for log in stack.logs)]
-    channels = [i for i in measured if any(np.abs(c[..., i]).max() > 0 for c in columns)]
+    channels = [i for i in stack.measured if any(np.abs(c[..., i]).max() > 0 for c in columns)]
     kept = np.stack([c[..., channels] for c in columns])
     return Directions(
         model,

@@ -43,6 +43,31 @@ class Stack:
     """(L, N, m)."""
     dt: float
 
+    @property
+    def sensed(self) -> bool:
+        """Whether every log has what sensors tell of the rates."""
+        return bool(self.logs) and all(log.sensed is not None for log in self.logs)
+
+    @property
+    def paths(self) -> np.ndarray:
+        """(L, N, s + f): `Log.paths` side by side, with the states of this stack."""
+        if not self.sensed:
+            return self.states.numpy()
+        sensed = _padded([log.sensed for log in self.logs if log.sensed is not None])
+        return torch.cat([self.states, sensed], dim=-1).numpy()
+
+    @property
+    def measured(self) -> tuple[int, ...]:
+        """Places of what was measured in every log, among the model's `measured_channels`."""
+        states = range(self.states.shape[-1])
+        own = [i for i in states if all(log.measured[i] for log in self.logs)]
+        first = self.logs[0].sensed
+        return (
+            (*own, *(len(states) + i for i in range(first.shape[1])))
+            if self.sensed and first is not None
+            else tuple(own)
+        )
+
     @classmethod
     def of(cls, logs: Sequence[Log]) -> "Stack":
         """Stack ``logs``.
@@ -53,17 +78,20 @@ class Stack:
         rates = {log.rate for log in logs}
         if len(rates) != 1:
             raise BenchError(f"The recordings were sampled at {sorted(rates)} Hz: resample them to one rate first.")
-        longest = max(map(len, logs))
+        states, inputs = (_padded([getattr(log, what) for log in logs]) for what in ("states", "inputs"))
+        return cls(tuple(logs), states, inputs, logs[0].dt)
 
-        def padded(x: Tensor) -> Tensor:
-            return torch.cat([x, x[-1:].expand(longest - len(x), -1)])
 
-        states = torch.stack([padded(log.states) for log in logs])
-        return cls(tuple(logs), states, torch.stack([padded(log.inputs) for log in logs]), logs[0].dt)
+def _padded(series: Sequence[Tensor]) -> Tensor:
+    """Series (N_i, c) side by side (L, N, c), the shorter ones padded with their last sample."""
+    longest = max(map(len, series))
+    return torch.stack([torch.cat([x, x[-1:].expand(longest - len(x), -1)]) for x in series])
 
 
 def mean_rates(model: PhysicsModel, stack: Stack) -> Tensor:
     """The model's rates (…, L, N − 1, s) of the state proper over each sampling interval, at the measured states.
+
+    Where all recordings have the sensors, followed by what they would show (…, L, N − 1, s + f).
 
     The model's constants and its effects' parameters may be tensors (…, 1, 1), for many models at once.
     """
@@ -79,7 +107,8 @@ def mean_rates(model: PhysicsModel, stack: Stack) -> Tensor:
     state, many = model.project((before + after) / 2), how_many(model)
     path = None if not model.internal_size else _own_path(model, stack, *_of_all(many, middle, slopes))
     shape = (*(() if many is None else (many,)), *state.shape[:-1])
-    out = state.new_empty(*shape, size)
+    sensed = stack.sensed
+    out = state.new_empty(*shape, size + (len(model.sensed_channels) if sensed else 0))
     step = max(1, AT_ONCE // max(1, math.prod(shape[:-1])))
     for start in range(0, shape[-1], step):
         part = slice(start, start + step)
@@ -87,7 +116,9 @@ def mean_rates(model: PhysicsModel, stack: Stack) -> Tensor:
         if path is not None:
             own = (path[..., :-1, :][..., part, :] + path[..., 1:, :][..., part, :]) / 2
             at = torch.cat([at.expand(*own.shape[:-1], size), own], dim=-1)
-        out[..., part, :] = model.derivative(at, *driven)[..., :size]
+        out[..., part, :size] = rates = model.derivative(at, *driven)[..., :size]
+        if sensed:
+            out[..., part, size:] = model.sensed(at, rates)
     return out
 
 

@@ -148,7 +148,7 @@ class _Regression:
         self.linear, self.noisy = (
             directions(self.model, self.model, subject.uncertainty, stack, candidates) for stack in (here, noisy)
         )
-        filters = [search.smoothing[self.model.state_channels[c].group] for c in self.linear.channels]
+        filters = [search.smoothing_of(self.model.measured_channels[c]) for c in self.linear.channels]
         self.tests = TestFunctions.over(self.stack.logs, hop_of(self.stack), filters)
         self.whitening = noise_filters(self.linear.project(self.tests), len(self.linear.own))
 

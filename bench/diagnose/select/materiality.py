@@ -62,13 +62,21 @@ class EquationError:
     @property
     def explainable(self) -> float:
         """Squared error of the calibrated model that could be explained."""
-        best = min(self.models["extended"], self.predictable)
-        return max(self.models["calibrated"] ** 2 - best**2, 0.0)
+        return max(self.models["calibrated"] ** 2 - self._best**2, 0.0)
+
+    @property
+    def scale(self) -> float:
+        """Squared error that shares are told of: what can be explained, but no less than what would matter."""
+        return max(self.explainable, (NEAR**2 - 1) * self._best**2, 1e-300)
 
     @property
     def matters(self) -> bool:
         """Whether enough can be explained that anything is worth a term."""
-        return self.models["calibrated"] > NEAR * min(self.models["extended"], self.predictable)
+        return self.models["calibrated"] > NEAR * self._best
+
+    @property
+    def _best(self) -> float:
+        return min(self.models["extended"], self.predictable)
 
     @property
     def near_best(self) -> bool:
@@ -97,6 +105,13 @@ class Saving:
     """95 % over blocks of recordings."""
     matters: bool
     """Whether enough can be explained in this equation that anything is worth a term."""
+    ratio: float = 1.0
+    """Error with the effect, relative to that without."""
+
+    @property
+    def harms(self) -> bool:
+        """Whether the equation is lost by it, for sure: what other equations gain is then not understood."""
+        return self.ratio > CLOSE and self.high < 0
 
     @property
     def worth(self) -> bool:
@@ -118,8 +133,7 @@ class Weighing:
         self.subject, self.noise, self.calibrated = subject, noise, calibrated
         self.held = Stack.of(subject.of(subject.held_out))
         self.horizons = horizons(self.held.logs)
-        measured = [all(m) for m in zip(*(log.measured for log in subject.logs), strict=True)]
-        self.equations = equations(subject.model, measured)
+        self.equations = equations(subject.model, Stack.of(subject.logs).measured)
         self._left: dict[PhysicsModel, Increments] = {}
         self._errors: dict[PhysicsModel, tuple[EquationError, ...]] = {}
 
@@ -133,6 +147,8 @@ class Weighing:
         """Squared errors (W,) and the block (W,) that each window is in."""
         errors, recording, first = left.over(horizon, max(1, horizon // 4))
         squared = (errors[:, list(equation.group.at)] ** 2).sum(1)
+        if equation.sensed:
+            squared = squared / (horizon * self.held.dt) ** 2
         whole = sum(map(len, self.held.logs))
         length = max(horizon, min(round(BLOCK / self.held.dt), whole // BLOCKS))
         block = np.unique(np.stack([recording, first // length]), axis=1, return_inverse=True)[1]
@@ -171,19 +187,24 @@ class Weighing:
         return noise_increments(self.calibrated, self.held, self.noise)
 
     def savings(self, without: PhysicsModel, full: PhysicsModel, errors: Sequence[EquationError]) -> tuple[Saving, ...]:
-        """What ``full`` saves of the error of ``without``, of each of ``errors``."""
+        """What ``full`` saves of the error of ``without``, of each of ``errors``.
+
+        Without an effect nothing is worse than the calibrated model, which has none: where ``without`` is, because the
+        rest was fitted beside the effect, the calibrated model stands for it.
+        """
         out = []
         by_name = {e.name: e for e in self.equations}
         for error in errors:
             equation, horizon = by_name[error.equation], round(error.horizon_s / self.held.dt)
-            before, block = self.squares(self.increments(without), equation, horizon)
+            others = (self.squares(self.increments(m), equation, horizon) for m in (without, self.calibrated))
+            before, block = min(others, key=lambda found: float(found[0].mean()))
             after, _ = self.squares(self.increments(full), equation, horizon)
             gains = np.bincount(block, before - after) / np.maximum(np.bincount(block), 1)
             mean = float(gains.mean())
             spread = float(gains.std(ddof=1)) / len(gains) ** 0.5 if len(gains) > 1 else np.inf
-            scale = max(error.explainable, 1e-300)
-            low, high = ((mean + side * SURE * spread) / scale for side in (-1, 1))
-            out.append(Saving(error.equation, error.horizon_s, mean / scale, low, high, error.matters))
+            low, high = ((mean + side * SURE * spread) / error.scale for side in (-1, 1))
+            ratio = float(after.mean() / max(before.mean(), 1e-300)) ** 0.5
+            out.append(Saving(error.equation, error.horizon_s, mean / error.scale, low, high, error.matters, ratio))
         return tuple(out)
 
     def _unpredictable(self, model: PhysicsModel) -> dict[tuple[str, int], float]:

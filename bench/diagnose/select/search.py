@@ -8,6 +8,7 @@ import torch
 from scipy.ndimage import convolve1d
 
 from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
 from bench.diagnose.regression.least_squares import ridge, whitening
@@ -17,6 +18,7 @@ from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions
 from bench.diagnose.select.subset import Subsets
 from bench.diagnose.simulate.unmeasured import hidden
+from registry.contracts import Channel
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
 
@@ -106,6 +108,10 @@ class Search:
         hiss = convolve1d(generator.normal(size=self.stack.inputs.shape) * sigma, through, axis=1)
         self.noisy = replace(self.stack, inputs=self.stack.inputs + torch.from_numpy(hiss)) if sigma.any() else None
 
+    def smoothing_of(self, channel: Channel) -> Smoothing:
+        """What a measured channel went through."""
+        return self.smoothing.get(channel.group, Smoothing())
+
     def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> Look:
         """Linearise ``model`` with every candidate.
 
@@ -131,7 +137,7 @@ class Search:
     def views(self, look: Look, explained: float = 0.0) -> list[View]:
         """Normal equations of a look through test functions: with the inputs' noise taken off, and as they are."""
         linear = look.linear
-        filters_of = [self.smoothing[linear.model.state_channels[c].group] for c in linear.channels]
+        filters_of = [self.smoothing_of(linear.model.measured_channels[c]) for c in linear.channels]
         tests = TestFunctions.over(self.stack.logs, self.hop, filters_of)
         rows = linear.project(tests, look.dictionary)
         filters = noise_filters(rows, len(linear.own))
@@ -220,7 +226,16 @@ def shortened(logs: Sequence[Log], stride: int = 1, longest: int = LONGEST) -> l
         gaps = torch.from_numpy(
             np.minimum.reduceat(log.valid[part.start : part.stop].numpy(), np.arange(0, part.stop - first, stride))
         )
-        out.append(replace(log, rate=log.rate / stride, states=log.states[part], inputs=log.inputs[part], valid=gaps))
+        out.append(
+            replace(
+                log,
+                rate=log.rate / stride,
+                states=log.states[part],
+                inputs=log.inputs[part],
+                valid=gaps,
+                sensed=None if log.sensed is None else log.sensed[part],
+            )
+        )
     return out
 
 

@@ -34,12 +34,21 @@ class Equation:
     name: str
     """Such as "forces"."""
     group: Group
+    sensed: bool = False
+    """Whether a sensor shows the rate itself: then its mean over a horizon is judged."""
 
 
-def equations(model: PhysicsModel, measured: Sequence[bool]) -> tuple[Equation, ...]:
-    """The dynamic equations of the measured states; kinematic ones hold no physics that could be missing."""
-    names = model.equation_names()
-    return tuple(Equation(names[g.name], g) for g in groups(model.state_channels, measured) if g.name in names)
+def equations(model: PhysicsModel, measured: Sequence[int]) -> tuple[Equation, ...]:
+    """The dynamic equations of what was measured; kinematic ones hold no physics that could be missing.
+
+    Args:
+        model: tells the equations.
+        measured: places among its `measured_channels`.
+    """
+    names, channels = model.equation_names(), model.measured_channels
+    sensed = {c.group for c in model.sensed_channels}
+    found = groups(channels, [i in measured for i in range(len(channels))])
+    return tuple(Equation(names[g.name], g, g.name in sensed) for g in found if g.name in names)
 
 
 def horizons(logs: Sequence[Log]) -> tuple[int, int]:
@@ -53,7 +62,7 @@ class Increments:
     """What an equation leaves of every measured change from sample to sample, recording by recording."""
 
     steps: np.ndarray
-    """(L, N − 1, s) for every state channel."""
+    """(L, N − 1, s or s + f) for every state channel, and the integral of every sensed one."""
     valid: np.ndarray
     """(L, N − 1) whether both samples are, and are no padding."""
 
@@ -76,11 +85,14 @@ class Increments:
 
 
 def increments(model: PhysicsModel, stack: Stack, noise: Noise) -> Increments:
-    """What ``model`` leaves of the measured changes of every state; see the head of this file."""
+    """What ``model`` leaves of the measured changes of every state; see the head of this file.
+
+    A sensor of rates has an offset of its own in every recording, which is taken off.
+    """
     size = len(model.state_channels)
     with torch.no_grad():
-        rates = mean_rates(model, stack)[..., :size].numpy() * stack.dt
-    smoothed = np.empty_like(rates)
+        rates = mean_rates(model, stack).numpy() * stack.dt
+    smoothed = rates.copy()
     for c in range(size):
         smoothed[..., c] = convolve1d(rates[..., c], noise.smoothing_of(c).kernel(), axis=1, mode="nearest")
     valid = np.zeros(rates.shape[:2], dtype=bool)
@@ -88,7 +100,11 @@ def increments(model: PhysicsModel, stack: Stack, noise: Noise) -> Increments:
     for i, log in enumerate(stack.logs):
         good = (log.valid[:-1] & log.valid[1:]).numpy()
         valid[i, margin : len(log) - 1 - margin] = good[margin : len(good) - margin]
-    return Increments(np.diff(stack.states.numpy()[..., :size], axis=1) - smoothed, valid)
+    steps = np.diff(stack.paths, axis=1) - smoothed
+    for left, good in zip(steps, valid, strict=True):
+        if good.any():
+            left[:, size:] -= left[good, size:].mean(0)
+    return Increments(steps, valid)
 
 
 def noise_increments(model: PhysicsModel, stack: Stack, noise: Noise) -> Increments:
@@ -104,4 +120,9 @@ def noise_increments(model: PhysicsModel, stack: Stack, noise: Noise) -> Increme
     through = convolve1d(white, impulse_response(noise.input_smoothing, False), axis=1)
     noisy = replace(stack, states=stack.states + hiss, inputs=stack.inputs + torch.from_numpy(through))
     clean, moved = increments(model, stack, noise), increments(model, noisy, noise)
-    return Increments(moved.steps - clean.steps, clean.valid)
+    steps = moved.steps - clean.steps
+    if stack.sensed:
+        sigma = np.array(noise.sensed)
+        drawn = generator.normal(size=(*stack.states.shape[:2], len(sigma))) * sigma
+        steps[..., -len(sigma) :] += (drawn[:, 1:] + drawn[:, :-1]) / 2 * stack.dt
+    return Increments(steps, clean.valid)

@@ -1,0 +1,85 @@
+"""What an accelerometer tells of the forces: its model against its definition, and drag in closed form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bench.diagnose.logs.noise import noise_of
+from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.select.materiality import Saving, Weighing
+from registry.contracts import Channel, Recording
+from registry.effects.air import LinearDrag
+from registry.physics.quadrotor import Quadrotor
+
+MODEL = Quadrotor(
+    mass=0.5,
+    inertia=(3e-3, 3e-3, 5e-3),
+    thrust_coefficient=1.5e-6,
+    torque_coefficient=2e-8,
+    rotor_positions=((0.1, 0.1, 0.0), (-0.1, 0.1, 0.0), (-0.1, -0.1, 0.0), (0.1, -0.1, 0.0)),
+    rotor_directions=(1.0, -1.0, 1.0, -1.0),
+)
+DRAG, OFFSET, RATE = (0.2, 0.3, 0.1), (0.4, -0.3, 0.2), 100.0
+
+
+def flight(seed: int) -> Recording:
+    """A motion made up, with what an accelerometer with an offset feels on it."""
+    rng, t = np.random.default_rng(seed), np.arange(1200) / RATE
+
+    def wave(size: float, count: int) -> np.ndarray:
+        rate, phase = rng.uniform(1.0, 4.0, (count, 4)), rng.uniform(0, 6.28, (count, 4))
+        return size * np.sin(t[:, None, None] * rate + phase).sum(-1) / 2
+
+    turned = Rotation.from_euler("ZYX", wave(0.3, 3))
+    velocity, speed = wave(2.0, 3), 900 + wave(60.0, 4)
+    air = turned.inv().apply(velocity)
+    felt = (1.5e-6 * speed**2).sum(1)[:, None] * [0, 0, 1] / 0.5 - np.array(DRAG) * air / 0.5
+    columns = {
+        "position": np.cumsum(velocity, 0) / RATE,
+        "velocity": velocity,
+        "attitude": turned.as_quat(),
+        "body_rates": wave(0.5, 3),
+        "specific_force": felt + OFFSET + rng.normal(size=felt.shape) * 0.05,
+    }
+    axes = {"attitude": ("qx", "qy", "qz", "qw"), "body_rates": ("p", "q", "r")}
+    channels = tuple(Channel(f"{s}.{a}", "1") for s in columns for a in axes.get(s, ("x", "y", "z")))
+    driven = tuple(Channel(f"rotor_speed.{i}", "rad/s") for i in range(1, 5))
+    valid = np.ones(len(t), dtype=bool)
+    return Recording(f"flight{seed}", RATE, speed, np.concatenate(list(columns.values()), 1), driven, channels, valid)
+
+
+def subject() -> Subject:
+    logs = tuple(log_of(flight(i), MODEL, "rotor_speed") for i in range(4))
+    return Subject("felt", MODEL, logs, ("flight0", "flight1"), ("flight2", "flight3"))
+
+
+def test_the_model_feels_the_forces_per_mass_and_no_weight() -> None:
+    logs = subject().logs
+    rates = mean_rates(MODEL, Stack.of(logs)).numpy()
+    speed = (logs[0].inputs[1:] + logs[0].inputs[:-1]).numpy()[:, :4] / 2
+    thrust = 1.5e-6 * (speed**2).sum(1) / 0.5
+    assert rates.shape[-1] == 16
+    assert rates[0, :, 13:] == pytest.approx(thrust[:, None] * [0, 0, 1], abs=1e-9)
+
+
+def test_drag_shows_in_what_is_felt_whatever_the_offset_of_the_sensor() -> None:
+    who = subject()
+    weighing = Weighing(who, noise_of(who), MODEL)
+    right = replace(MODEL, effects=(LinearDrag(*DRAG),))
+    errors = {e.equation: e for e in weighing.errors(right) if e.horizon_s == 0.5}
+    felt = errors["accelerations"]
+    way = np.stack([log.states.numpy()[:, 3:6] for log in who.of(who.held_out)])
+    assert felt.unit == "m/s^2"
+    assert 0.2 * np.abs(way).mean() < felt.models["nominal"] < 2 * np.abs(way).max()  # d/m v is .2 to .6 of v
+    assert felt.models["extended"] < 0.1 * felt.models["nominal"]
+    assert felt.models["extended"] == pytest.approx(felt.floor, rel=0.5)
+
+
+def test_an_equation_that_is_lost_speaks_against_what_another_gains() -> None:
+    """Shares alone do not tell: a trifle may be many times what can be explained."""
+    assert Saving("forces", 0.5, -50.0, -60.0, -40.0, True, ratio=10.0).harms
+    assert not Saving("forces", 0.5, -1.0, -1.5, -0.5, False, ratio=1.05).harms
+    assert not Saving("forces", 0.5, -50.0, -120.0, 20.0, True, ratio=10.0).harms
