@@ -99,15 +99,15 @@ class InputDelay(InputEffect):
         """Look a whole recording up at once; see `InputEffect.over`."""
         windows = self._past(first, segments, dt).unfold(-2, self.memory_size(1, dt), 1)
         memories = windows.flip(-1).transpose(-1, -2)  # (…, K + 1, slots, m)
-        return memories.flatten(-2), self.passed(first, segments, dt, held)
+        return memories.flatten(-2), self.transmitted(first, segments, dt, held)
 
     def _past(self, first: Tensor, segments: Tensor, dt: float) -> Tensor:
         """The samples (…, slots + K, m); the one k steps before the start of step i is slots + i − k."""
         before = first.unsqueeze(-2).expand(*first.shape[:-1], self.memory_size(1, dt), first.shape[-1])
         return torch.cat([before, segments[..., 0, :]], dim=-2)
 
-    def passed(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> Tensor:
-        """Look a whole recording up at once; see `InputEffect.passed`."""
+    def transmitted(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> Tensor:
+        """Look a whole recording up at once; see `InputEffect.transmitted`."""
         steps, m, slots = segments.shape[-3], segments.shape[-1], self.memory_size(1, dt)
         ends, past = segments[..., 2, :], self._past(first, segments, dt)
         moments = tensor((0.0, 0.0, 0.0) if held else (0.0, 0.5, 1.0), segments)

@@ -131,7 +131,7 @@ def _transmitted(model: PhysicsModel, stack: Stack) -> Tensor:
     """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, after delays and lags."""
     driving, extras, held = _driven(model, stack)
     for effect in narrowed(model).input_effects():
-        driving = effect.passed(driving[..., 0, 0, :], driving, stack.dt, held)
+        driving = effect.transmitted(driving[..., 0, 0, :], driving, stack.dt, held)
     return torch.cat([driving, extras], dim=-1)
 
 
