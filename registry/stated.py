@@ -17,6 +17,21 @@ from registry.model_file import stated_in
 from registry.units import SIGNALS
 
 
+def physics_of(system: str, label: str) -> type[PhysicsModel]:
+    """The class of a registered physics model.
+
+    Raises:
+        BenchError: the data ``label`` name none, or one that is not registered.
+    """
+    if not system:
+        raise BenchError(
+            f"{label} has no physics model, so that only networks predict it: name a registered one as its system "
+            "(`bench list physics`) or add your own by the entry point multistep_bench.physics."
+        )
+    kind: type[PhysicsModel] = PHYSICS.get(system)
+    return kind
+
+
 @lru_cache(maxsize=32)
 def needed(kind: type[PhysicsModel], drive: str = "") -> tuple[Parameter, ...]:
     """Constants on which a model's motion depends and whose values here are those of one vehicle or apparatus.

@@ -14,7 +14,7 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The hybrid, two variants of it, the black box in practical mode, the physics alone."""
     size, mlp = SIZES[preset]
     networks = [f"{p}: {size} - MLP: {mlp}" for p in ("Hybrid", "Hybrid residual", "Hybrid unsummed", "Cascade")]
-    both = [(dataset.velocity, dataset.rates)]
+    both = [dataset.predicted_together()]
     return grid((*networks, *BASELINES), dataset, horizons(preset), both)
 
 

@@ -101,7 +101,8 @@ def check_command(folder: Path) -> None:
         click.echo(f"  {note}")
     if todo := (folder / "dataset.toml").read_text(encoding="utf-8").count("TODO"):
         click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
-    refuse_unstated(dataset, PHYSICS.get(dataset.system))
+    if dataset.system:
+        refuse_unstated(dataset, PHYSICS.get(dataset.system))
     mistakes = check_folder(folder)
     for m in mistakes:
         click.echo(f"{'WRONG' if m.stops else 'note'}: {m.kind}: {m.detail}")
@@ -110,10 +111,15 @@ def check_command(folder: Path) -> None:
     if any(m.stops for m in mistakes):
         click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: bench data check {folder}")
         raise click.exceptions.Exit(2)
-    click.echo(f"Next: bench diagnose {folder}   (which physics a model of it lacks)")
-    measured = dict.fromkeys(c.group for r in loaded.recordings for c in r.output_channels)
-    outputs = "" if Folder.rates in measured else f" --outputs {','.join(measured)}"
-    click.echo(f'  or: bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}{outputs}   (a network that predicts it)')
+    network = f'bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}   (a network that predicts it)'
+    if dataset.system:
+        click.echo(f"Next: bench diagnose {folder}   (which physics a model of it lacks)")
+        click.echo(f"  or: {network}")
+    else:
+        drive = ", ".join(dataset.inputs) or "nothing"
+        click.echo(f"No physics model: networks only. {drive} → {', '.join(dataset.predicted())}.")
+        click.echo(f"Next: {network}")
+        click.echo(f"  or: bench diagnose {folder} --system mine.py:Class   (physics of your own)")
 
 
 def _render(rows: list[dict[str, Any]], findings: list[Finding]) -> None:

@@ -34,6 +34,7 @@ class Emps(Dataset):
     )
     system: ClassVar[str] = "mass_on_rail"
     inputs: ClassVar[tuple[str, ...]] = ("voltage",)
+    chain: ClassVar[tuple[str, ...]] = ("displacement", "speed")
     physics: ClassVar[dict[str, Any]] = {"mass": 95.1, "force_gain": 35.15065188248547}
     processing: ClassVar[dict[str, Any]] = {
         "smoothing": {"kind": "savgol", "window": WINDOW, "order": ORDER},

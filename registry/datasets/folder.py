@@ -11,8 +11,9 @@ from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Spl
 from registry.core import DATASETS, PHYSICS, option
 from registry.datasets.cleaning import resample, runs, widen
 from registry.datasets.folder_conversion import attitude, in_frames, own_units
-from registry.datasets.folder_description import FILE, FolderDescription, SignalColumns, describe
+from registry.datasets.folder_description import FILE, FolderDescription, describe
 from registry.datasets.folder_draft import draft
+from registry.datasets.folder_signals import SignalColumns
 from registry.datasets.ground import MARGIN, resting
 from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
 from registry.datasets.signals import channels, recording
@@ -56,8 +57,23 @@ class Folder(Dataset):
 
     @property
     def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The signal that drives the system; none where nothing does."""
-        return (self.description.input,) if self.description.input else ()
+        """The signals that drive the system; none where nothing does."""
+        return self.description.inputs
+
+    @property
+    def targets(self) -> tuple[str, ...]:  # type: ignore[override]
+        """As the description says; else the body rates of a vehicle, and of other systems their measured states."""
+        stated, signals = self.description.targets, self.description.signals
+        if stated or "body_rates" in signals or not self.system:
+            return stated or tuple(s for s in ("body_rates",) if s in signals)
+        states = dict.fromkeys(c.group for c in PHYSICS.get(self.system).state_channels)
+        return tuple(s for s in states if s in signals)
+
+    @property
+    def chain(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Velocity and body rates of a vehicle, unless the description names targets."""
+        pair = ("velocity", "body_rates")
+        return pair if set(pair) <= set(self.description.signals) and not self.description.targets else ()
 
     @property
     def input_hold(self) -> str:  # type: ignore[override]
@@ -88,11 +104,13 @@ class Folder(Dataset):
     @property
     def recorded(self) -> tuple[Channel, ...]:  # type: ignore[override]
         """What the description says is in the files, inputs first, and the Euler rates that follow from it."""
-        drive, columns = self.inputs, {n: len(s.columns) for n, s in self.description.signals.items()}
+        drive, signals = self.inputs, self.description.signals
+        columns = {n: 4 if n == "attitude" else len(s.columns) for n, s in signals.items()}
         if {"attitude", "body_rates"} <= set(columns):
             columns.setdefault("euler_rates", 3)
-        ordered = sorted(columns, key=lambda n: n not in drive)
-        return tuple(c for n in ordered for c in channels(n, columns[n]))
+        ordered = [*drive, *(n for n in columns if n not in drive)]
+        known = {n: s.signal for n, s in signals.items()}
+        return tuple(c for n in ordered for c in channels(n, columns[n], known.get(n)))
 
     def read(self) -> Loaded:
         """See `Dataset.read`."""
@@ -195,12 +213,13 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
     if "attitude" in x and "body_rates" in x and "euler_rates" not in x:
         x["euler_rates"] = euler_rates_from_body(euler_from_quaternion(x["attitude"]), x["body_rates"])
     findings = []
-    if description.input and issubclass(PHYSICS.get(description.system), RigidBody):
+    if description.input and description.system and issubclass(PHYSICS.get(description.system), RigidBody):
         rests = resting(x, x[description.input], description.rate)
         valid &= ~widen(rests, round(MARGIN * description.rate))
         findings = [Finding(name, "ground", b - a, _rest(a, b, len(rests), description.rate)) for a, b in runs(rests)]
-    inputs = {description.input: x.pop(description.input)} if description.input else {}
-    return recording(name, description.rate, inputs, x, valid), findings
+    inputs = {n: x.pop(n) for n in description.inputs}
+    own = {n: s.signal for n, s in signals.items() if s.signal}
+    return recording(name, description.rate, inputs, x, valid, own), findings
 
 
 def _rest(first: int, end: int, samples: int, rate: float) -> str:

@@ -140,7 +140,7 @@ class Cascade(LSTM):
 
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
         """See `PredictorEntry.signals`."""
-        return dataset.inputs, (dataset.velocity, dataset.rates), ()
+        return dataset.inputs, dataset.predicted_together(), ()
 
     def build(self, problem: Problem) -> Predictor:
         """See `PredictorEntry.build`."""

@@ -12,7 +12,7 @@ from registry.core import PHYSICS
 from registry.datasets.cleaning import extent
 from registry.datasets.folder import Folder, read_columns, recording_files
 from registry.datasets.folder_conversion import attitude, own_units, vector
-from registry.datasets.folder_description import SignalColumns
+from registry.datasets.folder_signals import SignalColumns
 from registry.datasets.ground import resting
 from registry.datasets.rotations import unit_quaternion
 from registry.units import SIGNALS
