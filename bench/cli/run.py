@@ -15,6 +15,7 @@ from bench.execution import engine
 from bench.experiment import study
 from bench.experiment.config import RunConfig, changed
 from bench.experiment.notation import parse
+from bench.training.data import held_back
 from registry.contracts import Dataset
 from registry.core import PREDICTORS
 from registry.errors import BenchError, near
@@ -124,6 +125,8 @@ def run_command(
     for name in known if target == ALL else [target]:
         try:
             made = job(name)
+            if sentence := held_back(made.configs[0]):
+                out.print(escape(sentence))
             planned.append((made, engine.plan(made.configs, place.runs)))
         except BenchError as error:
             if target != ALL:
