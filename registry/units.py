@@ -52,6 +52,11 @@ def to_si(unit: str) -> tuple[str, float]:
     return _TO_SI[unit]
 
 
+def is_listed(unit: str) -> bool:
+    """Whether `to_si` knows a unit; others belong to signals that are kept in the unit of their data."""
+    return unit in _TO_SI
+
+
 def conversion(unit: str, wanted: str) -> tuple[float, float]:
     """Factor and offset from ``unit`` to ``wanted``: a value x becomes factor · x + offset.
 

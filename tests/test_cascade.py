@@ -1,6 +1,7 @@
 """Two networks in a row: the second sees predicted rates in a free run and measured ones when forced."""
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -27,6 +28,8 @@ def channels(group: str, axes: str) -> tuple[Channel, ...]:
 @dataclass(frozen=True)
 class ToyFlight(Toy):
     """The toy's rates, and a velocity that follows them."""
+
+    chain: ClassVar[tuple[str, ...]] = ("velocity", "euler_rates")
 
     def read(self) -> Loaded:
         made = []

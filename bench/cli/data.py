@@ -30,15 +30,18 @@ def inspect_command(name: str, assignments: tuple[str, ...]) -> None:
 
 @data_command.command("init")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.option("--system", metavar="NAME", default="", help="Physics model; default: quadrotor or helicopter.")
+@click.option("--system", metavar="NAME", default="", help="Physics model; default: a vehicle's, or none.")
 def init_command(folder: Path, system: str) -> None:
-    """Draft FOLDER/dataset.toml from the headers of its CSV or Parquet files.
+    """Draft FOLDER/dataset.toml from the headers and the clock of its CSV or Parquet files.
+
+    Without --system, columns that hold the motion of a vehicle make a quadrotor or a helicopter of it; all others are
+    signals of their own, which networks predict.
 
     \b
     bench data init flights/
     bench data init spring/ --system oscillator    `bench list physics` names the systems, `bench show` their signals
     """
-    from registry.datasets.folder import draft
+    from registry.datasets.folder_draft import NO_PHYSICS, draft
 
     target = folder / "dataset.toml"
     if target.exists():
@@ -48,6 +51,8 @@ def init_command(folder: Path, system: str) -> None:
         target.write_text(text)
     except OSError as error:
         raise BenchError(f"{target} cannot be written: {error.strerror}.") from error
+    if NO_PHYSICS in text:
+        click.echo(f"{NO_PHYSICS} No column looks like the motion of a vehicle, and no --system names another model.")
     click.echo(f"Wrote {target}. Complete the lines marked TODO, then: bench data check {folder}")
 
 

@@ -1,6 +1,6 @@
 """A user's own recordings: a folder with a `dataset.toml`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -106,8 +106,8 @@ class Folder(Dataset):
         """What the description says is in the files, inputs first, and the Euler rates that follow from it."""
         drive, signals = self.inputs, self.description.signals
         columns = {n: 4 if n == "attitude" else len(s.columns) for n, s in signals.items()}
-        if {"attitude", "body_rates"} <= set(columns):
-            columns.setdefault("euler_rates", 3)
+        if _turns(signals):
+            columns["euler_rates"] = 3
         ordered = [*drive, *(n for n in columns if n not in drive)]
         known = {n: s.signal for n, s in signals.items()}
         return tuple(c for n in ordered for c in channels(n, columns[n], known.get(n)))
@@ -140,6 +140,12 @@ def check(folder: str | Path) -> Loaded:
         BenchError: the first thing that is wrong: file, column, row.
     """
     return Folder(path=str(folder)).load()
+
+
+def _turns(signals: Mapping[str, SignalColumns]) -> bool:
+    """Whether Euler rates follow from what was measured: attitude, and rates about the three axes of the body."""
+    rates = signals.get("body_rates")
+    return "attitude" in signals and rates is not None and rates.signal is None and "euler_rates" not in signals
 
 
 def _files(folder: Path, pattern: str) -> list[Path]:
@@ -210,7 +216,7 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
     if "attitude" in x:
         x["attitude"] = unit_quaternion(x["attitude"])
     x = in_frames(x, signals)
-    if "attitude" in x and "body_rates" in x and "euler_rates" not in x:
+    if _turns(signals):
         x["euler_rates"] = euler_rates_from_body(euler_from_quaternion(x["attitude"]), x["body_rates"])
     findings = []
     if description.input and description.system and issubclass(PHYSICS.get(description.system), RigidBody):

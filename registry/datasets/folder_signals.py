@@ -123,8 +123,8 @@ def _wanted(path: Path, name: str, entry: dict[str, Any], model: type[PhysicsMod
             raise BenchError(f"{path}: unknown signal {name!r}: did you mean {meant[0]}?")
         return None
     fits = len(listed.axes) in (0, len(entry["columns"])) and measures(str(entry.get("unit", listed.unit)), listed.unit)
-    strict = (model or len(listed.axes) > 1) and "axes" not in entry
-    return listed if fits or strict or name == "attitude" else None
+    strict = model or name == "attitude" or {"frame", "gravity"} & set(entry)
+    return listed if (fits or strict) and not (fits and "axes" in entry and not model) else None
 
 
 def _kept(

@@ -97,7 +97,8 @@ class CascadePredictor(Composite):
         velocity, _, second = self.second.rollout_vjp(torch.cat([inputs, outputs[..., self.slow :]], -1), two)
 
         def vjp(d_outputs: Tensor) -> tuple[Tensor, Gradients]:
-            (d_one, of_first), (d_two, of_second) = first(d_outputs[..., self.slow :], None), second(d_outputs[..., : self.slow], None)
+            d_one, of_first = first(d_outputs[..., self.slow :], None)
+            d_two, of_second = second(d_outputs[..., : self.slow], None)
             return self._joined(d_one, d_two), _named(of_first, of_second)
 
         return torch.cat([velocity, rates], -1), vjp
