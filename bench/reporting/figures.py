@@ -13,7 +13,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bench.analysis.tables import horizons, is_baseline, named, norm_of, predicts, quantities, sound, specs, whole_signals
+from bench.analysis.tables import (
+    horizons,
+    is_baseline,
+    named,
+    norm_of,
+    predicts,
+    quantities,
+    sound,
+    specs,
+    whole_signals,
+)
 from bench.records.record import RunRecord
 
 # Okabe and Ito's palette for all kinds of colour vision, darkest contrasts first; yellow is too pale on white

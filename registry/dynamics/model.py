@@ -141,6 +141,14 @@ class PhysicsModel(ABC):
         return False
 
     @property
+    def driving_channels(self) -> int:
+        """Number of channels of the signal that drives it: as many as it has axes, else as there are rotors, or one."""
+        if not self.input_signals:
+            return 0
+        known = self.signal(self.input_signals[0])
+        return len(known.axes if known else ()) or len(getattr(self, "rotor_positions", ())) or 1
+
+    @property
     def internal_size(self) -> int:
         """Number of states that the effects have of their own."""
         return sum(e.internal_size for e in self.effects)

@@ -15,7 +15,7 @@ from registry.datasets.folder_conversion import attitude, own_units, vector
 from registry.datasets.folder_signals import SignalColumns
 from registry.datasets.ground import resting
 from registry.datasets.rotations import unit_quaternion
-from registry.units import SIGNALS
+from registry.units import SIGNALS, is_listed
 
 if TYPE_CHECKING:
     from bench.diagnose.logs.subject import Subject
@@ -166,7 +166,8 @@ def _as_read(recordings: Sequence[Recording]) -> dict[str, SignalColumns]:
         common = all({c.name for c in channels} <= {c.name for c in r.channels} for r in recordings)
         if common and name in SIGNALS and len(channels) >= len(SIGNALS[name].axes):
             convention = "quaternion_xyzw" if name == "attitude" else ""
-            out[name] = SignalColumns(tuple(c.name for c in channels), channels[0].unit, convention)
+            kept = "" if is_listed(channels[0].unit) else channels[0].unit
+            out[name] = SignalColumns(tuple(c.name for c in channels), channels[0].unit, convention, kept=kept)
     return out
 
 

@@ -125,8 +125,7 @@ def self_contained(model: PhysicsModel, measured: Sequence[bool]) -> tuple[bool,
     if all(measured):
         return tuple(measured)
     size, generator = len(measured), torch.Generator().manual_seed(0)
-    rotors = len(getattr(model, "rotor_positions", ())) or 1
-    width = (rotors if model.input_signals else 0) + len(model.extras)
+    width = model.driving_channels + len(model.extras)
     state = 0.5 + torch.rand(size + model.internal_size, generator=generator, dtype=torch.float64)
     given = torch.full((width,), 0.5, dtype=torch.float64)
     slopes = torch.autograd.functional.jacobian(lambda x: model.derivative(x, given)[:size], state)[:, :size]
