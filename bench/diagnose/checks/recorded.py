@@ -11,6 +11,7 @@ from registry.contracts import Recording
 from registry.core import PHYSICS
 from registry.datasets.cleaning import extent
 from registry.datasets.folder import Folder, read_columns, recording_files
+from registry.datasets.folder_clock import nearest
 from registry.datasets.folder_conversion import attitude, own_units, vector
 from registry.datasets.folder_signals import SignalColumns
 from registry.datasets.ground import resting
@@ -131,8 +132,10 @@ def of_folder(folder: str | Path) -> Recorded:
     reading = _reading(description.signals, description.input, physics)
     flights = []
     for file in _spread(recording_files(folder)):
-        _, columns = read_columns(file, description)
-        flight = Flight(file.name.split(".")[0], description.rate, columns)
+        of, columns = read_columns(file, description)
+        near = {n: nearest(of, v) for n, v in columns.items()}
+        valid = np.logical_and.reduce([found for _, found in near.values()])
+        flight = Flight(file.name.split(".")[0], description.rate, {n: v for n, (v, _) in near.items()}, valid)
         if description.input:
             x = flight.signals(reading, ("attitude", "velocity", "body_rates", description.input))
             flight.valid &= ~resting(x, x[description.input], description.rate)
