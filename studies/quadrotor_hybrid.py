@@ -34,7 +34,6 @@ STUDY = Study(
     runs=runs,
     pairs=(
         ("Hybrid: * - MLP: *", "Cascade: * - MLP: *"),
-        ("Hybrid: * - MLP: *", "LSTM: * - MLP: *"),
         ("Hybrid: * - MLP: *", "physics"),
         ("Hybrid: * - MLP: *", "linear"),
         ("Hybrid residual: * - MLP: *", "Cascade: * - MLP: *"),

@@ -211,7 +211,7 @@ def recording_files(folder: str | Path) -> list[Path]:
 def _recording(file: Path, description: FolderDescription) -> tuple[Recording, list[Finding]]:
     of, columns = read_columns(file, description)
     signals, name = description.signals, _name(file)
-    logged = {n: np.isfinite([columns[c] for c in s.names]).all(axis=0) for n, s in signals.items()}
+    logged = {n: _whole([columns[c] for c in s.names]) for n, s in signals.items()}
     x, valid = {}, np.ones(len(of.grid), dtype=bool)
     for n, s in signals.items():
         values = own_units({c: columns[c][logged[n]] for c in s.names}, s)
@@ -234,6 +234,11 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
     inputs = {n: x.pop(n) for n in description.inputs}
     own = {n: s.signal for n, s in signals.items() if s.signal}
     return recording(name, description.rate, inputs, x, valid, own), findings
+
+
+def _whole(columns: Sequence[np.ndarray]) -> np.ndarray:
+    """Rows (N,) that hold a number in all columns (N,)."""
+    return np.asarray(np.isfinite(columns).all(axis=0))
 
 
 def _cut(recording: Recording) -> list[Recording]:
