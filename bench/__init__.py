@@ -1,7 +1,89 @@
-"""One run, in the order the data flows: configuration, data, training, evaluation, record, tracking."""
+"""Multi-step prediction of dynamic systems, and the physics that models miss.
 
-import os
+    import bench
 
-# Matrices are small here: threads that wait for each other make a diagnosis five times slower, and two processes of
-# one thread beat one of two. Before numpy and torch are loaded; who sets it has their way.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+    subject = bench.load("my_flights")              measurements and the nominal model of their system
+    bench.compare(subject).plot()                   1  how far is the model off, beside the noise floor?
+    bench.locate(subject, subject.model)            2  where?
+    bench.discover(subject)                         3  which effect is missing?
+    bench.extend(subject, subject.model, ["mass"])  4  add it, watch the error fall
+    bench.diagnose("my_flights")                    all four
+
+    bench.run("LSTM: 1x50 - MLP: 60x10", dataset="nanodrone")
+    bench.sweep("LSTM: 1x50 - MLP: 60x10", dataset="nanodrone", trials=30)
+    bench.check()
+
+What `__all__` lists is the public API; everything else is private and may change. Importing it does nothing and loads
+nothing: each name is imported when it is first used. SI units; results have `to_frame` and, most of them, `plot`.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bench.api.check import Verdicts, check
+    from bench.api.run import Results, run
+    from bench.diagnose import (
+        Comparison,
+        Diagnosis,
+        Discovery,
+        Extension,
+        Location,
+        Subject,
+        compare,
+        diagnose,
+        discover,
+        extend,
+        load,
+        locate,
+    )
+    from bench.experiment.study import Study
+    from bench.sweep.sweep import SweepResult, sweep
+    from registry.errors import BenchError
+
+__all__ = [
+    "BenchError",
+    "Comparison",
+    "Diagnosis",
+    "Discovery",
+    "Extension",
+    "Location",
+    "Results",
+    "Study",
+    "Subject",
+    "SweepResult",
+    "Verdicts",
+    "check",
+    "compare",
+    "diagnose",
+    "discover",
+    "extend",
+    "load",
+    "locate",
+    "run",
+    "sweep",
+]
+_PLACES = {
+    "BenchError": "registry.errors",
+    "Results": "bench.api.run",
+    "Study": "bench.experiment.study",
+    "SweepResult": "bench.sweep.sweep",
+    "Verdicts": "bench.api.check",
+    "check": "bench.api.check",
+    "run": "bench.api.run",
+}
+"""Modules of those that are not in `bench.diagnose`."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module 'bench' has no attribute {name!r}")
+    if name in ("diagnose", "sweep"):  # the package, which is called as its main function
+        return importlib.import_module(f"bench.{name}")
+    found = getattr(importlib.import_module(_PLACES.get(name, "bench.diagnose")), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -13,6 +13,7 @@ from dataclasses import MISSING, dataclass, field
 from importlib.metadata import entry_points
 from typing import Any, TypeVar
 
+from registry import outline
 from registry.errors import BenchError, near
 
 T = TypeVar("T")
@@ -130,6 +131,7 @@ class Registry:
         Raises:
             BenchError: no such entry; the message lists the near names.
         """
+        self.check(name)
         self._load()
         if name in self._entries:
             return self._entries[name]
@@ -137,6 +139,14 @@ class Registry:
         if len(same) == 1:
             return self._entries[same[0]]
         raise BenchError(f"There is no {self.kind} {name!r}: {near(name, self._entries)}")
+
+    def check(self, name: str) -> None:
+        """Raise `BenchError` where no entry is called ``name``, with the near names; only plug-ins are imported."""
+        if entry_points(group=self.group):
+            self._load()  # a plug-in may file more than its source tells
+        known = self._entries if self._loaded else self.outline()
+        if name.lower() not in map(str.lower, known):
+            raise BenchError(f"There is no {self.kind} {name!r}: {near(name, known)}")
 
     def knows(self, entry: type) -> bool:
         """Whether an entry class is registered."""
@@ -156,9 +166,35 @@ class Registry:
         self._load()
         return sorted(self._entries)
 
+    def outline(self) -> dict[str, str]:
+        """Name → `summary` of every entry, by name; read from the sources as long as nothing is loaded.
+
+        Raises:
+            BenchError: a plug-in whose source does not tell what it files fails to import.
+        """
+        if not self._loaded:
+            kind = self.package.rpartition(".")[2].upper()
+            found = {n: _first_line(e) for n, e in self._entries.items()}
+            for source in outline.package_sources(self.package):
+                found |= outline.registered(source, kind)
+            for point in entry_points(group=self.group):
+                source = outline.source_of(point.module) or ""
+                read = outline.registered(source, kind)
+                if not read or len(read) != source.count(".register("):  # only importing it tells all that it files
+                    self._load()
+                    break
+                found |= read
+            else:
+                return dict(sorted(found.items()))
+        return {name: self.summary(name) for name in self.names()}
+
     def summary(self, name: str) -> str:
         """One line about an entry: the first line of its docstring."""
-        return (self.get(name).__doc__ or "").strip().splitlines()[0]
+        return _first_line(self.get(name))
+
+
+def _first_line(entry: type) -> str:
+    return (entry.__doc__ or "").strip().splitlines()[0]
 
 
 PREDICTORS = Registry("predictor", "registry.predictors")

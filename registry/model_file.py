@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import sys
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import Effect, Parameter, PhysicsModel
 from registry.errors import BenchError, near
+from registry.regular_file import read_toml
 
 PER_ROTOR = ("rotor_positions", "rotor_directions")
 """Constants with as many items as there are rotors."""
@@ -27,14 +29,7 @@ def read(path: Path, system: str | type[PhysicsModel] = "") -> PhysicsModel:
     Raises:
         BenchError: the file is absent, damaged or of another system, or a key or value does not fit.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise BenchError(f"{path} does not exist: `bench diagnose` writes a model.toml.") from error
-    except UnicodeDecodeError as error:
-        raise BenchError(f"{path} is not UTF-8 text (byte {error.start}).") from error
-    except (tomllib.TOMLDecodeError, OSError, RecursionError) as error:
-        raise BenchError(f"{path} cannot be read: {error}.") from error
+    table = read_toml(path, "`bench diagnose` writes a model.toml")
     expected = system if isinstance(system, str) else system.system_name()
     named = table.pop("system", expected)
     if not isinstance(named, str) or not named:
@@ -148,5 +143,7 @@ def _tuples(value: Any) -> Any:
 
 
 def finite(value: Any) -> bool:
-    """Whether it is a number, and a finite one."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    """Whether it is a number, and a finite one; an integer beyond all floats is none."""
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return False
+    return math.isfinite(value) if isinstance(value, float) else abs(value) <= sys.float_info.max

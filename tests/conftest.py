@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from bench.claims.manifest import entered
 from registry.contracts import Channel, Dataset, Loaded, Recording, Split
 from registry.core import DATASETS, option
 
@@ -55,6 +56,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--faults-table", metavar="FILE", help="Write what the fault tests killed, and what was lost.")
 
 
+def pytest_report_header() -> list[str]:
+    from fuzz.inputs import FACTOR, SEED
+
+    return [f"fuzzing: {FACTOR:g} times the inputs, BENCH_FUZZ_SEED={SEED}"] if FACTOR else []
+
+
 @pytest.fixture(scope="session")
 def faults(request: pytest.FixtureRequest) -> Iterator[Callable[..., None]]:
     """Enters a row: what was hit, how often, records lost, records damaged, what was trained again."""
@@ -66,6 +73,7 @@ def faults(request: pytest.FixtureRequest) -> Iterator[Callable[..., None]]:
         lines = [" | ".join(("", *row, "")).strip() for row in (head, ("---",) * len(head), *sorted(rows))]
         command = "tox -e cluster -- --faults-table results/published/faults.md"
         Path(target).write_text("\n".join(["# What dies, and what is lost", "", f"`{command}`", "", *lines, ""]))
+        entered(Path(target))
 
 
 @pytest.fixture(scope="session")

@@ -22,6 +22,7 @@ from threading import Thread
 from typing import Any
 from urllib.parse import urlsplit
 
+from bench.claims.manifest import entered
 from bench.execution import engine, executor
 from bench.execution.crew import AHEAD, Crew
 from bench.experiment.config import RunConfig, Training
@@ -248,7 +249,9 @@ def main() -> None:
             text.append(line)
             print(line, flush=True)
     if "--write" in sys.argv:
-        Path(sys.argv[sys.argv.index("--write") + 1]).write_text("\n".join(text) + "\n", encoding="utf-8")
+        target = Path(sys.argv[sys.argv.index("--write") + 1])
+        target.write_text("\n".join(text) + "\n", encoding="utf-8")
+        entered(target)
 
 
 if __name__ == "__main__":

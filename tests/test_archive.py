@@ -17,10 +17,12 @@ import pytest
 from faults.test_kills import sound, study
 from rich.console import Console
 
-from bench.cli.archive import import_command
+from bench.cli.commands.archive import import_command
 from bench.execution import engine
 from bench.records import archive, record
 from bench.records.concluded import concluded
+from bench.records.record import RunRecord
+from bench.records.stamp import canonical, plain, stamped
 from bench.reporting import conclude
 from registry.errors import BenchError
 
@@ -46,7 +48,8 @@ def test_there_and_back_is_the_same_and_what_is_there_is_kept(made: Path, tmp_pa
     done = archive.read(made / "a.zip", runs)
     assert sound(runs) == sound(made / "runs") and set(done.new) == set(done.keys)
     first = runs / done.keys[0]
-    (first / "provenance.json").write_text((first / "provenance.json").read_text().replace("cpu", "ours"))
+    ours = {**RunRecord(first).provenance, "device": "ours"}
+    (first / "provenance.json").write_text(canonical(stamped(ours, (first / "record.json").read_bytes())))
     (runs / done.keys[1] / "record.json").unlink()
     assert archive.read(made / "a.zip", runs).new == (done.keys[1],)
     assert "ours" in (first / "provenance.json").read_text() and len(sound(runs)) == 2
@@ -100,6 +103,8 @@ def _forged_table(files: dict[str, bytes]) -> None:
     summary = json.loads(files[about])
     summary["files"]["steps.parquet"] = hashlib.sha256(files[name]).hexdigest()
     files[about] = json.dumps(summary).encode()
+    told = name.replace("steps.parquet", "provenance.json")
+    files[told] = canonical(stamped(plain(json.loads(files[told])), files[about])).encode()
 
 
 KEY = "0" * 32

@@ -22,14 +22,6 @@ def bench(*args: str, cwd: Path, **environment: str) -> subprocess.CompletedProc
     )
 
 
-@pytest.mark.parametrize(("asked", "threads"), [(None, 1), ("2", 2)])
-def test_one_thread_unless_asked(asked: str | None, threads: int) -> None:
-    environment = {k: v for k, v in os.environ.items() if k != "OMP_NUM_THREADS"}
-    environment |= {"OMP_NUM_THREADS": asked} if asked else {}
-    code = f"import bench, torch, sys; sys.exit(torch.get_num_threads() != {threads})"
-    assert subprocess.run([sys.executable, "-c", code], env=environment, check=False).returncode == 0
-
-
 def test_every_entry_is_listed_and_explained(tmp_path: Path) -> None:
     listed = bench("list", cwd=tmp_path).stdout
     for name in ("LSTM TDL", "MLFC", "linear", "Washout", "RNN", "nanodrone", "pelican_twin", "washout_vs_mlp"):

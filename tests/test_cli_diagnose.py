@@ -102,7 +102,7 @@ def test_an_effect_that_cannot_be_looked_for_is_refused(command: str, folder: Pa
 def test_what_cannot_be_written_is_told_first(
     arguments: tuple[str, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.cli.diagnose.announcer", lambda *_: pytest.fail("work was begun"))
+    monkeypatch.setattr("bench.cli.commands.diagnose.announcer", lambda *_: pytest.fail("work was begun"))
     file = folder / "run_1.csv"
     done = CliRunner().invoke(cli, [arguments[0], str(folder), *arguments[1:], str(file / "below")])
     assert isinstance(done.exception, BenchError) and f"{file} is no folder" in str(done.exception)

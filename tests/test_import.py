@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from bench.cli.data import data_command
+from bench.cli.commands.data import data_command
 from registry.core import PHYSICS
 from registry.datasets.folder import Folder, check
 from registry.datasets.importing import convert

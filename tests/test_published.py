@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from bench.claims.published import check
-from bench.cli.datasets import choose
 from bench.execution import engine
 from bench.experiment.config import RunConfig
+from bench.experiment.datasets import choose
 from bench.experiment.notation import parse
 from bench.reporting import conclude
 

@@ -12,6 +12,7 @@ import synthetic_study as synthetic
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from rich.console import Console
+from synthetic_records import resealed
 from synthetic_study import MLP, PAIRS, WASHOUT
 
 from bench.analysis import tables
@@ -71,7 +72,7 @@ def test_errors_that_are_not_finite_count_as_diverged(tmp_path: Path) -> None:
     steps = record.steps.copy()
     steps.loc[steps.step == 40, "value"] = math.inf
     steps.to_parquet(record.folder / "steps.parquet")
-    assert row(report.study_table([RunRecord(record.folder)]), spec=MLP).diverged == 1
+    assert row(report.study_table([resealed(record.folder)]), spec=MLP).diverged == 1
 
 
 def test_known_effects_are_found(records: list[RunRecord]) -> None:

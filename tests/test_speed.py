@@ -8,7 +8,7 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from bench.cli.speed import speed_command
+from bench.cli.commands.speed import speed_command
 from bench.speed.floor import floating_operations
 from bench.speed.gates import GATES
 from bench.speed.measure import Measured

@@ -4,8 +4,8 @@ from collections import defaultdict
 
 import pytest
 
-from bench.cli.datasets import choose
 from bench.experiment import study
+from bench.experiment.datasets import choose
 from bench.experiment.grid import matched
 from registry.core import DATASETS
 

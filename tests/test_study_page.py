@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import synthetic_study as synthetic
 from click.testing import CliRunner
+from synthetic_records import resealed
 
 from bench.analysis import tables
-from bench.cli.report import report_command
+from bench.cli.commands.report import report_command
 from bench.experiment.study import Study
 from bench.records.record import RunRecord, write_json
 from bench.reporting import report, study_page
@@ -165,7 +166,7 @@ def test_markup_in_names_stays_text(tmp_path: Path) -> None:
         write_json(record.folder / "record.json", summary)
         windows = record.windows.assign(recording=f"flight{evil}")
         windows.to_parquet(record.folder / "windows.parquet")
-        made.append(RunRecord(record.folder))
+        made.append(resealed(record.folder))
     texts = {name: evil for name in ("name", "title", "question", "source", "paper_says")}
     study = dataclasses.replace(STUDY, **texts, pairs=(specs[:2],), contrasts=())  # type: ignore[arg-type]
     page = Page(study_page.render(made, f"title {evil}", study, f"bench run {evil}"))

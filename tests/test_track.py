@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from synthetic_records import synthetic_record
+from synthetic_records import resealed, synthetic_record
 
 from bench.records.record import RunRecord
 from bench.tracking import track
@@ -124,6 +124,7 @@ def test_an_interrupted_mirroring_is_completed_without_duplicates(tmp_path, monk
     # The record was made again in between: same numbers, other times.
     provenance = (record.folder / "provenance.json").read_text().replace("1700000000000", "1700000099999")
     (record.folder / "provenance.json").write_text(provenance)
+    resealed(record.folder)
     track.mirror([record.folder], uri, "e")
     assert rows(tmp_path, "SELECT status FROM runs") == [("FINISHED",)]
     assert rows(tmp_path, "SELECT count(*) FROM metrics") == points

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from bench.claims import comparing, counting, curves
 from bench.claims.counting import Fact
 from bench.claims.estimate import Kind, number
 from registry.errors import BenchError, near
+from registry.regular_file import read_toml
 
 FILE = Path("results", "paper", "claims.toml")
 """Of the checkout that this code belongs to."""
@@ -93,12 +93,7 @@ def read(path: Path | None = None) -> Claims:
         BenchError: no such file, or what is wrong in it.
     """
     path = path or checkout() / FILE
-    try:
-        content = tomllib.loads(path.read_text())
-    except FileNotFoundError:
-        raise BenchError(f"There is no {path}: work in the checkout, or name a file of claims with --claims.") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise BenchError(f"{path} cannot be read: {error}.") from error
+    content = read_toml(path, "work in the checkout, or name a file of claims with --claims")
     claims = tuple(_claim(entry, f"{path.name}, claim {i + 1}") for i, entry in enumerate(content.get("claim", [])))
     if not claims:
         raise BenchError(f"{path} holds no [[claim]].")

@@ -13,6 +13,7 @@ from scipy.special import stdtrit
 
 from bench.claims.estimate import ALPHA
 from bench.claims.evidence import Folder, Run, folders
+from bench.claims.manifest import entered
 from bench.execution import engine
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.notation import parse
@@ -167,7 +168,7 @@ def write_smoke(published: Path, runs: Sequence[Mapping[str, Any]]) -> Path:
         write_json(path, {"command": "bench check --rerun smoke --write", "runs": list(runs)})
     except OSError as error:
         raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error
-    return path
+    return entered(path)
 
 
 def check_smoke(published: Path, runs: Sequence[Mapping[str, Any]]) -> list[Held]:

@@ -6,6 +6,7 @@ import sys
 
 import click
 
+from bench.execution.threads import one_thread_by_default
 from registry.errors import BenchError
 
 
@@ -13,27 +14,27 @@ class Main(click.Group):
     """Commands are imported when they are asked for, so that `bench --help` answers at once."""
 
     COMMANDS = (
-        ("run", "bench.cli.run"),
-        ("sweep", "bench.cli.sweep"),
-        ("check", "bench.cli.check"),
-        ("list", "bench.cli.entries"),
-        ("show", "bench.cli.entries"),
-        ("data", "bench.cli.data"),
-        ("report", "bench.cli.report"),
-        ("runs", "bench.cli.runs"),
-        ("cluster", "bench.cli.cluster"),
-        ("predict", "bench.cli.predict"),
-        ("compare", "bench.cli.diagnose"),
-        ("locate", "bench.cli.diagnose"),
-        ("discover", "bench.cli.diagnose"),
-        ("extend", "bench.cli.diagnose"),
-        ("diagnose", "bench.cli.diagnose"),
-        ("ui", "bench.cli.track"),
-        ("sync", "bench.cli.track"),
-        ("export", "bench.cli.archive"),
-        ("import", "bench.cli.archive"),
-        ("score-discovery", "bench.cli.score"),
-        ("speed", "bench.cli.speed"),
+        ("run", "bench.cli.commands.run"),
+        ("sweep", "bench.cli.commands.sweep"),
+        ("check", "bench.cli.commands.check"),
+        ("list", "bench.cli.commands.entries"),
+        ("show", "bench.cli.commands.entries"),
+        ("data", "bench.cli.commands.data"),
+        ("report", "bench.cli.commands.report"),
+        ("runs", "bench.cli.commands.runs"),
+        ("cluster", "bench.cli.commands.cluster"),
+        ("predict", "bench.cli.commands.runs"),
+        ("compare", "bench.cli.commands.diagnose"),
+        ("locate", "bench.cli.commands.diagnose"),
+        ("discover", "bench.cli.commands.diagnose"),
+        ("extend", "bench.cli.commands.diagnose"),
+        ("diagnose", "bench.cli.commands.diagnose"),
+        ("ui", "bench.cli.commands.track"),
+        ("sync", "bench.cli.commands.track"),
+        ("export", "bench.cli.commands.archive"),
+        ("import", "bench.cli.commands.archive"),
+        ("score-discovery", "bench.cli.commands.score"),
+        ("speed", "bench.cli.commands.speed"),
     )
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -88,6 +89,8 @@ def cli() -> None:
 
 def main() -> None:
     """Entry point: a user's mistake is one sentence and exit code 2, Ctrl-C is exit code 130."""
+    one_thread_by_default()
+    os.environ["PYTHONSAFEPATH"] = "1"  # no child imports what lies in the working directory
     _speak()
     try:
         cli.main(standalone_mode=False)

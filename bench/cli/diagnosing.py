@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
+from bench.cli.names import check_system
+from bench.experiment.datasets import registered
 from registry.core import DATASETS, EFFECTS
 from registry.errors import BenchError
 
@@ -26,18 +29,22 @@ if TYPE_CHECKING:
 
 def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Subject, PhysicsModel | None]":
     """The measurements with the nominal model, and the model in the file if one was given."""
-    from bench.diagnose.logs.load import load, registered
-    from bench.diagnose.report import model_file as files
-    from registry.datasets.folder import Folder
-    from registry.stated import refuse_unstated
-
-    if not Path(source).is_dir() and source not in DATASETS.names():
+    if not Path(source).is_dir() and source not in DATASETS.outline():
         hint = "" if Path(source).exists() else " (it does not exist)"
         raise BenchError(
             f"{source}{hint} is neither a folder with a dataset.toml nor a data set: `bench list datasets` has them, "
             "`bench data init FOLDER` drafts a dataset.toml."
         )
+    check_system(system)
+
+    from bench.diagnose.logs.load import load
+    from bench.diagnose.report import model_file as files
+    from registry.datasets.folder import Folder
+    from registry.stated import refuse_unstated
+
     subject = load(source, system)
+    for sentence in subject.resampled:
+        click.echo(f"note: {sentence}", err=True)
     if model_file is None:
         return subject, None
     model = files.read(model_file, type(subject.model))
@@ -55,7 +62,7 @@ def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None
     check_effects((*catalogue, *without))
     if not catalogue and not without:
         return None
-    return [n for n in (catalogue or EFFECTS.names()) if n not in without]
+    return [n for n in (catalogue or EFFECTS.outline()) if n not in without]
 
 
 def check_catalogue(subject: "Subject", model: "PhysicsModel", names: Sequence[str]) -> None:
@@ -80,15 +87,13 @@ def check_writable(*targets: Path | None) -> None:
 def check_effects(names: Sequence[str]) -> None:
     """Raise `BenchError` where the catalogue has no effect of such a name."""
     for name in names:
-        EFFECTS.get(name)
+        EFFECTS.check(name)
 
 
 def folder_for(source: str, out: Path | None) -> Path:
     """Where files are written: ``out``, or beside the data."""
     if out is not None:
         return out
-    from bench.diagnose.logs.load import registered
-
     return Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
 
 
@@ -127,7 +132,7 @@ def write_model(target: Path, model: "PhysicsModel", effects: "Sequence[NamedEff
 def say_written(console: Any, written: Sequence[Path]) -> None:
     """Name the files, and what a former model is called now."""
     former = " (the model that was there)" if written[-1].name == "model.previous.toml" else ""
-    console.print(f"\nWrote {', '.join(map(str, written))}{former}", highlight=False, soft_wrap=True)
+    console.print(f"\nWrote {', '.join(map(str, written))}{former}", highlight=False, markup=False, soft_wrap=True)
 
 
 def show_extension(console: Any, done: "Extension") -> None:
@@ -137,14 +142,14 @@ def show_extension(console: Any, done: "Extension") -> None:
     groups, stages = done.comparison.groups, done.stages
     units = [words.shown(g.unit, g.name, [s.error[g.name] for s in stages]) for g in groups]
     heads = (f"{words.named(g.name)} [{unit}]" for g, (unit, _) in zip(groups, units, strict=True))
-    rows = table("held-out error", *(h.replace("[", "\\[") for h in heads))
+    rows = table("held-out error", *map(escape, heads))
     for stage in stages:
         added = stage.name in {e.id for e in done.effects}
         cells = (words.number(stage.error[g.name] * f) for g, (_, f) in zip(groups, units, strict=True))
-        rows.add_row(f"+ {stage.name}" if added else stage.name, *cells)
+        rows.add_row(escape(f"+ {stage.name}" if added else stage.name), *cells)
     console.print(rows)
     for e in done.effects:
-        console.print(f"  {e.id}: {words.parameters(e)}", highlight=False)
+        console.print(f"  {e.id}: {words.parameters(e)}", highlight=False, markup=False)
 
 
 def track_extension(

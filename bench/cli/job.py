@@ -14,8 +14,8 @@ from rich.markup import escape
 
 from bench.cli.progress import clock, meter
 from bench.execution import engine, lock
-from bench.experiment import study
 from bench.experiment.config import RunConfig
+from bench.experiment.request import Request
 from bench.records.record import RunRecord
 from bench.tracking.mirroring import Mirroring
 from registry.errors import BenchError
@@ -23,15 +23,21 @@ from registry.errors import BenchError
 
 @dataclass(frozen=True)
 class Job:
-    """What is asked: runs under one title."""
+    """Runs under one title, and how they were asked for."""
 
-    title: str
-    target: str
-    """Name of the study, or the configuration."""
-    study: study.Study | None
-    configs: list[RunConfig]
+    asked: Request
     command: list[str]
     """Arguments of `bench` that make it again."""
+
+    @property
+    def title(self) -> str:
+        """Of the study or configuration."""
+        return self.asked.title
+
+    @property
+    def configs(self) -> list[RunConfig]:
+        """Of its runs."""
+        return self.asked.configs
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,8 @@ class Place:
 
 def say(out: Console, job: Job, todo: engine.Plan) -> int:
     """One line about what there is to do; returns the number of runs to do."""
+    for sentence in todo.damaged:
+        click.echo(f"bench: {sentence}", err=True)
     models = sum(len(t.configs) for t in todo.tasks)
     out.print(
         f"[bold]{escape(job.title)}[/]: {len(todo.keys)} runs, {len(todo.done)} already recorded, {models} to do."
@@ -78,7 +86,10 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
     from bench.reporting import conclude
 
     folder = place.results / "studies" / slug(job.title)
-    with lock.held(folder, job.title), mirroring(place, job.title, job.target if job.study else None) as mirror:
+    with (
+        lock.held(folder, job.title),
+        mirroring(place, job.title, job.asked.target if job.asked.study else None) as mirror,
+    ):
         todo = engine.unrecorded(todo, place.runs)
         models = say(out, job, todo)
         workers = place.workers or min(os.cpu_count() or 1, max(1, sum(t.updates > 200 for t in todo.tasks)))
@@ -98,7 +109,7 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
         if mirror:
             mirror.add(place.runs / key for key in todo.done)
         command = shlex.join(["bench", *portable(job.command)])
-        files = conclude.conclude(out, records, job.title, job.study, command, folder)
+        files = conclude.conclude(out, records, job.title, job.asked.study, command, folder)
         out.print(f"Figure and tables: {escape(str(folder))}")
         if mirror:
             mirror.attach(files)

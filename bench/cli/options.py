@@ -1,17 +1,59 @@
 """Options that several commands share."""
 
 import math
+import os
 from pathlib import Path
 from typing import Any
 
 import click
 
+from registry.errors import BenchError
+from registry.regular_file import regular
+
+LONGEST = 255
+"""Bytes in the name of a file, on every file system in use."""
+
+
+class Output(click.Path):
+    """A file or folder to be written, looked at before the work rather than after it."""
+
+    def __init__(self, folder: bool = False, made: bool = False) -> None:
+        """``folder``: it is one; ``made``: the folders above it are made where there are none."""
+        super().__init__(path_type=Path)
+        self.folder, self.made = folder, made or folder
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """See `click.ParamType.convert`.
+
+        Raises:
+            BenchError: it cannot be written, or is something else.
+        """
+        if not str(value).strip():
+            self.fail("it names no file.", param, ctx)
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        if any(len(os.fsencode(part)) > LONGEST for part in path.parts):
+            raise BenchError(f"{path} cannot be written: no file has so long a name.")
+        if os.path.lexists(path):
+            if self.folder and not path.is_dir():
+                raise BenchError(f"{path} cannot be written: it is no folder.")
+            if not self.folder:
+                regular(path)
+            there = path
+        else:
+            above = path.absolute().parents
+            there = next((p for p in above if os.path.lexists(p)), path) if self.made else above[0]
+            if not there.is_dir():
+                raise BenchError(f"{path} cannot be written: {there} is no folder.")
+        if not os.access(there, os.W_OK):
+            raise BenchError(f"{path} cannot be written: {there} is not yours to write to.")
+        return path
+
 
 class Positive(click.FloatRange):
     """A finite number above zero."""
 
-    def __init__(self) -> None:
-        super().__init__(min=0, min_open=True)
+    def __init__(self, most: float | None = None) -> None:
+        super().__init__(min=0, max=most, min_open=True)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """See `click.ParamType.convert`."""
@@ -36,11 +78,6 @@ workers = click.option(
     "--workers", type=click.IntRange(1, 512), help="Processes, one thread each; default: one a core."
 )
 cluster = click.option("--cluster", metavar="ADDRESS", help="A Dask scheduler, as `bench cluster start` prints it.")
-dataset = click.option(
-    "--dataset",
-    metavar="NAME",
-    help="A registered data set (`bench list datasets`), or a folder that holds a dataset.toml.",
-)
 assignments = click.option(
     "--set",
     "assignments",
@@ -51,19 +88,34 @@ assignments = click.option(
 )
 
 
+def named(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """As a callback: refuse an empty name, which would mean the default or the working directory."""
+    if value is not None and not value.strip():
+        raise click.BadParameter("it is empty: give a name or a folder.", ctx, param)
+    return value
+
+
 def _not_empty(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
     if value is not None and not value.strip():
         raise click.BadParameter("it names no signal.", ctx, param)
     return value
 
 
+dataset = click.option(
+    "--dataset",
+    metavar="NAME",
+    callback=named,
+    help="A registered data set (`bench list datasets`), or a folder that holds a dataset.toml.",
+)
 outputs = click.option(
     "--outputs",
     metavar="SIGNALS",
     callback=_not_empty,
     help="What to predict, such as body_rates,velocity or body_rates.p.",
 )
-horizon = click.option("--horizon", "-T", type=click.IntRange(1), help="Prediction length in samples (default: 40).")
+horizon = click.option(
+    "--horizon", "-T", type=click.IntRange(1, 1_000_000), help="Prediction length in samples (default: 40)."
+)
 
 
 def preset_belongs_to_a_study(ctx: click.Context) -> None:
@@ -91,6 +143,18 @@ def parsed(assignments: tuple[str, ...]) -> dict[str, str]:
             raise click.UsageError(f"--set {text!r} must be OPTION=VALUE, such as training.updates=3000.")
         out[name.strip()] = value.strip()
     return out
+
+
+def by_owner(
+    changes: dict[str, str], horizon: int | None, outputs: str | None
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Options of the run and options of the data set, from --set, -T and --outputs."""
+    of_run = {k: v for k, v in changes.items() if not k.startswith("dataset.")}
+    if horizon is not None:
+        of_run["horizon"] = str(horizon)
+    if outputs is not None:
+        of_run["outputs"] = outputs
+    return of_run, {k.removeprefix("dataset."): v for k, v in changes.items() if k.startswith("dataset.")}
 
 
 def console() -> Any:

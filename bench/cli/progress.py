@@ -65,7 +65,7 @@ def meter(console: Console, total: float, runs: int, unit: str = "runs") -> Iter
             if now - last[0] >= EVERY:
                 last[0] = now
                 left = "" if m.left is None else f", about {clock(m.left)} left"
-                console.print(f"{m.finished}/{m.runs} {unit}, {m.done / m.total:.0%}{left}: {m.current}")
+                console.print(f"{m.finished}/{m.runs} {unit}, {m.done / m.total:.0%}{left}: {m.current}", markup=False)
 
         yield Meter(total, runs, line)
         return
@@ -83,7 +83,9 @@ def meter(console: Console, total: float, runs: int, unit: str = "runs") -> Iter
         yield Meter(
             total,
             runs,
-            lambda m: bar.update(task, completed=m.done, description=m.current, runs=f"{m.finished}/{m.runs} {unit}"),
+            lambda m: bar.update(
+                task, completed=m.done, description=escape(m.current), runs=f"{m.finished}/{m.runs} {unit}"
+            ),
         )
 
 

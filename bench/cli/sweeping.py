@@ -22,10 +22,10 @@ from bench.experiment.config import RunConfig
 from bench.records.record import RunRecord
 from bench.sweep import finalists
 from bench.sweep import journal as sweeps
-from bench.sweep import page as sweep_page
 from bench.sweep.journal import Sweep
 from bench.sweep.search import search, side_by_side
 from bench.sweep.space import SPEC, configured, options, said
+from bench.sweep.sweep import concluded
 from bench.tracking.mirroring import Mirroring
 from registry.errors import BenchError
 
@@ -71,14 +71,14 @@ def _conclude(
     out: Console, sweep: Sweep, study: optuna.Study, folder: Path, place: Place, mirror: Mirroring | None
 ) -> None:
     """Train the best and the default configuration from fresh seeds, compare them, write it down."""
-    best, default = finalists.finalists(sweep, study)
-    who = "The best and the default" if default else "The best, which is the default,"
-    records = _train(out, who, [*best, *default], place, mirror)
-    sides = records[: len(best)], records[len(best) :]
-    verdicts = finalists.judge(*sides) if default else []
-    sweep_page.write(folder / sweeps.REPORT, sweep_page.Content(sweep, study, verdicts, *sides))
-    finalists.write(folder / sweeps.RESULT, sweep, study, records, verdicts)
-    _summary(out, sweep, study, verdicts, folder)
+
+    def train(configs: list[RunConfig]) -> list[RunRecord]:
+        several = len({c.seed for c in configs}) < len(configs)
+        who = "The best and the default" if several else "The best, which is the default,"
+        return _train(out, who, configs, place, mirror)
+
+    done = concluded(sweep, study, folder, train)
+    _summary(out, sweep, study, done.verdicts, folder)
     if mirror:
         mirror.attach([folder / sweeps.REPORT])
         browse(out, mirror.finish(), sweep.title, place)

@@ -1,16 +1,17 @@
 """Find the missing physics: compare a model with measurements, see where it fails, learn what is missing, add it.
 
-    from bench.diagnose import compare, discover, extend, load, locate
+    import bench
 
-    subject = load("my_flights")
-    print(compare(subject, {}).error("nominal"))
-    print(locate(subject, subject.model).regions)
-    print([f.id for f in discover(subject).found])
-    print(extend(subject, subject.model, ["rotor_drag"]).effects)
+    subject = bench.load("my_flights")
+    print(bench.compare(subject).error("nominal"))
+    print(bench.locate(subject, subject.model).regions)
+    print([f.id for f in bench.discover(subject).found])
+    print(bench.extend(subject, subject.model, ["rotor_drag"]).effects)
 
-`diagnose` does all of it.
+`diagnose` does all of it; the package may be called in its place.
 """
 
+from bench.callable_package import make_callable
 from bench.diagnose.compare import Comparison, compare
 from bench.diagnose.diagnose import diagnose
 from bench.diagnose.discover import discover
@@ -35,3 +36,5 @@ __all__ = [
     "load",
     "locate",
 ]
+
+make_callable(__name__)

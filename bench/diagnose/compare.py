@@ -3,16 +3,19 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import torch
 from torch import Tensor
 
+from bench.analysis.display import Displayed
 from bench.analysis.stats import ENOUGH
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import LINES as DRAWN
-from bench.diagnose.result import ByGroup, Curves, GroupError, Line
+from bench.diagnose.result import ByGroup, Curves, GroupError, Line, plot_curves
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.simulate.floor import floor, reach
 from bench.diagnose.simulate.free_run import (
@@ -28,6 +31,9 @@ from bench.diagnose.simulate.free_run import (
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 WINDOWS = 500
 """Free runs a model, about: the mean is then known far better than recordings differ."""
 HORIZONS = 10
@@ -37,7 +43,7 @@ DRAWS = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Displayed):
     """Root mean square errors of free runs, by model, output group, horizon and recording; SI."""
 
     recordings: tuple[str, ...]
@@ -68,6 +74,37 @@ class Comparison:
         return {g.name: GroupError(self.horizon_s[-1], of[g.name].rmse[-1], g.unit) for g in self.groups}
 
     @property
+    def headline(self) -> str:
+        """How far each model is off at the last horizon."""
+        rms = {n: ", ".join(f"{g} {e.rmse:.3g} {e.unit}" for g, e in self.error(n).items()) for n in self.lines}
+        return f"Rms error after {self.horizon_s[-1]:.3g} s: " + "; ".join(f"{n}: {said}" for n, said in rms.items())
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a group of outputs, horizon and model.
+
+        Returns:
+            group, horizon_s, model, rmse, low, high (95 %, in the unit named, SI), unit.
+        """
+        return pd.DataFrame(
+            [
+                (g.name, seconds, model, of[g.name].rmse[k], of[g.name].low[k], of[g.name].high[k], g.unit)
+                for g in self.groups
+                for k, seconds in enumerate(self.horizon_s)
+                for model, of in self.lines.items()
+            ],
+            columns=["group", "horizon_s", "model", "rmse", "low", "high", "unit"],
+        )
+
+    def plot(self) -> "list[Axes]":
+        """Error against the horizon with 95 % intervals: matplotlib axes, one a group of outputs."""
+        return plot_curves(
+            {
+                g.name: Curves(g.unit, self.horizon_s, {n: of[g.name] for n, of in self.lines.items()})
+                for g in self.groups
+            }
+        )
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What was done, in sentences."""
         what = f"{self.starts} free runs of {self.horizon_s[-1]:.3g} s a model, one every {self.every_s:.2g} s"
@@ -76,7 +113,7 @@ class Comparison:
 
 def compare(
     subject: Subject,
-    models: Mapping[str, PhysicsModel],
+    models: Mapping[str, PhysicsModel] | None = None,
     names: Sequence[str] | None = None,
     horizon_s: float | None = None,
     noise: Noise | None = None,
@@ -85,7 +122,8 @@ def compare(
 
     Args:
         subject: measurements; its own model is the line "nominal" unless ``models`` holds one of that name.
-        models: by name of their line, the best one last: it is taken for exact where the floor is made.
+        models: by name of their line, the best one last: it is taken for exact where the floor is made. Default: none
+            beside the subject's own.
         names: recordings; default: those held out.
         horizon_s: longest horizon [s]; default `free_run.default_steps`.
         noise: default `noise.noise_of`.
@@ -94,7 +132,7 @@ def compare(
         BenchError: no recording is long enough.
     """
     subject, noise = prepared(subject, noise)
-    models = {"nominal": subject.model} | dict(models)
+    models = {"nominal": subject.model} | dict(models or {})
     logs = subject.of(subject.held_out if names is None else names)
     rate = logs[0].rate if logs else math.nan
     steps = default_steps(logs) if horizon_s is None else max(1, round(horizon_s * rate))

@@ -3,9 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
+from bench.analysis.display import Displayed
 from bench.diagnose.compare import Comparison, compare
 from bench.diagnose.discover import close
 from bench.diagnose.logs.noise import Noise
@@ -22,12 +25,15 @@ from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel, unsuited
 from registry.errors import BenchError
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 WORTH = 0.97
 """Mean squared error of the free runs, relative, below which shooting's fit is taken for the weak form's."""
 
 
 @dataclass(frozen=True, eq=False)
-class Extension:
+class Extension(Displayed):
     """A model with effects added, and its errors."""
 
     model: PhysicsModel
@@ -39,6 +45,28 @@ class Extension:
     constants: tuple[Estimate, ...]
     calibrated: float
     """Share of the squared error above the floor that calibration takes before any effect."""
+
+    @property
+    def headline(self) -> str:
+        """How far the error falls."""
+        steps = {s.name: ", ".join(f"{g} {e:.3g}" for g, e in s.error.items()) for s in self.stages}
+        return "Held-out rms error: " + "; ".join(f"{name}: {error}" for name, error in steps.items())
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a stage and group of outputs: "nominal", "calibrated", each effect added, "floor".
+
+        Returns:
+            stage, group, rmse (in the unit named, SI), unit, horizon_s.
+        """
+        units, horizon = {g.name: g.unit for g in self.comparison.groups}, self.comparison.horizon_s[-1]
+        return pd.DataFrame(
+            [(s.name, g, e, units[g], horizon) for s in self.stages for g, e in s.error.items()],
+            columns=["stage", "group", "rmse", "unit", "horizon_s"],
+        )
+
+    def plot(self) -> "list[Axes]":
+        """Error against the horizon, model by model: matplotlib axes, one a group of outputs."""
+        return self.comparison.plot()
 
 
 def fitted(

@@ -3,10 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 import torch
 
+from bench.analysis.display import Displayed, draw_bars, new_axes
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.conditions import Condition, conditions
@@ -30,6 +33,9 @@ from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 from registry.physics.rigid_body import RigidBody
 from registry.units import display
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SHORT = 0.4
 """Share of the default horizon over which errors are located: long enough to stand out, short enough to be local."""
@@ -63,7 +69,7 @@ QUANTILES = np.linspace(0.05, 0.95, 19)
 
 
 @dataclass(frozen=True, eq=False)
-class Location:
+class Location(Displayed):
     """Where the error is."""
 
     regions: tuple[Region, ...]
@@ -75,6 +81,35 @@ class Location:
     above_floor: dict[str, float]
     """By output group: squared error above the floor at that horizon, over the floor's."""
     notes: tuple[str, ...]
+
+    @property
+    def headline(self) -> str:
+        """The region that holds most, or why there is none."""
+        if not self.regions:
+            return " ".join(self.notes)
+        best = self.regions[0]
+        return f"{best.region}: {best.share_of_error:.0%} of the error in {best.share_of_time:.0%} of the time"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a region, best first.
+
+        Returns:
+            region, share_of_error, share_of_time (0 to 1), recordings (how many it is met in).
+        """
+        return pd.DataFrame(
+            [(r.region, r.share_of_error, r.share_of_time, len(r.recordings)) for r in self.regions],
+            columns=["region", "share_of_error", "share_of_time", "recordings"],
+        )
+
+    def plot(self) -> "Axes":
+        """Share of the error beside share of the time, region by region: matplotlib axes."""
+        (axes,) = new_axes(1)
+        shares = {
+            "of the error": [100 * r.share_of_error for r in self.regions],
+            "of the time": [100 * r.share_of_time for r in self.regions],
+        }
+        draw_bars(axes, [r.region for r in self.regions], shares, "share [%]")
+        return axes
 
 
 def locate(

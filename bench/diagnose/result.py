@@ -4,12 +4,20 @@ import json
 import math
 import os
 import tempfile
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import pandas as pd
+
+from bench.analysis.display import Displayed, draw_curves, new_axes
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
 from registry.errors import BenchError
+from registry.units import display
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 VERDICTS = ("named", "tie", "nothing", "unknown_effect", "data_problem")
 LINES = ("nominal", "calibrated", "extended", "floor")
@@ -128,6 +136,22 @@ class Curves:
     horizon_s: tuple[float, ...]
     lines: dict[str, Line]
 
+    def plot(self, axes: "Axes", name: str) -> None:
+        """Draw the error of the group called ``name`` against the horizon, with 95 % intervals."""
+        unit, factor = display(self.unit, name)
+        drawn = {
+            n: [[factor * v for v in values] for values in (of.rmse, of.low, of.high)] for n, of in self.lines.items()
+        }
+        draw_curves(axes, self.horizon_s, drawn, ("horizon [s]", f"rms error of {name} [{unit}]"))
+
+
+def plot_curves(curves: dict[str, Curves]) -> "list[Axes]":
+    """One matplotlib axes a group."""
+    axes = new_axes(max(1, len(curves)))
+    for ax, (name, of) in zip(axes, curves.items(), strict=False):
+        of.plot(ax, name)
+    return axes
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -237,7 +261,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Displayed):
     """The answer of `bench diagnose`."""
 
     dataset: str
@@ -260,6 +284,29 @@ class Diagnosis:
         if self.verdict not in VERDICTS:
             raise ValueError(f"verdict {self.verdict!r} is none of {', '.join(VERDICTS)}")
 
+    @property
+    def headline(self) -> str:
+        """The data set, the verdict and the effects."""
+        effects = ", ".join(e.id for e in self.effects) or "no effect"
+        problems = "; ".join(dict.fromkeys(f"{p.kind} in {p.signal}" for p in self.data_problems))
+        return f"{self.dataset} ({self.system}): {self.verdict}: {problems or effects}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """The effects, one row a parameter.
+
+        Returns:
+            effect, parameter, value, low, high (95 %, SI), unit, share_explained (0 to 1), indistinguishable_from.
+        """
+        return effect_frame(
+            (e.id, n, p.value, p.low, p.high, p.unit, e.share_explained, e.indistinguishable_from)
+            for e in self.effects
+            for n, p in e.parameters.items()
+        )
+
+    def plot(self) -> "list[Axes]":
+        """Held-out error of the free runs against the horizon: matplotlib axes, one an output group."""
+        return plot_curves(self.evidence.curves)
+
     def to_json(self) -> dict[str, Any]:
         """The contract as JSON values, without the evidence; a number that does not exist is None."""
         contract = asdict(self)
@@ -274,6 +321,12 @@ class Diagnosis:
             BenchError: the file cannot be written.
         """
         write_text(path, json.dumps(self.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def effect_frame(rows: Iterable[tuple[Any, ...]]) -> pd.DataFrame:
+    """Effects with their parameters as a table; the columns are those of `Diagnosis.to_frame`."""
+    heads = ("effect", "parameter", "value", "low", "high", "unit", "share_explained", "indistinguishable_from")
+    return pd.DataFrame([(*row[:-1], ", ".join(row[-1])) for row in rows], columns=list(heads))
 
 
 def schema() -> dict[str, Any]:

@@ -68,6 +68,8 @@ class Plan:
     keys: list[str]
     tasks: list[Task]
     done: list[str] = field(default_factory=list)
+    damaged: list[str] = field(default_factory=list)
+    """Sentences about records that were altered since they were written, and are made again."""
 
 
 def plan(configs: Iterable[RunConfig], runs: Path) -> Plan:
@@ -86,8 +88,11 @@ def plan(configs: Iterable[RunConfig], runs: Path) -> Plan:
             continue
         result.keys.append(key)
         if record.exists(runs, key):
-            result.done.append(key)
-            continue
+            altered = record.verify(record.RunRecord(runs / key))
+            if not altered:
+                result.done.append(key)
+                continue
+            result.damaged.append(f"Run {key[:12]} is made again: {altered[0]} is damaged.")
         data = prepare(config)
         shape = (shape_key(config), len(data.output_channels), "" if independent(config, data) else key)
         groups.setdefault(shape, []).append((config, key))
@@ -101,9 +106,9 @@ def plan(configs: Iterable[RunConfig], runs: Path) -> Plan:
 
 def unrecorded(todo: Plan, runs: Path) -> Plan:
     """The plan without what has been recorded since it was made."""
-    left = Plan(todo.keys, [], list(todo.done))
+    left = Plan(todo.keys, [], list(todo.done), list(todo.damaged))
     for task in todo.tasks:
-        rest = [(c, k) for c, k in zip(task.configs, task.keys, strict=True) if not record.exists(runs, k)]
+        rest = [(c, k) for c, k in zip(task.configs, task.keys, strict=True) if not record.whole(runs, k)]
         left.done += [k for k in task.keys if k not in [r for _, r in rest]]
         if rest:
             left.tasks.append(Task(tuple(c for c, _ in rest), tuple(k for _, k in rest)))
@@ -193,7 +198,7 @@ def execute(
 def _forget(partial: Path, runs: Path) -> None:
     """Remove the checkpoints, and drafts of them, whose runs are recorded: by this driver or by one that was killed."""
     for left in partial.glob("*"):
-        if record.exists(runs, left.name.split("-")[0]):
+        if record.whole(runs, left.name.split("-")[0]):
             left.unlink(missing_ok=True)
 
 

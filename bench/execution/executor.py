@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TypeVar
 
 from bench.execution.crew import AHEAD, Crew
+from bench.execution.threads import one_thread_by_default
 from registry.errors import BenchError
 
 T = TypeVar("T")
@@ -156,6 +157,7 @@ def _processes(workers: int, ahead: int) -> Iterator[Crew]:
 def _start_worker(messages: Any) -> None:
     global _ticks
     _ticks = messages
+    one_thread_by_default()
     serve_parent()
 
 

@@ -7,7 +7,7 @@ import shlex
 import socket
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -49,6 +49,36 @@ def held(folder: Path, what: str) -> Iterator[None]:
             os.ftruncate(handle, 0)
     finally:
         os.close(handle)  # the file stays: removing it would let two drivers lock two files of one name
+
+
+@contextmanager
+def turn(folder: Path, name: str, said: Callable[[str], None]) -> Iterator[None]:
+    """Wait until nobody else is inside, then keep them out while inside.
+
+    Args:
+        folder: of the lock's file; made where it does not exist.
+        name: of the file.
+        said: called with a sentence where there is somebody to wait for.
+
+    Raises:
+        BenchError: the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder / name, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise BenchError(f"The results folder {folder} cannot be written: {error.strerror or error}.") from error
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            said(f"waiting for another command that is at work in {folder}")
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(handle)
 
 
 def holders(folders: Path) -> list[str]:

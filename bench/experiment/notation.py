@@ -5,11 +5,13 @@ predictor [": " layers "x" hidden] [" - " initializer ": " [hidden "x"] history]
 
 import re
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from registry.contracts import InitializerEntry, PredictorEntry
 from registry.core import INITIALIZERS, PREDICTORS, check_options
 from registry.errors import BenchError
+
+if TYPE_CHECKING:  # they load torch, and a wrong name is to be said at once
+    from registry.contracts import InitializerEntry, PredictorEntry
 
 EXAMPLE = "such as 'LSTM: 1x50 - MLP: 60x10' or 'LSTM: 1x50 - Washout: 10'"
 _NUMBER = re.compile(r"\d{1,9}")
@@ -41,7 +43,7 @@ def _part(text: str, start: int, spec: str) -> tuple[str, str | None, int]:
     return " ".join(name.split()), sizes if colon else None, start + len(name) + 1
 
 
-def parse(spec: str) -> tuple[PredictorEntry, InitializerEntry | None]:
+def parse(spec: str) -> "tuple[PredictorEntry, InitializerEntry | None]":
     """Predictor and initializer that ``spec`` names; × or x, spaces free, sizes left out are the defaults.
 
     Raises:
@@ -84,7 +86,7 @@ def parse(spec: str) -> tuple[PredictorEntry, InitializerEntry | None]:
     return predictor, initializer
 
 
-def write(predictor: PredictorEntry, initializer: InitializerEntry | None) -> str:
+def write(predictor: "PredictorEntry", initializer: "InitializerEntry | None") -> str:
     """The notation of a pair: ``parse(write(p, i))`` gives the same sizes."""
     text = PREDICTORS.name_of(type(predictor))
     if predictor.network:

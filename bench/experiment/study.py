@@ -3,10 +3,14 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
 
-from bench.experiment.config import RunConfig
-from registry.contracts import Dataset
+from registry import outline
 from registry.errors import BenchError, near
+
+if TYPE_CHECKING:  # they load torch, and a study's name is wanted at once
+    from bench.experiment.config import RunConfig
+    from registry.contracts import Dataset
 
 PRESETS = ("smoke", "laptop", "paper")
 
@@ -23,7 +27,7 @@ class Study:
     source: str
     """Section and figure of the paper."""
     default_dataset: str
-    runs: Callable[[str, Dataset], list[RunConfig]]
+    runs: "Callable[[str, Dataset], list[RunConfig]]"
     """Preset and data set → every run, baselines included."""
     pairs: tuple[tuple[str, str], ...]
     """(a, b) specs or patterns of them, "LSTM: * - MLP: *", whose errors are compared: does a beat b?"""
@@ -33,6 +37,17 @@ class Study:
     """What the paper's figure shows, in words and numbers; a line a paragraph. Empty: the question says it."""
     presets: Mapping[str, str] = field(default_factory=dict)
     """What each preset is, in a line."""
+
+
+def titles() -> dict[str, str]:
+    """Name → title of every study, by name; read from the sources as far as they tell."""
+    found: dict[str, str] = {}
+    for point in entry_points(group="multistep_bench.studies"):
+        told = outline.keywords(outline.source_of(point.module) or "", point.attr)
+        if "name" not in told or "title" not in told:  # only importing them tells
+            return {name: s.title for name, s in studies().items()}
+        found[told["name"]] = told["title"]
+    return dict(sorted(found.items()))
 
 
 def studies() -> dict[str, Study]:
@@ -55,7 +70,6 @@ def get(name: str) -> Study:
     Raises:
         BenchError: no such study; the message lists the near names.
     """
-    found = studies()
-    if name not in found:
-        raise BenchError(f"There is no study {name!r}: {near(name, found)}")
-    return found[name]
+    if name not in titles():
+        raise BenchError(f"There is no study {name!r}: {near(name, titles())}")
+    return studies()[name]

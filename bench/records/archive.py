@@ -18,6 +18,7 @@ from bench.records.concluded import Concluded, slug
 from bench.records.record import RunRecord
 from bench.records.record_check import BYTES, FILES, KEY, check, read_json, text
 from registry.errors import BenchError
+from registry.regular_file import regular
 
 MANIFEST = "study.json"
 FORMAT = 1
@@ -90,7 +91,7 @@ def read(source: Path, runs: Path) -> Imported:
             for key in about["keys"]:
                 _unpack(packed, members[key], draft / key)
                 check(RunRecord(draft / key))
-            new = tuple(k for k in about["keys"] if not record.exists(runs, k))
+            new = tuple(k for k in about["keys"] if not record.whole(runs, k))
             for key in new:
                 if (runs / key).exists():  # damaged from outside
                     shutil.rmtree(runs / key)
@@ -104,7 +105,7 @@ def read(source: Path, runs: Path) -> Imported:
 def _opened(source: Path) -> Iterator[zipfile.ZipFile]:
     """The archive; what its parser and decompressor make of damaged bytes is one sentence."""
     try:
-        with source.open("rb") as file, zipfile.ZipFile(file) as packed:
+        with regular(source).open("rb") as file, zipfile.ZipFile(file) as packed:
             yield packed
     except FileNotFoundError:
         raise BenchError(f"There is no file {source}.") from None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from registry.errors import BenchError
+from registry.regular_file import regular
 
 
 def slug(title: str) -> str:
@@ -30,7 +31,7 @@ def concluded(results: Path) -> Iterator[Concluded]:
     """Every study in the results folder."""
     for path in sorted((results / "studies").glob("*/study.json")):
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = json.loads(regular(path).read_text(encoding="utf-8"))
             files = [path.parent / name for name in content["files"]]
             kept = [f for f in files if f.is_file()]
             found = Concluded(

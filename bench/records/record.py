@@ -22,8 +22,9 @@ import safetensors
 import safetensors.torch
 from torch import Tensor
 
-from bench.records import durable
+from bench.records import durable, stamp
 from registry.errors import BenchError, near
+from registry.regular_file import regular
 
 T = TypeVar("T")
 TABLES = ("steps", "curve", "windows")
@@ -40,55 +41,79 @@ class RunRecord:
     @cached_property
     def summary(self) -> dict[str, Any]:
         """``record.json``: key, spec, status, dataset, channels, metrics, counts, environment, file digests."""
-        return self._json("record.json")
+        return self._read("record.json", self._genuine_summary)
 
     @cached_property
     def config(self) -> dict[str, Any]:
         """``config.json``: the run's configuration in full."""
-        return self._json("config.json")
+        return self._read("config.json", lambda path: dict(json.loads(self._genuine(path).read_text())))
 
     @cached_property
     def provenance(self) -> dict[str, Any]:
         """``provenance.json``: times, host, versions; not part of the comparison."""
-        return self._json("provenance.json")
+        return stamp.plain(self._read("provenance.json", self._genuine_provenance))
 
     @cached_property
     def steps(self) -> pd.DataFrame:
         """Error of every prediction step: quantity, norm, unit, step, time_s, statistic, value."""
-        return self._read("steps.parquet", pd.read_parquet)
+        return self._read("steps.parquet", lambda path: pd.read_parquet(self._genuine(path)))
 
     @cached_property
     def curve(self) -> pd.DataFrame:
         """Learning curve: update, train_loss, validation_loss (scaled units)."""
-        return self._read("curve.parquet", pd.read_parquet)
+        return self._read("curve.parquet", lambda path: pd.read_parquet(self._genuine(path)))
 
     @cached_property
     def windows(self) -> pd.DataFrame:
         """Predictions of a few windows: window, recording, step, time_s, channel, unit, measured, predicted."""
-        return self._read("windows.parquet", pd.read_parquet)
+        return self._read("windows.parquet", lambda path: pd.read_parquet(self._genuine(path)))
 
     def weights(self) -> dict[str, Tensor]:
         """Weights and scalers of the best update."""
-        return self._read("model.safetensors", safetensors.torch.load_file)
+        return self._read("model.safetensors", lambda path: safetensors.torch.load_file(self._genuine(path)))
 
-    def _json(self, name: str) -> dict[str, Any]:
-        return self._read(name, lambda path: dict(json.loads(path.read_text())))
+    def _genuine_summary(self, path: Path) -> dict[str, Any]:
+        content = path.read_bytes()
+        summary = dict(json.loads(content.decode("utf-8")))
+        written = self._read("provenance.json", self._genuine_provenance).get(stamp.RECORD)
+        if written is None:  # of a time before stamps: at least what is asked of it must be there
+            from bench.records.record_check import lacking
+
+            if missing := lacking(summary):
+                raise ValueError(missing)
+        elif written != hashlib.sha256(content).hexdigest():
+            raise ValueError("altered")
+        return summary
+
+    def _genuine_provenance(self, path: Path) -> dict[str, Any]:
+        content = dict(json.loads(path.read_text(encoding="utf-8")))
+        if not stamp.genuine(content):
+            raise ValueError("altered")
+        return content
+
+    def _genuine(self, path: Path) -> Path:
+        """The path of a table or of weights, unless its content is another than was recorded."""
+        if self.summary["files"].get(path.name) != sha256(path):
+            raise ValueError("altered")
+        return path
 
     def _read(self, name: str, reader: Callable[[Path], T]) -> T:
         path = self.folder / name
         try:
-            return reader(path)
+            return reader(regular(path))
         except (
             OSError,
             ValueError,
             TypeError,
+            LookupError,
+            AttributeError,
             RecursionError,
             pa.ArrowException,
             safetensors.SafetensorError,
         ) as error:
             raise BenchError(
-                f"{path} is damaged or missing: `bench runs prune --results {self.folder.parent.parent}` removes the "
-                "run, then the command that made it makes it again."
+                f"{path} is damaged or missing: the command that made the run makes it again "
+                f"(`bench runs prune --results {self.folder.parent.parent}` removes it)."
             ) from error
 
     @property
@@ -115,7 +140,7 @@ def sha256(path: Path) -> str:
 
 def json_text(content: Mapping[str, Any]) -> str:
     """Canonical JSON: sorted keys, no NaN."""
-    return json.dumps(content, sort_keys=True, indent=1, allow_nan=False) + "\n"
+    return stamp.canonical(content)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -137,7 +162,7 @@ def write(
         BenchError: the results folder cannot be written (read-only, disk full); nothing is left behind.
     """
     final = runs / summary["key"]
-    if exists(runs, final.name):
+    if whole(runs, final.name):
         return RunRecord(final)
     draft: Path | None = None
     try:
@@ -150,14 +175,14 @@ def write(
         write_json(draft / "config.json", config)
         files = {p.name: sha256(p) for p in sorted(draft.iterdir())}
         write_json(draft / "record.json", {**summary, "files": files})
-        write_json(draft / "provenance.json", provenance)
+        write_json(draft / "provenance.json", stamp.stamped(provenance, (draft / "record.json").read_bytes()))
         for path in [*draft.iterdir(), draft]:
             durable.flush(path)
-        if final.exists() and not exists(runs, final.name):  # damaged from outside
+        if final.exists() and not whole(runs, final.name):  # damaged from outside
             os.rename(final, runs / f".damaged-{final.name}-{os.getpid()}")
         durable.move(draft, final)
     except (OSError, safetensors.SafetensorError) as error:
-        if exists(runs, final.name):  # another process finished the same run first
+        if whole(runs, final.name):  # another process finished the same run first
             return RunRecord(final)
         raise BenchError(
             f"The results folder {runs} cannot be written: {getattr(error, 'strerror', None) or error}."
@@ -169,8 +194,13 @@ def write(
 
 
 def exists(runs: Path, key: str) -> bool:
-    """Whether a whole record of this key is there."""
+    """Whether there is a record of this key, which may have been damaged since."""
     return (runs / key / "record.json").is_file()
+
+
+def whole(runs: Path, key: str) -> bool:
+    """Whether there is a record of this key, every file as it was written."""
+    return exists(runs, key) and not verify(RunRecord(runs / key))
 
 
 def all_records(runs: Path) -> Iterator[RunRecord]:
@@ -200,16 +230,20 @@ def find(runs: Path, prefix: str) -> RunRecord:
 
 def verify(record: RunRecord) -> list[str]:
     """Names of files that do not have the content they were recorded with."""
-    try:
-        files = record.summary["files"]
-    except (BenchError, KeyError):
-        return ["record.json"]
+    for name in ("provenance", "summary"):
+        try:
+            getattr(record, name)
+        except BenchError:
+            return ["provenance.json" if name == "provenance" else "record.json"]
 
     def same(name: str, digest: str) -> bool:
         path = record.folder / name
-        return path.is_file() and sha256(path) == digest
+        try:
+            return sha256(regular(path)) == digest
+        except (OSError, BenchError):
+            return False
 
-    return [name for name, digest in files.items() if not same(name, digest)]
+    return [name for name, digest in record.summary["files"].items() if not same(name, digest)]
 
 
 def differences(a: RunRecord, b: RunRecord) -> list[str]:

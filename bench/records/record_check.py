@@ -10,6 +10,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bench.records import stamp
 from bench.records.record import STEP_COLUMNS, TABLES, WINDOW_COLUMNS, RunRecord, verify
 from registry.errors import BenchError
 
@@ -97,6 +98,8 @@ SUMMARY: dict[str, Callable[[Any], bool]] = {
     "environment": _by_name(lambda x: text(x) or _number(x)),
     "files": _files,
 }
+LATER = ("context", "predicted", "environment")
+"""Not in the first records."""
 PROVENANCE: dict[str, Callable[[Any], bool]] = {
     "started_ms": lambda x: count(x) and x < LAST_MS,
     "finished_ms": lambda x: count(x) and x < LAST_MS,
@@ -112,6 +115,16 @@ TEXTS = {"quantity", "norm", "unit", "statistic", "recording", "channel"}
 WHOLE = {"step", "update", "window"}
 
 
+def lacking(summary: Mapping[str, Any]) -> str:
+    """What a ``record.json`` without a stamp lacks that its readers ask for, or has of another kind; empty: nothing."""
+    for name, fits in SUMMARY.items():
+        if name not in summary and name not in LATER:
+            return f"no {name}"
+        if name in summary and not fits(summary[name]):
+            return f"no such {name}"
+    return ""
+
+
 def check(record: RunRecord) -> None:
     """Look at every part of a record.
 
@@ -125,10 +138,11 @@ def check(record: RunRecord) -> None:
             raise BenchError(f"{where} has no {name}.")
         if path.stat().st_size > BYTES[path.suffix]:
             raise BenchError(f"{where}: {name} is larger than {BYTES[path.suffix] >> 20} MiB.")
-    _fields(record.summary, SUMMARY, f"{where}: record.json")
-    _fields(record.provenance, PROVENANCE, f"{where}: provenance.json")
-    _configuration(record.config, f"{where}: config.json")
-    if record.key != record.folder.name:
+    said = {name: _parsed(record.folder / name, f"{where}: {name}") for name in JSON}
+    _fields(said["record.json"], SUMMARY, f"{where}: record.json")
+    _fields(stamp.plain(said["provenance.json"]), PROVENANCE, f"{where}: provenance.json")
+    _configuration(said["config.json"], f"{where}: config.json")
+    if said["record.json"]["key"] != record.folder.name:
         raise BenchError(f"{where} is filed under a key that is not its own.")
     altered = verify(record)
     if altered:
@@ -158,6 +172,14 @@ def read_json(data: bytes, where: str) -> Any:
         return json.loads(data.decode("utf-8"), parse_constant=refuse)
     except (ValueError, RecursionError) as error:
         raise BenchError(f"{where} is no JSON ({str(error)[:80]}).") from error
+
+
+def _parsed(path: Path, where: str) -> dict[str, Any]:
+    """JSON with names at its top, unlike `read_json` with whatever numbers: what is said of them is more exact."""
+    try:
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        raise BenchError(f"{where} is damaged ({str(error)[:80]}).") from error
 
 
 def _fields(content: Mapping[str, Any], wanted: Mapping[str, Callable[[Any], bool]], where: str) -> None:

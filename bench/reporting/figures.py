@@ -35,6 +35,8 @@ PANELS = 4
 BOXES = 40
 """Boxes beyond which steps are left out, evenly."""
 STYLE: Any = {
+    # a matplotlibrc in the working directory has no say: it may ask for other programs
+    **{k: v for k, v in matplotlib.rcParamsDefault.items() if k != "backend"},
     **sns.axes_style("whitegrid"),
     "axes.edgecolor": "0.6",
     "axes.labelsize": 9,
@@ -62,11 +64,20 @@ def per_step_figure(records: Sequence[RunRecord], path: Path) -> list[Path]:
     Returns:
         The files written.
     """
+    with matplotlib.rc_context(STYLE):
+        figure = Figure()
+        draw_per_step(records, figure)
+        return _save(figure, path)
+
+
+def draw_per_step(records: Sequence[RunRecord], figure: Figure) -> None:
+    """Draw what `per_step_figure` writes, into a figure that is empty."""
     shown = principal(quantities(records))
     styles, lost, outside = looks(specs(records)), _diverged(records), set()
     rows = horizons(records)
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(max(2.9 * len(shown), 4.6), 2.3 * len(rows) + 0.35), layout="constrained")
+        figure.set_size_inches(max(2.9 * len(shown), 4.6), 2.3 * len(rows) + 0.35)
+        figure.set_layout_engine("constrained")
         grid = figure.subplots(len(rows), len(shown), squeeze=False)
         for i, horizon in enumerate(rows):
             for j, quantity in enumerate(shown):
@@ -94,7 +105,6 @@ def per_step_figure(records: Sequence[RunRecord], path: Path) -> list[Path]:
             handlelength=3.2,
             fontsize=8.5,
         )
-        return _save(figure, path)
 
 
 def box_figure(record: RunRecord, path: Path) -> list[Path]:

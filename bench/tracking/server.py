@@ -79,7 +79,9 @@ def connected(uri: str) -> Iterator[MlflowClient]:
         if uri.startswith("sqlite:///"):
             _create(Path(uri.removeprefix("sqlite:///")))
         yield MlflowClient(tracking_uri=uri)
-    except (MlflowException, SQLAlchemyError, OSError) as error:
+    except ImportError as error:
+        raise BenchError(f"{uri!r:.300} needs a driver that is not installed ({error}): install it.") from error
+    except (MlflowException, SQLAlchemyError, OSError, ValueError) as error:
         reason = str(error).strip().splitlines()[0][:160]
         raise TrackingError(
             f"MLflow at {uri} cannot be used ({reason}); the records are safe, run `bench sync` later."

@@ -64,13 +64,22 @@ def server(uri: str, host: str = "127.0.0.1", port: int = 5000) -> Iterator[str]
         BenchError: no port is free, or the server does not start.
     """
     port = _free_port(host, port)
-    command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", uri, "--host", host]
+    if uri.startswith("sqlite:///"):
+        uri = f"sqlite:///{Path(uri.removeprefix('sqlite:///')).resolve()}"
+    command = [sys.executable, "-P", "-m", "mlflow", "server", "--backend-store-uri", uri, "--host", host]
     command += ["--port", str(port), "--workers", "1", "--artifacts-destination", artifact_root(uri).as_uri()]
     # Four workers and the job runner, MLflow's defaults, take six times the memory.
     settings = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_DISABLE_TELEMETRY": "true"}
-    with tempfile.TemporaryFile() as log:
+    settings["PYTHONSAFEPATH"] = "1"
+    # uvicorn puts the folder in which it starts first on the path, whatever Python was told: an empty one.
+    with tempfile.TemporaryFile() as log, tempfile.TemporaryDirectory() as empty:
         process = subprocess.Popen(
-            command, env=os.environ | settings, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            env=os.environ | settings,
+            cwd=empty,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
         )
         with _terminate_as_interrupt():
             try:

@@ -191,14 +191,15 @@ def _of_parts(
     return tuple(tuple(part) for part in masks)
 
 
-def held_back(config: RunConfig) -> str:
-    """What is said where no recording validates; empty: one does."""
-    split = choose_split(config)
+def remarks(config: RunConfig) -> tuple[str, ...]:
+    """What is said of the data before a run: samples that are not as they were logged, no recording to validate."""
+    made, split = load(config.dataset).made, choose_split(config)
     if split.validation:
-        return ""
+        return made
     return (
+        *made,
         f"No recording of {config.dataset.label} is for validation: the last {HELD_BACK:.0%} of "
-        f"{', '.join(split.train)} {'is' if len(split.train) == 1 else 'are'}."
+        f"{', '.join(split.train)} {'is' if len(split.train) == 1 else 'are'}.",
     )
 
 

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import torch
 
 from bench.experiment.config import from_json
 from bench.records.record import RunRecord
 from bench.training.model import Model, build
 from registry.contracts import Channel
+from registry.datasets import tables
 from registry.errors import BenchError
 
 
@@ -43,14 +43,9 @@ def read_table(path: Path) -> pd.DataFrame:
     """A CSV (also .csv.gz) or Parquet file.
 
     Raises:
-        BenchError: absent or unreadable.
+        BenchError: absent, unreadable, or a column stands twice or has no name.
     """
-    try:
-        return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
-    except FileNotFoundError:
-        raise BenchError(f"There is no file {path}.") from None
-    except (OSError, ValueError, UnicodeDecodeError, pa.ArrowException) as error:
-        raise BenchError(f"{path} cannot be read as a table: {str(error).splitlines()[0][:120]}.") from error
+    return tables.read(path, any_ending=True)
 
 
 def predict_table(record: RunRecord, table: pd.DataFrame, source: str) -> pd.DataFrame:

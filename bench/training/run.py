@@ -41,15 +41,17 @@ def run_group(
 ) -> list[Outcome]:
     """Train models of one shape side by side on one thread and judge each on its test part."""
     torch.set_num_threads(1)  # one thread is bit-repeatable, and two processes beat two threads
-    started = time.time()
+    started, begun = time.time(), time.monotonic()  # the clock on the wall may be set back meanwhile
     data = [prepare(c) for c in configs]
     trained = train(configs, data, progress, checkpoint)
-    share = (time.time() - started) / len(configs)
-    return [_outcome(c, d, t, started, share) for c, d, t in zip(configs, data, trained, strict=True)]
+    share = (time.monotonic() - begun) / len(configs)
+    return [_outcome(c, d, t, started, share, begun) for c, d, t in zip(configs, data, trained, strict=True)]
 
 
-def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float, train_seconds: float) -> Outcome:
-    begun = time.time()
+def _outcome(
+    config: RunConfig, data: Prepared, trained: Trained, started: float, train_seconds: float, from_start: float
+) -> Outcome:
+    begun = time.monotonic()
     config = config.resolved()
     steps, windows = pd.DataFrame(columns=STEP_COLUMNS), pd.DataFrame(columns=WINDOW_COLUMNS)
     metrics: dict[str, float | None] = {}
@@ -88,10 +90,10 @@ def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float
     curve = pd.DataFrame(trained.curve, columns=["update", "train_loss", "validation_loss"]).astype(
         {"update": "int64", "train_loss": "float64", "validation_loss": "float64"}
     )
-    finished = time.time()
+    finished = time.monotonic()
     provenance = {
         "started_ms": int(started * 1000),
-        "finished_ms": int(finished * 1000),
+        "finished_ms": int((started + finished - from_start) * 1000),
         "seconds": train_seconds + finished - begun,
         "device": "cpu",
         "host": {"machine": platform.machine(), "python": platform.python_version(), "system": platform.system()},
@@ -105,10 +107,12 @@ def _outcome(config: RunConfig, data: Prepared, trained: Trained, started: float
 @cache
 def git_commit() -> str:
     """The commit of the code that runs, with "+" where it was changed; empty outside a checkout."""
-    here = Path(__file__).parent
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():  # an environment within some other repository, whose settings may name programs
+        return ""
     try:
         asked = subprocess.run(
-            ["git", "describe", "--always", "--dirty=+", "--abbrev=12"], cwd=here, capture_output=True, text=True
+            ["git", "describe", "--always", "--dirty=+", "--abbrev=12"], cwd=root, capture_output=True, text=True
         )
     except OSError:
         return ""

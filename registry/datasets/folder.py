@@ -1,5 +1,6 @@
 """A user's own recordings: a folder with a `dataset.toml`."""
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -11,7 +12,7 @@ import numpy as np
 from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Split
 from registry.core import DATASETS, PHYSICS, option
 from registry.datasets.cleaning import runs, widen
-from registry.datasets.folder_clock import Clock, clock, gridded, said
+from registry.datasets.folder_clock import Clock, clock, gridded, refuse_drift, said
 from registry.datasets.folder_conversion import attitude, in_frames, own_units
 from registry.datasets.folder_description import FILE, FolderDescription, describe
 from registry.datasets.folder_draft import draft
@@ -22,6 +23,7 @@ from registry.datasets.signals import channels, recording
 from registry.datasets.tables import ENDINGS, first_row, numbers
 from registry.errors import BenchError
 from registry.physics.rigid_body import RigidBody
+from registry.regular_file import regular
 
 __all__ = ["Folder", "FolderDescription", "check", "draft"]
 
@@ -163,19 +165,20 @@ def _turns(signals: Mapping[str, SignalColumns]) -> bool:
 
 
 def _files(folder: Path, pattern: str) -> list[Path]:
-    home = folder.resolve()
+    home = Path(os.path.realpath(folder))
     if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
         raise BenchError(f"{folder}: files = {pattern!r} leaves the folder: data must lie inside it.")
     try:
         found = sorted(p for p in folder.glob(pattern) if p.name.endswith(ENDINGS))
-    except (ValueError, NotImplementedError) as error:
+    except (ValueError, IndexError, NotImplementedError, OSError) as error:
         raise BenchError(f"{folder}: files = {pattern!r} is not a file pattern: {error}.") from error
     if not found:
         raise BenchError(f"{folder}: no CSV, CSV.gz or Parquet file matches files = {pattern!r}.")
     names: dict[str, Path] = {}
     for file in found:
-        if not file.resolve().is_relative_to(home):
+        if not Path(os.path.realpath(file)).is_relative_to(home):
             raise BenchError(f"{file} is a link that leaves the folder: data must lie inside it.")
+        regular(file)
         if names.setdefault(_name(file), file) is not file:
             raise BenchError(f"{file} and {names[_name(file)]} would give two recordings of one name: rename one.")
     return found
@@ -189,14 +192,18 @@ def read_columns(file: Path, description: FolderDescription) -> tuple[Clock, dic
     """The clock of a file and its columns (N,) as they are written there, NaN where a value is missing.
 
     Raises:
-        BenchError: a column is missing or holds no numbers, or the clock does not run forward.
+        BenchError: a column is missing or holds no numbers, or the clock does not run forward or drifts.
     """
     names = list(dict.fromkeys(c for s in description.signals.values() for c in s.names))
     table = numbers(file, [description.time, *names], names)
-    return (
-        clock(file, description.time, table[:, 0] * description.tick, description.rate),
-        dict(zip(names, table[:, 1:].T, strict=True)),
-    )
+    if len(table) < 2:
+        raise BenchError(f"{file} holds one sample: a recording has two or more; remove the file.")
+    of = clock(file, description.time, table[:, 0] * description.tick, description.rate)
+    columns = dict(zip(names, table[:, 1:].T, strict=True))
+    commands = description.inputs if description.input_hold == "previous" else ()  # may be logged at any time
+    measured = [s for n, s in description.signals.items() if n not in commands]
+    refuse_drift(file, description.time, of, [_whole([columns[c] for c in s.names]) for s in measured])
+    return of, columns
 
 
 def recording_files(folder: str | Path) -> list[Path]:

@@ -1,6 +1,6 @@
 """From the samples of a file, as its clock has them, to signals on a uniform grid."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,8 +19,12 @@ JITTER = 0.4
 """How much of a sampling period the clock may be off between two samples before one is missing."""
 LONGEST = 4.0
 """Steps of a signal, in its own sampling periods, over which values are interpolated; a longer one is a gap."""
-THINNEST = 20
-"""Samples of the grid for one of the file beyond which its clock is wrong."""
+THINNEST, THICKEST = 20, 100
+"""Samples of the grid for one of the file, and of the file for one of the grid, beyond which its clock is wrong."""
+BURSTS = 0.3
+"""Share of the steps from which on long ones are no gaps: samples come in bursts."""
+DRIFT, STRETCH = 0.05, 50
+"""How far the rate may vary within a file, measured over so many samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,30 @@ class Clock:
         return self.grid is self.t
 
 
+@dataclass(frozen=True, eq=False)
+class Pace:
+    """How fast a clock runs, and how steadily."""
+
+    period: float
+    """Mean step without gaps [s]."""
+    gaps: Array
+    """(N - 1,) steps beyond which samples are missing."""
+    spread: float
+    """The largest deviation of another step, in periods."""
+    stretch: int
+    """Steps over which the following are measured; 0: there are too few."""
+    low: float = 0.0
+    """The least rate of a stretch [Hz]."""
+    high: float = 0.0
+    worst: int = 0
+    """Sample at which the stretch begins whose rate is farthest from the others'."""
+
+    @property
+    def varies(self) -> float:
+        """By which share of the least rate the greatest one is above it."""
+        return self.high / self.low - 1 if self.stretch else 0.0
+
+
 def clock(file: Path, column: str, t: Array, rate: float) -> Clock:
     """The clock of a file.
 
@@ -50,7 +78,7 @@ def clock(file: Path, column: str, t: Array, rate: float) -> Clock:
         rate: wanted [Hz].
 
     Raises:
-        BenchError: it does not run forward, or stands still for most of the file.
+        BenchError: it does not run forward, or its rate cannot become the one that is wanted.
     """
     period, step = 1 / rate, np.diff(t)
     if (step <= 0).any():
@@ -59,9 +87,7 @@ def clock(file: Path, column: str, t: Array, rate: float) -> Clock:
             f"{file}, column {column!r}, row {first_row(file) + i + 1}: the clock goes on by {step[i]:.6g} s: "
             "times must increase from row to row; split the file there."
         )
-    if len(t) < 2:
-        return Clock(t, rate, t)
-    if np.median(step) > THINNEST * period:
+    if not 1 / THICKEST <= np.median(step) * rate <= THINNEST:
         raise BenchError(
             f"{file}, column {column!r}: its samples come at {1 / np.median(step):.5g} Hz, which rate_hz = {rate:g} "
             "cannot be made of: mend rate_hz or time_unit."
@@ -75,6 +101,62 @@ def clock(file: Path, column: str, t: Array, rate: float) -> Clock:
     if np.ptp(step) <= UNIFORM * period and abs(np.median(step) - period) <= UNIFORM * period:
         return Clock(t, rate, t)
     return Clock(t, rate, t[0] + np.arange(int((t[-1] - t[0]) * rate + 1e-6) + 1) * period)
+
+
+def pace(t: Array) -> Pace:
+    """The pace of times (N,) [s], N ≥ 2, in the steadiest of its readings.
+
+    A step that is too long is a missing sample, or a sample that was stamped late: then those after it come sooner.
+    """
+    step = np.diff(t)
+    own = float(np.median(step))
+    readings = [step > (1 + JITTER) * own, step > LONGEST * own, np.zeros(len(step), dtype=bool)]
+    return min((_paced(step, gaps) for gaps in readings if _rare(gaps)), key=lambda p: p.varies)
+
+
+def _rare(gaps: Array) -> bool:
+    """Whether few steps are gaps; half of those of a stretch are another rate, a third of all are bursts."""
+    n = min(STRETCH, len(gaps) // 4)
+    return bool(gaps.mean() < BURSTS and not (n and (np.convolve(gaps, np.ones(n), "valid") > n / 2).any()))
+
+
+def _paced(step: Array, gaps: Array) -> Pace:
+    at = np.flatnonzero(~gaps)
+    own = step[at]
+    period = float(own.mean())
+    spread = float(np.abs(own / period - 1).max())
+    n = min(STRETCH, len(own) // 4)
+    if not n:
+        return Pace(period, gaps, spread, 0)
+    total = np.concatenate([[0.0], np.cumsum(own)])
+    rates = n / (total[n:] - total[:-n])
+    worst = int(np.abs(rates - np.median(rates)).argmax())
+    return Pace(period, gaps, spread, n, float(rates.min()), float(rates.max()), int(at[worst]))
+
+
+def refuse_drift(file: Path, column: str, of: Clock, logged: Sequence[Array]) -> None:
+    """Raise where the rate of a signal varies within a file: its times are not those of the samples.
+
+    Args:
+        file: named in errors.
+        column: that of the time.
+        of: the clock of the file.
+        logged: (N,) rows that hold each signal.
+
+    Raises:
+        BenchError: with the lowest and highest rate, and where.
+    """
+    for rows in {r.tobytes(): r for r in logged}.values():
+        if of.as_it_is or rows.sum() < 2:
+            continue
+        found = pace(of.t[rows])
+        if not found.stretch or found.varies <= DRIFT + 4 * JITTER / found.stretch:
+            continue
+        row = first_row(file) + int(np.flatnonzero(rows)[found.worst])
+        raise BenchError(
+            f"{file}, column {column!r}: the clock runs from {found.low:.4g} to {found.high:.4g} Hz, worst from row "
+            f"{row} on, where rate_hz = {of.rate:g}: mend the clock, or split the file where its rate changes."
+        )
 
 
 def gridded(of: Clock, x: Array, logged: Array, late: float = 0.0, held: bool = False) -> tuple[Array, Array]:
@@ -115,22 +197,22 @@ def said(name: str, of: Clock, logged: Mapping[str, Array], valid: Array) -> lis
     found: list[Finding] = []
     if len(of.t) < 3:
         return found
-    own, period = float(np.median(np.diff(of.t))), 1 / of.rate
-    if not of.as_it_is and abs(own - period) > UNIFORM * period and all(rows.all() for rows in logged.values()):
-        detail = f"logged at {1 / own:.5g} Hz, put on {of.rate:g} Hz by straight lines between samples"
-        found.append(Finding(name, "resampled", len(of.grid), detail))
+    own, wanted = pace(of.t), of.rate
+    off = abs(own.period * wanted - 1) > UNIFORM + 2 * own.spread / len(of.t)
+    if not of.as_it_is and off and any(rows.all() for rows in logged.values()):
+        detail = f"logged at {1 / own.period:.5g} Hz, put on {wanted:g} Hz by straight lines between samples"
+        found.append(Finding(name, "resampled", abs(len(of.grid) - len(of.t)), detail))
     for signal, rows in logged.items():
-        step = np.diff(of.t[rows])
-        if not len(step) or rows.all():
+        if rows.sum() < 2 or rows.all():
             continue
-        rate, missing = 1 / float(np.median(step)), int((~rows).sum())
+        rate, missing = 1 / pace(of.t[rows]).period, int((~rows).sum())
         detail = f"{signal} has samples at {rate:.5g} Hz, and none in {missing} of {len(rows)} rows: interpolated"
-        found.append(Finding(name, "missing", missing, detail))
-    gaps = np.diff(of.t)
-    gaps = gaps[gaps > (1 + JITTER) * max(own, 1e-12)]
+        found.append(Finding(name, "missing", missing, f"{detail} at {wanted:g} Hz"))
+    gaps = np.diff(of.t)[own.gaps]
     if len(gaps):
-        lost, longest = int(np.rint(gaps / own - 1).sum()), float(gaps.max())
-        how = "bridged by straight lines" if valid.all() else f"bridged up to {LONGEST * own:.3g} s, left out beyond"
+        lost, longest = int(np.rint(gaps / own.period - 1).sum()), float(gaps.max())
+        bridge = LONGEST * own.period
+        how = "bridged by straight lines" if valid.all() else f"bridged up to {bridge:.3g} s, left out beyond"
         detail = f"{lost} samples missing in {len(gaps)} place(s), at most {longest:.3g} s apart: {how}"
         found.append(Finding(name, "gap", lost, detail))
     return found

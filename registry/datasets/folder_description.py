@@ -1,19 +1,23 @@
 """`dataset.toml`: how a user's own files are to be read."""
 
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from registry.core import PHYSICS
-from registry.datasets.folder_signals import SignalColumns, known, number, refuse_unturned, signal_columns
+from registry.datasets.folder_signals import SignalColumns, known, refuse_unturned, signal_columns
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
-from registry.model_file import constants_of
+from registry.model_file import constants_of, finite
+from registry.regular_file import read_toml
 
 FILE = "dataset.toml"
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Of the units that a time column may have."""
+SLOWEST, FASTEST = 1e-6, 1e6
+"""Sample rates [Hz] beyond which nothing is measured: a period overflows, or a grid has no end."""
+LARGEST_NOISE = 1e9
+"""1σ of any signal, SI: larger ones overflow where they are squared."""
 _REQUIRED = ("name", "rate_hz", "files", "time", "signals")
 _TABLES = ("physics", "processing", "environment")
 _OPTIONAL = ("system", "input", "input_hold", "targets", "time_unit", *_TABLES)
@@ -63,6 +67,8 @@ def describe(folder: Path) -> FolderDescription:
     kind = PHYSICS.get(table["system"]) if "system" in table else None
     signals = {name: signal_columns(path, name, entry, kind) for name, entry in table["signals"].items()}
     inputs = _inputs(path, table, kind, signals)
+    if timed := [n for n, s in signals.items() if table["time"] in s.names]:
+        raise BenchError(f"{path}: {timed[0]} is read from column {table['time']!r}, which is the time: give its own.")
     twice = [c for c in {c for s in signals.values() for c in s.names} if _uses(signals, c) > 1]
     if twice:
         raise BenchError(f"{path}: column {min(twice)!r} is used twice.")
@@ -70,9 +76,6 @@ def describe(folder: Path) -> FolderDescription:
     targets = _listed(path, table, "targets", signals)
     if both := set(targets) & set(inputs):
         raise BenchError(f"{path}: {min(both)} is an input and cannot be one of the targets.")
-    processing = table.get("processing", {})
-    known(processing, ("smoothing", "noise"), f"{path} [processing]")
-    known(processing.get("noise", {}), signals, f"{path} [processing] noise")
     physics, notes = _physics(path, table.get("physics", {}), kind)
     return FolderDescription(
         table["name"],
@@ -86,7 +89,7 @@ def describe(folder: Path) -> FolderDescription:
         signals,
         targets,
         physics,
-        processing,
+        _processing(path, table.get("processing", {}), signals),
         _environment(path, table.get("environment", {})),
         notes,
     )
@@ -94,14 +97,7 @@ def describe(folder: Path) -> FolderDescription:
 
 def _table(folder: Path, path: Path) -> dict[str, Any]:
     """The keys of the file, those without signals or physics checked."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise BenchError(f"{path} does not exist: `bench data init {folder}` drafts it.") from error
-    except UnicodeDecodeError as error:
-        raise BenchError(f"{path} is not UTF-8 text (byte {error.start}).") from error
-    except (tomllib.TOMLDecodeError, OSError, RecursionError) as error:
-        raise BenchError(f"{path} cannot be read: {error}.") from error
+    table = read_toml(path, f"`bench data init {folder}` drafts it")
     known(table, (*_REQUIRED, *_OPTIONAL), f"{path}")
     for key in _REQUIRED:
         if key not in table:
@@ -110,11 +106,11 @@ def _table(folder: Path, path: Path) -> dict[str, Any]:
         if key in table and (not isinstance(table[key], str) or not table[key]):
             raise BenchError(f"{path}: {key} must be a text, not {table[key]!r}.")
     rate = table["rate_hz"]
-    if not number(rate) or rate <= 0:
-        raise BenchError(f"{path}: rate_hz must be a positive number, not {rate!r}.")
+    if not finite(rate) or not SLOWEST <= rate <= FASTEST:
+        raise BenchError(f"{path}: rate_hz must be a number from {SLOWEST:g} to {FASTEST:g}, not {rate!r:.60}.")
     for key, choices in (("input_hold", ("linear", "previous")), ("time_unit", tuple(SECONDS))):
         if key in table and table[key] not in choices:
-            raise BenchError(f"{path}: {key} = {table[key]!r}: choose {', '.join(choices[:-1])} or {choices[-1]}.")
+            raise BenchError(f"{path}: {key} = {table[key]!r:.60}: choose {', '.join(choices[:-1])} or {choices[-1]}.")
     for key in ("signals", *_TABLES):
         if not isinstance(table.get(key, {}), dict):
             raise BenchError(f"{path}: {key} must be a table, [{key}].")
@@ -144,7 +140,8 @@ def _listed(path: Path, table: dict[str, Any], key: str, signals: dict[str, Sign
     """The names of signals under a key, such as targets = ["ph"]."""
     names = table.get(key, [])
     if not isinstance(names, list) or not all(isinstance(n, str) for n in names) or len(set(names)) < len(names):
-        raise BenchError(f"{path}: {key} must be a list of different signals, not {names!r}.")
+        one = "the name of a signal or " if key == "input" else ""
+        raise BenchError(f"{path}: {key} must be {one}a list of different signals, not {names!r:.60}.")
     for name in names:
         if name not in signals:
             raise BenchError(f"{path}: {key} names {name!r}, which is none of its signals: {near(name, signals)}")
@@ -163,7 +160,7 @@ def _physics(
     parameters = kind().parameters() if kind else []
     known(uncertainty, [p.name for p in parameters] if kind else stated, f"{path} [physics.uncertainty]")
     for key, value in uncertainty.items():
-        if not number(value) or value < 0:
+        if not finite(value) or value < 0:
             raise BenchError(f"{path} [physics.uncertainty]: {key} must be a number from 0, not {value!r}.")
     if kind is None:
         return physics, ()
@@ -172,10 +169,21 @@ def _physics(
     return physics | given, tuple(f"{k} were given as [x, y]: z = 0 was taken." for k in flat)
 
 
+def _processing(path: Path, processing: dict[str, Any], signals: dict[str, SignalColumns]) -> dict[str, Any]:
+    known(processing, ("smoothing", "noise"), f"{path} [processing]")
+    known(processing.get("noise", {}), signals, f"{path} [processing] noise")
+    for key, value in processing.get("noise", {}).items():
+        if not finite(value) or not 0 <= value <= LARGEST_NOISE:
+            raise BenchError(
+                f"{path} [processing] noise: {key} must be a standard deviation, a number from 0, not {value!r:.60}."
+            )
+    return processing
+
+
 def _environment(path: Path, environment: dict[str, Any]) -> dict[str, float]:
     known(environment, _ENVIRONMENT, f"{path} [environment]")
     for key, value in environment.items():
-        if not number(value):
+        if not finite(value):
             raise BenchError(f"{path} [environment]: {key} must be a number, not {value!r}.")
     return environment
 

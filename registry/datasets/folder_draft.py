@@ -1,6 +1,7 @@
 """A first `dataset.toml` guessed from the headers and the clock of a folder's files."""
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,7 @@ def draft(folder: str | Path, system: str = "") -> str:
         system = "helicopter" if "pilot" in found.signals else "quadrotor"
     ending = next(e for e in ENDINGS[::-1] if files[0].name.endswith(e))
     lines = [
-        f"name = {json.dumps(folder.resolve().name, ensure_ascii=False)}",
+        f"name = {json.dumps(Path(os.path.realpath(folder)).name, ensure_ascii=False)}",
         *(
             [f'system = "{system}"' + ("" if wanted else "  # TODO: check; `bench list physics` names the others")]
             * bool(system)

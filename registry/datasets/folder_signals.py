@@ -9,6 +9,7 @@ from typing import Any
 
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
+from registry.model_file import finite
 from registry.units import SIGNALS, Signal, checked, conversion, measures, to_si
 
 CONVENTIONS = {"euler_zyx": 3, "euler_xyz": 3, "quaternion_xyzw": 4, "quaternion_wxyz": 4}
@@ -82,6 +83,8 @@ def signal_columns(path: Path, name: str, entry: Any, model: type[PhysicsModel] 
         entry.get("convention", ""),
         entry.get("frame", ""),
     )
+    if not isinstance(convention, str) or not isinstance(frame, str):
+        raise BenchError(f"{path}: {name}: convention and frame must be texts.")
     wanted, unit = _wanted(path, name, entry, model), entry.get("unit")
     if name == "attitude":
         if convention not in CONVENTIONS:
@@ -101,7 +104,7 @@ def signal_columns(path: Path, name: str, entry: Any, model: type[PhysicsModel] 
     gravity, delay = entry.get("gravity", ""), entry.get("delay_s", 0.0)
     if gravity and (name != "specific_force" or gravity not in GRAVITY):
         raise BenchError(f"{path}: {name}: gravity = {gravity!r}: only specific_force has it, {near('', GRAVITY)}")
-    if not number(delay) or abs(delay) > LONGEST_DELAY:
+    if not finite(delay) or abs(delay) > LONGEST_DELAY:
         raise BenchError(f"{path}: {name}: delay_s must be a number of at most {LONGEST_DELAY:g} s, not {delay!r}.")
     kept, axes = _kept(path, name, entry, columns, unit, wanted)
     return SignalColumns(columns, unit, convention, frame, gravity, float(delay), kept, axes)
@@ -186,8 +189,3 @@ def known(table: Any, keys: Collection[str], where: str) -> None:
     for key in table:
         if key not in keys:
             raise BenchError(f"{where}: unknown key {key!r}: {near(key, keys)}")
-
-
-def number(value: Any) -> bool:
-    """Whether it is a finite number."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < float("inf")

@@ -5,6 +5,7 @@ y left, z up.
 """
 
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from registry.datasets.folder_draft import physics_lines
 from registry.datasets.rotations import unit_quaternion
 from registry.datasets.series import Log
 from registry.errors import BenchError
+from registry.regular_file import regular
 
 FASTEST = 100.0
 """Sample rate that is chosen where the signals have it [Hz]."""
@@ -103,6 +105,8 @@ def _reader(file: Path) -> Callable[[Path], Log]:
     # Each reader's library is an option: it is imported when a file asks for it.
     if not file.exists():
         raise BenchError(f"{file} does not exist.")
+    if not file.is_dir():
+        regular(file)
     if file.suffix == ".ulg":
         from registry.datasets.px4_log import read_ulog
 
@@ -147,7 +151,7 @@ def _write(
     names = {s: _names(s, counts[s]) for s in signals}
     header = ",".join(["t", *(c for s in signals for c in names[s])])
     lines = [
-        f"name = {json.dumps(folder.resolve().name, ensure_ascii=False)}",
+        f"name = {json.dumps(Path(os.path.realpath(folder)).name, ensure_ascii=False)}",
         'system = "quadrotor"  # TODO: check; `bench list physics` names the others',
         f"rate_hz = {rate:g}",
         'files = "*.csv"',

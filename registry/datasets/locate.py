@@ -3,7 +3,9 @@
 import os
 from pathlib import Path
 
+from registry.cache import cache_folder
 from registry.errors import BenchError
+from registry.regular_file import regular
 
 
 def locate(folder: str, pattern: str, address: str, checksum: str) -> list[Path]:
@@ -18,12 +20,15 @@ def locate(folder: str, pattern: str, address: str, checksum: str) -> list[Path]
     Raises:
         BenchError: no such file in either place.
     """
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "multistep-bench"
+    cache = cache_folder()
     roots = [Path(os.environ["BENCH_DATA"])] if os.environ.get("BENCH_DATA") else []
     for root in (*roots, cache):
-        found = sorted((root / folder).glob(pattern))
+        try:
+            found = sorted((root / folder).glob(pattern))
+        except (OSError, ValueError):  # no name of a folder
+            continue
         if found:
-            return found
+            return [regular(file) for file in found]
     set_aside = "" if roots else " (or set BENCH_DATA to the folder above it)"
     raise BenchError(
         f"No {pattern} in {' or '.join(str(r / folder) for r in (*roots, cache))}: "

@@ -92,6 +92,8 @@ def _flight(file: Path) -> tuple[list[Recording], list[Finding]]:
         table = pd.read_csv(file, usecols=["t", *columns], dtype=float, engine="c")
     except (OSError, ValueError, EOFError, zlib.error) as error:
         raise BenchError(f"{file} is damaged or not the published file ({error}): download it again.") from error
+    if table.empty:
+        raise BenchError(f"{file} holds a header and no samples: download it again.")
     t, x = table["t"].to_numpy(), {group: table[c].to_numpy() for group, c in _COLUMNS.items()}
     findings: list[Finding] = []
 

@@ -128,6 +128,8 @@ class Nanodrone(Dataset):
             table = pd.read_parquet(file, columns=[*_STATE, *_MOTORS, *_CLOCKS])
         except (OSError, ArrowException, ValueError, KeyError) as error:
             raise BenchError(f"{file} is damaged or not the published file ({error}): download it again.") from error
+        if table.empty:
+            raise BenchError(f"{file} holds a header and no samples: download it again.")
         state, motors, clocks = (table[c].to_numpy(dtype=float) for c in (_STATE, _MOTORS, _CLOCKS))
         findings: list[Finding] = []
 

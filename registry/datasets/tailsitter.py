@@ -48,6 +48,8 @@ class Tailsitter(Dataset):
         recordings, findings = [], []
         for file in files:
             table = read_v5(file, list(names))
+            if not table["time"].size:
+                raise BenchError(f"{file} holds no samples: download it again.")
             for name, columns in names.items():
                 x = table[name]
                 if x.ndim != 2 or x.shape[1] != columns or len(x) != len(table["time"]) or not np.isfinite(x).all():

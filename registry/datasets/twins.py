@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 import torch
 
+from registry import cache
 from registry.contracts import Channel, Dataset, Loaded, Recording, Split
 from registry.core import DATASETS, check_options, option
 from registry.datasets import twin_helicopter, twin_quadrotor
@@ -49,8 +50,7 @@ def channels(*signals: str) -> tuple[Channel, ...]:
 
 def cache_folder() -> Path:
     """Where simulated flights are kept."""
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "multistep-bench" / "twins"
+    return cache.cache_folder() / "twins"
 
 
 def split_regimes(names: Sequence[str]) -> Split:

@@ -19,7 +19,7 @@ from registry.dynamics.effects import (
     WindEffect,
 )
 from registry.dynamics.model import PhysicsModel, unsuited
-from registry.dynamics.parameters import Parameter, constant, cross, tensor, vector
+from registry.dynamics.parameters import Parameter, constant, cross, tensor, total, turned, turned_back, vector
 
 __all__ = [
     "Effect",
@@ -38,6 +38,9 @@ __all__ = [
     "constant",
     "cross",
     "tensor",
+    "total",
+    "turned",
+    "turned_back",
     "unsuited",
     "vector",
 ]

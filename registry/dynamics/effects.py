@@ -214,3 +214,7 @@ class InputEffect(Effect):
             memories.append(memory)
             out.append(segment)
         return torch.stack(memories, dim=-2), torch.stack(out, dim=-3)
+
+    def passed(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> Tensor:
+        """The segments (…, K, 3, m) that come out of `over`, where nobody asks for the memory between."""
+        return self.over(first, segments, dt, held)[1]

@@ -97,11 +97,19 @@ class InputDelay(InputEffect):
 
     def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
         """Look a whole recording up at once; see `InputEffect.over`."""
-        steps, m = segments.shape[-3], segments.shape[-1]
-        slots = self.memory_size(1, dt)
-        starts, ends = segments[..., 0, :], segments[..., 2, :]
-        before = first.unsqueeze(-2).expand(*first.shape[:-1], slots, m)
-        past = torch.cat([before, starts], dim=-2)  # the sample k steps before the start of step i is slots + i − k
+        windows = self._past(first, segments, dt).unfold(-2, self.memory_size(1, dt), 1)
+        memories = windows.flip(-1).transpose(-1, -2)  # (…, K + 1, slots, m)
+        return memories.flatten(-2), self.passed(first, segments, dt, held)
+
+    def _past(self, first: Tensor, segments: Tensor, dt: float) -> Tensor:
+        """The samples (…, slots + K, m); the one k steps before the start of step i is slots + i − k."""
+        before = first.unsqueeze(-2).expand(*first.shape[:-1], self.memory_size(1, dt), first.shape[-1])
+        return torch.cat([before, segments[..., 0, :]], dim=-2)
+
+    def passed(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> Tensor:
+        """Look a whole recording up at once; see `InputEffect.passed`."""
+        steps, m, slots = segments.shape[-3], segments.shape[-1], self.memory_size(1, dt)
+        ends, past = segments[..., 2, :], self._past(first, segments, dt)
         moments = tensor((0.0, 0.0, 0.0) if held else (0.0, 0.5, 1.0), segments)
         age = tensor(self.delay, segments).unsqueeze(-1) / dt + 1 - moments  # (…, 3)
         whole = age.floor().clamp(0, slots)
@@ -117,6 +125,4 @@ class InputDelay(InputEffect):
             now = (steps_back == 0).unsqueeze(-2).unsqueeze(-1)
             return torch.where(now, ends.unsqueeze(-2), looked_up.unflatten(-2, (steps, 3)))
 
-        delayed = (1 - part) * aged(whole) + part * aged(whole + 1)
-        windows = past.unfold(-2, slots, 1).flip(-1).transpose(-1, -2)  # (…, K + 1, slots, m)
-        return windows.flatten(-2), delayed
+        return (1 - part) * aged(whole) + part * aged(whole + 1)

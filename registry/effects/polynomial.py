@@ -1,11 +1,8 @@
 """Hidden polynomial terms of the undriven systems: one effect a monomial and equation, up to degree 3.
 
-Such as `van_der_pol.dy.y3`: the term c y³ in dy/dt. What a mechanical effect says already is left out (of the pendulum
-the constant, `offset_force`, and the one linear in the rate, `viscous_friction`).
+Such as `van_der_pol.dy.y3`: the term c y³ in dy/dt.
 """
 
-import itertools
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -14,8 +11,9 @@ from torch import Tensor
 
 from registry.core import EFFECTS
 from registry.dynamics import RateEffect, constant, tensor
+from registry.polynomial_terms import TermName, terms
 
-DEGREE = 3
+OUTLINE = "registry.polynomial_terms:outline"
 
 
 class Monomial(RateEffect):
@@ -36,37 +34,21 @@ class Monomial(RateEffect):
         return added
 
 
-def monomials(names: Sequence[str]) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Every monomial of the variables up to the degree: its name, such as "x2y" (the constant: "1"), and exponents."""
-    for exponents in itertools.product(range(DEGREE + 1), repeat=len(names)):
-        if sum(exponents) <= DEGREE:
-            parts = (n + (str(e) if e > 1 else "") for n, e in zip(names, exponents, strict=True) if e)
-            yield "".join(parts) or "1", exponents
-
-
-def _register(
-    system: str, names: tuple[str, ...], equation: int, term: str, exponents: tuple[int, ...], unit: str
-) -> None:
+def _register(named: TermName) -> None:
     """Make and file the class of one term."""
 
     @dataclass(frozen=True)
     class Term(Monomial):
-        c: Any = constant(0.0, "coefficient of the term", unit, low=-100, high=100, typical=0.01)
+        c: Any = constant(0.0, "coefficient of the term", named.unit, low=-100, high=100, typical=0.01)
 
-    shown = " ".join(n + ("", "", "²", "³")[e] for n, e in zip(names, exponents, strict=True) if e)
-    Term.__name__ = Term.__qualname__ = f"{system}_d{names[equation]}_{term}"
-    Term.__doc__ = f"A term c {shown}".rstrip() + f" in d{names[equation]}/dt."
-    Term.equation = f"d{names[equation]}/dt = … + c {shown}".rstrip()
-    Term.systems, Term.exponents, Term.component = (system,), exponents, equation
+    system, variable = named.system, named.variables[named.equation]
+    Term.__name__ = Term.__qualname__ = f"{system}_d{variable}_{named.term}"
+    Term.__doc__ = named.about
+    Term.equation = f"d{variable}/dt = … + c {named.shown}".rstrip()
+    Term.systems, Term.exponents, Term.component = (system,), named.exponents, named.equation
     Term.needs = ("angle", "angle_rate") if system == "pendulum" else (system,)
-    globals()[Term.__name__] = EFFECTS.register(f"{system}.d{names[equation]}.{term}")(Term)
+    globals()[Term.__name__] = EFFECTS.register(named.name)(Term)
 
 
-for _system, _names in (("van_der_pol", ("x", "y")), ("lorenz", ("x", "y", "z"))):
-    for _equation in range(len(_names)):
-        for _term, _exponents in monomials(_names):
-            _register(_system, _names, _equation, _term, _exponents, "1/s")
-for _term, _exponents in monomials(("theta", "omega")):
-    if _exponents not in ((0, 0), (0, 1)):
-        _unit = ("1/s^2", "1/s", "1", "s")[_exponents[1]]  # radians count as 1
-        _register("pendulum", ("theta", "omega"), 1, _term, _exponents, _unit)
+for _named in terms():
+    _register(_named)

@@ -21,6 +21,9 @@ from registry.dynamics import (
     constant,
     cross,
     tensor,
+    total,
+    turned,
+    turned_back,
     vector,
 )
 from registry.units import SIGNALS
@@ -31,7 +34,7 @@ _POSE = ("position", "velocity", "attitude", "body_rates")
 def rotation_matrix(quaternion: Tensor) -> Tensor:
     """Body-to-world rotation (…, 3, 3) of a quaternion xyzw (…, 4) of any length but zero."""
     x, y, z, w = quaternion.unbind(-1)
-    s = 2 / (quaternion * quaternion).sum(-1)
+    s = 2 / total(quaternion * quaternion, -1)
     xx, yy, zz, xy, xz, yz = x * x * s, y * y * s, z * z * s, x * y * s, x * z * s, y * z * s
     wx, wy, wz = w * x * s, w * y * s, w * z * s
     rows = [1 - yy - zz, xy - wz, xz + wy, xy + wz, 1 - xx - zz, yz - wx, xz - wy, yz + wx, 1 - xx - yy]
@@ -129,8 +132,8 @@ class RigidBody(PhysicsModel):
         for effect in self.effects:
             if isinstance(effect, HubEffect):
                 hub = effect.hub_force(motion)
-                force = force + hub.sum(-2)
-                torque = torque + cross(tensor(model.rotor_positions, state), hub).sum(-2)
+                force = force + total(hub, -2)
+                torque = torque + total(cross(tensor(model.rotor_positions, state), hub), -2)
             elif isinstance(effect, LoadEffect) and not isinstance(effect, InternalEffect):
                 more_force, more_torque = effect.load(motion)
                 force, torque = force + more_force, torque + more_torque
@@ -139,7 +142,7 @@ class RigidBody(PhysicsModel):
     def _acceleration(self, motion: Motion, force: Tensor) -> Tensor:
         mass, gravity = (tensor(c, force).unsqueeze(-1) for c in (motion.model.mass, motion.model.gravity))
         weight = tensor((0.0, 0.0, 1.0), force) * gravity
-        return (motion.rotation * force.unsqueeze(-2)).sum(-1) / mass - weight
+        return turned(motion.rotation, force) / mass - weight
 
     def _motion(
         self,
@@ -160,7 +163,7 @@ class RigidBody(PhysicsModel):
         for effect in self.effects:
             if isinstance(effect, WindEffect):
                 through_air = through_air - effect.wind(velocity)
-        air = (rotation * through_air.unsqueeze(-1)).sum(-2)
+        air = turned_back(rotation, through_air)
         drives = inputs.shape[-1] - len(self.extras)
         extras = {name: inputs[..., drives + i] for i, name in enumerate(self.extras)}
         slopes = torch.zeros_like(inputs) if input_rates is None else input_rates
@@ -180,11 +183,11 @@ class RigidBody(PhysicsModel):
         xy, xz, yz = tensor(products, torque).unbind(-1) if isinstance(products, Tensor) else products
         xx, yy, zz = principal.unbind(-1)
         inertia = vector((xx, xy, xz, xy, yy, yz, xz, yz, zz), torque).unflatten(-1, (3, 3))
-        torque = torque - cross(rates, (inertia * rates.unsqueeze(-2)).sum(-1))
+        torque = torque - cross(rates, turned(inertia, rates))
         # Cramer's rule: the cross products of the rows are the columns of J⁻¹ times its determinant.
         cofactors = cross(inertia[..., (1, 2, 0), :], inertia[..., (2, 0, 1), :])
         determinant = (inertia[..., 0, :] * cofactors[..., 0, :]).sum(-1, keepdim=True)
-        return (cofactors * torque.unsqueeze(-1)).sum(-2) / determinant
+        return turned_back(cofactors, torque) / determinant
 
     def project(self, state: Tensor) -> Tensor:
         """The state (…, s) with its quaternion at unit length."""

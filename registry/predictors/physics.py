@@ -12,6 +12,7 @@ from registry.contracts import Dataset, Predictor, PredictorEntry, Problem, Stat
 from registry.core import PREDICTORS, option
 from registry.errors import BenchError
 from registry.predictors.white_box import WhiteBox, default_signals
+from registry.regular_file import regular
 
 
 class PhysicsPredictor(Predictor):
@@ -80,6 +81,6 @@ def digest(file: str) -> str:
     if not file:
         return ""
     try:
-        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+        return hashlib.sha256(regular(Path(file)).read_bytes()).hexdigest()
     except OSError as error:
         raise BenchError(f"{file} cannot be read: {error.strerror or error}.") from error

@@ -6,7 +6,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 
+from bench.cli import cli
+from bench.cli.diagnosing import load
 from registry.contracts import Loaded
 from registry.datasets.folder import Folder, check
 from registry.errors import BenchError
@@ -72,6 +75,57 @@ def test_the_rate_wanted_need_not_be_that_of_the_log(tmp_path: Path) -> None:
     assert "logged at 200 Hz, put on 80 Hz" in loaded.findings[0].detail
     almost = logged(tmp_path, 200, lambda d: d, 199.999)
     assert len(kept(almost)[0]) == 400 and not almost.findings
+
+
+def late(t: np.ndarray) -> np.ndarray:
+    """Every fiftieth sample is stamped three periods late, and those after it at once."""
+    period = t[1] - t[0]
+    return np.array(t) + period * np.select([np.arange(len(t)) % 50 == i for i in range(4)], [3.0, 2.2, 1.4, 0.6], 0.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d.drop(index=np.random.default_rng(1).choice(np.arange(1, 399), 40, replace=False)),
+        lambda d: d.assign(t=late(d.t.to_numpy())),
+        lambda d: d.assign(t=(d.index // 3) * 3 / 200 + 1e-3 * (d.index % 3)),
+        lambda d: d.assign(t=d.t + np.random.default_rng(2).uniform(-0.3, 0.3, len(d)) / 200),
+        lambda d: d.assign(t=d.t + 30.0 * (d.index > 220)),
+    ],
+    ids=["dropped", "late", "stamped in threes", "jittering", "paused"],
+)
+def test_a_clock_that_stumbles_does_not_drift(tmp_path: Path, change: Callable[[pd.DataFrame], pd.DataFrame]) -> None:
+    loaded = logged(tmp_path, 200, change)
+    assert not [f for f in loaded.findings if f.kind == "resampled"]
+
+
+def test_a_clock_that_stumbles_and_drifts_is_refused(tmp_path: Path) -> None:
+    drifting = np.cumsum(np.linspace(0.9, 1.1, 400)) / 200
+    lost = np.random.default_rng(1).choice(np.arange(1, 399), 40, replace=False)
+    for change in (
+        lambda d: d.assign(t=drifting).drop(index=lost),
+        lambda d: d.assign(t=late(drifting)),
+        lambda d: d.assign(t=drifting, y=d.y.where(d.index % 4 == 0)),
+    ):
+        with pytest.raises(BenchError, match="the clock runs from"):
+            logged(tmp_path, 200, change)
+
+
+def test_what_was_made_of_a_log_is_said_wherever_it_is_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in "ab":
+        t = np.arange(300) / 80
+        data = pd.DataFrame({"t": t, "q": motion(t + (name == "b")), "w": 2 * np.pi * np.cos(2 * np.pi * t)})
+        data.to_csv(tmp_path / f"{name}.csv", index=False)
+    (tmp_path / "dataset.toml").write_text(
+        'name = "x"\nsystem = "pendulum"\nrate_hz = 100\nfiles = "*.csv"\ntime = "t"\n[signals]\n'
+        'angle = {columns = ["q"], unit = "rad"}\nangle_rate = {columns = ["w"], unit = "rad/s"}\n'
+        "[physics]\nlength = 0.5\n"
+    )
+    said = "logged at 80 Hz, put on 100 Hz"
+    for command in (["data", "check", tmp_path], ["run", "constant", "--dataset", tmp_path, "-T", 20, "--dry-run"]):
+        assert said in CliRunner().invoke(cli, list(map(str, command))).output.replace("\n", " ")
+    subject, _ = load(str(tmp_path), None, None)
+    assert said in capsys.readouterr().err and any(said in note for note in subject.notes)
 
 
 def test_one_recording_is_cut_into_parts_and_two_are_enough(tmp_path: Path) -> None:

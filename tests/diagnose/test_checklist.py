@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from mistakes import MISTAKES, VEHICLES, Set, flown
 from scipy.spatial.transform import Rotation
 
-from bench.cli.data import data_command
+from bench.cli.commands.data import data_command
 from bench.diagnose.checks.checklist import check, check_folder, check_subject
 from bench.diagnose.checks.mistake import Mistake
 from bench.diagnose.checks.recorded import flying, of_folder

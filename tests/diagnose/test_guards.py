@@ -171,7 +171,7 @@ def test_a_widely_uncertain_constant_does_not_stand_in_for_an_effect_that_is_tak
     for model in (replace(subject.model, effects=(friction,)), subject.model):
         linear = search.look(model, broad=False).linear
         rows = linear.project(weak.TestFunctions.over(search.stack.logs, search.hop, [search.smoothing["speed"]]))
-        normal = rows.normal([np.ones(1)] * rows.channels)
+        normal = rows.normal()
         misfits.append(Subsets(linear, normal, search.nominal).fit(drop=range(len(model.effects))).misfit)
     assert misfits[0] == pytest.approx(misfits[1], rel=1e-6)
 

@@ -51,6 +51,58 @@ def test_what_a_class_lacks_is_one_sentence(absent: str, says: str, tmp_path: Pa
         physics_class(f"{tmp_path}/mine.py:Cart")
 
 
+CHANNELS = '(Channel("displacement.q", "m"), Channel("speed.q", "m/s"))'
+DERIVATIVE = "    def derivative(self, state, inputs, input_rates=None):\n        return {}\n\n    def own_force"
+FORCE = "return tensor(self.gain, state).unsqueeze(-1) * inputs"
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "says"),
+    [
+        (FORCE, "return self.gian * inputs", r"Cart.derivative, line 19 fails with AttributeError: .*gian"),
+        (FORCE, "return inputs @ state", r"Cart.derivative, line 19 fails with RuntimeError"),
+        (FORCE, "raise SystemExit(0)", r"Cart.derivative, line 19 fails with SystemExit"),
+        (FORCE, "return own_force(self, state, inputs)", r"line 19 fails with NameError"),
+        (FORCE, "return self.own_force(state, inputs)", r"line 19 fails with RecursionError"),
+        ("def own_force(self, state, inputs):", "def own_force(self):", r"Cart.derivative fails with TypeError"),
+        ('("voltage",)', '"voltage"', r"input_signals must be a tuple"),
+        ('("voltage",)', '("volt",)', r"'volt', which is no signal: did you mean voltage"),
+        (
+            '(Channel("displacement.q", "m"), Channel("speed.q", "m/s"))',
+            "()",
+            r"state_channels must be a tuple of Channel",
+        ),
+        (CHANNELS, '("q", "v")', r"must be a tuple of Channel"),
+        ('equation = "M a = g u"', "equation = 3", r"equation must be a text"),
+        ("class Cart(Mechanical):", "class Cart(Mechanical)", r"mine.py, line 11 fails with SyntaxError"),
+        ("from typing import Any", "from typing import Amy", r"mine.py, line 3 fails with ImportError"),
+        ("@dataclass(frozen=True)", "import sys; sys.exit(3)", r"mine.py, line 10 fails with SystemExit: 3"),
+        ("@dataclass(frozen=True)", "@dataclass", r"mine.py, line 10 fails with TypeError"),
+        (
+            "    def own_force",
+            DERIVATIVE.format("state[..., :1]"),
+            r"derivative makes \(3, 1\) of states \(3, 2\) and inputs \(3, 1\)",
+        ),
+        (
+            "    def own_force",
+            DERIVATIVE.format("0.0"),
+            r"derivative returns float, where a tensor \(…, 2\) is due",
+        ),
+        (
+            "    def own_force",
+            "    def project(self, state):\n        state / 2\n\n    def own_force",
+            r"project returns NoneType",
+        ),
+    ],
+)
+def test_a_mistake_in_a_class_is_one_sentence_with_its_line(was: str, becomes: str, says: str, tmp_path: Path) -> None:
+    assert was in CART
+    (tmp_path / "mine.py").write_text(CART.replace(was, becomes, 1))
+    with pytest.raises(BenchError, match=says) as error:
+        physics_class(f"{tmp_path}/mine.py:Cart")
+    assert "\n" not in str(error.value)
+
+
 def test_a_class_takes_the_effects_of_the_one_it_derives_from() -> None:
     class Torsion(Oscillator):
         """A disc on a wire."""

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from scipy.signal import lfilter
 
-from bench.diagnose.regression.least_squares import Normal, bounded, filtered, whitening
+from bench.diagnose.regression.least_squares import Normal, bounded, whitening
+from bench.diagnose.regression.rows import Rows, filtered
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -50,3 +52,29 @@ def test_normal_equations_hold_a_part_out():
     assert misfit == pytest.approx(((y[kept] - x[kept] @ expected) ** 2).sum(), rel=1e-6)
     held_out = ((y[10:20] - x[10:20] @ expected) ** 2).sum()
     assert normal.losses([0, 1], beta)[1, 0] == pytest.approx(held_out, rel=1e-6)
+
+
+def test_rows_of_the_columns_that_act_give_the_normal_equations_of_all():
+    """Against the plain way: every channel with every column, zeros and all, through SciPy's filter."""
+    rng = np.random.default_rng(2)
+    acting, width, filters = ([0, 2, 5], [1, 2, 5]), 5, [np.array([2.0, -1.0]), np.array([1.0, 0.5])]
+    parts = tuple(
+        tuple(rng.normal(size=(n, len(a))) for a in acting) for n in (51, 41)
+    )  # so that blocks of 5 and 4 come out even
+    rows = Rows(parts, tuple(map(np.array, acting)), width, 0.1)
+    full = np.zeros((2, 2, width + 1, width + 1))  # logs, channels
+    beta, left = rng.normal(size=width), []
+    for i, log in enumerate(parts):
+        for c, (x, a) in enumerate(zip(log, acting, strict=True)):
+            dense = np.zeros((len(x), width + 1))
+            dense[:, a] = x
+            left.append(dense @ np.append(-beta, 1.0))
+            white = lfilter(filters[c], 1.0, dense, axis=0)[len(filters[c]) - 1 :]
+            full[i, c] = white.T @ white
+    white = rows.whitened(filters)
+    np.testing.assert_allclose(sum(white.folds()), full.sum((0, 1)), atol=1e-12)
+    np.testing.assert_allclose(white.power(), full.sum(0).diagonal(axis1=1, axis2=2), atol=1e-12)
+    np.testing.assert_allclose(np.concatenate([r.T.ravel() for r in rows.residuals(beta)]), np.concatenate(left))
+    np.testing.assert_allclose(white.less(white.some([0, 1, 2, 3, 4])).power(), 0.0, atol=1e-12)
+    some = [1, 2, 5]  # the last is the residual
+    np.testing.assert_allclose(white.some(some[:-1]).normal().total, full.sum((0, 1))[np.ix_(some, some)], atol=1e-12)

@@ -4,7 +4,7 @@ import io
 import json
 import shutil
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,8 @@ import pytest
 import scipy.io
 from datasets.test_folder import TOML, table
 from faults.test_kills import study
-from hypothesis import HealthCheck, given, settings
+from fuzz.inputs import EDITS, WORDS, cases, edited, one_sentence
+from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
@@ -31,48 +32,8 @@ from bench.training.predict import read_table
 from registry import model_file
 from registry.datasets.folder import check as check_folder
 from registry.datasets.matlab import read_cell_structs, read_v5
-from registry.errors import BenchError
 
 CLAIMS = Path(__file__).parents[2] / "results" / "paper" / "claims.toml"
-WORDS = ["nan", "inf", "-1e999", "1e308", "", '"', "\x00", "é", "\ufeff", "[", "]", "{", "}", "=", ",", "\n", "true"]
-WORDS += ["../..", "/etc/passwd", "1" * 400, "-", "0x1", "'''", "99999999999999999999", "[" * 3000, "NaN", "null", "{}"]
-EDITS = st.lists(
-    st.tuples(
-        st.floats(0, 1),
-        st.one_of(st.binary(min_size=1, max_size=6), st.sampled_from([w.encode() for w in WORDS])),
-        st.integers(0, 60),
-    ),
-    min_size=1,
-    max_size=4,
-)
-"""Where, what is put there, how many bytes it replaces."""
-
-
-def cases(count: int) -> Callable[[Any], Any]:
-    return settings(
-        max_examples=count,
-        derandomize=True,
-        database=None,
-        deadline=None,
-        suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-    )
-
-
-def edited(content: bytes, edits: list[tuple[float, bytes, int]]) -> bytes:
-    for where, what, over in edits:
-        at = int(where * len(content))
-        content = content[:at] + what + content[at + over :]
-    return content
-
-
-def one_sentence(action: Callable[[], object]) -> None:
-    """Does it, or says in one line why not."""
-    try:
-        action()
-    except BenchError as error:
-        said = str(error)
-        assert said.strip() and "\n" not in said.rstrip("\n"), repr(said)
-        assert len(said) <= 2000, said[:200]
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,6 @@
 """Read measurements and the physics model of their system, by name, from a folder or from a file of one's own."""
 
 import dataclasses
-import importlib.util
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +8,10 @@ from typing import Any
 
 from bench.diagnose.logs.differences import centred
 from bench.diagnose.logs.meant import as_meant
+from bench.diagnose.logs.own_system import own_class
 from bench.diagnose.logs.smoothing import stated
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
 from registry.core import DATASETS, PHYSICS
 from registry.datasets.folder import Folder
@@ -20,8 +20,6 @@ from registry.errors import BenchError, near
 from registry.model_file import constants_of
 from registry.stated import refuse_unstated
 
-_TOLD = ("state_channels", "input_signals", "equation")
-"""What a physics model says of itself."""
 HELD_OUT = 1 / 3
 """Share of the recordings that only test."""
 
@@ -55,7 +53,8 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         refuse_unstated(dataset, kind)
     if isinstance(dataset, Folder) and not dataset.system:  # nobody has checked them yet
         constants = constants_of(f"{dataset.described} [physics]", kind().parameters(), constants)
-    recordings = tuple(as_meant(r, kind) for r in dataset.load().recordings)
+    read = dataset.load()
+    recordings = tuple(as_meant(r, kind) for r in read.recordings)
     signals = set.intersection(*({c.group for c in r.channels} for r in recordings))
     if model is None:
         known = {f.name for f in dataclasses.fields(kind)}
@@ -65,6 +64,12 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         extras = ("battery",) if "battery" in signals - {drive} and _columns(recordings[0], "battery") == 1 else ()
         model = kind(**given, input_hold=dataset.input_hold, extras=(*extras, "time"))
     names = [r.name for r in recordings]
+    smoothing = stated(processing)
+    if smoothing is not None and smoothing.window > (shortest := min(map(len, recordings))):
+        raise BenchError(
+            f"{dataset.label}: [processing] smoothing over {smoothing.window} samples is longer than a recording of "
+            f"{shortest}: give the window of the filter that the data went through."
+        )
     training, held_out = partition(dataset, names)
     subject = Subject(
         dataset.label,
@@ -72,11 +77,12 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         tuple(log_of(r, model, drive) for r in recordings),
         training,
         held_out,
-        stated(processing),
+        smoothing,
         {k: float(v) for k, v in dict(processing.get("noise", {})).items()},
         uncertainty,
         tuple(sorted(signals)),
-        notes=_taken(dataset, model) if nominal and isinstance(dataset, Folder) else (),
+        notes=(*read.made, *(_taken(dataset, model) if nominal and isinstance(dataset, Folder) else ())),
+        resampled=read.made,
         folder=dataset.path if isinstance(dataset, Folder) else "",
     )
     return centred(subject)
@@ -126,35 +132,10 @@ def physics_class(system: str) -> Any:
     """A physics model's class by registered name, or from "path/to/file.py:Class" (which runs that file).
 
     Raises:
-        BenchError: no such model, file or class.
+        BenchError: no such model, file or class, or a class that cannot be used.
     """
-    path, colon, name = system.rpartition(":")
-    if not colon or not path.endswith(".py"):
-        return PHYSICS.get(system)
-    file = Path(path)
-    if not file.is_file():
-        raise BenchError(f"--system {system}: the file {file} does not exist.")
-    module_name = f"_system_{file.stem}"
-    spec = importlib.util.spec_from_file_location(module_name, file)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[module_name] = module
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise BenchError(f"--system {system}: {file} fails with {type(error).__name__}: {error}.") from error
-    kind = getattr(module, name, None)
-    if not (isinstance(kind, type) and issubclass(kind, PhysicsModel)):
-        raise BenchError(f"--system {system}: {file} has no class {name} that derives from PhysicsModel.")
-    missing = sorted(kind.__abstractmethods__) + [n for n in _TOLD if not hasattr(kind, n)]
-    if missing:
-        raise BenchError(f"--system {system}: {name} lacks {', '.join(missing)}.")
-    return kind
-
-
-def registered(source: str) -> bool:
-    """Whether ``source`` means a registered data set: a folder of that name goes first if it describes data."""
-    return source in DATASETS.names() and not (Path(source) / "dataset.toml").is_file()
+    path, colon, _ = system.rpartition(":")
+    return own_class(system) if colon and path.endswith(".py") else PHYSICS.get(system)
 
 
 def _dataset(source: str | Path) -> Dataset:

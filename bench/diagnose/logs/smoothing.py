@@ -8,6 +8,10 @@ from scipy.signal import savgol_coeffs
 from registry.errors import BenchError, near
 
 KINDS = ("none", "savgol", "mean")
+LONGEST = 2001
+"""Samples of a window."""
+HIGHEST = 20
+"""Order of a local polynomial; beyond it its weights are rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,10 @@ class Smoothing:
             raise BenchError(f"smoothing: kind = {self.kind!r}: {near(str(self.kind), KINDS)}")
         if self.kind != "none" and (self.window < 3 or self.window % 2 == 0):
             raise BenchError(f"smoothing: window = {self.window!r} must be an odd number of samples, 3 or more.")
+        if self.window > LONGEST:
+            raise BenchError(f"smoothing: window = {self.window!r:.60} is longer than {LONGEST} samples: no filter is.")
+        if self.kind == "savgol" and self.order > HIGHEST:
+            raise BenchError(f"smoothing: order = {self.order!r:.60} is no local polynomial: give {HIGHEST} at most.")
         if self.kind == "savgol" and not 0 < self.order < self.window:
             raise BenchError(f"smoothing: order = {self.order!r} must lie between 1 and window − 1.")
 
@@ -83,6 +91,6 @@ def stated(processing: dict[str, object]) -> Smoothing | None:
     if not isinstance(table, dict) or set(table) - {"kind", "window", "order"}:
         raise BenchError('[processing] smoothing must be written {kind = "savgol", window = 9, order = 3}.')
     window, order = table.get("window", 1), table.get("order", 3)
-    if not isinstance(window, int) or not isinstance(order, int):
+    if type(window) is not int or type(order) is not int:
         raise BenchError("[processing] smoothing: window and order are whole numbers of samples.")
     return Smoothing(str(table.get("kind", "savgol")), window, order, derived=True)

@@ -65,6 +65,8 @@ class Subject:
     """Whether the inputs are read at the times at which they act; see `select.input_timing`."""
     notes: tuple[str, ...] = ()
     """What was done to the measurements, in sentences."""
+    resampled: tuple[str, ...] = ()
+    """Those of them that say where samples are not as they were logged."""
     folder: str = ""
     """Where they were read from, if a dataset.toml describes them."""
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from bench.diagnose.regression.least_squares import equilibrium, ridge
-from bench.diagnose.regression.weak import Stack, TestFunctions
+from bench.diagnose.regression.weak import Stack
 from registry.dynamics import PhysicsModel
 from registry.physics.rigid_body import RigidBody, rotation_matrix
 
@@ -41,20 +41,45 @@ class Dictionary:
     @property
     def reach(self) -> tuple[frozenset[int], ...]:
         """A term: the channels that it acts on."""
-        of_axis = [frozenset(map(int, np.flatnonzero(np.abs(a).max((0, 1))))) for a in self.axes]
-        return tuple(channels for channels, some in zip(of_axis, self.members, strict=True) for _ in some)
+        channels = self.on_channels(self.axes.shape[-1])
+        out: list[set[int]] = [set() for _ in self.terms]
+        for c, blocks in enumerate(channels):
+            for block in blocks:
+                for place in block.places:
+                    out[place].add(c)
+        return tuple(map(frozenset, out))
 
-    def project(self, tests: TestFunctions, log: int, dt: float) -> np.ndarray:
-        """Rows (terms, J, channels) of one log."""
-        count = tests.measured[log].shape[1]
-        out = []
-        for direction, some in zip(self.axes[:, log, :count], self.members, strict=True):
-            values = self.values[some, log, :count]
-            rows = np.zeros((len(some), tests.measured[log].shape[0], self.axes.shape[-1]))
-            for c in np.flatnonzero(np.abs(direction).max(0)):
-                rows[..., c] = (tests.modelled[log][c] @ (values * direction[:, c]).T).T * dt
-            out.append(rows)
-        return np.concatenate(out)
+    def on_channels(self, channels: int) -> list[list["Block"]]:
+        """A channel: the terms that act on it, axis by axis."""
+        last = np.cumsum([len(some) for some in self.members])
+        blocks = [
+            (axis, np.arange(end - len(some), end), some)
+            for axis, (some, end) in enumerate(zip(self.members, last, strict=True))
+        ]
+        acts = np.abs(self.axes).max((1, 2)) > 0
+        return [[Block(i, c, places, some) for i, places, some in blocks if acts[i, c]] for c in range(channels)]
+
+    def of_log(self, log: int) -> np.ndarray:
+        """Every function (N − 1, functions) of one log."""
+        return np.ascontiguousarray(self.values[:, log].T)
+
+    def along(self, block: "Block", log: int, values: np.ndarray) -> np.ndarray:
+        """Rates (N − 1, terms) that the terms of a block add to its channel, of the functions `of_log`."""
+        some = values if len(block.members) == values.shape[1] else values[:, block.members]
+        out: np.ndarray = some * self.axes[block.axis, log, :, block.channel, None]
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The terms along one axis, as they act on one channel."""
+
+    axis: int
+    channel: int
+    places: np.ndarray
+    """(terms,) among all terms."""
+    members: np.ndarray
+    """(terms,) the function that each is."""
 
 
 def dictionary(model: PhysicsModel, stack: Stack, channels: tuple[int, ...]) -> Dictionary:

@@ -56,15 +56,6 @@ def whitening(residual: Sequence[np.ndarray], order: int) -> np.ndarray:
     return np.concatenate([[1.0], -ar]) / np.sqrt(max(innovation, 1e-300))
 
 
-def filtered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """The whitened series (J − order, …) of one (J, …); nothing is left of a short one."""
-    order = len(coefficients) - 1
-    if len(series) <= order:
-        return series[:0]
-    out: np.ndarray = sum(c * series[order - k : len(series) - k] for k, c in enumerate(coefficients))
-    return out
-
-
 def equilibrium(diagonal: np.ndarray) -> np.ndarray:
     """Factors that bring the diagonal of normal equations to 1, and leave the row of an empty column alone."""
     return np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)

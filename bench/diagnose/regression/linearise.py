@@ -8,20 +8,16 @@ import numpy as np
 import torch
 
 from bench.diagnose.regression.generic import Dictionary
-from bench.diagnose.regression.least_squares import Normal, filtered
 from bench.diagnose.regression.parameters import Entry, effect_entries, entries, probes, with_values
+from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
 
 UNSTABLE = 1e6
 """Rates, relative to the model's own, that no physical effect adds."""
-FOLDS = 3
-"""Fewest parts of which each is held out once: recordings, or stretches of them where there are fewer."""
 WIDE = 0.2
 """Relative 1σ of a constant from which what an effect does depends on it too much for one linearisation."""
-BLOCK_SECONDS = 4.0
-"""Length of the blocks whose losses are compared: longer than what is left in a residual remembers."""
 
 
 @dataclass(frozen=True)
@@ -91,88 +87,29 @@ class Directions:
                 columns[list(s.instead.values())] = noisy.columns[list(its.instead.values())]
         return replace(self, rates=noisy.rates, columns=columns)
 
-    def project(self, tests: TestFunctions, more: Dictionary | None = None) -> "Rows":
+    def project(self, tests: TestFunctions, more: Dictionary | None = None) -> Rows:
         """Rows of the weak form, with the terms of a dictionary as further columns."""
-        dt, out = self.stack.dt, []
+        dt, count = self.stack.dt, len(self.columns)
+        terms = [] if more is None else more.on_channels(len(self.channels))
+        width = count + (0 if more is None else len(more.terms))
+        own = [np.flatnonzero(np.abs(self.columns[..., c]).max((1, 2))) for c in range(len(self.channels))]
+        acting = [
+            np.concatenate([mine, *(count + place.places for place in places), [width]]).astype(int)
+            for mine, places in zip(own, terms or [[]] * len(own), strict=True)
+        ]
+        out = []
         for i, log in enumerate(self.stack.logs):
-            columns = tests.integral(i, self.columns[:, i], dt)
-            terms = columns[:0] if more is None else more.project(tests, i, dt)
             measured = tests.increment(i, log.states.numpy()[:, list(self.channels)])
-            left = measured - tests.integral(i, self.rates[None, i], dt)[0]
-            out.append(np.concatenate([columns, terms, left[None]]))
-        return Rows(tuple(out), tests.hop * dt)
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """The weak form of a model and of what could explain its residual."""
-
-    columns: tuple[np.ndarray, ...]
-    """A log: (c + 1, J, channels), the last is the residual."""
-    hop: float
-    """[s]."""
-
-    @property
-    def width(self) -> int:
-        """Number of columns without the residual."""
-        return self.columns[0].shape[0] - 1
-
-    @property
-    def channels(self) -> int:
-        """Number of channels."""
-        return self.columns[0].shape[2]
-
-    def normal(self, filters: Sequence[np.ndarray], noise: np.ndarray | None = None) -> Normal:
-        """Normal equations, block by block, of the rows whitened by a filter a channel.
-
-        Args:
-            filters: whitening filters.
-            noise: (channels, c + 1, c + 1) what a row owes to noise of the inputs; it is taken off.
-        """
-        grams, fold, count = [], [], []
-        parts = 1 if len(self.columns) >= FOLDS else -(-FOLDS // len(self.columns))
-        for i, x in enumerate(self.whitened(filters)):
-            length = max(1, min(round(BLOCK_SECONDS / self.hop), x.shape[1] // (5 * parts)))
-            for start in range(0, x.shape[1], length):
-                rows = x[:, start : start + length]  # (channels, rows, c + 1)
-                if rows.shape[1] >= length // 2 or x.shape[1] < length:
-                    gram = np.matmul(rows.transpose(0, 2, 1), rows)
-                    grams.append(gram if noise is None else gram - rows.shape[1] * noise)
-                    fold.append(i * parts + min(start * parts // x.shape[1], parts - 1))
-                    count.append(rows.shape[1])
-        return Normal(np.stack(grams), np.array(fold), np.array(count))
-
-    def folds(self, filters: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """A fold: normal equations (c + 1, c + 1) of its whitened rows, all channels together."""
-        parts = 1 if len(self.columns) >= FOLDS else -(-FOLDS // len(self.columns))
-        return [
-            np.matmul(piece.transpose(0, 2, 1), piece).sum(0)
-            for x in self.whitened(filters)
-            for piece in np.array_split(x, parts, axis=1)
-        ]
-
-    def whitened(self, filters: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """A log: the whitened rows (channels, J', c + 1)."""
-        return [
-            np.stack([filtered(np.ascontiguousarray(x[:, :, c].T), f) for c, f in enumerate(filters)])
-            for x in self.columns
-        ]
-
-    def noise(self, perturbed: "Rows", filters: Sequence[np.ndarray]) -> np.ndarray:
-        """What a row owes to noise (channels, c + 1, c + 1), from the rows of inputs with such noise added again."""
-        moved = Rows(tuple(b - a for a, b in zip(self.columns, perturbed.columns, strict=True)), self.hop)
-        parts = moved.whitened(filters)
-        grams = sum(np.matmul(x.transpose(0, 2, 1), x) for x in parts)
-        out: np.ndarray = grams / max(1, sum(x.shape[1] for x in parts))
-        return out
-
-    def some(self, columns: Sequence[int]) -> "Rows":
-        """The rows with some of the columns; the last of them stands for the residual."""
-        return Rows(tuple(x[list(columns)] for x in self.columns), self.hop)
-
-    def residuals(self, beta: np.ndarray) -> list[np.ndarray]:
-        """A log: what all columns with these coefficients (c,) leave (J, channels)."""
-        return [x[-1] - np.tensordot(beta, x[:-1], axes=1) for x in self.columns]
+            values = None if more is None else more.of_log(i)
+            parts = []
+            for c, mine in enumerate(own):
+                left = measured[:, c] - tests.integral(i, c, self.rates[i, :, c], dt)
+                columns = [tests.integral(i, c, self.columns[mine, i, :, c].T, dt)]
+                if more is not None and values is not None:
+                    columns += [tests.integral(i, c, more.along(place, i, values), dt) for place in terms[c]]
+                parts.append(np.column_stack([*columns, left]))
+            out.append(tuple(parts))
+        return Rows(tuple(out), tuple(acting), width, tests.hop * dt)
 
 
 def directions(

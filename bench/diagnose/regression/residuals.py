@@ -104,7 +104,8 @@ def residuals(
     parts = []
     for i, log in enumerate(stack.logs):
         states = log.states.numpy()[:, columns]
-        parts.append(tests.increment(i, states) - tests.integral(i, rates[i][None], stack.dt)[0])
+        modelled = [tests.integral(i, c, rates[i, :, c], stack.dt) for c in range(len(columns))]
+        parts.append(tests.increment(i, states) - np.stack(modelled, axis=-1))
     mean = np.concatenate(parts) / (tests.hop * stack.dt)
     by_channel = {c: mean[:, i] for i, c in enumerate(columns)}
     if isinstance(model, RigidBody):

@@ -10,6 +10,7 @@ SINDy" (2021).
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -21,11 +22,14 @@ from torch import Tensor
 
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log
-from registry.dynamics import Effect, InternalEffect, Motion, PhysicsModel
+from bench.diagnose.regression.recurrence import solved
+from registry.dynamics import Effect, InternalEffect, PhysicsModel
 from registry.errors import BenchError
 from registry.physics.rigid_body import RigidBody
 
 M = TypeVar("M", bound=PhysicsModel)
+AT_ONCE = 8_000
+"""Samples, times models, whose rates are computed at once: what they need fits a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,40 +77,52 @@ def mean_rates(model: PhysicsModel, stack: Stack) -> Tensor:
     else:
         middle, slopes = (u0, torch.zeros_like(u0)) if held else ((u0 + u1) / 2, (u1 - u0) / stack.dt)
     state, many = model.project((before + after) / 2), how_many(model)
-    if many is not None:
-        state = state.expand(many, *state.shape)
-        middle = middle.expand(many, *middle.shape[-3:])
-        slopes = slopes.expand(many, *slopes.shape[-3:])
-    if model.internal_size:
-        path = _own_path(model, stack, middle, slopes)
-        own = (path[..., :-1, :] + path[..., 1:, :]) / 2
-        state = torch.cat([state.expand(*own.shape[:-1], size), own], dim=-1)
-    return model.derivative(state, middle, slopes)[..., :size]
+    path = None if not model.internal_size else _own_path(model, stack, *_of_all(many, middle, slopes))
+    shape = (*(() if many is None else (many,)), *state.shape[:-1])
+    out = state.new_empty(*shape, size)
+    step = max(1, AT_ONCE // max(1, math.prod(shape[:-1])))
+    for start in range(0, shape[-1], step):
+        part = slice(start, start + step)
+        at, *driven = _of_all(many, state[:, part], middle[..., part, :], slopes[..., part, :])
+        if path is not None:
+            own = (path[..., :-1, :][..., part, :] + path[..., 1:, :][..., part, :]) / 2
+            at = torch.cat([at.expand(*own.shape[:-1], size), own], dim=-1)
+        out[..., part, :] = model.derivative(at, *driven)[..., :size]
+    return out
+
+
+def _of_all(many: int | None, *signals: Tensor) -> list[Tensor]:
+    """Signals (…, L, N, n) as each of so many models sees them."""
+    return list(signals) if many is None else [x.expand(many, *x.shape[-3:]) for x in signals]
 
 
 def _transmitted(model: PhysicsModel, stack: Stack) -> Tensor:
     """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, after delays and lags."""
-    return _pass(model, stack)[1]
+    driving, extras, held = _driven(model, stack)
+    for effect in narrowed(model).input_effects():
+        driving = effect.passed(driving[..., 0, 0, :], driving, stack.dt, held)
+    return torch.cat([driving, extras], dim=-1)
 
 
 def memories(model: PhysicsModel, stack: Stack) -> Tensor:
     """Memories (…, L, N, size) of delays and lags at every sample, as the inputs until then left them."""
-    return _pass(model, stack)[0]
+    driving, _, held = _driven(model, stack)
+    parts = []
+    for effect in narrowed(model).input_effects():
+        memory, driving = effect.over(driving[..., 0, 0, :], driving, stack.dt, held)
+        parts.append(memory)
+    return torch.cat(parts, dim=-1)
 
 
-def _pass(model: PhysicsModel, stack: Stack) -> tuple[Tensor, Tensor]:
-    many, narrow = how_many(model), narrowed(model)
-    before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
+def _driven(model: PhysicsModel, stack: Stack) -> tuple[Tensor, Tensor, bool]:
+    """What drives the model over each interval (…, L, N − 1, 3, m), its extras alike, and whether samples are held."""
+    many, before, after = how_many(model), stack.inputs[:, :-1], stack.inputs[:, 1:]
     held = model.input_hold == "previous"
     segments = torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
     if many is not None:
         segments = segments.expand(many, *segments.shape)
     driving, extras = segments.split([segments.shape[-1] - len(model.extras), len(model.extras)], dim=-1)
-    parts = []
-    for effect in narrow.input_effects():
-        memory, driving = effect.over(driving[..., 0, 0, :], driving, stack.dt, held)
-        parts.append(memory)
-    return torch.cat(parts, dim=-1), torch.cat([driving, extras], dim=-1)
+    return driving, extras, held
 
 
 def own_states(model: PhysicsModel, stack: Stack) -> Tensor:
@@ -118,53 +134,43 @@ def own_states(model: PhysicsModel, stack: Stack) -> Tensor:
 
 
 def _own_path(model: PhysicsModel, stack: Stack, middle: Tensor, slopes: Tensor) -> Tensor:
-    many, narrow, size = how_many(model), narrowed(model), stack.states.shape[-1]
-    shape: tuple[int, ...] = (len(stack.logs),)
-    if many is not None:
-        shape = (many, *shape)
-        middle = middle.expand(many, *middle.shape[-3:])
-        slopes = slopes.expand(many, *slopes.shape[-3:])
+    """The effects' own states at every sample, by the midpoint rule."""
+    many, size = how_many(model), stack.states.shape[-1]
     states = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
-    own = stack.states.new_zeros(*shape, model.internal_size)
+    middle, slopes = _of_all(many, middle, slopes)
+    shape = (*(() if many is None else (many,)), *states.shape[:-1])
     if isinstance(model, RigidBody):
-        rate = _swing_rates(model, states, middle, slopes)
-    else:
+        at_once = _swing_rates(model, states, middle, slopes)
 
-        def rate(k: int, own: Tensor) -> Tensor:
-            at = states[:, k].expand(*shape, size)
-            return narrow.derivative(torch.cat([at, own], dim=-1), middle[..., k, :], slopes[..., k, :])[..., size:]
+        def through(own: Tensor) -> Tensor:
+            return own + stack.dt * at_once(own + stack.dt / 2 * at_once(own))
 
-    path = [own]
-    for k in range(states.shape[1]):
-        own = own + stack.dt * rate(k, own + stack.dt / 2 * rate(k, own))
-        path.append(own)
-    return torch.stack(path, dim=-2)
-
-
-def _swing_rates(model: RigidBody, states: Tensor, middle: Tensor, slopes: Tensor) -> Callable[[int, Tensor], Tensor]:
-    """Rates of the own states of a rigid body's effects at interval k: all that does not depend on them at once."""
-    narrow = narrowed(model)
-    seen, _, _, _, acceleration = model.unloaded(states, middle, slopes)
-    constants = narrow.unloaded(states[:, 0], middle[..., 0, :], slopes[..., 0, :])[0].model
-    effects = [e for e in narrow.effects if isinstance(e, InternalEffect)]
+        path = solved(through, shape, model.internal_size, stack.states)
+        if path is not None:
+            return path
+    narrow, own = narrowed(model), stack.states.new_zeros(*shape[:-1], model.internal_size)
 
     def rate(k: int, own: Tensor) -> Tensor:
-        now = Motion(
-            constants,
-            seen.position[..., k, :],
-            seen.velocity[..., k, :],
-            seen.rotation[..., k, :, :],
-            seen.body_rates[..., k, :],
-            seen.air_velocity[..., k, :],
-            seen.inputs[..., k, :],
-            seen.input_rates[..., k, :],
-            seen.thrust[..., k, :],
-            {name: x[..., k] for name, x in seen.extras.items()},
-        )
+        at = states[:, k].expand(*shape[:-1], size)
+        return narrow.derivative(torch.cat([at, own], dim=-1), middle[..., k, :], slopes[..., k, :])[..., size:]
+
+    one_by_one = [own]
+    for k in range(states.shape[1]):
+        own = own + stack.dt * rate(k, own + stack.dt / 2 * rate(k, own))
+        one_by_one.append(own)
+    return torch.stack(one_by_one, dim=-2)
+
+
+def _swing_rates(model: RigidBody, states: Tensor, middle: Tensor, slopes: Tensor) -> Callable[[Tensor], Tensor]:
+    """Rates (…, L, N − 1, i) of the own states of a rigid body's effects over all intervals, at own states."""
+    seen, _, _, _, acceleration = model.unloaded(states, middle, slopes)
+    effects = [e for e in model.effects if isinstance(e, InternalEffect)]
+
+    def rate(own: Tensor) -> Tensor:
         rates, at = [], 0
         for effect in effects:
             size = effect.internal_size
-            rates.append(effect.internal_rate(replace(now, internal=own[..., at : at + size]), acceleration[..., k, :]))
+            rates.append(effect.internal_rate(replace(seen, internal=own[..., at : at + size]), acceleration))
             at += size
         return torch.cat(rates, dim=-1)
 
@@ -231,10 +237,11 @@ class TestFunctions:
         out: np.ndarray = self.measured[log] @ np.diff(states, axis=0)
         return out
 
-    def integral(self, log: int, rates: np.ndarray, dt: float) -> np.ndarray:
-        """Weighted integrals (c, J, channels) of rates (c, ≥ N − 1, channels) over the log of that number."""
-        used = rates[:, : self.measured[log].shape[1]]
-        return np.stack([(rows @ used[..., c].T).T for c, rows in enumerate(self.modelled[log])], axis=-1) * dt
+    def integral(self, log: int, channel: int, rates: np.ndarray, dt: float) -> np.ndarray:
+        """Weighted integrals (J, …) of rates (≥ N − 1, …) of one channel over the log of that number."""
+        rows = self.modelled[log][channel]
+        out: np.ndarray = rows @ rates[: rows.shape[1]] * dt
+        return out
 
 
 def _rows(weights: np.ndarray, starts: np.ndarray, width: int) -> sparse.csr_matrix:

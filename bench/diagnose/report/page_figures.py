@@ -40,6 +40,8 @@ DOTS = 1500
 LABEL = 28
 """Characters of a label."""
 _STYLE: Any = {
+    # a matplotlibrc in the working directory has no say: it may ask for other programs
+    **{k: v for k, v in matplotlib.rcParamsDefault.items() if k != "backend"},
     **sns.axes_style("whitegrid"),
     "axes.edgecolor": GRID,
     "axes.facecolor": "none",

@@ -1,10 +1,18 @@
 """What a search for missing effects has learnt."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import pandas as pd
+
+from bench.analysis.display import Displayed, draw_bars, new_axes
+from bench.diagnose.result import effect_frame
 from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate, Ratio, Trace
 from registry.dynamics import Effect, PhysicsModel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +50,7 @@ class Loser:
 
 
 @dataclass(frozen=True, eq=False)
-class Discovery:
+class Discovery(Displayed):
     """What was learnt."""
 
     calibrated: PhysicsModel
@@ -73,3 +81,31 @@ class Discovery:
         if self.found:
             return "tie"
         return "unknown_effect" if self.traces else "nothing"
+
+    @property
+    def headline(self) -> str:
+        """The verdict, and what it is about."""
+        left = [f"{t.axis} follows {t.signal}" for t in self.traces]
+        return f"{self.verdict}: {', '.join([f.id for f in self.found] or left) or 'no effect is missing'}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """The effects found, one row a parameter.
+
+        Returns:
+            effect, parameter, value, low, high (95 %, SI), unit, share_explained (largest in one equation, 0 to 1),
+            indistinguishable_from.
+        """
+        return effect_frame(
+            (f.id, x.entry.label, x.value, x.low, x.high, x.entry.unit, f.share, f.rivals)
+            for f in self.found
+            for x in f.estimates
+        )
+
+    def plot(self) -> "Axes":
+        """What each effect saves of an equation's squared error that can be explained, with 95 % intervals."""
+        (axes,) = new_axes(1)
+        rows = [(f"{f.id}, {s.equation}", s) for f in self.found for s in f.savings]
+        shares = {"share": [100 * s.share for _, s in rows]}
+        limits = [[100 * getattr(s, end) for _, s in rows] for end in ("low", "high")]
+        draw_bars(axes, [name for name, _ in rows], shares, "share of what can be explained [%]", limits)
+        return axes

@@ -18,8 +18,9 @@ from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import equilibrium
-from bench.diagnose.regression.linearise import Directions, Rows, directions
+from bench.diagnose.regression.linearise import Directions, directions
 from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
 from bench.diagnose.select.search import Search, admissible, hop_of, noise_filters, shortened
 from bench.diagnose.simulate.unmeasured import hidden
@@ -159,7 +160,8 @@ class _Regression:
     def step(self, shift: float) -> tuple[float, float]:
         """Gauss–Newton step of the shift and its standard error [samples]."""
         rows, again = (self._rows(linear, shift, noisy) for linear, noisy in ((self.linear, False), (self.noisy, True)))
-        normal = rows.normal(self.whitening, rows.noise(again, self.whitening))
+        noise = rows.less(again).whitened(self.whitening).mean_gram()
+        normal = rows.whitened(self.whitening).normal(noise)
         gram = normal.total[:-1, :-1] + np.diag(_precision(self.linear, len(normal.total) - 1))
         scale = equilibrium(np.diag(gram))
         inverse = np.linalg.inv(gram * np.outer(scale, scale) + 1e-9 * np.eye(len(gram))) * np.outer(scale, scale)

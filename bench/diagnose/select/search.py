@@ -11,8 +11,9 @@ from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
 from bench.diagnose.regression.least_squares import ridge, whitening
-from bench.diagnose.regression.linearise import Directions, Rows, directions
+from bench.diagnose.regression.linearise import Directions, directions
 from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions
 from bench.diagnose.select.subset import Subsets
 from bench.diagnose.simulate.unmeasured import hidden
@@ -134,39 +135,39 @@ class Search:
         tests = TestFunctions.over(self.stack.logs, self.hop, filters_of)
         rows = linear.project(tests, look.dictionary)
         filters = noise_filters(rows, len(linear.own))
-        whitened = rows.whitened(filters)
-        count, width = len(linear.columns), rows.width
-        noises: list[np.ndarray | None] = [None]
+        white = rows.whitened(filters)
+        count, some = len(linear.columns), sum(white.counts())
         words = () if look.dictionary is None else look.dictionary.terms
-        if look.moved is not None:
-            noisy = [*range(count), *(count + i for i, t in enumerate(words) if t.signal in _OF_INPUT), width]
-            again = look.moved.project(tests, look.noisy_dictionary)
-            some = rows.some(noisy).noise(again.some(noisy), filters)
-            noise = np.zeros((len(filters), width + 1, width + 1))
-            noise[np.ix_(range(len(filters)), noisy, noisy)] = some
-            noises = [noise, None]
+        mine = white.some(range(count))
+        noisy = [*range(count), *(count + i for i, t in enumerate(words) if t.signal in _OF_INPUT)]
+        grams = white.folds() if words else []
+        noise, cleaned = None, grams
         buried, doubtful = frozenset[int](), frozenset[int]()
-        if noises[0] is not None:
-            power = np.asarray(sum((x**2).sum((0, 1)) for x in whitened))[:count]
-            rest = sum(x.shape[1] for x in whitened) * noises[0].sum(0).diagonal()[:count]
-            buried = frozenset(np.flatnonzero(rest > BURIED * power).tolist())
-            by_channel = sum((x**2).sum(1) for x in whitened)  # (channels, c + 1)
+        if look.moved is not None:
+            again = look.moved.project(tests, look.noisy_dictionary).some(noisy)
+            noise = rows.some(noisy).less(again).whitened(filters).mean_gram()
+            cleaned = _less(grams, [*noisy, rows.width], noise.sum(0) * some / max(1, len(grams)))
+            noise = noise[:, [*range(count), -1]][..., [*range(count), -1]]
+            by_channel = mine.power()
+            power = by_channel.sum(0)[:count]
+            buried = frozenset(np.flatnonzero(some * noise.sum(0).diagonal()[:count] > BURIED * power).tolist())
             hidden = [c for c in buried if c < len(linear.own)]
             doubtful = frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
         reach = () if look.dictionary is None else look.dictionary.reach
-        kept = [*range(count), width]
-        first = rows.some(kept)
-        plain = rows.folds(filters) if words else []
-        out = []
-        for off in noises:
-            normal = first.normal(filters, None if off is None else off[:, kept][..., kept])
-            grams = plain
-            if off is not None:
-                share = sum(x.shape[1] for x in whitened) / max(1, len(plain))
-                grams = [g - share * off.sum(0) for g in plain]
-            subsets = Subsets(linear, normal, self.nominal, buried)
-            out.append(View(linear, tuple(words), subsets, tuple(grams), reach, explained, doubtful))
-        return out
+
+        def view(noise: np.ndarray | None, grams: list[np.ndarray]) -> View:
+            subsets = Subsets(linear, mine.normal(noise), self.nominal, buried)
+            return View(linear, tuple(words), subsets, tuple(grams), reach, explained, doubtful)
+
+        return [view(noise, cleaned)] if noise is None else [view(noise, cleaned), view(None, grams)]
+
+
+def _less(grams: Sequence[np.ndarray], columns: Sequence[int], noise: np.ndarray) -> list[np.ndarray]:
+    """Normal equations with ``noise`` (c, c) of some columns taken off."""
+    out = [g.copy() for g in grams]
+    for gram in out:
+        gram[np.ix_(columns, columns)] -= noise
+    return out
 
 
 _ROLES = {"displacement": {"angle", "position"}, "speed": {"angle_rate", "velocity"}}
@@ -252,11 +253,11 @@ def noise_filters(rows: Rows, own: int) -> list[np.ndarray]:
     is left would be taken for all the noise there is.
     """
     spread = [
-        max(float(np.concatenate([x[-1, :, c] for x in rows.columns]).std()), 1e-300) for c in range(rows.channels)
+        max(float(np.concatenate([log[c][:, -1] for log in rows.parts]).std()), 1e-300) for c in range(rows.channels)
     ]
     filters = [np.array([1 / s]) for s in spread]
     for _ in range(2):
-        grams = rows.folds(filters)
+        grams = rows.whitened(filters).folds()
         columns = [*range(own), *(c for c, _ in follow(grams, list(range(own)), own, TELLING))]
         total = np.asarray(sum(grams))[np.ix_([*columns, -1], [*columns, -1])]
         beta = np.zeros(rows.width)

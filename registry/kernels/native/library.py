@@ -20,6 +20,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from registry.cache import cache_folder
 from registry.errors import BenchError, near
 
 NUMERICS = 2
@@ -90,7 +91,7 @@ def _load() -> Core:
     content = [p.name.encode() + b"\0" + p.read_bytes() for p in sources]
     parts = [*content, *(part.encode() for part in (*command, said, _cpu()))]
     key = hashlib.sha256(b"".join(hashlib.sha256(p).digest() for p in parts)).hexdigest()[:32]
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "multistep-bench" / "native"
+    folder = cache_folder() / "native"
     library = folder / f"{key}.so"
     label = f"{Path(compiler).name.split('-')[0]} {_major(said)}"
     if library.exists():
@@ -112,10 +113,17 @@ def _compiler() -> tuple[str, str]:
     if found is None:
         raise _Unavailable(f"no C++ compiler ({', '.join(wanted)}) is installed")
     try:
-        said = subprocess.run([found, "--version"], capture_output=True, text=True, timeout=60, check=True).stdout
+        said = _run(found, "--version")
     except (OSError, subprocess.SubprocessError) as error:
         raise _Unavailable(f"{found} does not run ({error})") from None
     return found, said
+
+
+def _run(*command: str, cwd: Path | None = None) -> str:
+    """What a program prints; one that asks for input gets none, rather than waiting for it."""
+    none = subprocess.DEVNULL
+    done = subprocess.run(command, stdin=none, cwd=cwd, capture_output=True, text=True, timeout=600, check=True)
+    return done.stdout
 
 
 def _major(version: str) -> str:
@@ -143,7 +151,7 @@ def _build(command: list[str], library: Path) -> None:
     except OSError as error:
         raise _Unavailable(f"the cache folder {library.parent} cannot be written ({error.strerror})") from None
     try:
-        subprocess.run([*command, "-o", draft], capture_output=True, text=True, timeout=600, check=True)
+        _run(*command, "-o", draft, cwd=library.parent)
         os.replace(draft, library)
     except subprocess.CalledProcessError as error:
         lines = [line for line in error.stderr.splitlines() if "error" in line] or error.stderr.splitlines() or ["?"]

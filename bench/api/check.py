@@ -1,0 +1,85 @@
+"""`bench.check`: a verdict on every claim of the paper, and on every number that this suite published."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from bench.analysis.display import Displayed
+from bench.claims import claim, evidence, judge
+from bench.claims import published as regression
+from registry.errors import BenchError, near
+
+
+@dataclass(frozen=True, eq=False)
+class Verdicts(Displayed):
+    """What became of every claim, and of every published number that was made again here."""
+
+    rows: tuple[judge.Row, ...]
+    """One a claim and data set."""
+    published: tuple[regression.Held, ...]
+
+    @property
+    def headline(self) -> str:
+        """How many verdicts of each kind, and whether the published numbers hold."""
+        counts = pd.Series([r.judgement.verdict for r in self.rows], dtype=object).value_counts()
+        said = ", ".join(f"{n} {verdict}" for verdict, n in counts.items())
+        held = sum(h.holds for h in self.published)
+        return f"{said}; {held} of {len(self.published)} published numbers that were made again hold"
+
+    @property
+    def lost(self) -> tuple[regression.Held, ...]:
+        """Published numbers that no longer hold."""
+        return tuple(h for h in self.published if not h.holds)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row a claim and data set.
+
+        Returns:
+            claim, published (as the paper has it), dataset, value, low, high (95 %, in the unit named), unit, verdict,
+            basis.
+        """
+        return pd.DataFrame(
+            [
+                (
+                    r.claim.id,
+                    r.claim.said,
+                    r.dataset,
+                    r.judgement.value,
+                    r.judgement.low,
+                    r.judgement.high,
+                    r.claim.unit,
+                    r.judgement.verdict,
+                    r.judgement.basis,
+                )
+                for r in self.rows
+            ],
+            columns=["claim", "published", "dataset", "value", "low", "high", "unit", "verdict", "basis"],
+        )
+
+
+def check(
+    claims: Sequence[str] | None = None, results: str | Path = "results", published: str | Path | None = None
+) -> Verdicts:
+    """Judge the claims of the paper by what was published with this suite and what was run here.
+
+    Args:
+        claims: their ids; default: all.
+        results: folder whose finished studies are evidence.
+        published: folder of the published numbers; default: the checkout's results/published.
+
+    Raises:
+        BenchError: an unknown id, or files that cannot be read.
+    """
+    known = claim.read(None)
+    ids = {c.id for c in known.claims}
+    for name in claims or ():
+        if name not in ids:
+            raise BenchError(f"There is no claim {name!r}: {near(name, ids)}")
+    folder = claim.checkout() / "results" / "published" if published is None else Path(published)
+    wanted = ids if claims is None else set(claims)
+    facts = any(c.id in wanted and not c.study for c in known.claims)
+    rows = judge.judge(known, evidence.gather(folder, Path(results) / "studies"), facts=facts)
+    held = regression.check(folder, Path(results))
+    return Verdicts(tuple(r for r in rows if r.claim.id in wanted), tuple(held))

@@ -1,0 +1,176 @@
+"""`bench data`: look at recordings, describe a folder of one's own, check it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.markup import escape
+from rich.table import Table
+
+from bench.cli import options
+from bench.cli.names import check_dataset
+from registry.errors import BenchError
+
+if TYPE_CHECKING:
+    from registry.contracts import Finding
+
+
+@click.group("data")
+def data_command() -> None:
+    """Recordings: inspect a data set, describe and check a folder of your own."""
+
+
+@data_command.command("inspect")
+@click.argument("name", metavar="DATASET|FOLDER")
+@options.assignments
+def inspect_command(name: str, assignments: tuple[str, ...]) -> None:
+    """Per recording: samples, rate, seconds, what cleaning found, ranges with units; then every finding."""
+    given = {k.removeprefix("dataset."): v for k, v in options.parsed(assignments).items()}
+    check_dataset(name)
+
+    from bench.experiment.datasets import choose
+    from registry.datasets.inspect import inspect
+
+    _render(*inspect(choose(name, given)))
+
+
+@data_command.command("init")
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option("--system", metavar="NAME", default="", help="Physics model; default: a vehicle's, or none.")
+def init_command(folder: Path, system: str) -> None:
+    """Draft FOLDER/dataset.toml from the headers and the clock of its CSV or Parquet files.
+
+    Without --system, columns that hold the motion of a vehicle make a quadrotor or a helicopter of it; all others are
+    signals of their own, which networks predict.
+
+    \b
+    bench data init flights/
+    bench data init spring/ --system oscillator    `bench list physics` names the systems, `bench show` their signals
+    """
+    from registry.datasets.folder_draft import NO_PHYSICS, draft
+
+    target = folder / "dataset.toml"
+    if target.exists():
+        raise BenchError(f"{target} exists already: edit it, or move it away to draft a new one.")
+    text = draft(folder, system)
+    try:
+        target.write_text(text)
+    except OSError as error:
+        raise BenchError(f"{target} cannot be written: {error.strerror}.") from error
+    if NO_PHYSICS in text:
+        click.echo(f"{NO_PHYSICS} No column looks like the motion of a vehicle, and no --system names another model.")
+    click.echo(f"Wrote {target}. Complete the lines marked TODO, then: bench data check {folder}")
+
+
+@data_command.command("import")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE...")
+@click.option("-o", "--out", "folder", required=True, type=options.Output(folder=True), help="Folder to write.")
+@click.option(
+    "--rate",
+    metavar="HZ",
+    type=options.Positive(1e5),
+    help="Common sample rate; default: that of the slowest signal, 100 Hz at most.",
+)
+def import_command(files: tuple[Path, ...], folder: Path, rate: float | None) -> None:
+    """PX4 ULogs and ROS 1 or 2 bags as CSV files with a drafted dataset.toml.
+
+    All signals on one clock, SI, world z up, body x forward, y left, z up (PX4's NED and FRD are converted).
+
+    \b
+    bench data import flight1.ulg flight2.ulg -o flights/
+    bench data import run.bag -o flights/ --rate 200
+    """
+    from registry.datasets.importing import convert
+
+    for sentence in convert(files, folder, rate):
+        click.echo(sentence)
+    click.echo(f"Wrote {folder}. Complete the lines marked TODO in its dataset.toml, then: bench data check {folder}")
+
+
+@data_command.command("check")
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+def check_command(folder: Path) -> None:
+    """Read everything that FOLDER/dataset.toml describes and say what is wrong, and what is missing.
+
+    Signals are held against each other: signs, axes, units, frames, the order of the rotors and clocks. What
+    dataset.toml has wrong is named with the line that mends it; the exit code is then 2. Time on the ground is left
+    out.
+    """
+    from bench.diagnose.checks.checklist import check_folder
+    from bench.diagnose.logs.smoothing import stated
+    from registry.core import PHYSICS
+    from registry.datasets.folder import Folder, check
+    from registry.stated import refuse_unstated
+
+    loaded, dataset = check(folder), Folder(path=str(folder))
+    seconds = sum(r.seconds for r in loaded.recordings)
+    click.echo(f"{len(loaded.recordings)} recording(s), {seconds:.1f} s in all, read without an error.")
+    for f in loaded.findings:
+        click.echo(f"  {f.recording}: {f.detail}")
+    for note in dataset.description.notes:
+        click.echo(f"  {note}")
+    if todo := (folder / "dataset.toml").read_text(encoding="utf-8").count("TODO"):
+        click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
+    stated(dataset.processing)
+    if dataset.system:
+        refuse_unstated(dataset, PHYSICS.get(dataset.system))
+    mistakes = check_folder(folder)
+    for m in mistakes:
+        click.echo(f"{'WRONG' if m.stops else 'note'}: {m.kind}: {m.detail}")
+        for row in m.mend:
+            click.echo(f"    {row}")
+    if any(m.stops for m in mistakes):
+        click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: bench data check {folder}")
+        raise click.exceptions.Exit(2)
+    network = f'bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}   (a network that predicts it)'
+    if dataset.system:
+        click.echo(f"Next: bench diagnose {folder}   (which physics a model of it lacks)")
+        click.echo(f"  or: {network}")
+    else:
+        drive = ", ".join(dataset.inputs) or "nothing"
+        click.echo(f"No physics model: networks only. {drive} → {', '.join(dataset.predicted())}.")
+        click.echo(f"Next: {network}")
+        click.echo(f"  or: bench diagnose {folder} --system mine.py:Class   (physics of your own)")
+
+
+def _render(rows: list[dict[str, Any]], findings: "list[Finding]") -> None:
+    out = options.console()
+    table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+    table.add_column("recording")
+    for name in ("samples", "Hz", "s", "invalid", "dropped", "held", "spikes", "gaps", "lag"):
+        table.add_column(name, justify="right")
+    for r in rows:
+        lag = "" if r["lag"] is None else f"{r['lag']:+.1f}"
+        rate = "" if r["rate"] is None else f"{r['rate']:g}"
+        counts = [r[k] for k in ("invalid", "dropped", "held", "spike", "gaps")]
+        cells = (str(c or "") for c in counts)
+        table.add_row(escape(r["name"]), str(r["samples"]), rate, f"{r['seconds']:.1f}", *cells, lag)
+    out.print(table)
+    total = sum(r["samples"] for r in rows)
+    out.print(f"{len(rows)} recordings, {total} samples, {sum(r['seconds'] for r in rows) / 60:.1f} minutes.\n")
+    _render_ranges(out, rows)
+    if findings:
+        out.print("\n[bold]What cleaning found[/]")
+    for f in findings:
+        out.print(f"  {f.recording}: {f.kind}: {f.detail}", highlight=False, markup=False)
+
+
+def _render_ranges(out: Any, rows: list[dict[str, Any]]) -> None:
+    """Least and greatest value of every channel, recording by recording in blocks of a signal."""
+    signals: dict[str, list[str]] = {}
+    for row in rows:
+        for channel in row["ranges"]:
+            axes = signals.setdefault(channel.partition(".")[0], [])
+            if channel not in axes:
+                axes.append(channel)
+    for signal, channels in signals.items():
+        unit = next(r["ranges"][c][2] for r in rows for c in channels if c in r["ranges"])
+        table = Table(box=None, header_style="bold", padding=(0, 2, 0, 0), pad_edge=False)
+        table.add_column(escape(f"{signal} [{unit}]"))
+        for c in channels:
+            table.add_column(escape(c.partition(".")[2]), justify="right", no_wrap=True)
+        for r in rows:
+            cells = [r["ranges"].get(c) for c in channels]
+            if any(cells):
+                table.add_row(escape(r["name"]), *("" if c is None else f"{c[0]:.3g} .. {c[1]:.3g}" for c in cells))
+        out.print(table)

@@ -1,0 +1,338 @@
+"""`bench compare`, `locate`, `discover`, `extend` and `diagnose`: find the missing physics."""
+
+import shlex
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from bench.cli import options
+from bench.cli.diagnosing import (
+    check_catalogue,
+    check_effects,
+    check_writable,
+    chosen,
+    folder_for,
+    load,
+    print_notes,
+    say_next,
+    say_problems,
+    say_written,
+    show_extension,
+    table,
+    track_extension,
+    write_json,
+    write_model,
+)
+from bench.cli.progress import announcer
+from registry.core import EFFECTS
+
+Command = Callable[..., None]
+
+
+def _shared(command: Command) -> Command:
+    """What every step takes."""
+    for decorate in (
+        click.option("--json", "to_json", type=options.Output(made=True), help="Write the figures there too."),
+        click.option(
+            "--model",
+            "model_file",
+            type=click.Path(path_type=Path, dir_okay=False),
+            help="Start from this model.toml, such as an extended one; default: nominal constants, no effects.",
+        ),
+        click.option(
+            "--system",
+            metavar="NAME|FILE.py:CLASS",
+            help="Physics model: one of `bench list physics`, or your own class; default: what the data name.",
+        ),
+        click.argument("source", metavar="DATA", callback=options.named),
+    ):
+        command = decorate(command)
+    return command
+
+
+def _choice(command: Command) -> Command:
+    """Which effects may be named."""
+    for decorate in (
+        click.option(
+            "--without", multiple=True, metavar="EFFECT", help="Leave this effect out of the catalogue. Repeatable."
+        ),
+        click.option(
+            "--catalogue", multiple=True, metavar="EFFECT", help="Choose among these effects only. Repeatable."
+        ),
+    ):
+        command = decorate(command)
+    return command
+
+
+_horizon = click.option(
+    "--horizon",
+    metavar="SECONDS",
+    type=options.Positive(1e6),
+    help="Length of the longest free run; default: what suits the sample rate.",
+)
+_out = click.option(
+    "--out",
+    type=options.Output(folder=True),
+    help="Folder of what is written; default: diagnosis/ in DATA, or diagnosis/NAME here for a registered data set.",
+)
+
+
+@click.command("compare")
+@_shared
+@_horizon
+def compare_command(
+    source: str, system: str | None, model_file: Path | None, horizon: float | None, to_json: Path | None
+) -> None:
+    """Step 1: run the model free against the measurements, beside the noise floor.
+
+    From many measured states the model runs on its own; the table has its error on recordings that were not fitted.
+    Three lines: nominal, calibrated (constants fitted within their stated uncertainty) and floor (what measurement
+    noise and smoothing alone would give). An error near the floor leaves nothing to find.
+
+    \b
+    bench compare flights/                                 a folder with a dataset.toml
+    bench compare flights/ --model diagnosis/model.toml    is the extended model better?
+    bench compare emps --horizon 0.5                       a registered data set, up to half a second
+    """
+    subject, model = load(source, system, model_file)
+
+    from bench.diagnose.compare import compare
+    from bench.diagnose.extend import fitted
+    from bench.diagnose.report import words
+
+    with announcer(options.console()) as tick:
+        say_problems(subject)
+        calibrated, _ = fitted(subject, subject.model, tick=tick)
+        models = {"calibrated": calibrated}
+        if model is not None:
+            tick("model")
+            models["extended"] = model
+        tick("free runs")
+        found = compare(subject, models, horizon_s=horizon)
+    out = options.console()
+    rows = table("error", "horizon", *found.lines)
+    for group in found.groups:
+        for k, seconds in enumerate(found.horizon_s):
+            if k in (0, len(found.horizon_s) // 2, len(found.horizon_s) - 1):
+                errors = [of[group.name].rmse[k] for of in found.lines.values()]
+                unit, factor = words.shown(group.unit, group.name, errors)
+                cells = (words.number(e * factor) for e in errors)
+                label = escape(f"{words.named(group.name)} [{unit}]")
+                rows.add_row(label, f"{seconds:.3g} s", *cells)
+    out.print(rows)
+    print_notes(out, found.notes)
+    lines = {n: {g: asdict(line) for g, line in of.items()} for n, of in found.lines.items()}
+    write_json(to_json, {"dataset": subject.name, "horizon_s": found.horizon_s, "lines": lines})
+    say_next(f"bench locate {source}", "where it errs")
+
+
+@click.command("locate")
+@_shared
+def locate_command(source: str, system: str | None, model_file: Path | None, to_json: Path | None) -> None:
+    """Step 2: say in which conditions the model errs, in physical terms.
+
+    Regions such as "speed > 2.8 m/s", ranked by their share of the error against their share of the time; each shows
+    in several recordings.
+
+    \b
+    bench locate flights/
+    bench locate flights/ --model diagnosis/model.toml     what is left, and where
+    """
+    subject, model = load(source, system, model_file)
+
+    from bench.diagnose.extend import fitted
+    from bench.diagnose.locate import locate
+
+    with announcer(options.console()) as tick:
+        say_problems(subject)
+        if model is None:
+            model, _ = fitted(subject, subject.model, tick=tick)
+        tick("locate")
+        found = locate(subject, model)
+    out = options.console()
+    if found.regions:
+        rows = table("region", "share of error", "share of time", "recordings")
+        for r in found.regions:
+            rows.add_row(escape(r.region), f"{r.share_of_error:.0%}", f"{r.share_of_time:.0%}", str(len(r.recordings)))
+        out.print(rows)
+    print_notes(out, found.notes)
+    write_json(to_json, {"dataset": subject.name, "where": [asdict(r) for r in found.regions]})
+    say_next(f"bench discover {source}", "what is missing")
+
+
+@click.command("discover")
+@_shared
+@_choice
+def discover_command(
+    source: str,
+    system: str | None,
+    model_file: Path | None,
+    to_json: Path | None,
+    catalogue: tuple[str, ...],
+    without: tuple[str, ...],
+) -> None:
+    """Step 3: find which effect of the catalogue is missing, with its parameters and their 95 % intervals.
+
+    The answer may also be a tie (effects that these data cannot tell apart), nothing, or something systematic that
+    the catalogue does not have: then it is said in which axes, and which signals it follows. `bench list effects` is
+    the catalogue, `bench show EFFECT` explains one. The numbers are those of this step; `bench extend` fits them once
+    more, so that free runs meet the measurements, with intervals that are a little wider.
+
+    \b
+    bench discover flights/
+    bench discover flights/ --without ground_effect        what else would explain it?
+    bench discover flights/ --catalogue rotor_drag --catalogue linear_drag
+    """
+    names = chosen(catalogue, without)
+    check_writable(to_json)
+    subject, model = load(source, system, model_file)
+
+    from bench.diagnose.discover import discover
+    from bench.diagnose.report import words
+    from bench.diagnose.result import ParameterEstimate
+
+    check_catalogue(subject, model or subject.model, catalogue)
+    with announcer(options.console()) as tick:
+        say_problems(subject)
+        found = discover(subject if model is None else replace(subject, model=model), names, tick)
+    out = options.console()
+    effects = []
+    for f in found.found:
+        values: dict[str, dict[str, Any]] = {
+            x.entry.label: {"value": x.value, "low": x.low, "high": x.high, "unit": x.entry.unit} for x in f.estimates
+        }
+        effects.append({"id": f.id, "parameters": values, "indistinguishable_from": list(f.rivals)})
+        out.print(f"[bold]{f.id}[/]  {escape(EFFECTS.get(f.id).equation)}", highlight=False)
+        for name, p in values.items():
+            estimated = words.estimate(name, ParameterEstimate(**p))
+            out.print(f"    {name} = {estimated}", highlight=False, markup=False)
+        if f.rivals:
+            out.print(f"    these data cannot tell it from {', '.join(f.rivals)}")
+    if not found.found:
+        out.print(
+            "Something systematic is missing that the catalogue does not have."
+            if found.verdict == "unknown_effect"
+            else "Nothing is missing."
+        )
+    for trace in found.traces[:3]:
+        out.print(f"  left in {trace.axis}: follows {trace.signal}", highlight=False, markup=False)
+    left = [{"axis": t.axis, "follows": t.signal} for t in found.traces]
+    write_json(to_json, {"dataset": subject.name, "effects": effects, "unexplained": left})
+    if found.found:
+        start = f" --model {model_file}" if model_file else ""
+        say_next(f"bench extend {source}{start} --add {found.found[0].id}", "add it, and see the error fall")
+
+
+@click.command("extend")
+@_shared
+@_horizon
+@click.option("--add", multiple=True, required=True, metavar="EFFECT", help="Effect to add; repeatable, in order.")
+@_out
+@options.results
+@options.tracking
+@click.option("--no-track", is_flag=True, help="Leave MLflow alone.")
+def extend_command(
+    source: str,
+    system: str | None,
+    model_file: Path | None,
+    horizon: float | None,
+    to_json: Path | None,
+    add: tuple[str, ...],
+    out: Path | None,
+    results: Path,
+    tracking: str | None,
+    no_track: bool,
+) -> None:
+    """Step 4: add effects to the model, fit all of it again, and see the error fall on recordings not fitted.
+
+    Writes model.toml, which holds every constant and effect with its fitted numbers; edit it as you like, and start
+    from it with --model. Each addition is an MLflow run, so that `bench ui` draws the falling error.
+
+    \b
+    bench extend flights/ --add rotor_drag
+    bench discover flights/ --model flights/diagnosis/model.toml            what else?
+    bench extend flights/ --model flights/diagnosis/model.toml --add inflow_thrust_loss
+    """
+    check_effects(add)
+    subject, model = load(source, system, model_file)
+
+    from bench.diagnose.extend import extend
+
+    start, folder = model or subject.model, folder_for(source, out)
+    check_writable(folder, to_json)
+    with announcer(options.console()) as tick:
+        say_problems(subject)
+        done = extend(subject, start, add, tick, horizon_s=horizon)
+    target = folder / "model.toml"
+    written = write_model(target, done.model, done.effects)
+    console = options.console()
+    show_extension(console, done)
+    say_written(console, written)
+    errors = {s.name: s.error for s in done.stages}
+    write_json(to_json, {"dataset": subject.name, "error": errors, "effects": [asdict(e) for e in done.effects]})
+    if not no_track:
+        track_extension(subject, start, done, tracking, results, target)
+    say_next(f"bench discover {source} --model {target}", "what is still missing")
+
+
+@click.command("diagnose")
+@_shared
+@_horizon
+@_choice
+@click.option(
+    "--ignore-problem", "ignore", multiple=True, metavar="KIND", help="Go on although the data have this. Repeatable."
+)
+@click.option("--exclude", multiple=True, metavar="RECORDING", help="Leave this recording out. Repeatable.")
+@_out
+def diagnose_command(
+    source: str,
+    system: str | None,
+    model_file: Path | None,
+    horizon: float | None,
+    to_json: Path | None,
+    catalogue: tuple[str, ...],
+    without: tuple[str, ...],
+    ignore: tuple[str, ...],
+    exclude: tuple[str, ...],
+    out: Path | None,
+) -> None:
+    """All four steps: compare, locate, discover, extend; a story here, a page and a model to keep.
+
+    Writes diagnosis.html (one offline page), diagnosis.json and model.toml. Five honest answers: named effects, a tie,
+    nothing, an unknown effect, or a data problem, which stops the analysis: spikes, a frozen sensor, a swapped sign
+    or a wrong clock would be taken for physics.
+
+    \b
+    bench diagnose flights/                                a folder with a dataset.toml (`bench data init` drafts it)
+    bench diagnose silverbox                               a registered data set (`bench list datasets`)
+    bench diagnose flights/ --system mine.py:Tailsitter    your own physics
+    bench diagnose flights/ --without mass --out second/   another look
+    bench diagnose flights/ --ignore-problem spike --exclude flight_3
+    """
+    names, folder = chosen(catalogue, without), folder_for(source, out)
+    check_writable(folder, to_json)
+    subject, model = load(source, system, model_file)
+
+    from bench.diagnose.diagnose import diagnose
+    from bench.diagnose.logs.load import excluding
+    from bench.diagnose.report import story, together
+
+    check_catalogue(subject, model or subject.model, catalogue)
+    subject = excluding(subject if model is None else replace(subject, model=model), exclude)
+    with announcer(options.console()) as tick:
+        found, extended = diagnose(subject, tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
+    found = replace(found, evidence=replace(found.evidence, source=source))
+    console = options.console()
+    story.tell(found, console)
+    if found.verdict == "data_problem":
+        kinds = dict.fromkeys(p.kind for p in found.data_problems)
+        again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)
+        say_next(f"bench diagnose {source} {again}", "if that is no fault (or --exclude RECORDING)")
+    written = together.write(folder, found, extended)
+    if to_json is not None:
+        found.write(to_json)
+    say_written(console, written)

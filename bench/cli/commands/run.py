@@ -1,0 +1,110 @@
+"""`bench run`: a study or one configuration, from data to table, figure and MLflow page."""
+
+import sys
+from pathlib import Path
+
+import click
+from rich.markup import escape
+
+from bench.cli import options
+from bench.cli.names import check_dataset, check_target
+from bench.experiment import study
+from registry.errors import BenchError
+
+ALL = "all"
+
+
+@click.command("run")
+@click.argument("target", metavar="STUDY|SPEC|all")
+@options.dataset
+@click.option(
+    "--preset",
+    type=click.Choice(study.PRESETS),
+    default="laptop",
+    show_default=True,
+    help="Size of a study. Simulated data are as many as the paper's, for smoke a small part of them.",
+)
+@click.option("--seeds", type=click.IntRange(1, 100), help="How many seeds (SPEC only; default 1).")
+@options.horizon
+@options.outputs
+@click.option(
+    "--physics",
+    type=click.Path(exists=True, dir_okay=False, resolve_path=True),
+    metavar="MODEL.TOML",
+    help="The physics of `physics` and `Hybrid`, as `bench diagnose` and `bench extend` write it; default: nominal.",
+)
+@options.assignments
+@options.workers
+@options.cluster
+@options.results
+@options.tracking
+@options.no_track
+@click.option("--dry-run", is_flag=True, help="Say what would be run and how long it would take; train nothing.")
+@click.pass_context
+def run_command(
+    ctx: click.Context,
+    target: str,
+    dataset: str | None,
+    preset: str,
+    seeds: int | None,
+    horizon: int | None,
+    outputs: str | None,
+    physics: str | None,
+    assignments: tuple[str, ...],
+    workers: int | None,
+    cluster: str | None,
+    results: Path,
+    tracking: str | None,
+    no_track: bool,
+    dry_run: bool,
+) -> None:
+    """Run a STUDY of the paper (`bench list studies`), one configuration SPEC, or all studies.
+
+    SPEC is the paper's notation: predictor: layers x size - initializer: [size x] history.
+
+    \b
+    bench run washout_vs_mlp
+    bench run washout_vs_mlp --dataset nanodrone
+    bench run "LSTM: 2x50 - MLP: 100x10" --dataset nanodrone --seeds 3 -T 190
+    bench run "MLFC: 1x50 - Washout: 10" --set training.updates=3000
+    bench run quadrotor_hybrid --dataset my_flights --physics my_flights/diagnosis/model.toml
+    bench run all --dry-run                              what the lot would cost
+    bench run all --cluster tcp://127.0.0.1:8786         workers of a Dask cluster
+
+    Runs that are already recorded are not trained again: after Ctrl-C, a crash or a power cut, the same command
+    goes on where it stopped.
+    """
+    changes = options.parsed(assignments)
+    check_dataset(dataset)
+    if target != ALL:
+        check_target(target)
+        if target not in study.titles():
+            options.preset_belongs_to_a_study(ctx)
+    if seeds is not None and (target in study.titles() or target == ALL):
+        raise BenchError("--seeds belongs to a single configuration; a study's presets set their own.")
+
+    from bench.cli.cost import estimate
+    from bench.cli.job import Job, Place, carry_out
+    from bench.execution import engine
+    from bench.experiment.request import Options, request
+    from bench.training.data import remarks
+
+    out = options.console()
+    asked = Options(dataset, preset, seeds, *options.by_owner(changes, horizon, outputs), physics)
+    place = Place(results, tracking, no_track, workers, cluster)
+    planned = []
+    for name in study.titles() if target == ALL else [target]:
+        try:
+            made = Job(request(name, asked), [name if a == ALL else a for a in sys.argv[1:]])
+            for sentence in remarks(made.configs[0]):
+                out.print(escape(sentence), highlight=False)
+            planned.append((made, engine.plan(made.configs, place.runs)))
+        except BenchError as error:
+            if target != ALL:
+                raise
+            out.print(f"{escape(name)} is left out: {escape(str(error))}")
+    if dry_run:
+        estimate(out, planned, place)
+        return
+    for made, todo in planned:
+        carry_out(out, made, todo, place)

@@ -1,0 +1,143 @@
+"""Rows of a regression in the weak form: a channel at a time, each with the columns that act on it.
+
+A torque about one axis moves one channel of six, and a dictionary of signals has hundreds of such columns: normal
+equations over all channels and columns alike would multiply zeros.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from bench.diagnose.regression.least_squares import Normal
+
+FOLDS = 3
+"""Fewest parts of which each is held out once: recordings, or stretches of them where there are fewer."""
+BLOCK_SECONDS = 4.0
+"""Length of the blocks whose losses are compared: longer than what is left in a residual remembers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The weak form of a model and of what could explain its residual."""
+
+    parts: tuple[tuple[np.ndarray, ...], ...]
+    """A log, a channel: (J, n) rows of the columns that act on the channel; the last is the residual."""
+    acting: tuple[np.ndarray, ...]
+    """A channel: (n,) places of these among all columns, ascending."""
+    width: int
+    """Number of columns without the residual, which is the column of this number."""
+    hop: float
+    """From one row to the next [s]."""
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return len(self.acting)
+
+    def counts(self) -> list[int]:
+        """Rows of each log, a channel."""
+        return [len(log[0]) for log in self.parts]
+
+    def some(self, columns: Sequence[int]) -> "Rows":
+        """The rows with some of the columns, ascending; the residual stays."""
+        place = np.full(self.width + 1, -1)
+        place[[*columns, self.width]] = range(len(columns) + 1)
+        kept = [np.flatnonzero(place[a] >= 0) for a in self.acting]
+        parts = tuple(tuple(x[:, k] for x, k in zip(log, kept, strict=True)) for log in self.parts)
+        acting = tuple(place[a[k]] for a, k in zip(self.acting, kept, strict=True))
+        return Rows(parts, acting, len(columns), self.hop)
+
+    def less(self, other: "Rows") -> "Rows":
+        """The difference from rows of as many columns."""
+        acting = tuple(np.union1d(a, b) for a, b in zip(self.acting, other.acting, strict=True))
+
+        def spread(x: np.ndarray, of: np.ndarray, into: np.ndarray) -> np.ndarray:
+            out = np.zeros((len(x), len(into)))
+            out[:, np.searchsorted(into, of)] = x
+            return out
+
+        parts = tuple(
+            tuple(
+                spread(x, a, into) - spread(y, b, into)
+                for x, y, a, b, into in zip(own, its, self.acting, other.acting, acting, strict=True)
+            )
+            for own, its in zip(self.parts, other.parts, strict=True)
+        )
+        return Rows(parts, acting, self.width, self.hop)
+
+    def residuals(self, beta: np.ndarray) -> list[np.ndarray]:
+        """A log: what all columns with these coefficients (c,) leave (J, channels)."""
+        vector = np.append(-beta, 1.0)
+        return [np.stack([x @ vector[a] for x, a in zip(log, self.acting, strict=True)], axis=-1) for log in self.parts]
+
+    def whitened(self, filters: Sequence[np.ndarray]) -> "Rows":
+        """The rows through a whitening filter a channel; nothing is left of a log shorter than its filter."""
+        parts = tuple(tuple(filtered(x, f) for x, f in zip(log, filters, strict=True)) for log in self.parts)
+        return Rows(parts, self.acting, self.width, self.hop)
+
+    def power(self) -> np.ndarray:
+        """Squares (channels, c + 1) of every column."""
+        out = np.zeros((self.channels, self.width + 1))
+        for log in self.parts:
+            for total, x, acting in zip(out, log, self.acting, strict=True):
+                total[acting] += np.einsum("jn,jn->n", x, x)
+        return out
+
+    def mean_gram(self) -> np.ndarray:
+        """Products of all columns with each other, the mean of a row (channels, c + 1, c + 1)."""
+        out = np.zeros((self.channels, self.width + 1, self.width + 1))
+        for log in self.parts:
+            for total, x, acting in zip(out, log, self.acting, strict=True):
+                total[np.ix_(acting, acting)] += x.T @ x
+        return out / max(1, sum(self.counts()))
+
+    def folds(self) -> list[np.ndarray]:
+        """A fold: normal equations (c + 1, c + 1) of its rows, all channels together."""
+        out = []
+        for log in self.parts:
+            pieces = [np.zeros((self.width + 1, self.width + 1)) for _ in range(self._stretches)]
+            for x, acting in zip(log, self.acting, strict=True):
+                for total, rows in zip(pieces, np.array_split(x, len(pieces)), strict=True):
+                    total[np.ix_(acting, acting)] += rows.T @ rows
+            out += pieces
+        return out
+
+    def normal(self, noise: np.ndarray | None = None) -> Normal:
+        """Normal equations, block by block.
+
+        Args:
+            noise: (channels, c + 1, c + 1) what a row owes to noise of the inputs; it is taken off.
+        """
+        grams, fold, count = [], [], []
+        for i, (log, rows) in enumerate(zip(self.parts, self.counts(), strict=True)):
+            length = max(1, min(round(BLOCK_SECONDS / self.hop), rows // (5 * self._stretches)))
+            for start in range(0, rows, length):
+                here = min(length, rows - start)
+                if here < length // 2 and rows >= length:
+                    continue
+                gram = np.zeros((self.channels, self.width + 1, self.width + 1))
+                for of_channel, x, acting in zip(gram, log, self.acting, strict=True):
+                    block = x[start : start + length]
+                    of_channel[np.ix_(acting, acting)] = block.T @ block
+                grams.append(gram if noise is None else gram - here * noise)
+                fold.append(i * self._stretches + min(start * self._stretches // rows, self._stretches - 1))
+                count.append(here)
+        return Normal(np.stack(grams), np.array(fold), np.array(count))
+
+    @property
+    def _stretches(self) -> int:
+        """Folds that each log makes."""
+        return 1 if len(self.parts) >= FOLDS else -(-FOLDS // len(self.parts))
+
+
+def filtered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """The whitened series (J − order, n) of one (J, n); nothing is left of a short one."""
+    order = len(coefficients) - 1
+    if len(series) <= order:
+        return series[:0]
+    shape = (len(series) - order, len(series))
+    band = sparse.diags_array(coefficients[::-1], offsets=range(order + 1), shape=shape, format="csr")
+    out: np.ndarray = band @ series
+    return out

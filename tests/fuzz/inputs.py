@@ -1,0 +1,81 @@
+"""What is put in where something else is expected, and how an answer is judged: a result or one sentence, within 20 s.
+
+`tox -e fuzz` sets BENCH_FUZZ, the factor by which there are more inputs than in the fast tests; they are then drawn
+from a seed that is printed (BENCH_FUZZ_SEED repeats it), and what fails is kept in .hypothesis.
+"""
+
+import os
+import random
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from hypothesis import HealthCheck, seed, settings
+from hypothesis import strategies as st
+
+from registry.errors import BenchError
+
+FACTOR = float(os.environ.get("BENCH_FUZZ", "0"))
+SEED = int(os.environ.get("BENCH_FUZZ_SEED") or random.SystemRandom().randrange(2**32))
+SECONDS = 20
+
+WORDS = ["nan", "inf", "-1e999", "1e308", "", '"', "\x00", "é", "\ufeff", "[", "]", "{", "}", "=", ",", "\n", "true"]
+WORDS += ["../..", "/etc/passwd", "1" * 400, "-", "0x1", "'''", "99999999999999999999", "[" * 3000, "NaN", "null", "{}"]
+WORDS += ["[/]", "[/red]x", "[bold]", "1e-320", "9" * 25, "~", ".", "/dev/zero", "%s", "{0}", "\\", "$HOME"]
+EDITS = st.lists(
+    st.tuples(
+        st.floats(0, 1),
+        st.one_of(st.binary(min_size=1, max_size=6), st.sampled_from([w.encode() for w in WORDS])),
+        st.integers(0, 60),
+    ),
+    min_size=1,
+    max_size=4,
+)
+"""Where, what is put there, how many bytes it replaces."""
+
+
+def cases(count: int) -> Callable[[Any], Any]:
+    """As many inputs in the fast tests, the same each time; more of them, and others, by `tox -e fuzz`."""
+    quiet = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    if not FACTOR:
+        return settings(max_examples=count, derandomize=True, database=None, deadline=None, suppress_health_check=quiet)
+    more = settings(
+        max_examples=max(1, int(FACTOR * count)), deadline=None, print_blob=True, suppress_health_check=quiet
+    )
+    return lambda test: seed(SEED)(more(test))
+
+
+def edited(content: bytes, edits: list[tuple[float, bytes, int]]) -> bytes:
+    """The content with every edit made."""
+    for where, what, over in edits:
+        at = int(where * len(content))
+        content = content[:at] + what + content[at + over :]
+    return content
+
+
+@contextmanager
+def in_time() -> Iterator[None]:
+    """Raise where what is inside hangs."""
+
+    def late(*_: object) -> None:
+        raise AssertionError(f"no answer within {SECONDS} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(SECONDS)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def one_sentence(action: Callable[[], object]) -> None:
+    """Does it, or says in one line why not."""
+    try:
+        with in_time():
+            action()
+    except BenchError as error:
+        said = str(error)
+        assert said.strip() and "\n" not in said.rstrip("\n"), repr(said)
+        assert len(said) <= 2000, said[:200]

@@ -1,0 +1,90 @@
+"""A published file that is not as it was published is noticed, whatever its kind, and nothing is judged by it."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute
+import pyarrow.parquet as pq
+import pytest
+from test_cli_check import Bench, bench
+
+from bench.claims import manifest
+from bench.claims.manifest import Spoilt
+from registry.errors import BenchError
+
+__all__ = ["bench"]
+PUBLISHED = Path(__file__).parent.parent / "results" / "published"
+KINDS = {path.suffix: path.relative_to(PUBLISHED) for path in sorted(PUBLISHED.rglob("*.*"))}
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Path(shutil.copytree(PUBLISHED, tmp_path_factory.mktemp("results") / "published"))
+
+
+def alter(path: Path) -> None:
+    """One number of a text or table, one byte of a picture."""
+    if path.suffix == ".parquet":
+        table = pq.read_table(path)
+        name = next(f.name for f in table.schema if pa.types.is_floating(f.type))
+        doubled = pa.compute.multiply(table[name], 2.0).cast(table.schema.field(name).type)
+        pq.write_table(table.set_column(table.schema.get_field_index(name), name, doubled), path)
+    elif path.suffix == ".png":
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        path.write_bytes(content)
+    else:
+        text = path.read_text(encoding="utf-8")
+        number = re.search(r"\d\.\d+", text)
+        assert number is not None
+        last = number.end() - 1
+        path.write_text(f"{text[:last]}{(int(text[last]) + 1) % 10}{text[last + 1 :]}", encoding="utf-8")
+
+
+def test_what_is_published_is_as_it_was_published() -> None:
+    assert manifest.spoilt(PUBLISHED) == []
+    if shutil.which("sha256sum"):
+        subprocess.run(["sha256sum", "--quiet", "-c", manifest.FILE], cwd=PUBLISHED, check=True)
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_a_number_altered_in_any_kind_of_file(kind: str, published: Path, bench: Bench) -> None:
+    path = published / KINDS[kind]
+    before = path.read_bytes()
+    alter(path)
+    try:
+        assert manifest.spoilt(published) == [Spoilt(KINDS[kind].as_posix(), "altered")]
+        code, printed = bench("--published", published)
+        assert code == 1 and str(path) in printed and "reproduced" not in printed
+    finally:
+        path.write_bytes(before)
+    assert manifest.spoilt(published) == []
+
+
+def test_files_that_went_or_came_and_a_list_that_was_altered(published: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(published, tmp_path / "published"))
+    (copy / "claims.md").unlink()
+    (copy / "more.md").write_text("0.5")
+    assert [(s.name, s.how) for s in manifest.spoilt(copy)] == [("claims.md", "missing"), ("more.md", "not published")]
+    listed = (copy / manifest.FILE).read_text()
+    (copy / manifest.FILE).write_text(listed.replace(listed[:64], "0" * 64, 1))
+    assert len(manifest.spoilt(copy)) == 3
+    (copy / manifest.FILE).write_text("nonsense\n")
+    with pytest.raises(BenchError, match="--seal"):
+        manifest.spoilt(copy)
+
+
+def test_publishing_keeps_the_list(published: Path, tmp_path: Path, bench: Bench) -> None:
+    copy = Path(shutil.copytree(published, tmp_path / "published"))
+    shutil.copy(copy / "claims.md", copy / "again.md")
+    manifest.entered(copy / "again.md")
+    assert manifest.spoilt(copy) == []
+    (copy / "washout_vs_mlp" / "note.md").write_text("0.5")
+    assert bench("--published", copy, "--seal")[0] == 0
+    assert manifest.spoilt(copy) == []
+    elsewhere = tmp_path / "table.md"
+    elsewhere.write_text("0.5")
+    assert manifest.entered(elsewhere) == elsewhere and not (tmp_path / manifest.FILE).exists()
