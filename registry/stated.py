@@ -14,7 +14,21 @@ from registry.core import PHYSICS
 from registry.dynamics import Parameter, PhysicsModel
 from registry.errors import BenchError
 from registry.model_file import stated_in
-from registry.units import SIGNALS
+
+
+def physics_of(system: str, label: str) -> type[PhysicsModel]:
+    """The class of a registered physics model.
+
+    Raises:
+        BenchError: the data ``label`` name none, or one that is not registered.
+    """
+    if not system:
+        raise BenchError(
+            f"{label} has no physics model, so that only networks predict it: name a registered one as its system "
+            "(`bench list physics`) or add your own by the entry point multistep_bench.physics."
+        )
+    kind: type[PhysicsModel] = PHYSICS.get(system)
+    return kind
 
 
 @lru_cache(maxsize=32)
@@ -79,7 +93,8 @@ def _base(kind: type[PhysicsModel]) -> str:
 def _rates(model: PhysicsModel) -> Tensor:
     """dx/dt at a state and an input at which nothing is zero."""
     rotors = len(getattr(model, "rotor_positions", ())) or 1
-    width = max(rotors, *(len(SIGNALS[s].axes) for s in model.input_signals)) if model.input_signals else 0
+    known = [model.signal(s) for s in model.input_signals]
+    width = max(rotors, *(len(s.axes) if s else 1 for s in known)) if known else 0
     state = torch.linspace(0.5, 1.5, len(model.state_channels), dtype=torch.float64)
     return model.derivative(state, torch.linspace(1.0, 2.0, width, dtype=torch.float64))
 

@@ -1,7 +1,13 @@
-"""Units of every signal: SI inside, other units only at the border (files, reports)."""
+"""Units of every signal: SI inside, other units only at the border (files, reports).
+
+A signal that no physics model knows is kept in the unit that its data state.
+"""
 
 import math
+import re
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 from registry.errors import BenchError, near
 
@@ -46,6 +52,78 @@ def to_si(unit: str) -> tuple[str, float]:
     return _TO_SI[unit]
 
 
+def is_listed(unit: str) -> bool:
+    """Whether `to_si` knows a unit; others belong to signals that are kept in the unit of their data."""
+    return unit in _TO_SI
+
+
+def conversion(unit: str, wanted: str) -> tuple[float, float]:
+    """Factor and offset from ``unit`` to ``wanted``: a value x becomes factor · x + offset.
+
+    Units of the table convert exactly as it says; all others as Pint knows them.
+
+    Raises:
+        BenchError: one of the two is unknown, or they measure different things.
+    """
+    if unit == wanted:
+        return 1.0, 0.0
+    if unit in _TO_SI and _TO_SI[unit][0] == wanted:
+        return _TO_SI[unit][1], 0.0
+    for text in (unit, wanted):
+        if not _PRODUCT.fullmatch(text):
+            raise BenchError(f"The unit {text!r} cannot be converted: write it as a product of powers, such as m/s^2.")
+    differ = f"{unit!r} does not measure what {wanted!r} does: state the unit of the data."
+    try:
+        if _root(unit) != _root(wanted):
+            raise BenchError(differ)
+        at_zero, at_one = (_units().Quantity(x, unit).to(wanted).magnitude for x in (0.0, 1.0))
+    except BenchError:
+        raise
+    except Exception as error:  # parsers of units raise what they like
+        raise BenchError(f"No conversion from {unit!r} to {wanted!r} is known: {error}") from error
+    return float(at_one - at_zero), float(at_zero)
+
+
+def measures(unit: str, wanted: str) -> bool:
+    """Whether values in ``unit`` can be converted to ``wanted``."""
+    try:
+        conversion(unit, wanted)
+    except BenchError:
+        return False
+    return True
+
+
+_UNIT = re.compile(r"[\w%°µΩ·*/^().,\-− ²³]{1,24}")
+
+
+_PRODUCT = re.compile(r"[^\W\d]*[%°]?1?(?:\^?-?\d)?(?:[ /*·][^\W\d]*[%°]?1?(?:\^?-?\d)?)*")
+"""No power of a power: Pint would compute it."""
+
+
+def checked(unit: str) -> str:
+    """A unit that is shown beside numbers, as it was given.
+
+    Raises:
+        BenchError: it is empty, longer than 24 characters or has signs that no unit has.
+    """
+    if not _UNIT.fullmatch(unit) or not unit.strip():
+        raise BenchError(f'{unit!r} is no unit: write one such as "L/min", and "1" where there is none.')
+    return unit
+
+
+@cache
+def _units() -> Any:
+    """Pint's units, which take half a second to read."""
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _root(unit: str) -> str:
+    """The base units of a unit; angles count, so that Hz is not rad/s."""
+    return str(_units().Quantity(1.0, unit).to_root_units().units)
+
+
 def exponents(unit: str) -> dict[str, int]:
     """The SI symbols of a compound unit and their powers: "N m s^2", "kg/rad", "1/s".
 
@@ -72,11 +150,16 @@ def display(si_unit: str, signal: str = "") -> tuple[str, float]:
 
 @dataclass(frozen=True)
 class Signal:
-    """A group of channels: SI unit and the names of its axes (empty: as many as the data have)."""
+    """A group of channels: its unit, SI, and the names of its axes (empty: as many as the data have)."""
 
     unit: str
     axes: tuple[str, ...] = ()
     about: str = ""
+
+
+def channel_names(signal: str, axes: tuple[str, ...]) -> tuple[str, ...]:
+    """The channels of a signal: "flow.inlet" of its axes, the signal's own name where it has one without a name."""
+    return tuple(f"{signal}.{axis}" if axis else signal for axis in axes)
 
 
 SIGNALS: dict[str, Signal] = {
@@ -105,3 +188,4 @@ SIGNALS: dict[str, Signal] = {
     "lorenz": Signal("1", ("x", "y", "z"), "states of the Lorenz system"),
     "wind": Signal("m/s", ("x", "y", "z"), "world frame"),
 }
+"""Those that the physics models and effects here know; data and models bring others (`PhysicsModel.signals`)."""

@@ -8,8 +8,8 @@ from studies.mlp_vs_rnn_init import BASELINES, architectures
 
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
-    """The four architectures on the velocity and on the rotational rates, a network each."""
-    problems = [(dataset.velocity,), (dataset.rates,)]
+    """The four architectures on each signal of the chain: velocity and rotational rates."""
+    problems = [(signal,) for signal in dataset.predicted_together()]
     return grid((*architectures(preset), *BASELINES), dataset, horizons(preset), problems)
 
 

@@ -10,10 +10,10 @@ BASELINES = ("constant",)
 
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
-    """One network for all three rotational rates, initialized from histories of four lengths in two ways."""
+    """One network for all targets, initialized from histories of four lengths in two ways."""
     size, width = ("1x10", 20) if preset == "smoke" else ("1x50", 60)
     specs = [f"LSTM: {size} - {i}{t}" for i in ("Washout: ", f"MLP: {width}x") for t in LENGTHS]
-    return grid((*specs, *BASELINES), dataset, horizons(preset, 5), [(dataset.rates,)])
+    return grid((*specs, *BASELINES), dataset, horizons(preset, 5), [dataset.predicted()])
 
 
 STUDY = Study(

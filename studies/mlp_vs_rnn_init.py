@@ -21,8 +21,8 @@ def architectures(preset: str) -> tuple[str, ...]:
 
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
-    """The four architectures, inputs → all three rotational rates at once."""
-    return grid((*architectures(preset), *BASELINES), dataset, horizons(preset), [(dataset.rates,)])
+    """The four architectures, inputs → all targets of the data at once: of vehicles the three rotational rates."""
+    return grid((*architectures(preset), *BASELINES), dataset, horizons(preset), [dataset.predicted()])
 
 
 STUDY = Study(

@@ -10,7 +10,7 @@ from studies.quadrotor_hybrid import SIZES
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The hybrid, whose motion model is judged before its error is compensated, and the physics alone."""
     size, mlp = SIZES[preset]
-    both = [(dataset.velocity, dataset.rates)]
+    both = [dataset.predicted_together()]
     specs = (f"Hybrid: {size} - MLP: {mlp}", "physics", "constant")
     return grid(specs, dataset, horizons(preset), both)
 

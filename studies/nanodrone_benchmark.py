@@ -24,7 +24,7 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The published kinds of models and the load hybrid, judged at every start and step h = 1 .. 50 of 10 ms."""
     size, mlp = SIZES[preset]
     networks = [f"{p}: {size} - MLP: {mlp}" for p in ("Cascade", "Hybrid")]
-    both = [(dataset.velocity, dataset.rates)]
+    both = [dataset.predicted_together()]
     spent = {"smoke": effort(2, 40), "laptop": effort(3, 800), "paper": effort(3, 30_000)}[preset]
     spent = replace(spent, test_stride=50 if preset == "smoke" else 1)
     own = spent if preset == "smoke" else replace(spent, training=TRAINING)

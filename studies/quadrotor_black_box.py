@@ -18,7 +18,7 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """Cascades of two networks, and one network for velocity and rates together."""
     size, mlp, rnn = SIZES[preset]
     cascades = [f"{p}: {size} - {i}" for p in ("Cascade", "Cascade TDL") for i in (f"MLP: {mlp}", f"RNN: {rnn}")]
-    both = [(dataset.velocity, dataset.rates)]
+    both = [dataset.predicted_together()]
     return grid((*cascades, f"LSTM: {size} - MLP: {mlp}", *BASELINES), dataset, horizons(preset), both)
 
 

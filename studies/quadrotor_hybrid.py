@@ -11,10 +11,14 @@ BASELINES = ("physics", "constant", "linear")
 
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
-    """The hybrid, two variants of it, the black box in practical mode, the physics alone."""
+    """The hybrid, two variants of it, the black box in practical mode, the physics alone.
+
+    The black box is a cascade where the data name a chain of signals, else one LSTM.
+    """
     size, mlp = SIZES[preset]
-    networks = [f"{p}: {size} - MLP: {mlp}" for p in ("Hybrid", "Hybrid residual", "Hybrid unsummed", "Cascade")]
-    both = [(dataset.velocity, dataset.rates)]
+    black_box = "Cascade" if dataset.chain else "LSTM"
+    networks = [f"{p}: {size} - MLP: {mlp}" for p in ("Hybrid", "Hybrid residual", "Hybrid unsummed", black_box)]
+    both = [dataset.predicted_together()]
     return grid((*networks, *BASELINES), dataset, horizons(preset), both)
 
 

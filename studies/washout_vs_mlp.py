@@ -4,7 +4,6 @@ from bench.experiment.config import RunConfig
 from bench.experiment.grid import grid, horizons
 from bench.experiment.study import Study
 from registry.contracts import Dataset
-from registry.units import SIGNALS
 
 ARCHITECTURES = (
     "MLFC: 1x50 - MLP: 60x10",
@@ -18,8 +17,8 @@ BASELINES = ("constant", "linear")
 
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
-    """Architectures and baselines on each of the three rotational rates, each of them a MISO problem of its own."""
-    axes = [(f"{dataset.rates}.{axis}",) for axis in SIGNALS[dataset.rates].axes]
+    """Architectures and baselines on each target channel, a MISO problem of its own."""
+    axes = [(channel,) for channel in dataset.predicted_channels()]
     return grid((*ARCHITECTURES, *OWN_FEEDBACK, *BASELINES), dataset, horizons(preset, 5), axes)
 
 

@@ -20,7 +20,7 @@ class Toy(Dataset):
     """Three coupled, damped, driven rates; for tests."""
 
     inputs: ClassVar[tuple[str, ...]] = ("pilot",)
-    rates: ClassVar[str] = "euler_rates"
+    targets: ClassVar[tuple[str, ...]] = ("euler_rates",)
 
     recordings: int = option(5, "recordings", low=3)
     samples: int = option(400, "samples of each", low=50)

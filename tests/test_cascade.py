@@ -1,6 +1,7 @@
 """Two networks in a row: the second sees predicted rates in a free run and measured ones when forced."""
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -27,6 +28,8 @@ def channels(group: str, axes: str) -> tuple[Channel, ...]:
 @dataclass(frozen=True)
 class ToyFlight(Toy):
     """The toy's rates, and a velocity that follows them."""
+
+    chain: ClassVar[tuple[str, ...]] = ("velocity", "euler_rates")
 
     def read(self) -> Loaded:
         made = []
@@ -84,9 +87,19 @@ def test_the_velocity_network_learns_from_measured_rates_only() -> None:
     assert not any(g.any() for g in grads)
 
 
-def test_it_predicts_velocity_and_rates_only() -> None:
-    with pytest.raises(BenchError, match="cascade predicts a velocity and then"):
+def test_it_predicts_two_signals_of_any_size() -> None:
+    with pytest.raises(BenchError, match="cascade predicts two signals"):
         PREDICTORS.get("Cascade")().build(Problem.plain(2, 6, 4, 10))
+    position, speeds = (Channel("displacement.q", "m"),), (Channel("speed.1", "m/s"), Channel("speed.2", "m/s"))
+    problem = replace(Problem.plain(2, 3, 4, 10), outputs=(*position, *speeds))
+    predictor = PREDICTORS.get("Cascade")(hidden=5).build(problem)
+    assert (predictor.first.n_outputs, predictor.second.n_outputs, predictor.second.n_inputs) == (2, 1, 4)
+    u, state = torch.randn(3, 4, 2), torch.randn(3, sum(predictor.layout.sizes))
+    rates, _ = predictor.first.rollout(u, predictor.separate(state)[0])
+    seen = torch.cat([u, rates], -1)
+    expected = predictor.second.rollout(seen, predictor.separate(state)[1])[0]
+    torch.testing.assert_close(predictor.rollout(u, state)[0], torch.cat([expected, rates], -1))
+    assert predictor.viewed("forced") == [0]
 
 
 def test_a_recorded_run_holds_both_modes() -> None:

@@ -12,6 +12,7 @@ from bench.cli import cli
 from bench.cli.diagnosing import write_model
 from bench.diagnose.result import GroupError
 from bench.tracking import track
+from registry.datasets.folder import Folder
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
 
@@ -108,9 +109,10 @@ def test_what_cannot_be_written_is_told_first(
 
 
 def test_a_checked_folder_says_commands_that_run(folder: Path) -> None:
-    """Without body rates, the default of quadrotors, a network is told what to predict."""
+    """Without body rates, the default of quadrotors, the measured states of the system are predicted."""
     said = CliRunner().invoke(cli, ["data", "check", str(folder)]).output
-    assert "--outputs displacement,speed " in said
+    assert "--outputs" not in said
+    assert Folder(path=str(folder)).predicted() == ("displacement", "speed")
 
 
 @pytest.mark.parametrize(

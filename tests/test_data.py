@@ -112,7 +112,7 @@ class Parts(Dataset):
     """Recordings given at construction."""
 
     inputs = ("pilot",)
-    rates = "euler_rates"
+    targets = ("euler_rates",)
 
     def __init__(self, *recordings: Recording) -> None:
         self.recordings = recordings

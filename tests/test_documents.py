@@ -19,6 +19,7 @@ from click.testing import CliRunner
 from bench.cli import cli
 from registry.contracts import Problem
 from registry.core import DATASETS, EFFECTS, PREDICTORS, Registry
+from registry.datasets.folder import Folder
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -150,12 +151,17 @@ def test_every_block_runs_and_prints_what_is_shown(
 
 
 def test_the_dataset_toml_of_the_reference_is_right(tmp_path: Path) -> None:
-    from registry.datasets.folder_description import FRAMES, describe
+    from registry.datasets.folder_description import describe
+    from registry.datasets.folder_signals import FRAMES
 
     text = (ROOT / "docs/reference/dataset-toml.md").read_text()
-    (block,) = [b for b in blocks(ROOT / "docs/reference/dataset-toml.md") if b.kind == "toml"]
-    (tmp_path / "dataset.toml").write_text(block.text)
+    vehicle, process = [b for b in blocks(ROOT / "docs/reference/dataset-toml.md") if b.kind == "toml"]
+    (tmp_path / "dataset.toml").write_text(vehicle.text)
     assert describe(tmp_path).signals["rotor_speed"].delay == 0.012
+    (tmp_path / "dataset.toml").write_text(process.text)
+    named = [c.name for c in Folder(str(tmp_path)).recorded]
+    assert named == ["flow_l_min.acid", "flow_l_min.base", "heater", "ph", "temperature"]
+    assert (Folder(str(tmp_path)).predicted(), describe(tmp_path).tick) == (("ph",), 1e-3)
     for signal, frames in FRAMES.items():
         (row,) = [line for line in text.splitlines() if line.startswith(f"| `{signal}` | `") and frames[0] in line]
         assert re.findall(r"`(\w+)`", row) == [signal, *frames]
@@ -217,17 +223,12 @@ def test_the_study_is_one() -> None:
 
 def test_the_data_set_with_a_signal_of_its_own_is_predicted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     import bench
-    from registry.units import SIGNALS
 
-    monkeypatch.setattr("registry.units.SIGNALS", SIGNALS)
-    for name in ("heater", "temperature"):
-        monkeypatch.delitem(SIGNALS, name, raising=False)
     execute(DATASETS, "heated_room", "registry/datasets/heated_room.py", monkeypatch)
-    table = bench.run("linear", "heated_room", outputs="temperature", horizon=5, results=tmp_path).to_frame()
+    table = bench.run("linear", "heated_room", horizon=5, results=tmp_path).to_frame()
+    assert set(table.unit) == {"K"}
     errors = table.set_index("spec").rmsse
     assert errors["linear"] < 0.1 * errors["constant"]  # a first-order system is linear
-    for name in ("heater", "temperature"):
-        monkeypatch.delitem(SIGNALS, name)
 
 
 # ------------------------------------------------------------------------------------------------ README

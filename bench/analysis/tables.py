@@ -47,6 +47,11 @@ def quantities(records: Sequence[RunRecord]) -> list[str]:
     return [*groups, *channels]
 
 
+def whole_signals(names: Sequence[str]) -> list[str]:
+    """Those of the quantities that stand for all the axes of a signal."""
+    return [n for n in names if any(other.startswith(f"{n}.") for other in names)]
+
+
 def predicts(record: RunRecord, quantity: str) -> bool:
     """Whether the record's model predicts the channel, or all of the signal."""
     return quantity in quantities([record])

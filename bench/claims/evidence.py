@@ -209,7 +209,7 @@ def folders(root: Path) -> Iterator[Folder]:
                 continue
             runs = tuple(Run.of(run) for run in content["runs"])
             preset, comparable = _command(content["command"])
-        except (ValueError, TypeError, LookupError, AttributeError, OSError) as error:
+        except (ValueError, TypeError, LookupError, AttributeError, OSError, RecursionError) as error:
             raise BenchError(f"{path} is damaged ({error}): remove it, or run the study again.") from error
         comparable &= preset in PRESETS[1:]
         yield Folder(path.parent, content["study"], preset, comparable, runs)

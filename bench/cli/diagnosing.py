@@ -43,6 +43,8 @@ def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Sub
     from registry.stated import refuse_unstated
 
     subject = load(source, system)
+    for sentence in subject.resampled:
+        click.echo(f"note: {sentence}", err=True)
     if model_file is None:
         return subject, None
     model = files.read(model_file, type(subject.model))

@@ -13,7 +13,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bench.analysis.tables import horizons, is_baseline, named, norm_of, predicts, quantities, sound, specs
+from bench.analysis.tables import (
+    horizons,
+    is_baseline,
+    named,
+    norm_of,
+    predicts,
+    quantities,
+    sound,
+    specs,
+    whole_signals,
+)
 from bench.records.record import RunRecord
 
 # Okabe and Ito's palette for all kinds of colour vision, darkest contrasts first; yellow is too pale on white
@@ -150,8 +160,8 @@ def box_figure(record: RunRecord, path: Path) -> list[Path]:
 
 def principal(names: list[str]) -> list[str]:
     """The channels, or where they are many the signals of three axes (and whatever belongs to none)."""
-    channels = [n for n in names if "." in n]
-    signals = [n for n in names if n not in channels]
+    signals = whole_signals(names)
+    channels = [n for n in names if n not in signals]
     if len(channels) <= PANELS or not signals:
         return channels
     return signals + [c for c in channels if c.partition(".")[0] not in signals]

@@ -43,7 +43,8 @@ def _side_by_side(c: Content) -> str:
     heads += [f"{v.part} RMSSE [std. dev.]" for v in c.verdicts]
     made: dict[str, Any] = {name: tables.study_table(list(runs)) for name, runs in sides.items() if runs}
     every = tables.quantities(c.best_records)
-    quantities = [q for q in every if "." not in q] or every  # signals of three axes say enough
+    whole = tables.whole_signals(every)  # they say enough of their axes
+    quantities = [q for q in every if q in whole or q.partition(".")[0] not in whole]
     units = {row.output: row.unit for row in made["best"].itertuples()}
     heads += [f"test RMSSE, {escape(figures.title(q))} [{escape(units[q])}]" for q in quantities]
     for name, found in made.items():

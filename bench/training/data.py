@@ -15,6 +15,8 @@ from registry.errors import BenchError, near
 
 GRID = 10
 """Prediction starts lie on one grid whatever the history, so that runs of different τ are judged on the same ones."""
+HELD_BACK = 0.2
+"""Share of each training recording, at its end, that validates where no recording does."""
 OVERLAP = 50
 """Consecutive samples that two recordings must share to be called overlapping."""
 
@@ -132,11 +134,11 @@ def _prepare(
     valid = np.split(joined, ends[:-1])
     length = tau + horizon
 
-    def windows(part: str, names: Sequence[str], stride: int) -> Windows:
+    def windows(part: str, of: tuple[np.ndarray, ...], stride: int) -> Windows:
         starts, which = [], []
         for i, r in enumerate(recordings):
-            if r.name in names:
-                found = window_starts(valid[i], length, stride, (GRID - tau) % stride)
+            if of[i].any():
+                found = window_starts(of[i], length, stride, (GRID - tau) % stride)
                 starts.append(found + ends[i] - len(r))
                 which.append(np.full(len(found), i))
         together = np.concatenate(starts) if starts else np.empty(0, int)
@@ -147,9 +149,9 @@ def _prepare(
             )
         return Windows(torch.from_numpy(together), np.concatenate(which))
 
-    parts = (split.train, split.validation, split.test)
-    train, validation, test = (windows(part, names, n) for (part, n), names in zip(strides, parts, strict=True))
-    trained = np.concatenate([v & (r.name in split.train) for v, r in zip(valid, recordings, strict=True)])
+    of = _of_parts(recordings, valid, split)
+    train, validation, test = (windows(part, own, n) for (part, n), own in zip(strides, of, strict=True))
+    trained = np.concatenate(of[0])
 
     def scale(x: Tensor) -> tuple[Tensor, Tensor]:
         part = x.numpy()[trained].astype(np.float64)
@@ -173,6 +175,31 @@ def _prepare(
         input_scale=scale(inputs.values),
         output_scale=scale(outputs.values),
         context_scale=scale(context.values),
+    )
+
+
+def _of_parts(
+    recordings: Sequence[Recording], valid: Sequence[np.ndarray], split: Split
+) -> tuple[tuple[np.ndarray, ...], ...]:
+    """Valid samples (N,) of each recording that train, that validate and that test."""
+    parts = split.train, split.validation or split.train, split.test
+    masks = [[v & (r.name in names) for v, r in zip(valid, recordings, strict=True)] for names in parts]
+    if not split.validation:
+        for training, held in zip(*masks[:2], strict=True):
+            cut = round((1 - HELD_BACK) * len(held))
+            training[cut:] = held[:cut] = False
+    return tuple(tuple(part) for part in masks)
+
+
+def remarks(config: RunConfig) -> tuple[str, ...]:
+    """What is said of the data before a run: samples that are not as they were logged, no recording to validate."""
+    made, split = load(config.dataset).made, choose_split(config)
+    if split.validation:
+        return made
+    return (
+        *made,
+        f"No recording of {config.dataset.label} is for validation: the last {HELD_BACK:.0%} of "
+        f"{', '.join(split.train)} {'is' if len(split.train) == 1 else 'are'}.",
     )
 
 

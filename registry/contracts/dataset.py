@@ -6,9 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from registry.contracts.measurements import Channel, Finding, Loaded, Recording, Split
+from registry.contracts.measurements import Channel, Finding, Loaded, Recording, Split, places
 from registry.core import DATASETS
 from registry.errors import BenchError
+from registry.units import SIGNALS
 
 
 class Dataset(ABC):
@@ -16,14 +17,15 @@ class Dataset(ABC):
 
     source: ClassVar[str] = ""
     """Where the data come from: citation or address, and licence."""
-    system: ClassVar[str] = "quadrotor"
-    """The registered physics model of the recorded system."""
+    system: ClassVar[str] = ""
+    """The registered physics model of the recorded system; empty: there is none, only networks predict it."""
     inputs: ClassVar[tuple[str, ...]] = ()
     """Signals that drive a predictor by default."""
-    rates: ClassVar[str] = "body_rates"
-    """The signal of three rotational rates that the studies predict one by one."""
-    velocity: ClassVar[str] = "velocity"
-    """The translational velocity signal."""
+    targets: ClassVar[tuple[str, ...]] = ()
+    """Signals that studies and single configurations predict; empty: all that is measured beside the inputs."""
+    chain: ClassVar[tuple[str, ...]] = ()
+    """Signals that studies of the whole motion predict together, each driven by the one after it and the last by the
+    inputs, such as velocity and body rates; empty: the targets."""
     input_hold: ClassVar[str] = "linear"
     """Inputs between samples: "linear" (measured) or "previous" (commands)."""
     physics: ClassVar[dict[str, Any]] = {}
@@ -66,6 +68,26 @@ class Dataset(ABC):
         if not kept:
             raise BenchError(f"Dataset {type(self).__name__} holds no usable recording.")
         return Loaded(tuple(kept.values()), tuple(findings))
+
+    def channels(self) -> tuple[Channel, ...]:
+        """Channels of every recording, inputs first; read from the data where they are not known before."""
+        return self.recorded or self.load().recordings[0].channels
+
+    def predicted(self) -> tuple[str, ...]:
+        """The signals that a run predicts where it names none: the targets."""
+        return self.targets or tuple(dict.fromkeys(c.group for c in self.channels() if c.group not in self.inputs))
+
+    def predicted_together(self) -> tuple[str, ...]:
+        """The signals of the chain, or the targets where there is none."""
+        return self.chain or self.predicted()
+
+    def predicted_channels(self) -> tuple[str, ...]:
+        """The channels of the targets, for studies that give each of them a model of its own."""
+        axes = [SIGNALS[s].axes if s in SIGNALS else () for s in self.targets]
+        if axes and all(axes) and not self.recorded:  # known without reading the data
+            return tuple(f"{s}.{axis}" for s, own in zip(self.targets, axes, strict=True) for axis in own)
+        known = self.channels()
+        return tuple(known[i].name for i in places(known, self.predicted(), f"The data set {self.label}"))
 
     @abstractmethod
     def read(self) -> Loaded:

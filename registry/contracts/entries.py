@@ -27,7 +27,7 @@ class PredictorEntry(ABC):
 
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
         """Inputs, outputs and context where a run names none."""
-        return dataset.inputs, (dataset.rates,), ()
+        return dataset.inputs, dataset.predicted(), ()
 
     def content(self) -> str:
         """Digest of the files that the options name, for the run key; empty: they name none."""

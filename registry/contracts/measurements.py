@@ -140,6 +140,18 @@ class Loaded:
         """Names of the recordings."""
         return [r.name for r in self.recordings]
 
+    @property
+    def made(self) -> tuple[str, ...]:
+        """What was made of samples that are not as they were to be, a sentence a kind."""
+        said = []
+        for kind in ("resampled", "missing", "cut"):
+            found = sorted((f for f in self.findings if f.kind == kind), key=lambda f: -f.count)
+            recordings = dict.fromkeys(f.recording for f in found)
+            if found:
+                others = f"{len(recordings)} recordings, most of all " if len(recordings) > 1 else ""
+                said.append(f"{others}{found[0].recording}: {found[0].detail}.")
+        return tuple(said)
+
 
 @dataclass(frozen=True)
 class Split:

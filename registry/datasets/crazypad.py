@@ -51,7 +51,9 @@ class Crazypad(Dataset):
         "CrazyPAD (Crazyflie Propeller Anomaly Data), https://github.com/AerialRoboticsUUST/CrazyPAD, MIT, "
         "commit 5448265"
     )
+    system: ClassVar[str] = "quadrotor"
     inputs: ClassVar[tuple[str, ...]] = ("pwm",)
+    targets: ClassVar[tuple[str, ...]] = ("body_rates",)
     physics: ClassVar[dict[str, Any]] = CONSTANTS
     # Neither velocity nor attitude was logged: of all these only torque over inertia shows, for which inertia stands.
     uncertainty: ClassVar[dict[str, float]] = dict.fromkeys(UNCERTAINTY, 0.0) | {

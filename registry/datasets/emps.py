@@ -34,6 +34,8 @@ class Emps(Dataset):
     )
     system: ClassVar[str] = "mass_on_rail"
     inputs: ClassVar[tuple[str, ...]] = ("voltage",)
+    targets: ClassVar[tuple[str, ...]] = ("displacement",)  # the speed is its slope, which looks ahead
+    chain: ClassVar[tuple[str, ...]] = ("displacement", "speed")
     physics: ClassVar[dict[str, Any]] = {"mass": 95.1, "force_gain": 35.15065188248547}
     processing: ClassVar[dict[str, Any]] = {
         "smoothing": {"kind": "savgol", "window": WINDOW, "order": ORDER},

@@ -1,8 +1,9 @@
 """A user's own recordings: a folder with a `dataset.toml`."""
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -10,10 +11,12 @@ import numpy as np
 
 from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Split
 from registry.core import DATASETS, PHYSICS, option
-from registry.datasets.cleaning import resample, runs, widen
+from registry.datasets.cleaning import runs, widen
+from registry.datasets.folder_clock import Clock, clock, gridded, refuse_drift, said
 from registry.datasets.folder_conversion import attitude, in_frames, own_units
-from registry.datasets.folder_description import FILE, FolderDescription, SignalColumns, describe
+from registry.datasets.folder_description import FILE, FolderDescription, describe
 from registry.datasets.folder_draft import draft
+from registry.datasets.folder_signals import SignalColumns
 from registry.datasets.ground import MARGIN, resting
 from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
 from registry.datasets.signals import channels, recording
@@ -24,10 +27,10 @@ from registry.regular_file import regular
 
 __all__ = ["Folder", "FolderDescription", "check", "draft"]
 
-JITTER = 0.4
-"""How much of a sampling period the clock may be off between two samples before it counts as a jump."""
-DRIFT, STRETCH = 0.05, 50
-"""How far the clock may run from the stated rate, over so many samples and over all of them."""
+PARTS = 5
+"""That a single recording is cut into, one to validate and one to test."""
+SHORTEST = 100
+"""Samples of such a part."""
 
 
 @DATASETS.register("folder")
@@ -60,8 +63,23 @@ class Folder(Dataset):
 
     @property
     def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The signal that drives the system; none where nothing does."""
-        return (self.description.input,) if self.description.input else ()
+        """The signals that drive the system; none where nothing does."""
+        return self.description.inputs
+
+    @property
+    def targets(self) -> tuple[str, ...]:  # type: ignore[override]
+        """As the description says; else the body rates of a vehicle, and of other systems their measured states."""
+        stated, signals = self.description.targets, self.description.signals
+        if stated or "body_rates" in signals or not self.system:
+            return stated or tuple(s for s in ("body_rates",) if s in signals)
+        states = dict.fromkeys(c.group for c in PHYSICS.get(self.system).state_channels)
+        return tuple(s for s in states if s in signals)
+
+    @property
+    def chain(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Velocity and body rates of a vehicle, unless the description names targets."""
+        pair = ("velocity", "body_rates")
+        return pair if set(pair) <= set(self.description.signals) and not self.description.targets else ()
 
     @property
     def input_hold(self) -> str:  # type: ignore[override]
@@ -92,30 +110,42 @@ class Folder(Dataset):
     @property
     def recorded(self) -> tuple[Channel, ...]:  # type: ignore[override]
         """What the description says is in the files, inputs first, and the Euler rates that follow from it."""
-        drive, columns = self.inputs, {n: len(s.columns) for n, s in self.description.signals.items()}
-        if {"attitude", "body_rates"} <= set(columns):
-            columns.setdefault("euler_rates", 3)
-        ordered = sorted(columns, key=lambda n: n not in drive)
-        return tuple(c for n in ordered for c in channels(n, columns[n]))
+        drive, signals = self.inputs, self.description.signals
+        columns = {n: 4 if n == "attitude" else len(s.columns) for n, s in signals.items()}
+        if _turns(signals):
+            columns["euler_rates"] = 3
+        ordered = [*drive, *(n for n in columns if n not in drive)]
+        known = {n: s.signal for n, s in signals.items()}
+        return tuple(c for n in ordered for c in channels(n, columns[n], known.get(n)))
 
     def read(self) -> Loaded:
         """See `Dataset.read`."""
         description, folder = self.description, Path(self.path)
         read = [_recording(f, description) for f in _files(folder, description.files)]
-        return Loaded(tuple(r for r, _ in read), tuple(f for _, found in read for f in found))
+        recordings = [r for r, _ in read]
+        findings = [f for _, found in read for f in found]
+        if len(recordings) == 1 and len(recordings[0]) >= PARTS * SHORTEST:
+            detail = f"the only recording, cut into {PARTS} parts: the last but one validates, the last tests"
+            findings.append(Finding(recordings[0].name, "cut", PARTS, detail))
+            recordings = _cut(recordings[0])
+        return Loaded(tuple(recordings), tuple(findings))
 
     def split(self, names: Sequence[str]) -> Split:
         """The last fifth of the recordings by name (at least one) tests, as many before it validate.
 
+        Of two the first trains and the second tests, and the end of the first validates.
+
         Raises:
-            BenchError: fewer than three recordings.
+            BenchError: there is one recording, too short to be cut.
         """
-        if len(names) < 3:
+        if len(names) < 2:
             raise BenchError(
-                f"{self.path} holds {len(names)} recording(s), and training, validation and test need one each: "
-                "add recordings or cut the long ones into several files."
+                f"{self.path} holds {len(names)} recording(s) of fewer than {PARTS * SHORTEST} samples: add "
+                "recordings, for what is learnt from one must be tested on another."
             )
         ordered, n = sorted(names), max(1, round(len(names) / 5))
+        if len(names) == 2:
+            return Split((ordered[0],), (), (ordered[1],))
         return Split(tuple(ordered[: -2 * n]), tuple(ordered[-2 * n : -n]), tuple(ordered[-n:]))
 
 
@@ -126,6 +156,12 @@ def check(folder: str | Path) -> Loaded:
         BenchError: the first thing that is wrong: file, column, row.
     """
     return Folder(path=str(folder)).load()
+
+
+def _turns(signals: Mapping[str, SignalColumns]) -> bool:
+    """Whether Euler rates follow from what was measured: attitude, and rates about the three axes of the body."""
+    rates = signals.get("body_rates")
+    return "attitude" in signals and rates is not None and rates.signal is None and "euler_rates" not in signals
 
 
 def _files(folder: Path, pattern: str) -> list[Path]:
@@ -152,47 +188,22 @@ def _name(file: Path) -> str:
     return file.name.removesuffix(next(e for e in ENDINGS[::-1] if file.name.endswith(e)))
 
 
-def read_columns(file: Path, description: FolderDescription) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times (N,) [s] and columns (N,) of a file as they are written there, its clock checked.
+def read_columns(file: Path, description: FolderDescription) -> tuple[Clock, dict[str, np.ndarray]]:
+    """The clock of a file and its columns (N,) as they are written there, NaN where a value is missing.
 
     Raises:
-        BenchError: a column is missing or holds no numbers, or the clock jumps.
+        BenchError: a column is missing or holds no numbers, or the clock does not run forward or drifts.
     """
     names = list(dict.fromkeys(c for s in description.signals.values() for c in s.names))
-    table = numbers(file, [description.time, *names])
+    table = numbers(file, [description.time, *names], names)
     if len(table) < 2:
         raise BenchError(f"{file} holds one sample: a recording has two or more; remove the file.")
-    t, period = table[:, 0], 1 / description.rate
-    step = np.diff(t)
-    off = np.abs(step - period) > JITTER * period
-    if off.any():
-        i = int(off.argmax())
-        raise BenchError(
-            f"{file}, column {description.time!r}, row {first_row(file) + i + 1}: the clock jumps by {step[i]:.6g} s "
-            f"where rate_hz = {description.rate:g} means {period:.6g} s; split the file there or mend rate_hz."
-        )
-    _refuse_drift(file, t, description)
-    return t, dict(zip(names, table[:, 1:].T, strict=True))
-
-
-def _refuse_drift(file: Path, t: np.ndarray, description: FolderDescription) -> None:
-    """Raise where steps that are each about a period make another rate together."""
-    span = min(STRETCH, len(t) - 1)
-    measured = span / (t[span:] - t[:-span])
-    off = np.abs(measured / description.rate - 1)
-    allowed = DRIFT + 2 * JITTER / span
-    if off.max() <= allowed:
-        return
-    i, whole = int(off.argmax()), (len(t) - 1) / (t[-1] - t[0])
-    lowest, highest = measured.min(), measured.max()
-    if highest / lowest - 1 > allowed:
-        told = f"from {lowest:.4g} to {highest:.4g} Hz, worst from row {first_row(file) + i} on"
-    else:
-        told = f"at {whole:.4g} Hz"
-    raise BenchError(
-        f"{file}, column {description.time!r}: the clock runs {told}, where rate_hz = {description.rate:g}: mend "
-        "rate_hz if all files have that rate, or the clock."
-    )
+    of = clock(file, description.time, table[:, 0] * description.tick, description.rate)
+    columns = dict(zip(names, table[:, 1:].T, strict=True))
+    commands = description.inputs if description.input_hold == "previous" else ()  # may be logged at any time
+    measured = [s for n, s in description.signals.items() if n not in commands]
+    refuse_drift(file, description.time, of, [_whole([columns[c] for c in s.names]) for s in measured])
+    return of, columns
 
 
 def recording_files(folder: str | Path) -> list[Path]:
@@ -205,30 +216,51 @@ def recording_files(folder: str | Path) -> list[Path]:
 
 
 def _recording(file: Path, description: FolderDescription) -> tuple[Recording, list[Finding]]:
-    t, columns = read_columns(file, description)
-    signals, period, name = description.signals, 1 / description.rate, _name(file)
-    x = {n: own_units(columns, s) for n, s in signals.items()}
-    if "attitude" in x:
-        x["attitude"] = _attitude(file, x["attitude"], signals["attitude"])
-    uneven = len(t) > 1 and np.ptp(np.diff(t)) > 1e-3 * period
-    late = {n: s.delay for n, s in signals.items() if s.delay}
-    grid = t[0] + np.arange(int((t[-1] - t[0]) * description.rate + 1e-6) + 1) * period if uneven else t
-    valid = np.ones(len(grid), dtype=bool)
-    for n in x if uneven else late:
-        x[n], inside = resample(t - late.get(n, 0.0), x[n], grid, np.inf)
-        valid &= inside | (n not in late)
+    of, columns = read_columns(file, description)
+    signals, name = description.signals, _name(file)
+    logged = {n: _whole([columns[c] for c in s.names]) for n, s in signals.items()}
+    x, valid = {}, np.ones(len(of.grid), dtype=bool)
+    for n, s in signals.items():
+        values = own_units({c: columns[c][logged[n]] for c in s.names}, s)
+        if not len(values):
+            raise BenchError(f"{file}: {n} has no row in which all of {', '.join(s.names)} hold a number.")
+        values = _attitude(file, values, s, np.flatnonzero(logged[n])) if n == "attitude" else values
+        held = n in description.inputs and description.input_hold == "previous"
+        x[n], near = gridded(of, values, logged[n], s.delay, held)
+        valid &= near
+    findings = said(name, of, logged, valid)
     if "attitude" in x:
         x["attitude"] = unit_quaternion(x["attitude"])
     x = in_frames(x, signals)
-    if "attitude" in x and "body_rates" in x and "euler_rates" not in x:
+    if _turns(signals):
         x["euler_rates"] = euler_rates_from_body(euler_from_quaternion(x["attitude"]), x["body_rates"])
-    findings = []
-    if description.input and issubclass(PHYSICS.get(description.system), RigidBody):
+    if description.input and description.system and issubclass(PHYSICS.get(description.system), RigidBody):
         rests = resting(x, x[description.input], description.rate)
         valid &= ~widen(rests, round(MARGIN * description.rate))
-        findings = [Finding(name, "ground", b - a, _rest(a, b, len(rests), description.rate)) for a, b in runs(rests)]
-    inputs = {description.input: x.pop(description.input)} if description.input else {}
-    return recording(name, description.rate, inputs, x, valid), findings
+        findings += [Finding(name, "ground", b - a, _rest(a, b, len(rests), description.rate)) for a, b in runs(rests)]
+    inputs = {n: x.pop(n) for n in description.inputs}
+    own = {n: s.signal for n, s in signals.items() if s.signal}
+    return recording(name, description.rate, inputs, x, valid, own), findings
+
+
+def _whole(columns: Sequence[np.ndarray]) -> np.ndarray:
+    """Rows (N,) that hold a number in all columns (N,)."""
+    return np.asarray(np.isfinite(columns).all(axis=0))
+
+
+def _cut(recording: Recording) -> list[Recording]:
+    """Parts of one length, in order."""
+    ends = np.linspace(0, len(recording), PARTS + 1).round().astype(int)
+    return [
+        replace(
+            recording,
+            name=f"{recording.name}_{i}of{PARTS}",
+            inputs=recording.inputs[a:b],
+            outputs=recording.outputs[a:b],
+            valid=recording.valid[a:b],
+        )
+        for i, (a, b) in enumerate(pairwise(ends), start=1)
+    ]
 
 
 def _rest(first: int, end: int, samples: int, rate: float) -> str:
@@ -239,13 +271,13 @@ def _rest(first: int, end: int, samples: int, rate: float) -> str:
     )
 
 
-def _attitude(file: Path, values: np.ndarray, signal: SignalColumns) -> np.ndarray:
+def _attitude(file: Path, values: np.ndarray, signal: SignalColumns, rows: np.ndarray) -> np.ndarray:
     if signal.convention.startswith("quaternion"):
         length = np.linalg.norm(values, axis=1)
         if (np.abs(length - 1) > 0.1).any():
             i = int((np.abs(length - 1) > 0.1).argmax())
             raise BenchError(
-                f"{file}, column {signal.names[0]!r}, row {first_row(file) + i}: "
+                f"{file}, column {signal.names[0]!r}, row {first_row(file) + rows[i]}: "
                 f"a quaternion of length {length[i]:.3g} is no attitude."
             )
     return attitude(values, signal)

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from registry.datasets.folder_description import SignalColumns
+from registry.datasets.folder_signals import SignalColumns
 from registry.datasets.rotations import quaternion_from_euler, rotate, unit_quaternion
-from registry.units import to_si
+from registry.units import conversion, to_si
 
 Array = np.ndarray
 
@@ -17,9 +17,10 @@ GRAVITY = np.array([0.0, 0.0, 9.80665])
 
 
 def own_units(columns: Mapping[str, Array], signal: SignalColumns) -> Array:
-    """The columns (N, c) of a signal with their signs, in SI."""
+    """The columns (N, c) of a signal with their signs, in the unit in which it is kept."""
     picked = np.stack([-columns[c[1:]] if c.startswith("-") else columns[c] for c in signal.columns], axis=1)
-    return picked * to_si(signal.unit)[1]
+    factor, offset = conversion(signal.unit, signal.kept) if signal.kept else (to_si(signal.unit)[1], 0.0)
+    return picked * factor + offset if offset else picked * factor
 
 
 def attitude(values: Array, signal: SignalColumns) -> Array:

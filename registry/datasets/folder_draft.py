@@ -1,45 +1,24 @@
-"""A first `dataset.toml` guessed from the headers of a folder's files."""
+"""A first `dataset.toml` guessed from the headers and the clock of a folder's files."""
 
 import json
 import os
 import re
-from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from registry.core import PHYSICS
-from registry.datasets.tables import ENDINGS, header
+from registry.datasets.folder_columns import Found, bare, drives, own_signal, recognised, time_column
+from registry.datasets.folder_description import SECONDS
+from registry.datasets.tables import ENDINGS, header, numbers
 from registry.errors import BenchError
 from registry.stated import needed
 from registry.units import SIGNALS
 
-_GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
-    ("position", 'unit = "m"', ("x|px|pos_?x", "y|py|pos_?y", "z|pz|pos_?z")),
-    ("attitude", 'unit = "1", convention = "quaternion_xyzw"', ("q_?x", "q_?y", "q_?z", "q_?w")),
-    ("attitude", 'unit = "rad", convention = "euler_zyx"', ("roll|phi", "pitch|theta", "yaw|psi")),
-    ("velocity", 'unit = "m/s", frame = "world"', ("v_?x|vel_?x", "v_?y|vel_?y", "v_?z|vel_?z")),
-    ("body_rates", 'unit = "rad/s"', ("p|w_?x|gyro_?x|omega_?x", "q|w_?y|gyro_?y|omega_?y", "r|w_?z|gyro_?z|omega_?z")),
-    ("specific_force", 'unit = "m/s^2", frame = "body"', ("a_?x|acc_?x", "a_?y|acc_?y", "a_?z|acc_?z")),
-    ("battery", 'unit = "V"', ("v_?bat|battery|battery_voltage",)),
-    ("pilot", 'unit = "1"', ("aileron", "elevator", "rudder", "collective")),
-)
-_NUMBERED = (
-    ("rotor_speed", "rad/s", "(?:rotor|omega|rpm|motor_speed)_?"),
-    ("rotor_command", "rad/s", "(?:cmd|command|rotor_cmd|rotor_command)_?"),
-    ("pwm", "pwm", "(?:pwm|motor|m)_?"),
-)
-_NAMED: dict[str, str] = {
-    "displacement": "q|x|y|pos|position|disp|displacement",
-    "speed": "v|speed|vel|velocity|d[qx]|[qx]_?dot",
-    "angle": "theta|phi|th|angle",
-    "angle_rate": "omega|w|gyro|(?:theta|phi|angle)_?(?:dot|rate)|d(?:theta|phi)",
-    "force": "f|u|force|input",
-    "voltage": "u|v|volt|voltage|input",
-    "level": "h|y|[hy]_?2|level|level_?2|lower|lower_?level",
-    "upper_level": "[hy]_?1|level_?1|upper|upper_?level",
-}
-"""Of systems with one axis, whose names are too short to be guessed where the system is not named."""
-_TIME = "t|time|timestamp|time_?s"
+MOTION = ("position", "attitude", "velocity", "body_rates", "specific_force")
+"""Signals that only a vehicle has."""
+NO_PHYSICS = "No physics model: networks only."
 
 
 def draft(folder: str | Path, system: str = "") -> str:
@@ -47,69 +26,128 @@ def draft(folder: str | Path, system: str = "") -> str:
 
     Args:
         folder: of the recordings.
-        system: the physics model's registered name; "": a quadrotor or a helicopter, by the columns.
+        system: the physics model's registered name; "": a quadrotor or a helicopter where the columns hold the motion
+            of a vehicle, and else none.
 
     Raises:
         BenchError: the folder holds no CSV or Parquet file, the first one cannot be read, the system is unknown, or
-            none is named and no column looks like a signal of a vehicle.
+            there is no column beside the time.
     """
     folder = Path(folder)
     files = sorted(p for p in folder.glob("*") if p.name.endswith(ENDINGS))
     if not files:
         raise BenchError(f"{folder} holds no CSV, CSV.gz or Parquet file.")
-    ending = next(e for e in ENDINGS[::-1] if files[0].name.endswith(e))
     names = header(files[0])
-    left = list(names)
-
+    time = time_column(names)
+    columns = [n for n in names if n != time]
+    if not columns:
+        raise BenchError(f"{files[0]} has no column beside the time: log what drives the system and what it does.")
     wanted = _signals_of(system) if system else {}
-
-    def take(pattern: str) -> str | None:
-        return next((n for n in left if re.fullmatch(pattern, _bare(n), re.IGNORECASE)), None)
-
-    time = take(_TIME)
-    if time is not None:
-        left.remove(time)
-    signals: dict[str, str] = {}
-    for signal, about, patterns in _guesses(wanted):
-        columns = [take(p) for p in patterns]
-        if signal not in signals and all(columns):
-            signals[signal] = f"{{columns = {json.dumps(columns, ensure_ascii=False)}, {about}}}"
-            left = [n for n in left if n not in columns]
-    for signal, unit, prefix in _NUMBERED:
-        numbered = sorted((n for n in left if re.fullmatch(prefix + r"\d+", n, re.IGNORECASE)), key=_number)
-        if numbered and (not wanted or signal in wanted):
-            signals[signal] = f'{{columns = {json.dumps(numbered, ensure_ascii=False)}, unit = "{unit}"}}'
-            left = [n for n in left if n not in numbered]
-    if not system:
-        if not signals:
-            raise BenchError(
-                f"No column of {files[0].name} ({', '.join(names)}) looks like a signal of a vehicle: name the system "
-                f"with --system, one of {', '.join(PHYSICS.names())}; `bench show NAME` lists its signals."
-            )
-        system = "helicopter" if "pilot" in signals else "quadrotor"
-    driver = next((s for s in PHYSICS.get(system).input_signals if s in signals), None)
-    missing = [s for s in wanted if s not in signals]
+    found = recognised(columns, wanted)
+    if not system and set(found.signals) & {*MOTION, "pilot"}:
+        system = "helicopter" if "pilot" in found.signals else "quadrotor"
+    ending = next(e for e in ENDINGS[::-1] if files[0].name.endswith(e))
     lines = [
         f"name = {json.dumps(Path(os.path.realpath(folder)).name, ensure_ascii=False)}",
-        f'system = "{system}"' + ("" if wanted else "  # TODO: check; `bench list physics` names the others"),
-        "rate_hz = 100  # TODO: check",
+        *(
+            [f'system = "{system}"' + ("" if wanted else "  # TODO: check; `bench list physics` names the others")]
+            * bool(system)
+        ),
+        *_clock(files[0], time),
         f'files = "*{ending}"',
-        f"time = {json.dumps(time, ensure_ascii=False)}  # seconds"
-        if time
-        else 'time = "t"  # TODO: no column looks like time',
+        f"time = {json.dumps(time, ensure_ascii=False)}" if time else 'time = "t"  # TODO: no column looks like time',
+    ]
+    if system:
+        return "\n".join([*lines, *_of_system(system, wanted, found)]) + "\n"
+    return "\n".join([*lines, *_of_networks(files[0], found)]) + "\n"
+
+
+def _of_system(system: str, wanted: dict[str, str], found: Found) -> list[str]:
+    """What follows the clock where a physics model is known."""
+    driver = next((s for s in PHYSICS.get(system).input_signals if s in found.signals), None)
+    missing = [s for s in wanted if s not in found.signals]
+    return [
         *_driven(system, driver),
         "",
         "[signals]  # TODO: check every unit, and the frame of the velocity",
-        *(f"{signal} = {entry}" for signal, entry in signals.items()),
+        *(f"{signal} = {entry}" for signal, entry in found.signals.items()),
         *(
             f'# TODO: {m} = {{columns = ["…"], unit = "{SIGNALS[m].unit}"}}, {wanted[m]}, if it was measured'
             for m in missing
         ),
-        *(f"# TODO: what is column {json.dumps(n, ensure_ascii=False)}?" for n in left),
+        *(f"# TODO: what is column {json.dumps(n, ensure_ascii=False)}?" for n in found.left),
         "",
         *physics_lines(system, driver or ""),
     ]
-    return "\n".join(lines) + "\n"
+
+
+def _of_networks(file: Path, found: Found) -> list[str]:
+    """What follows the clock where there is no physics model: every column that holds numbers is a signal."""
+    signals, inputs, other = dict(found.signals), [], []
+    for column in found.left:
+        if not _numeric(file, column):
+            other.append(column)
+            continue
+        name, entry = own_signal(column, signals)
+        signals[name] = entry
+        if drives(column):
+            inputs.append(name)
+    inputs += [n for n in found.signals if n in ("pwm", "rotor_speed", "rotor_command")]
+    named = f"input = {json.dumps(inputs, ensure_ascii=False)}  # TODO: check what drives the system"
+    return [
+        named
+        if 0 < len(inputs) < len(signals)
+        else '# TODO: input = ["…"], the signals that drive the system, if any do',
+        'input_hold = "linear"  # TODO: "previous" if the input is a command',
+        '# targets = ["…"]  what is predicted; left out, all signals beside the input',
+        "",
+        f"# {NO_PHYSICS} With one, `bench data init FOLDER --system NAME` drafts its constants too.",
+        "[signals]  # TODO: check every unit",
+        *(f"{signal} = {entry}" for signal, entry in signals.items()),
+        *(f"# column {json.dumps(n, ensure_ascii=False)} holds no numbers" for n in other),
+    ]
+
+
+def _clock(file: Path, time: str | None) -> list[str]:
+    """The rate, as the time column of a file has it, and the unit of that column where it is not seconds."""
+    t = _times(file, time) if time else np.empty(0)
+    steps = np.diff(t)
+    if len(steps) < 2 or not (period := float(np.median(steps))) > 0:
+        return ["rate_hz = 100  # TODO: check"]
+    unit = _time_unit(bare(time or ""), period)
+    rate = 1 / (period * SECONDS[unit])
+    uneven = float(np.mean(np.abs(steps - period) > 0.1 * period))
+    overall = (len(t) - 1) / (t[-1] - t[0]) / SECONDS[unit]  # stamps may be rounded
+    rate = overall if abs(overall - rate) < 0.1 * rate else rate
+    rate = round(rate) if round(rate) and abs(rate - round(rate)) < 2e-3 * rate else float(f"{rate:.6g}")
+    said = f"  # {uneven:.0%} of the steps of {file.name} are others: put on this rate" if uneven > 0.01 else ""
+    lines = [f"rate_hz = {rate:g}{said or f'  # as {file.name} has it'}"]
+    return lines if unit == "s" else [*lines, f'time_unit = "{unit}"']
+
+
+def _times(file: Path, time: str) -> np.ndarray:
+    try:
+        return numbers(file, [time])[:, 0]
+    except BenchError:
+        return np.empty(0)  # `bench data check` says what is wrong with it
+
+
+def _time_unit(name: str, period: float) -> str:
+    """By the name of the time column, or where that is a stamp by the size of its steps."""
+    ending = re.search(r"_?(ms|us|ns)$", name, re.IGNORECASE)
+    if ending:
+        return ending[1].lower()
+    if not re.search("stamp|tick|^%", name, re.IGNORECASE):
+        return "s"
+    return next((unit for least, unit in ((1e5, "ns"), (500.0, "us"), (1.5, "ms")) if period >= least), "s")
+
+
+def _numeric(file: Path, column: str) -> bool:
+    try:
+        numbers(file, [column])
+    except BenchError as error:
+        return "NaN or empty" in str(error)
+    return True
 
 
 def physics_lines(system: str, drive: str) -> list[str]:
@@ -133,30 +171,8 @@ def _signals_of(system: str) -> dict[str, str]:
     return states | {s: "what drives it" for s in model.input_signals} | {s: "which tells more" for s in more}
 
 
-def _guesses(wanted: Collection[str]) -> list[tuple[str, str, tuple[str, ...]]]:
-    """Signal, the rest of its entry, and a pattern for each of its columns."""
-    if not wanted:
-        return list(_GUESSES)
-    found = [g for g in _GUESSES if g[0] in wanted]
-    for signal in (s for s in wanted if s not in {g[0] for g in _GUESSES}):
-        known = SIGNALS[signal]
-        patterns = (_NAMED[signal] + f"|{signal}",) if signal in _NAMED else known.axes
-        if patterns:
-            found.append((signal, f'unit = "{known.unit}"', patterns))
-    return found
-
-
 def _driven(system: str, driver: str | None) -> list[str]:
     if not PHYSICS.get(system).input_signals:
         return []
     named = f'input = "{driver}"' if driver else '# TODO: input = "…", the signal that drives the system'
     return [named, 'input_hold = "linear"  # TODO: "previous" if the input is a command']
-
-
-def _bare(name: str) -> str:
-    """A column's name without a unit in brackets."""
-    return re.sub(r"\s*[\[(][^\[(]*[\])]$", "", name.strip())
-
-
-def _number(name: str) -> int:
-    return int(re.search(r"\d+$", name).group())  # type: ignore[union-attr]

@@ -50,7 +50,10 @@ class Nanobench(Dataset):
     source: ClassVar[str] = (
         "NanoBench (IROS 2026), https://github.com/syediu/nanobench-iros2026, BSD-3-Clause, commit 0ae7d68"
     )
+    system: ClassVar[str] = "quadrotor"
     inputs: ClassVar[tuple[str, ...]] = ("pwm", "battery")
+    targets: ClassVar[tuple[str, ...]] = ("body_rates",)
+    chain: ClassVar[tuple[str, ...]] = ("velocity", "body_rates")
     input_hold: ClassVar[str] = "previous"
     physics: ClassVar[dict[str, Any]] = CONSTANTS
     uncertainty: ClassVar[dict[str, float]] = UNCERTAINTY

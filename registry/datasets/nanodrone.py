@@ -69,7 +69,10 @@ class Nanodrone(Dataset):
         "Nano-drone Benchmark, arXiv:2512.14450; https://github.com/idsia-robotics/nanodrone-sysid-benchmark, "
         "no licence stated"
     )
+    system: ClassVar[str] = "quadrotor"
     inputs: ClassVar[tuple[str, ...]] = ("rotor_speed",)
+    targets: ClassVar[tuple[str, ...]] = ("body_rates",)
+    chain: ClassVar[tuple[str, ...]] = ("velocity", "body_rates")
     physics: ClassVar[dict[str, Any]] = {
         "mass": 0.045,
         "inertia": (1.43e-5, 1.43e-5, 2.89e-5),  # of another Crazyflie: not published for this one

@@ -46,7 +46,10 @@ class Pelican(Dataset):
         "N. Mohajerin, S. L. Waslander, Multistep Prediction of Dynamic Systems With Recurrent Neural Networks, "
         "IEEE TNNLS 2019; https://github.com/wavelab/pelican_dataset, no licence stated"
     )
+    system: ClassVar[str] = "quadrotor"
     inputs: ClassVar[tuple[str, ...]] = ("motor_count",)
+    targets: ClassVar[tuple[str, ...]] = ("body_rates",)
+    chain: ClassVar[tuple[str, ...]] = ("velocity", "body_rates")
 
     def read(self) -> Loaded:
         """See `Dataset.read`."""

@@ -51,6 +51,8 @@ class Silverbox(Dataset):
     )
     system: ClassVar[str] = "oscillator"
     inputs: ClassVar[tuple[str, ...]] = ("force",)
+    targets: ClassVar[tuple[str, ...]] = ("displacement",)  # the speed is its slope, which looks ahead
+    chain: ClassVar[tuple[str, ...]] = ("displacement", "speed")
     # Least squares of the linear equation on the training recordings, in the frequency band.
     physics: ClassVar[dict[str, Any]] = {"mass": 5.346e-6, "damping": 2.254e-4, "stiffness": 1.020}
     uncertainty: ClassVar[dict[str, float]] = {"mass": 0.05, "damping": 0.05, "stiffness": 0.05}

@@ -2,7 +2,7 @@
 
 import gzip
 import zlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,13 @@ def header(file: Path) -> list[str]:
     return [str(c) for c in read(file, rows=0).columns]
 
 
-def numbers(file: Path, columns: Sequence[str]) -> np.ndarray:
+def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> np.ndarray:
     """The ``columns`` (N, len), every one a finite number.
+
+    Args:
+        file: a CSV or Parquet file.
+        columns: their names.
+        gaps: those that may lack values, which are NaN then, but for all of them.
 
     Raises:
         BenchError: with file, column and row (as a spreadsheet counts: the header is row 1; in Parquet the first
@@ -44,6 +49,8 @@ def numbers(file: Path, columns: Sequence[str]) -> np.ndarray:
         raw = table[column]
         number = pd.to_numeric(raw, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
         bad = ~np.isfinite(number)
+        if column in gaps and not bad.all():
+            bad &= ~raw.isna().to_numpy()
         if bad.any():
             i = int(bad.argmax())
             what = "no number (NaN or empty)" if pd.isna(raw.iloc[i]) else f"{str(raw.iloc[i])!r}, not a finite number"

@@ -31,8 +31,9 @@ class Tailsitter(Dataset):
         "PolyU MAV/UAV Lab, quadrotor tail-sitter hovering data set; "
         "https://github.com/RockyJBL/Tailsitter-hovering-dataset, no licence stated"
     )
-    system: ClassVar[str] = ""
     inputs: ClassVar[tuple[str, ...]] = ("pwm", "elevon")
+    targets: ClassVar[tuple[str, ...]] = ("body_rates",)
+    chain: ClassVar[tuple[str, ...]] = ("velocity", "body_rates")
 
     def read(self) -> Loaded:
         """See `Dataset.read`."""

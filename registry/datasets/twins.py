@@ -155,7 +155,10 @@ class PelicanTwin(Twin):
         "Simulated here. Shape, measurement and processing after the AscTec Pelican flight dataset (WAVELab, "
         "University of Waterloo); vehicle constants of the RotorS Pelican."
     )
+    system: ClassVar[str] = "quadrotor"
     inputs: ClassVar[tuple[str, ...]] = ("rotor_speed",)
+    targets: ClassVar[tuple[str, ...]] = ("body_rates",)
+    chain: ClassVar[tuple[str, ...]] = ("velocity", "body_rates")
     recorded: ClassVar[tuple[Channel, ...]] = channels(
         "rotor_speed", "position", "velocity", "attitude", "body_rates", "euler_rates", "rotor_command"
     )
@@ -177,7 +180,8 @@ class HelicopterTwin(Twin):
     source: ClassVar[str] = "Simulated here; every constant is chosen, none is of a measured aircraft."
     system: ClassVar[str] = "helicopter"
     inputs: ClassVar[tuple[str, ...]] = ("pilot",)
-    rates: ClassVar[str] = "euler_rates"
+    targets: ClassVar[tuple[str, ...]] = ("euler_rates",)
+    chain: ClassVar[tuple[str, ...]] = ("velocity", "euler_rates")
     input_hold: ClassVar[str] = "previous"
     recorded: ClassVar[tuple[Channel, ...]] = channels("pilot", "velocity", "attitude", "body_rates", "euler_rates")
 

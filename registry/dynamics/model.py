@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import ClassVar
@@ -15,6 +16,7 @@ from registry.core import EFFECTS, PHYSICS
 from registry.dynamics.effects import Effect, InputEffect
 from registry.dynamics.parameters import Parameter, parameters_of
 from registry.errors import BenchError
+from registry.units import SIGNALS, Signal
 
 
 def unsuited(name: str, effect: Effect | type[Effect], kind: type[PhysicsModel]) -> str:
@@ -62,6 +64,8 @@ class PhysicsModel(ABC):
     """The state proper."""
     input_signals: ClassVar[tuple[str, ...]]
     """Signals that can drive the model; the first is its own."""
+    signals: ClassVar[Mapping[str, Signal]] = {}
+    """Signals of its own, such as what drives it, where `registry.units.SIGNALS` does not have them."""
     equation: ClassVar[str]
     """As text."""
     provides: ClassVar[tuple[str, ...]] = ()
@@ -83,6 +87,14 @@ class PhysicsModel(ABC):
     def system_name(cls) -> str:
         """The registered name, or that of the class."""
         return PHYSICS.name_of(cls) if PHYSICS.knows(cls) else cls.__name__
+
+    @classmethod
+    def signal(cls, name: str) -> Signal | None:
+        """Unit and axes of a state or an input as the model means it; None: it does not look at it."""
+        states = [c for c in cls.state_channels if c.group == name]
+        if states:
+            return Signal(states[0].unit, tuple(c.axis for c in states))
+        return cls.signals.get(name) or (SIGNALS.get(name) if name in cls.input_signals else None)
 
     def __post_init__(self) -> None:
         if self.input_hold not in ("linear", "previous"):
@@ -141,6 +153,14 @@ class PhysicsModel(ABC):
     def drive_acts_at_once(self) -> bool:
         """Whether the driving signal is what acts, so that any delay between it and the motion is one of the log."""
         return False
+
+    @property
+    def driving_channels(self) -> int:
+        """Number of channels of the signal that drives it: as many as it has axes, else as there are rotors, or one."""
+        if not self.input_signals:
+            return 0
+        known = self.signal(self.input_signals[0])
+        return len(known.axes if known else ()) or len(getattr(self, "rotor_positions", ())) or 1
 
     @property
     def internal_size(self) -> int:

@@ -1,4 +1,7 @@
-"""Two networks in a row: the first predicts the rotational rates, the second the velocity from inputs and rates."""
+"""Two networks in a row: the first predicts one signal, the second another from inputs and the first.
+
+Of vehicles the first predicts the rotational rates and the second the velocity.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +16,7 @@ from registry.predictors.lstm import LSTM, LSTMTDL, LSTMPredictor
 
 
 class CascadePredictor(Composite):
-    """Both networks of `Cascade`. The last three outputs are the rates, those before them the velocity.
+    """Both networks of `Cascade`. The outputs are the second signal (velocity) and, behind it, the first (rates).
 
     The free run is the paper's practical mode. In training and in the view "forced" the second network sees measured
     rates (teacher forcing).
@@ -24,15 +27,16 @@ class CascadePredictor(Composite):
     def __init__(self, entry: LSTM, problem: Problem) -> None:
         super().__init__(problem)
         groups = list(dict.fromkeys(c.group for c in problem.outputs))
-        if len(groups) != 2 or self.n_outputs != 6 or len({c.group for c in problem.outputs[3:]}) != 1:
+        self.slow = sum(c.group == groups[0] for c in problem.outputs)
+        if len(groups) != 2 or len({c.group for c in problem.outputs[self.slow :]}) != 1:
             raise BenchError(
-                "A cascade predicts a velocity and then three rotational rates, such as --outputs velocity,body_rates, "
-                f"not {', '.join(groups)}."
+                "A cascade predicts two signals, of which the second drives the first, such as --outputs "
+                f"velocity,body_rates, not {', '.join(groups)}: name two, or take an LSTM."
             )
-        rates = problem.outputs[3:]
+        rates = problem.outputs[self.slow :]
         self.first = LSTMPredictor(entry, replace(problem, outputs=rates))
         self.second = LSTMPredictor(
-            entry, replace(problem, inputs=(*problem.inputs, *rates), outputs=problem.outputs[:3])
+            entry, replace(problem, inputs=(*problem.inputs, *rates), outputs=problem.outputs[: self.slow])
         )
         self.history = max(self.first.history, self.second.history)
         sizes = zip(self.first.layout.sizes, self.second.layout.sizes, strict=True)
@@ -44,7 +48,7 @@ class CascadePredictor(Composite):
 
     def part_history(self, part: int, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
         """See `Composite.part_history`."""
-        velocity, rates, context = outputs.split([3, 3, self.n_context], -1)
+        velocity, rates, context = outputs.split([self.slow, self.n_outputs - self.slow, self.n_context], -1)
         if part == 0:
             return inputs, torch.cat([rates, context], -1)
         return torch.cat([inputs, rates], -1), torch.cat([velocity, context], -1)
@@ -73,9 +77,9 @@ class CascadePredictor(Composite):
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`."""
         one, two = self._separate(state)
-        fed = (None, None) if feedback is None else (feedback[..., 3:], feedback[..., :3])
+        fed = (None, None) if feedback is None else (feedback[..., self.slow :], feedback[..., : self.slow])
         rates, one = self.first.rollout(inputs, one, fed[0])
-        seen = rates if feedback is None else feedback[..., 3:]
+        seen = rates if feedback is None else feedback[..., self.slow :]
         velocity, two = self.second.rollout(torch.cat([inputs, seen], -1), two, fed[1])
         return torch.cat([velocity, rates], -1), self.join([one, two], inputs, velocity)
 
@@ -83,28 +87,29 @@ class CascadePredictor(Composite):
         """Each network runs free, and the second sees measured rates; see `Predictor.teach`."""
         one, two = self._separate(state)
         rates, _ = self.first.rollout(inputs, one)
-        velocity, _ = self.second.rollout(torch.cat([inputs, outputs[..., 3:]], -1), two)
+        velocity, _ = self.second.rollout(torch.cat([inputs, outputs[..., self.slow :]], -1), two)
         return torch.cat([velocity, rates], -1)
 
     def teach_vjp(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> tuple[Tensor, CostVJP]:
         """See `Predictor.teach_vjp`."""
         one, two = self._separate(state)
         rates, _, first = self.first.rollout_vjp(inputs, one)
-        velocity, _, second = self.second.rollout_vjp(torch.cat([inputs, outputs[..., 3:]], -1), two)
+        velocity, _, second = self.second.rollout_vjp(torch.cat([inputs, outputs[..., self.slow :]], -1), two)
 
         def vjp(d_outputs: Tensor) -> tuple[Tensor, Gradients]:
-            (d_one, of_first), (d_two, of_second) = first(d_outputs[..., 3:], None), second(d_outputs[..., :3], None)
+            d_one, of_first = first(d_outputs[..., self.slow :], None)
+            d_two, of_second = second(d_outputs[..., : self.slow], None)
             return self._joined(d_one, d_two), _named(of_first, of_second)
 
         return torch.cat([velocity, rates], -1), vjp
 
     def viewed(self, name: str) -> list[int]:
         """The velocity."""
-        return [0, 1, 2]
+        return list(range(self.slow))
 
     def view(self, name: str, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
         """Velocity when the second network sees measured rates."""
-        return self.teach(inputs, outputs, state)[..., :3]
+        return self.teach(inputs, outputs, state)[..., : self.slow]
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
         """Of both networks, velocity first. LSTM read-outs do not look at the inputs."""
@@ -118,7 +123,7 @@ class CascadePredictor(Composite):
 
         def vjp(d_read: Tensor, d_state: Tensor) -> Gradients:
             d_one, d_two = torch.zeros_like(one), torch.zeros_like(two)
-            found = _named(first(d_read[..., 3:], d_one), second(d_read[..., :3], d_two))
+            found = _named(first(d_read[..., self.slow :], d_one), second(d_read[..., : self.slow], d_two))
             d_state.add_(self._joined(d_one, d_two))
             return found
 
@@ -132,7 +137,7 @@ def _named(first: Gradients, second: Gradients) -> Gradients:
 @PREDICTORS.register("Cascade")
 @dataclass(frozen=True)
 class Cascade(LSTM):
-    """Two LSTMs: inputs → rotational rates, then inputs and these rates → velocity.
+    """Two LSTMs: inputs → rotational rates, then inputs and these rates → velocity; or any two signals in a chain.
 
     Mohajerin and Waslander, section "Black-box Modeling of the Quadrotor". Trained with measured rates (teacher
     forcing); judged with predicted ones ("practical") and, as ``velocity_forced``, with measured ones.
@@ -140,7 +145,7 @@ class Cascade(LSTM):
 
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
         """See `PredictorEntry.signals`."""
-        return dataset.inputs, (dataset.velocity, dataset.rates), ()
+        return dataset.inputs, dataset.predicted_together(), ()
 
     def build(self, problem: Problem) -> Predictor:
         """See `PredictorEntry.build`."""

@@ -230,6 +230,11 @@ class LoadHybrid(PredictorEntry):
 
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
         """See `PredictorEntry.signals`; the accelerometer is read where there is one."""
+        if dataset.system != "quadrotor" or "rotor_speed" not in measured_signals(dataset):
+            raise BenchError(
+                f"The Load hybrid is for quadrotors whose rotor speeds were measured, which {dataset.label} does not "
+                "hold: take a Hybrid or an LSTM."
+            )
         refuse_unstated(dataset, Quadrotor)
         felt = ("specific_force",) if "specific_force" in measured_signals(dataset) else ()
         return ("rotor_speed",), ("velocity", "body_rates"), ("attitude", *felt)

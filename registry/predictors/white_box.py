@@ -16,7 +16,7 @@ from registry.errors import BenchError
 from registry.model_file import read
 from registry.physics.quadrotor import Quadrotor
 from registry.physics.rigid_body import RigidBody
-from registry.stated import refuse_unstated
+from registry.stated import physics_of, refuse_unstated
 
 _NEEDED = ("velocity", "attitude", "body_rates")
 """States of a rigid body that nothing else tells; a position is looked at by few effects."""
@@ -146,7 +146,8 @@ def default_signals(dataset: Dataset, file: str = "") -> tuple[Signals, Signals,
     Of a rigid body the velocities are predicted; position and attitude only set the start. Of other systems every
     state that the data hold is predicted.
     """
-    model: Any = read(Path(file), dataset.system) if file else PHYSICS.get(dataset.system)()
+    kind = physics_of(dataset.system, dataset.label)
+    model: Any = read(Path(file), dataset.system) if file else kind()
     refuse_unstated(dataset, type(model), file)
     accepted = _accepted(model)
     drive = next((s for s in accepted if s in dataset.inputs), accepted[0] if accepted else None)
@@ -185,7 +186,7 @@ def measured_signals(dataset: Dataset) -> frozenset[str]:
 
 
 def _nominal(problem: Problem) -> PhysicsModel:
-    kind = PHYSICS.get(problem.system)
+    kind = physics_of(problem.system, "The data")
     fields = {f.name for f in dataclasses.fields(kind)}
     given = {k: _tuples(v) for k, v in problem.physics.items() if k in fields}
     groups = {c.group for c in problem.inputs}

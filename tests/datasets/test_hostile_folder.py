@@ -51,16 +51,30 @@ def test_rows_longer_than_their_header(folder: Path, more: str) -> None:
 @pytest.mark.parametrize(
     ("clock", "says"),
     [
-        (lambda n: np.arange(n) / 80, "runs at 80 Hz, where rate_hz = 100"),
-        (lambda n: np.arange(n) / 125, "runs at 125 Hz"),
         (lambda n: np.cumsum(np.linspace(1.0, 1.3, n)) / 100, "from 78.03 to 98.12 Hz"),
         (lambda n: np.cumsum(np.linspace(0.85, 1.15, n)) / 100, "Hz, worst from row"),
+        (lambda n: np.cumsum(np.linspace(1.0, 3.0, n)) / 100, "Hz, worst from row"),
+        (lambda n: np.cumsum(np.where(np.arange(n) < 250, 1.0, 0.5)) / 100, "from 100 to 200 Hz"),
+        (lambda n: np.cumsum(np.where(np.arange(n) < 250, 1.0, 2.0)) / 100, "from 50 to 100 Hz"),
+        (lambda n: np.arange(n) / 4, "come at 4 Hz, which rate_hz = 100 cannot be made of"),
+        (lambda n: np.arange(n) / 20000, "come at 20000 Hz, which rate_hz = 100 cannot be made of"),
     ],
 )
 def test_a_clock_that_contradicts_the_stated_rate(folder: Path, clock: Callable[[int], np.ndarray], says: str) -> None:
     rewrite(folder, lambda d: d.__setitem__("t", clock(len(d))))
     with pytest.raises(BenchError, match=says):
         check(folder)
+
+
+@pytest.mark.parametrize(("rate", "samples"), [(80, 499), (125, 320)])
+def test_a_steady_clock_of_another_rate_is_never_read_without_a_word(folder: Path, rate: int, samples: int) -> None:
+    rewrite(folder, lambda d: d.__setitem__("t", np.arange(len(d)) / rate))
+    (finding,) = (f for f in check(folder).findings if f.kind == "resampled")
+    assert f"logged at {rate} Hz, put on 100 Hz" in finding.detail
+    assert len(check(folder).recordings[0]) == samples
+    rewrite(folder, lambda d: d.update({"t": np.arange(len(d)) / rate, "vbat": d.vbat.where(d.index != 7)}) or 0)
+    (finding,) = (f for f in check(folder).findings if f.kind == "resampled")  # a missing value does not hide it
+    assert f"logged at {rate} Hz" in finding.detail
 
 
 def test_a_clock_that_jitters_about_the_stated_rate_is_read(folder: Path) -> None:
@@ -82,10 +96,17 @@ NOISE = "noise = {position = 0.0004}"
         (NOISE, "noise = 3", "must be a table"),
         ('files = "*.csv"', 'files = "."', "files = '.'"),
         ('files = "*.csv"', 'files = ["a.csv"]', "files must be a text"),
-        ('input = "rotor_speed"', 'input = ["rotor_speed"]', "input must be the name of a signal"),
+        ('input = "rotor_speed"', 'input = ["rotor_speed", 3]', "input must be the name of a signal"),
+        ('input = "rotor_speed"', 'input = {a = "rotor_speed"}', "input must be the name of a signal"),
+        ('input = "rotor_speed"', 'input = ["rotor_speed", "rotor_speed"]', "a list of different signals"),
+        ('input = "rotor_speed"', 'input = "rotor_speed"\ntargets = "velocity"', "targets must be a list"),
+        ('input = "rotor_speed"', 'input = "rotor_speed"\ntargets = ["rotor_speed"]', "cannot be one of the targets"),
+        ('time = "t"', 'time = "t"\ntime_unit = ["s"]', "time_unit = "),
         ('convention = "euler_zyx"', 'convention = ["euler_zyx"]', "convention and frame must be texts"),
         ("rate_hz = 100", f"rate_hz = {'9' * 400}", "rate_hz must be a number"),
         ("rate_hz = 100", "rate_hz = 1e308", "rate_hz must be a number"),
+        ("rate_hz = 100", "rate_hz = 1e-300", "rate_hz must be a number"),
+        ("rate_hz = 100", "rate_hz = true", "rate_hz must be a number"),
         ("mass = 0.5", f"mass = {'9' * 400}", "finite number"),
         ("mass = 0.5", f"mass = {'[' * 300}1{']' * 300}", "deep"),
     ],

@@ -36,15 +36,18 @@ def inspect_command(name: str, assignments: tuple[str, ...]) -> None:
 
 @data_command.command("init")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.option("--system", metavar="NAME", default="", help="Physics model; default: quadrotor or helicopter.")
+@click.option("--system", metavar="NAME", default="", help="Physics model; default: a vehicle's, or none.")
 def init_command(folder: Path, system: str) -> None:
-    """Draft FOLDER/dataset.toml from the headers of its CSV or Parquet files.
+    """Draft FOLDER/dataset.toml from the headers and the clock of its CSV or Parquet files.
+
+    Without --system, columns that hold the motion of a vehicle make a quadrotor or a helicopter of it; all others are
+    signals of their own, which networks predict.
 
     \b
     bench data init flights/
     bench data init spring/ --system oscillator    `bench list physics` names the systems, `bench show` their signals
     """
-    from registry.datasets.folder import draft
+    from registry.datasets.folder_draft import NO_PHYSICS, draft
 
     target = folder / "dataset.toml"
     if target.exists():
@@ -54,6 +57,8 @@ def init_command(folder: Path, system: str) -> None:
         target.write_text(text)
     except OSError as error:
         raise BenchError(f"{target} cannot be written: {error.strerror}.") from error
+    if NO_PHYSICS in text:
+        click.echo(f"{NO_PHYSICS} No column looks like the motion of a vehicle, and no --system names another model.")
     click.echo(f"Wrote {target}. Complete the lines marked TODO, then: bench data check {folder}")
 
 
@@ -107,7 +112,8 @@ def check_command(folder: Path) -> None:
     if todo := (folder / "dataset.toml").read_text(encoding="utf-8").count("TODO"):
         click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
     stated(dataset.processing)
-    refuse_unstated(dataset, PHYSICS.get(dataset.system))
+    if dataset.system:
+        refuse_unstated(dataset, PHYSICS.get(dataset.system))
     mistakes = check_folder(folder)
     for m in mistakes:
         click.echo(f"{'WRONG' if m.stops else 'note'}: {m.kind}: {m.detail}")
@@ -116,10 +122,15 @@ def check_command(folder: Path) -> None:
     if any(m.stops for m in mistakes):
         click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: bench data check {folder}")
         raise click.exceptions.Exit(2)
-    click.echo(f"Next: bench diagnose {folder}   (which physics a model of it lacks)")
-    measured = dict.fromkeys(c.group for r in loaded.recordings for c in r.output_channels)
-    outputs = "" if Folder.rates in measured else f" --outputs {','.join(measured)}"
-    click.echo(f'  or: bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}{outputs}   (a network that predicts it)')
+    network = f'bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}   (a network that predicts it)'
+    if dataset.system:
+        click.echo(f"Next: bench diagnose {folder}   (which physics a model of it lacks)")
+        click.echo(f"  or: {network}")
+    else:
+        drive = ", ".join(dataset.inputs) or "nothing"
+        click.echo(f"No physics model: networks only. {drive} → {', '.join(dataset.predicted())}.")
+        click.echo(f"Next: {network}")
+        click.echo(f"  or: bench diagnose {folder} --system mine.py:Class   (physics of your own)")
 
 
 def _render(rows: list[dict[str, Any]], findings: "list[Finding]") -> None:

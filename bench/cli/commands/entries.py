@@ -79,7 +79,7 @@ def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
 
     out.print(f"[bold]{name}[/]  ({kind})")
     out.print(inspect.getdoc(entry) or "", highlight=False, markup=False)
-    for fact in ("equation", "source", "system", "inputs", "rates", "needs", "requires"):
+    for fact in ("equation", "source", "system", "inputs", "targets", "chain", "needs", "requires"):
         value = getattr(entry, fact, None)
         if value and not callable(value) and not isinstance(value, property):
             text = ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)

@@ -87,6 +87,7 @@ def run_command(
     from bench.cli.job import Job, Place, carry_out
     from bench.execution import engine
     from bench.experiment.request import Options, request
+    from bench.training.data import remarks
 
     out = options.console()
     asked = Options(dataset, preset, seeds, *options.by_owner(changes, horizon, outputs), physics)
@@ -95,6 +96,8 @@ def run_command(
     for name in study.titles() if target == ALL else [target]:
         try:
             made = Job(request(name, asked), [name if a == ALL else a for a in sys.argv[1:]])
+            for sentence in remarks(made.configs[0]):
+                out.print(escape(sentence), highlight=False)
             planned.append((made, engine.plan(made.configs, place.runs)))
         except BenchError as error:
             if target != ALL:

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from bench.cli import options
 from registry.errors import BenchError, near
-from registry.units import to_si
+from registry.units import is_listed, to_si
 
 
 @click.group("runs")
@@ -106,7 +106,7 @@ def errors_command(
     means = means.sort_values("quantity", key=lambda q: q.map(list(dict.fromkeys(q)).index), kind="stable")
     for (quantity, kind, unit, spec), rows in means.groupby(["quantity", "norm", "unit", "spec"], sort=False):
         if norm in (None, kind):
-            shown, factor = to_si(unit) if si else (unit, 1.0)
+            shown, factor = to_si(unit) if si and is_listed(unit) else (unit, 1.0)
             values = rows.pivot(index="step", columns="run", values="value") * factor
             sums = values.sum()
             spread = f"{sums.min():.2f} to {sums.max():.2f}" if len(sums) > 1 else ""

@@ -8,7 +8,6 @@ import numpy as np
 from bench.diagnose.logs.consistency import ENDS, HALF, View, accumulated, change, modelled, outlying, slope, spread
 from bench.diagnose.result import DataProblem
 from registry.datasets.cleaning import fill, runs, widen
-from registry.units import SIGNALS
 
 Array = np.ndarray
 
@@ -132,7 +131,8 @@ def _outliers(y: Array, own: Array, usable: Array) -> list[tuple[int, int, float
 
 
 def _spike(view: View, signal: str, first: int, last: int, size: float, other: str) -> DataProblem:
-    unit = "rad" if signal == "attitude" else SIGNALS[signal].unit
+    known = view.model.signal(signal)
+    unit = "rad" if signal == "attitude" or known is None else known.unit
     samples = "one sample lies" if first == last else f"{last - first + 1} samples lie"
     detail = f"{samples} {size:.3g} {unit} from the neighbours, which {other} does not confirm."
     return DataProblem(view.log.name, signal, "spike", (first, last), detail)

@@ -11,11 +11,12 @@ from registry.contracts import Recording
 from registry.core import PHYSICS
 from registry.datasets.cleaning import extent
 from registry.datasets.folder import Folder, read_columns, recording_files
+from registry.datasets.folder_clock import nearest
 from registry.datasets.folder_conversion import attitude, own_units, vector
-from registry.datasets.folder_description import SignalColumns
+from registry.datasets.folder_signals import SignalColumns
 from registry.datasets.ground import resting
 from registry.datasets.rotations import unit_quaternion
-from registry.units import SIGNALS
+from registry.units import SIGNALS, is_listed
 
 if TYPE_CHECKING:
     from bench.diagnose.logs.subject import Subject
@@ -131,8 +132,10 @@ def of_folder(folder: str | Path) -> Recorded:
     reading = _reading(description.signals, description.input, physics)
     flights = []
     for file in _spread(recording_files(folder)):
-        _, columns = read_columns(file, description)
-        flight = Flight(file.name.split(".")[0], description.rate, columns)
+        of, columns = read_columns(file, description)
+        near = {n: nearest(of, v) for n, v in columns.items()}
+        valid = np.logical_and.reduce([found for _, found in near.values()])
+        flight = Flight(file.name.split(".")[0], description.rate, {n: v for n, (v, _) in near.items()}, valid)
         if description.input:
             x = flight.signals(reading, ("attitude", "velocity", "body_rates", description.input))
             flight.valid &= ~resting(x, x[description.input], description.rate)
@@ -166,7 +169,8 @@ def _as_read(recordings: Sequence[Recording]) -> dict[str, SignalColumns]:
         common = all({c.name for c in channels} <= {c.name for c in r.channels} for r in recordings)
         if common and name in SIGNALS and len(channels) >= len(SIGNALS[name].axes):
             convention = "quaternion_xyzw" if name == "attitude" else ""
-            out[name] = SignalColumns(tuple(c.name for c in channels), channels[0].unit, convention)
+            kept = "" if is_listed(channels[0].unit) else channels[0].unit
+            out[name] = SignalColumns(tuple(c.name for c in channels), channels[0].unit, convention, kept=kept)
     return out
 
 

@@ -10,7 +10,6 @@ from bench.diagnose.logs.subject import Log
 from registry.datasets.cleaning import widen
 from registry.dynamics import PhysicsModel
 from registry.physics.rigid_body import RigidBody
-from registry.units import SIGNALS
 
 Array = np.ndarray
 
@@ -69,10 +68,7 @@ def _integrals(model: PhysicsModel) -> list[tuple[int, int]]:
 
 def drives(model: PhysicsModel) -> int:
     """Number of driving channels."""
-    if not model.input_signals:
-        return 0
-    rotors = getattr(model, "rotor_positions", None)
-    return len(SIGNALS[model.input_signals[0]].axes) or (1 if rotors is None else len(rotors))
+    return model.driving_channels
 
 
 def conjugate_product(a: Array, b: Array) -> Array:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.diagnose.logs.differences import centred
+from bench.diagnose.logs.meant import as_meant
 from bench.diagnose.logs.own_system import own_class
 from bench.diagnose.logs.smoothing import stated
 from bench.diagnose.logs.subject import Subject, log_of
@@ -16,6 +17,7 @@ from registry.core import DATASETS, PHYSICS
 from registry.datasets.folder import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
+from registry.model_file import constants_of
 from registry.stated import refuse_unstated
 
 HELD_OUT = 1 / 3
@@ -35,6 +37,11 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
     """
     dataset = source if isinstance(source, Dataset) else _dataset(source)
     constants, processing, uncertainty, drive = _described(dataset)
+    if not (system or dataset.system):
+        raise BenchError(
+            f"{dataset.label} has no physics model to compare with: name one with --system, registered "
+            "(`bench list physics`) or of your own, mine.py:Class."
+        )
     kind = physics_class(system or dataset.system)
     nominal, acting = model is None, kind if model is None else type(model)
     if (drive or acting.input_signals) and drive not in acting.input_signals:
@@ -44,8 +51,10 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         )
     if nominal:
         refuse_unstated(dataset, kind)
-    loaded = dataset.load()
-    recordings = loaded.recordings
+    if isinstance(dataset, Folder) and not dataset.system:  # nobody has checked them yet
+        constants = constants_of(f"{dataset.described} [physics]", kind().parameters(), constants)
+    read = dataset.load()
+    recordings = tuple(as_meant(r, kind) for r in read.recordings)
     signals = set.intersection(*({c.group for c in r.channels} for r in recordings))
     if model is None:
         known = {f.name for f in dataclasses.fields(kind)}
@@ -72,7 +81,8 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         {k: float(v) for k, v in dict(processing.get("noise", {})).items()},
         uncertainty,
         tuple(sorted(signals)),
-        notes=_taken(dataset, model) if nominal and isinstance(dataset, Folder) else (),
+        notes=(*read.made, *(_taken(dataset, model) if nominal and isinstance(dataset, Folder) else ())),
+        resampled=read.made,
         folder=dataset.path if isinstance(dataset, Folder) else "",
     )
     return centred(subject)

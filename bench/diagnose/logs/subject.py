@@ -74,6 +74,8 @@ class Subject:
     """Whether the inputs are read at the times at which they act; see `select.input_timing`."""
     notes: tuple[str, ...] = ()
     """What was done to the measurements, in sentences."""
+    resampled: tuple[str, ...] = ()
+    """Those of them that say where samples are not as they were logged."""
     folder: str = ""
     """Where they were read from, if a dataset.toml describes them."""
 
@@ -145,8 +147,7 @@ def self_contained(model: PhysicsModel, measured: Sequence[bool]) -> tuple[bool,
     if all(measured):
         return tuple(measured)
     size, generator = len(measured), torch.Generator().manual_seed(0)
-    rotors = len(getattr(model, "rotor_positions", ())) or 1
-    width = (rotors if model.input_signals else 0) + len(model.extras)
+    width = model.driving_channels + len(model.extras)
     state = 0.5 + torch.rand(size + model.internal_size, generator=generator, dtype=torch.float64)
     given = torch.full((width,), 0.5, dtype=torch.float64)
     slopes = torch.autograd.functional.jacobian(lambda x: model.derivative(x, given)[:size], state)[:, :size]

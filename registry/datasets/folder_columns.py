@@ -1,0 +1,173 @@
+"""What the columns of a log are by the names that people, autopilots and robots give them."""
+
+import json
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+
+from registry.errors import BenchError
+from registry.units import SIGNALS, checked
+
+TIME = r"%?time(?:_?(?:s|ms|us|ns))?|t|t_?(?:s|ms|us|ns)|timestamp(?:_?(?:s|ms|us|ns))?|tick|(?:.*\.)?stamp"
+"""Of the column that holds the time."""
+_ROS = r"(?:.*\.)?"
+_GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("attitude", 'unit = "1", convention = "quaternion_wxyz", frame = "ned"', tuple(rf"q\[{i}\]" for i in range(4))),
+    ("body_rates", 'unit = "rad/s", frame = "frd"', tuple(rf"(?:.*\.)?xyz\[{i}\]|gyro_rad\[{i}\]" for i in range(3))),
+    (
+        "specific_force",
+        'unit = "m/s^2", frame = "frd"',
+        tuple(rf"accelerometer_m_s2\[{i}\]" for i in range(3)),
+    ),
+    ("position", 'unit = "m"', tuple(rf"{a}|p{a}|pos[_.]?{a}|stateEstimate\.{a}|{_ROS}position\.{a}" for a in "xyz")),
+    (
+        "attitude",
+        'unit = "1", convention = "quaternion_xyzw"',
+        tuple(rf"q[_.]?{a}|stateEstimate\.q{a}|{_ROS}orientation\.{a}" for a in "xyzw"),
+    ),
+    ("attitude", 'unit = "rad", convention = "euler_zyx"', ("roll|phi", "pitch|theta", "yaw|psi")),
+    (
+        "velocity",
+        'unit = "m/s", frame = "world"',
+        tuple(rf"v[_.]?{a}|vel[_.]?{a}|stateEstimate\.v{a}|{_ROS}(?:linear|velocity)\.{a}" for a in "xyz"),
+    ),
+    ("body_rates", 'unit = "deg/s"', ("gyro\\.x", "gyro\\.y", "gyro\\.z")),
+    (
+        "body_rates",
+        'unit = "rad/s"',
+        tuple(
+            rf"{a}|w_?{b}|gyro_?{b}|omega_?{b}|{_ROS}angular(?:_velocity)?\.{b}"
+            for a, b in zip("pqr", "xyz", strict=True)
+        ),
+    ),
+    ("specific_force", 'unit = "g", frame = "body"', ("acc\\.x", "acc\\.y", "acc\\.z")),
+    (
+        "specific_force",
+        'unit = "m/s^2", frame = "body"',
+        tuple(rf"a_?{a}|acc_?{a}|{_ROS}linear_acceleration\.{a}" for a in "xyz"),
+    ),
+    ("battery", 'unit = "V"', (r"v_?bat|battery|battery_voltage|pm\.vbat|voltage_v|voltage_filtered_v",)),
+    ("pilot", 'unit = "1"', ("aileron", "elevator", "rudder", "collective")),
+)
+_NUMBERED = (
+    ("rotor_speed", "rad/s", "(?:rotor|omega|rpm|motor_speed)_?"),
+    ("rotor_command", "rad/s", "(?:cmd|command|rotor_cmd|rotor_command)_?"),
+    ("pwm", "pwm", r"(?:pwm|motor|m|motor\.m|pwm\.m\d_)_?|(?:output|channels)\["),
+)
+_NAMED: dict[str, str] = {
+    "displacement": "q|x|y|pos|position|disp|displacement",
+    "speed": "v|speed|vel|velocity|d[qx]|[qx]_?dot",
+    "angle": "theta|phi|th|angle",
+    "angle_rate": "omega|w|gyro|(?:theta|phi|angle)_?(?:dot|rate)|d(?:theta|phi)",
+    "force": "f|u|force|input",
+    "voltage": "u|v|volt|voltage|input",
+    "level": "h|y|[hy]_?2|level|level_?2|lower|lower_?level",
+    "upper_level": "[hy]_?1|level_?1|upper|upper_?level",
+}
+"""Of systems with one axis, whose names are too short to be guessed where the system is not named."""
+_DRIVES = (
+    r"u_?\d*|in(?:put)?_?\d*|(?:.*_)?(?:cmd|command|set_?point|reference|ref|drive|duty|throttle|pwm|pump|valve|heater)"
+    r"(?:_.*|\d+)?"
+)
+"""What drives a system of which nothing else is known."""
+_SUFFIXES = ("l_min", "m_s", "rad_s", "deg_s", "degc", "bar", "kpa", "pa", "rpm", "hz", "kg", "mm", "deg", "rad")
+_UNITS = {"degc": "degC", "kpa": "kPa", "pa": "Pa", "hz": "Hz", "l_min": "L/min"}
+
+
+@dataclass
+class Found:
+    """Signals that the columns of a file seem to hold, and the columns that are left."""
+
+    signals: dict[str, str] = field(default_factory=dict)
+    """Name → its entry as a dataset.toml has it."""
+    left: list[str] = field(default_factory=list)
+
+
+def time_column(names: Sequence[str]) -> str | None:
+    """The column that holds the time, by its name."""
+    return next((n for n in names if re.fullmatch(TIME, bare(n), re.IGNORECASE)), None)
+
+
+def recognised(names: Sequence[str], wanted: Collection[str] = ()) -> Found:
+    """The signals whose columns have a known name.
+
+    Args:
+        names: of the columns, without that of the time.
+        wanted: the only signals that are looked for; none: those of a vehicle.
+    """
+    found = Found(left=list(names))
+
+    def take(pattern: str) -> str | None:
+        return next((n for n in found.left if re.fullmatch(pattern, bare(n), re.IGNORECASE)), None)
+
+    px4 = any(n.startswith(("q[", "xyz[", "timestamp_sample")) for n in names)
+    for signal, about, patterns in _guesses(wanted):
+        columns = [take(p) for p in patterns]
+        if signal not in found.signals and all(columns) and len(set(columns)) == len(columns):
+            said = (
+                about.replace(', frame = "world"', "") + ', frame = "ned"'
+                if px4 and signal in ("position", "velocity")
+                else about
+            )
+            found.signals[signal] = _entry([c for c in columns if c], said)
+            found.left = [n for n in found.left if n not in columns]
+    for signal, unit, prefix in _NUMBERED:
+        pattern = re.compile(rf"(?:{prefix})\d+\]?", re.IGNORECASE)
+        numbered = sorted((n for n in found.left if pattern.fullmatch(n)), key=_number)
+        if numbered and (not wanted or signal in wanted):
+            found.signals[signal] = _entry(numbered, f'unit = "{unit}"')
+            found.left = [n for n in found.left if n not in numbered]
+    return found
+
+
+def own_signal(column: str, taken: Collection[str]) -> tuple[str, str]:
+    """Name and entry of a signal that holds one column of which nothing is known but its name."""
+    unit = _unit(column)
+    name = re.sub(r"\W+", "_", bare(column)).strip("_")[:36] or "signal"
+    name = name if not name[0].isdigit() else f"s{name}"
+    if name in taken:
+        name = next(f"{name}_{i}" for i in range(2, len(taken) + 3) if f"{name}_{i}" not in taken)
+    return name, _entry([column], f'unit = "{unit or 1}"') + ("" if unit else '  # TODO: its unit, such as "L/min"')
+
+
+def drives(column: str) -> bool:
+    """Whether a column seems to hold what drives a system, by its name."""
+    return re.fullmatch(_DRIVES, bare(column), re.IGNORECASE) is not None
+
+
+def bare(name: str) -> str:
+    """A column's name without a unit in brackets."""
+    return re.sub(r"\s*[\[(](?!\d+[\])]$)[^\[(]*[\])]$", "", name.strip())
+
+
+def _unit(column: str) -> str:
+    """What the name says of the unit: "flow [L/min]", "flow_l_min"; empty: nothing."""
+    in_brackets = re.fullmatch(r".*[\[(](?!\d+[\])]$)([^\[(]+)[\])]", column.strip())
+    if in_brackets:
+        try:
+            return checked(in_brackets[1])
+        except BenchError:
+            return ""
+    suffix = next((s for s in _SUFFIXES if column.lower().endswith(f"_{s}")), "")
+    return _UNITS.get(suffix, suffix.replace("_", "/"))
+
+
+def _entry(columns: Sequence[str], about: str) -> str:
+    return f"{{columns = {json.dumps(list(columns), ensure_ascii=False)}, {about}}}"
+
+
+def _guesses(wanted: Collection[str]) -> list[tuple[str, str, tuple[str, ...]]]:
+    """Signal, the rest of its entry, and a pattern for each of its columns."""
+    if not wanted:
+        return list(_GUESSES)
+    found = [g for g in _GUESSES if g[0] in wanted]
+    for signal in (s for s in wanted if s not in {g[0] for g in _GUESSES}):
+        known = SIGNALS[signal]
+        patterns = (_NAMED[signal] + f"|{signal}",) if signal in _NAMED else known.axes
+        if patterns:
+            found.append((signal, f'unit = "{known.unit}"', patterns))
+    return found
+
+
+def _number(name: str) -> int:
+    return int(re.findall(r"\d+", name)[-1])

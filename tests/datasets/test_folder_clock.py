@@ -1,0 +1,146 @@
+"""Logs with gaps, missing samples and several rates: what is made of them, against the motion that was logged."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+
+from bench.cli import cli
+from bench.cli.diagnosing import load
+from registry.contracts import Loaded
+from registry.datasets.folder import Folder, check
+from registry.errors import BenchError
+
+TOML = 'name = "x"\nrate_hz = {rate}\nfiles = "*.csv"\ntime = "t"\ninput = "u"\ninput_hold = "previous"\n[signals]\n'
+SIGNALS = 'y = {columns = ["y"], unit = "mm"}\nu = {columns = ["u"], unit = "V"}\n'
+
+
+def motion(t: np.ndarray) -> np.ndarray:
+    return np.sin(2 * np.pi * t)
+
+
+def logged(
+    folder: Path, rate: float, change: Callable[[pd.DataFrame], pd.DataFrame], wanted: float | None = None
+) -> Loaded:
+    """Two seconds at ``rate``, changed, read at the rate that is wanted."""
+    t = np.arange(round(2 * rate)) / rate
+    table = pd.DataFrame({"t": t, "y": motion(t), "u": np.floor(4 * t)})
+    change(table).to_csv(folder / "a.csv", index=False)
+    (folder / "dataset.toml").write_text(TOML.format(rate=wanted or rate) + SIGNALS)
+    return check(folder)
+
+
+def kept(loaded: Loaded) -> tuple[np.ndarray, np.ndarray]:
+    """Output (N,) of the only recording and its mask."""
+    (r,) = loaded.recordings
+    return r.outputs[:, 0], r.valid
+
+
+def test_a_gap_is_left_out_and_said(tmp_path: Path) -> None:
+    loaded = logged(tmp_path, 200, lambda d: d.drop(index=range(100, 110)))
+    y, valid = kept(loaded)
+    assert len(y) == 400 and not valid[100:110].any() and valid.sum() == 390
+    assert y[valid] == pytest.approx(motion(np.arange(400) / 200)[valid], abs=1e-9)
+    assert "10 samples missing in 1 place(s), at most 0.055 s apart" in loaded.findings[0].detail
+
+
+def test_a_short_gap_is_bridged(tmp_path: Path) -> None:
+    loaded = logged(tmp_path, 200, lambda d: d.drop(index=[50, 51]))
+    y, valid = kept(loaded)
+    assert valid.all() and y == pytest.approx(motion(np.arange(400) / 200), abs=1e-2)
+    assert "bridged by straight lines" in loaded.findings[0].detail
+
+
+def test_several_rates_in_one_log_meet_on_one_grid(tmp_path: Path) -> None:
+    def slower(d: pd.DataFrame) -> pd.DataFrame:
+        return d.assign(y=d.y.where(d.index % 4 == 0), u=d.u.where(d.index % 50 == 0))
+
+    loaded = logged(tmp_path, 200, slower)
+    y, valid = kept(loaded)
+    inside = slice(0, 397)  # behind the last sample nothing is known
+    assert y[inside] == pytest.approx(motion(np.arange(397) / 200), abs=2e-3)
+    u = loaded.recordings[0].inputs[:, 0]
+    assert u[:351].tolist() == np.floor(4 * np.arange(351) / 200).tolist()  # a command stays until the next
+    assert valid[:351].all() and not valid[-1]
+    assert {f.kind for f in loaded.findings} == {"missing"} and "y has samples at 50 Hz" in loaded.findings[0].detail
+
+
+def test_the_rate_wanted_need_not_be_that_of_the_log(tmp_path: Path) -> None:
+    loaded = logged(tmp_path, 200, lambda d: d, 80)
+    y, valid = kept(loaded)
+    assert len(y) == 160 and valid.all() and y == pytest.approx(motion(np.arange(160) / 80), abs=2e-4)
+    assert "logged at 200 Hz, put on 80 Hz" in loaded.findings[0].detail
+    almost = logged(tmp_path, 200, lambda d: d, 199.999)
+    assert len(kept(almost)[0]) == 400 and not almost.findings
+
+
+def late(t: np.ndarray) -> np.ndarray:
+    """Every fiftieth sample is stamped three periods late, and those after it at once."""
+    period = t[1] - t[0]
+    return np.array(t) + period * np.select([np.arange(len(t)) % 50 == i for i in range(4)], [3.0, 2.2, 1.4, 0.6], 0.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d.drop(index=np.random.default_rng(1).choice(np.arange(1, 399), 40, replace=False)),
+        lambda d: d.assign(t=late(d.t.to_numpy())),
+        lambda d: d.assign(t=(d.index // 3) * 3 / 200 + 1e-3 * (d.index % 3)),
+        lambda d: d.assign(t=d.t + np.random.default_rng(2).uniform(-0.3, 0.3, len(d)) / 200),
+        lambda d: d.assign(t=d.t + 30.0 * (d.index > 220)),
+    ],
+    ids=["dropped", "late", "stamped in threes", "jittering", "paused"],
+)
+def test_a_clock_that_stumbles_does_not_drift(tmp_path: Path, change: Callable[[pd.DataFrame], pd.DataFrame]) -> None:
+    loaded = logged(tmp_path, 200, change)
+    assert not [f for f in loaded.findings if f.kind == "resampled"]
+
+
+def test_a_clock_that_stumbles_and_drifts_is_refused(tmp_path: Path) -> None:
+    drifting = np.cumsum(np.linspace(0.9, 1.1, 400)) / 200
+    lost = np.random.default_rng(1).choice(np.arange(1, 399), 40, replace=False)
+    for change in (
+        lambda d: d.assign(t=drifting).drop(index=lost),
+        lambda d: d.assign(t=late(drifting)),
+        lambda d: d.assign(t=drifting, y=d.y.where(d.index % 4 == 0)),
+    ):
+        with pytest.raises(BenchError, match="the clock runs from"):
+            logged(tmp_path, 200, change)
+
+
+def test_what_was_made_of_a_log_is_said_wherever_it_is_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in "ab":
+        t = np.arange(300) / 80
+        data = pd.DataFrame({"t": t, "q": motion(t + (name == "b")), "w": 2 * np.pi * np.cos(2 * np.pi * t)})
+        data.to_csv(tmp_path / f"{name}.csv", index=False)
+    (tmp_path / "dataset.toml").write_text(
+        'name = "x"\nsystem = "pendulum"\nrate_hz = 100\nfiles = "*.csv"\ntime = "t"\n[signals]\n'
+        'angle = {columns = ["q"], unit = "rad"}\nangle_rate = {columns = ["w"], unit = "rad/s"}\n'
+        "[physics]\nlength = 0.5\n"
+    )
+    said = "logged at 80 Hz, put on 100 Hz"
+    for command in (["data", "check", tmp_path], ["run", "constant", "--dataset", tmp_path, "-T", 20, "--dry-run"]):
+        assert said in CliRunner().invoke(cli, list(map(str, command))).output.replace("\n", " ")
+    subject, _ = load(str(tmp_path), None, None)
+    assert said in capsys.readouterr().err and any(said in note for note in subject.notes)
+
+
+def test_one_recording_is_cut_into_parts_and_two_are_enough(tmp_path: Path) -> None:
+    loaded = logged(tmp_path, 250, lambda d: d)
+    assert [(r.name, len(r)) for r in loaded.recordings] == [(f"a_{i}of5", 100) for i in (1, 2, 3, 4, 5)]
+    assert np.concatenate([r.outputs[:, 0] for r in loaded.recordings]) == pytest.approx(motion(np.arange(500) / 250))
+    assert loaded.findings[0].kind == "cut"
+    split = Folder(path=str(tmp_path)).split(loaded.names)
+    assert (split.train, split.validation, split.test) == (("a_1of5", "a_2of5", "a_3of5"), ("a_4of5",), ("a_5of5",))
+    pair = Folder().split(["b", "a"])
+    assert (pair.train, pair.validation, pair.test) == (("a",), (), ("b",))
+
+
+def test_a_clock_that_stands_or_leaps_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BenchError, match="row 12: the clock goes on by 0 s"):
+        logged(tmp_path, 200, lambda d: d.assign(t=d.t.where(d.index != 10, d.t[9])))
+    with pytest.raises(BenchError, match="jumps by 1000 s"):
+        logged(tmp_path, 200, lambda d: d.assign(t=d.t + 1000.0 * (d.index >= 10)))
