@@ -25,21 +25,37 @@ def test_a_weight_at_motor_3_moves_the_centre_of_gravity_there(bench_data):
     assert 0.01 > np.hypot(*heavy) > 3 * np.hypot(*light) > 0.001
 
 
+@pytest.fixture(scope="module")
+def nanodrone(bench_data):
+    return diagnose("nanodrone", brief=True)
+
+
 @pytest.mark.data
 @pytest.mark.slow
-@pytest.mark.xfail(
-    strict=True,
-    reason="only flapping is confirmed on melon, which is held out: its velocity lags its attitude by some samples",
-)
-def test_nanodrone_lacks_what_its_rotors_do(bench_data):
-    """What the recordings are known to hold: drag, a moment that goes with lateral velocity, rotors' inertia in yaw."""
-    said, model = diagnose("nanodrone", brief=True)
+def test_nanodrone_lacks_drag_and_a_moment_that_goes_with_lateral_velocity(nanodrone):
+    """Drag of the accelerometer by least squares of a line: k_d = 2.9e-6 for each of four rotors at some 1,900 rad/s.
+
+    That is .022 kg/s; with velocity or velocity times rotor speed the line is as good. Velocity lags attitude by 50 ms
+    on melon, which is held out, so that drag shows in what the accelerometer feels, not in the change of velocity.
+    """
+    said, model = nanodrone
     found = {e.id: e.parameters for e in said.effects}
     assert said.verdict == "named"
-    assert set(found) - {"linear_drag", "rotor_drag"} == {"blade_flapping", "rotor_reaction_torque"} < set(found)
-    inertia = found["rotor_reaction_torque"]["rotor_inertia"]
+    assert set(found) in ({"linear_drag", "blade_flapping"}, {"rotor_drag", "blade_flapping"})
+    if "linear_drag" in found:
+        assert all(found["linear_drag"][d].value == pytest.approx(0.022, rel=0.25) for d in ("d_x", "d_y"))
+    felt = said.by_equation["accelerations"]
+    assert felt.extended < 0.45 * felt.calibrated
+    assert min(model.inertia) > 0
+    assert said.error.extended["body_rates"].rmse < 0.3 * said.error.calibrated["body_rates"].rmse
+
+
+@pytest.mark.data
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="torques are judged together, and yaw makes little of their error on melon")
+def test_nanodrone_lacks_the_inertia_of_its_rotors_in_yaw(nanodrone):
+    said, model = nanodrone
+    inertia = {e.id: e.parameters for e in said.effects}["rotor_reaction_torque"]["rotor_inertia"]
     assert inertia.low < 3.1e-8 < inertia.high
     # The yaw tells its ratio to the vehicle's moment of inertia only.
     assert inertia.value / model.inertia[2] == pytest.approx(7.4e-4, rel=0.1)
-    assert min(model.inertia) > 0
-    assert said.error.extended["body_rates"].rmse < 0.3 * said.error.calibrated["body_rates"].rmse
