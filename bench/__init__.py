@@ -17,6 +17,14 @@ What `__all__` lists is the public API; everything else is private and may chang
 nothing: each name is imported when it is first used. SI units; results have `to_frame` and, most of them, `plot`.
 """
 
+import sys
+
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
+    # `python -m bench` puts the working directory first: a `typing.py` among somebody's logs would be run.
+    _here = __file__.rpartition("bench")[0].rstrip("/\\")
+    if sys.path and sys.path[0] != _here:
+        del sys.path[0]
+
 import importlib
 from typing import TYPE_CHECKING, Any
 

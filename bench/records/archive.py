@@ -16,7 +16,8 @@ from typing import Any
 from bench.records import durable, record
 from bench.records.concluded import Concluded, slug
 from bench.records.record import RunRecord
-from bench.records.record_check import BYTES, FILES, KEY, check, read_json, text
+from bench.records.record_check import BYTES, check, read_json
+from bench.records.record_fields import FILES, KEY, text
 from registry.errors import BenchError
 from registry.regular_file import regular
 

@@ -23,11 +23,11 @@ import safetensors.torch
 from torch import Tensor
 
 from bench.records import durable, stamp
+from bench.records.record_fields import TABLES, lacking
 from registry.errors import BenchError, near
 from registry.regular_file import regular
 
 T = TypeVar("T")
-TABLES = ("steps", "curve", "windows")
 STEP_COLUMNS = ["quantity", "norm", "unit", "step", "time_s", "statistic", "value"]
 WINDOW_COLUMNS = ["window", "recording", "step", "time_s", "channel", "unit", "measured", "predicted"]
 
@@ -77,8 +77,6 @@ class RunRecord:
         summary = dict(json.loads(content.decode("utf-8")))
         written = self._read("provenance.json", self._genuine_provenance).get(stamp.RECORD)
         if written is None:  # of a time before stamps: at least what is asked of it must be there
-            from bench.records.record_check import lacking
-
             if missing := lacking(summary):
                 raise ValueError(missing)
         elif written != hashlib.sha256(content).hexdigest():

@@ -1,8 +1,6 @@
 """What a record must be when it comes from elsewhere: the reader's own expectations, checked one by one."""
 
 import json
-import math
-import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,118 +9,19 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.records import stamp
-from bench.records.record import STEP_COLUMNS, TABLES, WINDOW_COLUMNS, RunRecord, verify
+from bench.records.record import STEP_COLUMNS, WINDOW_COLUMNS, RunRecord, verify
+from bench.records.record_fields import FILES, JSON, PROVENANCE, SUMMARY, TABLES, all_of, number, text
 from registry.errors import BenchError
 
-JSON = ("record.json", "config.json", "provenance.json")
-FILES = (*JSON, *(f"{t}.parquet" for t in TABLES), "model.safetensors")
-KEY = re.compile(r"[0-9a-f]{32,64}")
 ROWS = 1_000_000
 """Most rows of a table."""
-TEXT = 200
-"""Longest name of a signal, configuration or recording."""
 BYTES = {".json": 4 << 20, ".parquet": 32 << 20, ".safetensors": 256 << 20}
 """Largest file, by its ending."""
-LAST_MS = 4_102_444_800_000
-"""The year 2100."""
 
-
-def text(x: Any) -> bool:
-    """A short line that can be printed."""
-    return isinstance(x, str) and len(x) <= TEXT and x.isprintable()
-
-
-def count(x: Any) -> bool:
-    """A whole number that is not negative."""
-    return isinstance(x, int) and not isinstance(x, bool) and 0 <= x < 2**53
-
-
-def _size(x: Any) -> bool:
-    return count(x) and 1 <= x <= 100_000
-
-
-def _number(x: Any) -> bool:
-    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-
-
-def _or_none(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return lambda x: x is None or fits(x)
-
-
-def _all(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return lambda x: isinstance(x, list) and len(x) <= 10_000 and all(map(fits, x))
-
-
-def _by_name(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return lambda x: isinstance(x, dict) and len(x) <= 10_000 and all(map(text, x)) and all(map(fits, x.values()))
-
-
-def _parts(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return lambda x: _by_name(fits)(x) and set(x) == {"train", "validation", "test"}
-
-
-def _digest(x: Any) -> bool:
-    return isinstance(x, str) and re.fullmatch(r"[0-9a-f]{64}", x) is not None
-
-
-def _files(x: Any) -> bool:
-    return (
-        isinstance(x, dict)
-        and set(x) == set(FILES) - {"record.json", "provenance.json"}
-        and all(map(_digest, x.values()))
-    )
-
-
-SUMMARY: dict[str, Callable[[Any], bool]] = {
-    "key": lambda x: isinstance(x, str) and KEY.fullmatch(x) is not None,
-    "spec": text,
-    "status": lambda x: x in ("finished", "diverged"),
-    "dataset": text,
-    "dataset_digest": _digest,
-    "inputs": _all(text),
-    "outputs": lambda x: _all(text)(x) and len(x) > 0,
-    "context": _all(text),
-    "predicted": count,
-    "units": _by_name(text),
-    "rate_hz": lambda x: _number(x) and x > 0,
-    "horizon": _size,
-    "history": _size,
-    "seed": count,
-    "weights": count,
-    "updates": count,
-    "best_update": _or_none(count),
-    "diverged_at": _or_none(count),
-    "metrics": _by_name(_or_none(_number)),
-    "windows": _parts(count),
-    "recordings": _parts(_all(text)),
-    "environment": _by_name(lambda x: text(x) or _number(x)),
-    "files": _files,
-}
-LATER = ("context", "predicted", "environment")
-"""Not in the first records."""
-PROVENANCE: dict[str, Callable[[Any], bool]] = {
-    "started_ms": lambda x: count(x) and x < LAST_MS,
-    "finished_ms": lambda x: count(x) and x < LAST_MS,
-    "seconds": _number,
-    "device": text,
-    "host": _by_name(text),
-    "versions": _by_name(text),
-    "git": text,
-}
 CURVE_COLUMNS = ("update", "train_loss", "validation_loss")
 COLUMNS = {"steps": tuple(STEP_COLUMNS), "curve": CURVE_COLUMNS, "windows": tuple(WINDOW_COLUMNS)}
 TEXTS = {"quantity", "norm", "unit", "statistic", "recording", "channel"}
 WHOLE = {"step", "update", "window"}
-
-
-def lacking(summary: Mapping[str, Any]) -> str:
-    """What a ``record.json`` without a stamp lacks that its readers ask for, or has of another kind; empty: nothing."""
-    for name, fits in SUMMARY.items():
-        if name not in summary and name not in LATER:
-            return f"no {name}"
-        if name in summary and not fits(summary[name]):
-            return f"no such {name}"
-    return ""
 
 
 def check(record: RunRecord) -> None:
@@ -200,12 +99,12 @@ def _configuration(content: Any, where: str, depth: int = 4) -> None:
     for value in content.values():
         if isinstance(value, dict):
             _configuration(value, where, depth - 1)
-        elif not (value is None or isinstance(value, bool) or _number(value) or _line(value) or _all(_line)(value)):
+        elif not (value is None or isinstance(value, bool) or number(value) or _line(value) or all_of(_line)(value)):
             raise BenchError(f"{where}: {repr(value)[:60]} is no option.")
 
 
 def _line(x: Any) -> bool:
-    return (isinstance(x, str) and len(x) <= 4096 and x.isprintable()) or _number(x)
+    return (isinstance(x, str) and len(x) <= 4096 and x.isprintable()) or number(x)
 
 
 def _table(path: Path, columns: tuple[str, ...], where: str) -> None:

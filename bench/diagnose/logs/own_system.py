@@ -64,9 +64,13 @@ def _says(where: str, kind: Any) -> None:
         raise BenchError(
             f'{where}: {name}.input_signals must be a tuple of names such as ("force",), not {signals!r:.80}.'
         )
+    known = {**SIGNALS, **kind.signals}
     for drive in signals:
-        if drive not in SIGNALS:
-            raise BenchError(f"{where}: {name}.input_signals has {drive!r}, which is no signal: {near(drive, SIGNALS)}")
+        if drive not in known:
+            raise BenchError(
+                f"{where}: {name}.input_signals has {drive!r}, which is none of {name}.signals and no signal that is "
+                f"known: {near(drive, known)}"
+            )
     if not isinstance(kind.equation, str):
         raise BenchError(f"{where}: {name}.equation must be a text, not {kind.equation!r:.80}.")
 
