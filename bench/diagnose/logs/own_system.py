@@ -68,8 +68,8 @@ def _says(where: str, kind: Any) -> None:
     for drive in signals:
         if drive not in known:
             raise BenchError(
-                f"{where}: {name}.input_signals has {drive!r}, which is none of {name}.signals and no signal that is "
-                f"known: {near(drive, known)}"
+                f"{where}: {name}.input_signals has {drive!r}, which is no signal: {near(drive, known)} "
+                f"One of its own stands in {name}.signals, with its unit."
             )
     if not isinstance(kind.equation, str):
         raise BenchError(f"{where}: {name}.equation must be a text, not {kind.equation!r:.80}.")
