@@ -27,12 +27,7 @@ def held(folder: Path, what: str) -> Iterator[None]:
     Raises:
         BenchError: another process holds it (the sentence says which), or the folder cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / FILE, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise BenchError(f"The results folder {folder} cannot be written: {error.strerror or error}.") from error
-    try:
+    with _opened(folder / FILE) as handle:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -47,8 +42,6 @@ def held(folder: Path, what: str) -> Iterator[None]:
         yield
         with suppress(OSError):
             os.ftruncate(handle, 0)
-    finally:
-        os.close(handle)  # the file stays: removing it would let two drivers lock two files of one name
 
 
 @contextmanager
@@ -63,12 +56,7 @@ def turn(folder: Path, name: str, said: Callable[[str], None]) -> Iterator[None]
     Raises:
         BenchError: the folder cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / name, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise BenchError(f"The results folder {folder} cannot be written: {error.strerror or error}.") from error
-    try:
+    with _opened(folder / name) as handle:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -77,6 +65,21 @@ def turn(folder: Path, name: str, said: Callable[[str], None]) -> Iterator[None]
         except OSError:
             pass  # a file system without locks
         yield
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    """A file to lock, made with its folder where there is none.
+
+    It stays: removing it would let two drivers lock two files of one name.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise BenchError(f"The results folder {path.parent} cannot be written: {error.strerror or error}.") from error
+    try:
+        yield handle
     finally:
         os.close(handle)
 
