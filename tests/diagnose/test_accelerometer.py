@@ -7,11 +7,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.diagnose.logs.noise import noise_of
+from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.regression import weak
+from bench.diagnose.regression.linearise import directions
 from bench.diagnose.regression.weak import Stack, mean_rates
 from bench.diagnose.select.materiality import Saving, Weighing
 from registry.contracts import Channel, Recording
 from registry.effects.air import LinearDrag
+from registry.effects.thrust import ThrustScale
 from registry.physics.quadrotor import Quadrotor
 
 MODEL = Quadrotor(
@@ -76,6 +80,26 @@ def test_drag_shows_in_what_is_felt_whatever_the_offset_of_the_sensor() -> None:
     assert 0.2 * np.abs(way).mean() < felt.models["nominal"] < 2 * np.abs(way).max()  # d/m v is .2 to .6 of v
     assert felt.models["extended"] < 0.1 * felt.models["nominal"]
     assert felt.models["extended"] == pytest.approx(felt.floor, rel=0.5)
+
+
+def test_rows_of_what_is_felt_know_no_offset_of_the_sensor() -> None:
+    """Least squares of drag in these rows alone: an offset that stayed would be taken for thrust that is missing."""
+    who = subject()
+    stack = Stack.of(who.logs)
+    linear = directions(MODEL, MODEL, {}, stack, [("linear_drag", LinearDrag), ("thrust_scale", ThrustScale)])
+    felt = [i for i, c in enumerate(linear.channels) if c >= 13]
+    rows = linear.project(weak.TestFunctions.over(stack.logs, 6, [Smoothing()] * len(linear.channels)))
+    columns = [c for s in linear.starts for c in s.columns]
+    x = np.concatenate([_full(log[c], rows.acting[c], rows.width) for log in rows.parts for c in felt])
+    found = np.linalg.lstsq(x[:, columns], x[:, -1], rcond=None)[0]
+    assert found[:3] == pytest.approx(DRAG, abs=0.01)
+    assert found[3] == pytest.approx(0.0, abs=0.01)  # of OFFSET z alone it would be .2 of 9.7
+
+
+def _full(rows: np.ndarray, acting: np.ndarray, width: int) -> np.ndarray:
+    out = np.zeros((len(rows), width + 1))
+    out[:, acting] = rows
+    return out
 
 
 def test_an_equation_that_is_lost_speaks_against_what_another_gains() -> None:

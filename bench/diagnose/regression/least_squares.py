@@ -80,6 +80,10 @@ class Normal:
     count: np.ndarray
     """(blocks,) rows a channel."""
 
+    def less(self, noise: np.ndarray) -> "Normal":
+        """The same with what a row owes to noise (channels, c, c) taken off."""
+        return Normal(self.grams - self.count[:, None, None, None] * noise, self.fold, self.count)
+
     @property
     def rows(self) -> int:
         """Rows of all blocks and channels."""

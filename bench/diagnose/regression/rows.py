@@ -104,12 +104,8 @@ class Rows:
             out += pieces
         return out
 
-    def normal(self, noise: np.ndarray | None = None) -> Normal:
-        """Normal equations, block by block.
-
-        Args:
-            noise: (channels, c + 1, c + 1) what a row owes to noise of the inputs; it is taken off.
-        """
+    def normal(self) -> Normal:
+        """Normal equations, block by block."""
         grams, fold, count = [], [], []
         for i, (log, rows) in enumerate(zip(self.parts, self.counts(), strict=True)):
             length = max(1, min(round(BLOCK_SECONDS / self.hop), rows // (5 * self._stretches)))
@@ -121,7 +117,7 @@ class Rows:
                 for of_channel, x, acting in zip(gram, log, self.acting, strict=True):
                     block = x[start : start + length]
                     of_channel[np.ix_(acting, acting)] = block.T @ block
-                grams.append(gram if noise is None else gram - here * noise)
+                grams.append(gram)
                 fold.append(i * self._stretches + min(start * self._stretches // rows, self._stretches - 1))
                 count.append(here)
         return Normal(np.stack(grams), np.array(fold), np.array(count))

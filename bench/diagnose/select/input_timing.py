@@ -161,7 +161,7 @@ class _Regression:
         """Gauss–Newton step of the shift and its standard error [samples]."""
         rows, again = (self._rows(linear, shift, noisy) for linear, noisy in ((self.linear, False), (self.noisy, True)))
         noise = rows.less(again).whitened(self.whitening).mean_gram()
-        normal = rows.whitened(self.whitening).normal(noise)
+        normal = rows.whitened(self.whitening).normal().less(noise)
         gram = normal.total[:-1, :-1] + np.diag(_precision(self.linear, len(normal.total) - 1))
         scale = equilibrium(np.diag(gram))
         inverse = np.linalg.inv(gram * np.outer(scale, scale) + 1e-9 * np.eye(len(gram))) * np.outer(scale, scale)

@@ -135,6 +135,7 @@ class Weighing:
         self.horizons = horizons(self.held.logs)
         self.equations = equations(subject.model, Stack.of(subject.logs).measured)
         self._left: dict[PhysicsModel, Increments] = {}
+        self._squares: dict[tuple[Increments, str, int], tuple[np.ndarray, np.ndarray]] = {}
         self._errors: dict[PhysicsModel, tuple[EquationError, ...]] = {}
 
     def increments(self, model: PhysicsModel) -> Increments:
@@ -145,6 +146,12 @@ class Weighing:
 
     def squares(self, left: Increments, equation: Equation, horizon: int) -> tuple[np.ndarray, np.ndarray]:
         """Squared errors (W,) and the block (W,) that each window is in."""
+        key = (left, equation.name, horizon)
+        if key not in self._squares:
+            self._squares[key] = self._squared(left, equation, horizon)
+        return self._squares[key]
+
+    def _squared(self, left: Increments, equation: Equation, horizon: int) -> tuple[np.ndarray, np.ndarray]:
         errors, recording, first = left.over(horizon, max(1, horizon // 4))
         squared = (errors[:, list(equation.group.at)] ** 2).sum(1)
         if equation.sensed:

@@ -11,7 +11,7 @@ from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
-from bench.diagnose.regression.least_squares import ridge, whitening
+from bench.diagnose.regression.least_squares import Normal, ridge, whitening
 from bench.diagnose.regression.linearise import Directions, directions
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.regression.rows import Rows
@@ -161,11 +161,12 @@ class Search:
             doubtful = frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
         reach = () if look.dictionary is None else look.dictionary.reach
 
-        def view(noise: np.ndarray | None, grams: list[np.ndarray]) -> View:
-            subsets = Subsets(linear, mine.normal(noise), self.nominal, buried)
+        def view(normal: Normal, grams: list[np.ndarray]) -> View:
+            subsets = Subsets(linear, normal, self.nominal, buried)
             return View(linear, tuple(words), subsets, tuple(grams), reach, explained, doubtful)
 
-        return [view(noise, cleaned)] if noise is None else [view(noise, cleaned), view(None, grams)]
+        normal = mine.normal()
+        return [view(normal, grams)] if noise is None else [view(normal.less(noise), cleaned), view(normal, grams)]
 
 
 def _less(grams: Sequence[np.ndarray], columns: Sequence[int], noise: np.ndarray) -> list[np.ndarray]:
