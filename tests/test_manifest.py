@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from test_cli_check import Bench, bench
 
+from bench.api.check import check
 from bench.claims import manifest
 from bench.claims.manifest import Spoilt
 from registry.errors import BenchError
@@ -57,6 +58,8 @@ def test_a_number_altered_in_any_kind_of_file(kind: str, published: Path, bench:
     alter(path)
     try:
         assert manifest.spoilt(published) == [Spoilt(KINDS[kind].as_posix(), "altered")]
+        with pytest.raises(BenchError, match=r"altered: .*, one of 1 published files"):
+            check(published=published)
         code, printed = bench("--published", published)
         assert code == 1 and str(path) in printed and "reproduced" not in printed
     finally:

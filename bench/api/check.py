@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.analysis.display import Displayed
-from bench.claims import claim, evidence, judge
+from bench.claims import claim, evidence, judge, manifest
 from bench.claims import published as regression
 from registry.errors import BenchError, near
 
@@ -70,16 +70,38 @@ def check(
         published: folder of the published numbers; default: the checkout's results/published.
 
     Raises:
-        BenchError: an unknown id, or files that cannot be read.
+        BenchError: an unknown id, published files that are not as they were published, or that cannot be read.
     """
-    known = claim.read(None)
+    folder = published_folder(published)
+    if (published is None or manifest.sealed(folder)) and (spoilt := manifest.spoilt(folder)):
+        raise BenchError(
+            f"{spoilt[0].how}: {folder / spoilt[0].name}, one of {len(spoilt)} published files that are not as "
+            f"published: restore what was, or list what you published with `{manifest.SEAL}`."
+        )
+    return judged(claims, Path(results), folder)
+
+
+def published_folder(given: str | Path | None) -> Path:
+    """The folder of the published numbers: as given, or the checkout's."""
+    return claim.checkout() / "results" / "published" if given is None else Path(given)
+
+
+def judged(claims: Sequence[str] | None, results: Path, published: Path, file: Path | None = None) -> Verdicts:
+    """The verdicts, with published files taken as they are; see `check`.
+
+    Args:
+        claims: ids; default: all.
+        results: as for `check`.
+        published: as for `check`.
+        file: of the claims; default: those of the paper.
+    """
+    known = claim.read(file)
     ids = {c.id for c in known.claims}
     for name in claims or ():
         if name not in ids:
             raise BenchError(f"There is no claim {name!r}: {near(name, ids)}")
-    folder = claim.checkout() / "results" / "published" if published is None else Path(published)
     wanted = ids if claims is None else set(claims)
     facts = any(c.id in wanted and not c.study for c in known.claims)
-    rows = judge.judge(known, evidence.gather(folder, Path(results) / "studies"), facts=facts)
-    held = regression.check(folder, Path(results))
+    rows = judge.judge(known, evidence.gather(published, results / "studies"), facts=facts)
+    held = regression.check(published, results)
     return Verdicts(tuple(r for r in rows if r.claim.id in wanted), tuple(held))

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from bench.cli import options
-from registry.errors import BenchError, near
+from registry.errors import BenchError
 
 COLOURS = {"reproduced": "green", "differs": "red", "not enough evidence": "yellow", "not run": "dim"}
 CAUGHT = 1
@@ -57,11 +57,11 @@ def check_command(
     Exit code 1: a number that was published no longer holds, or a published file is not as it was published (by the
     hashes in its folder's SHA256SUMS; commands that publish keep them, --seal lists all files anew).
     """
-    from bench.claims import claim, evidence, judge, manifest, markdown
-    from bench.claims import published as regression
+    from bench.api.check import judged, published_folder
+    from bench.claims import manifest, markdown
 
     own = published is None
-    published = published or claim.checkout() / "results" / "published"
+    published = published_folder(published)
     if write and not rerun:
         raise click.UsageError("--write belongs to --rerun.")
     if seal:
@@ -72,15 +72,8 @@ def check_command(
     if rerun:
         _rerun(published, write)
         return
-    claims = claim.read(file)
-    known = {c.id for c in claims.claims}
-    for name in wanted:
-        if name not in known:
-            raise BenchError(f"There is no claim {name!r}: {near(name, known)}")
-    found = evidence.gather(published, results / "studies")
-    rows = judge.judge(claims, found, facts=not wanted or any(c.id in wanted and not c.study for c in claims.claims))
-    rows = [r for r in rows if not wanted or r.claim.id in wanted]
-    held = regression.check(published, results)
+    verdicts = judged(wanted or None, results, published, file)
+    rows, held = verdicts.rows, verdicts.published
     if target:
         _write(target, json.dumps(_plain(rows, held), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     if page:
