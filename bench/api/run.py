@@ -10,7 +10,7 @@ import pandas as pd
 from bench.analysis.display import Displayed
 from bench.analysis.tables import specs, study_table
 from bench.execution import engine
-from bench.experiment.request import Options, Request, request
+from bench.experiment.request import Options, Request, by_owner, request
 from bench.experiment.study import Study
 from bench.records.record import RunRecord
 from registry.contracts import Dataset
@@ -98,14 +98,9 @@ def run(
     Raises:
         BenchError: an unknown name or option, data that are absent, or a folder that cannot be written.
     """
-    given = {k: str(v) for k, v in (options or {}).items()}
-    given |= {} if horizon is None else {"horizon": str(horizon)}
-    given |= {} if outputs is None else {"outputs": outputs}
-    of_run = {k: v for k, v in given.items() if not k.startswith("dataset.")}
-    of_data = {k.removeprefix("dataset."): v for k, v in given.items() if k.startswith("dataset.")}
     model = None if physics is None else str(Path(physics).resolve())
     source = str(dataset) if isinstance(dataset, Path) else dataset
-    asked = request(target, Options(source, preset, seeds, of_run, of_data, model))
+    asked = request(target, Options(source, preset, seeds, *by_owner(options or {}, horizon, outputs), model))
     runs = Path(results) / "runs"
     records = engine.execute(engine.plan(asked.configs, runs), runs, workers, cluster=cluster)
     return Results(asked, tuple(records))

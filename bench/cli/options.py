@@ -145,18 +145,6 @@ def parsed(assignments: tuple[str, ...]) -> dict[str, str]:
     return out
 
 
-def by_owner(
-    changes: dict[str, str], horizon: int | None, outputs: str | None
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Options of the run and options of the data set, from --set, -T and --outputs."""
-    of_run = {k: v for k, v in changes.items() if not k.startswith("dataset.")}
-    if horizon is not None:
-        of_run["horizon"] = str(horizon)
-    if outputs is not None:
-        of_run["outputs"] = outputs
-    return of_run, {k.removeprefix("dataset."): v for k, v in changes.items() if k.startswith("dataset.")}
-
-
 def console() -> Any:
     """Where tables go: as wide as the terminal, 100 columns in a pipe."""
     from rich.console import Console

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from bench.experiment import study
 from bench.experiment.config import RunConfig, changed
@@ -53,6 +54,18 @@ class Options:
         if file := said.get("predictor.model"):
             said["predictor.model"] = f"{Path(file).name} {digest(file)[:8]}"
         return ", ".join(f"{k} {v}" for k, v in sorted(said.items()) if k != "path")
+
+
+def by_owner(
+    changes: Mapping[str, Any], horizon: int | None = None, outputs: str | None = None
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Options of the run and options of the data set as text, from options by path, the horizon and the outputs."""
+    of_run = {k: str(v) for k, v in changes.items() if not k.startswith("dataset.")}
+    if horizon is not None:
+        of_run["horizon"] = str(horizon)
+    if outputs is not None:
+        of_run["outputs"] = outputs
+    return of_run, {k.removeprefix("dataset."): str(v) for k, v in changes.items() if k.startswith("dataset.")}
 
 
 def request(target: str | study.Study, asked: Options) -> Request:

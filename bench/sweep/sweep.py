@@ -12,7 +12,7 @@ import pandas as pd
 from bench.analysis.display import Displayed, new_axes
 from bench.execution import engine, lock
 from bench.experiment.config import RunConfig
-from bench.experiment.request import Options
+from bench.experiment.request import Options, by_owner
 from bench.records.concluded import slug
 from bench.records.record import RunRecord
 from bench.sweep import finalists, journal, page
@@ -106,12 +106,9 @@ def sweep(
     Raises:
         BenchError: an unknown name or option, a sweep of that name that is another one, or one that is in use.
     """
-    given = {k: str(v) for k, v in (options or {}).items()}
-    of_run = {k: v for k, v in given.items() if not k.startswith("dataset.")}
-    of_data = {k.removeprefix("dataset."): v for k, v in given.items() if k.startswith("dataset.")}
     source = str(dataset) if isinstance(dataset, Path) else dataset
     ranges = [f"{path}={values}" for path, values in (searched or {}).items()]
-    asked = request(target, Options(source, preset, None, of_run, of_data), ranges, objectives, seed)
+    asked = request(target, Options(source, preset, None, *by_owner(options or {})), ranges, objectives, seed)
     folder, runs = Path(results) / "sweeps" / slug(name or asked.title), Path(results) / "runs"
 
     def train(configs: list[RunConfig]) -> list[RunRecord]:

@@ -86,11 +86,11 @@ def run_command(
     from bench.cli.cost import estimate
     from bench.cli.job import Job, Place, carry_out
     from bench.execution import engine
-    from bench.experiment.request import Options, request
+    from bench.experiment.request import Options, by_owner, request
     from bench.training.data import remarks
 
     out = options.console()
-    asked = Options(dataset, preset, seeds, *options.by_owner(changes, horizon, outputs), physics)
+    asked = Options(dataset, preset, seeds, *by_owner(changes, horizon, outputs), physics)
     place = Place(results, tracking, no_track, workers, cluster)
     planned = []
     for name in study.titles() if target == ALL else [target]:

@@ -98,14 +98,14 @@ def sweep_command(
 
     from bench.cli.job import Place, portable
     from bench.cli.sweeping import carry_out, estimate
-    from bench.experiment.request import Options
+    from bench.experiment.request import Options, by_owner
     from bench.records.concluded import slug
     from bench.sweep import journal as sweeps
     from bench.sweep.request import request
 
     out = options.console()
     place = Place(results, tracking, no_track, workers, cluster)
-    asked = Options(dataset, preset, None, *options.by_owner(changes, horizon, outputs))
+    asked = Options(dataset, preset, None, *by_owner(changes, horizon, outputs))
     command = shlex.join(["bench", *portable(sys.argv[1:])])
     sweep = request(target, asked, searches, objectives, seed, command)
     if name is not None and (not slug(name) or not set(name).isdisjoint("/\\")):
