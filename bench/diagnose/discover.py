@@ -17,7 +17,6 @@ from bench.diagnose.select.discovery import Discovery, Found, Loser
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import (
     SHARE,
-    EquationError,
     Saving,
     Weighing,
     contradiction,
@@ -75,10 +74,9 @@ def discover(
     tick("weigh")
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
     worthy, remarks, contradicted = _worthy(view, weighing, len(subject.model.effects))
-    judged = () if weighing is None else weighing.errors(worthy.model())
-    named, imitators = _understood(view, worthy, judged, len(subject.model.effects))
+    named, imitators = _understood(view, worthy, len(subject.model.effects))
     chosen = _Choice(view, tuple(sorted({*worthy.dropped, *imitators})))
-    savings = {i: _saved(weighing, chosen, i, judged) for i in named}
+    savings = {i: _saved(weighing, chosen, i, worthy.model()) for i in named}
     fit = chosen.fit
     errors = () if weighing is None else weighing.errors(chosen.model())
     traces, total = left_over(view, chosen.dropped)
@@ -92,7 +90,7 @@ def discover(
             next(e for e in model.effects if EFFECTS.name_of(type(e)) == names[i]),
             tuple(x for x in numbers if x.entry.owner == i),
             view.subsets.fit(drop=[*chosen.dropped, i]).misfit - fit.misfit,
-            () if imitators else _rivals(view, weighing, chosen, i, judged),
+            () if imitators else _rivals(view, weighing, chosen, i, worthy.model()),
             savings[i],
         )
         for i in named
@@ -177,8 +175,7 @@ def _worthy(view: View, weighing: Weighing | None, known: int) -> tuple[_Choice,
                 return chosen, (), False
             dropped.add(unsure[0])
             continue
-        judged = weighing.errors(chosen.model())
-        savings = {i: _saved(weighing, chosen, i, judged) for i in left}
+        savings = {i: _saved(weighing, chosen, i, chosen.model()) for i in left}
         idle = [i for i in left if i in unsure or _worse(savings[i]) or not any(s.worth for s in savings[i])]
         if not idle:
             return chosen, tuple(remarks), contradicted
@@ -195,50 +192,26 @@ def _worse(savings: Sequence[Saving]) -> bool:
     return all(s.high < 0 for s in savings) or any(s.harms for s in savings)
 
 
-def _understood(
-    view: View, worthy: _Choice, judged: Sequence[EquationError], known: int
-) -> tuple[list[int], list[int]]:
-    """Places of the effects that are what they seem, and of those that only imitate something else.
-
-    Where an equation is predicted nearly as well as by any function of the signals, what acts in it is understood,
-    however little is known of the others.
-    """
+def _understood(view: View, worthy: _Choice, known: int) -> tuple[list[int], list[int]]:
+    """Places of the effects that are what they seem, and of those that only imitate something else."""
     left = [i for i in range(known, len(view.linear.model.effects)) if i not in worthy.dropped]
     traces, total = left_over(view, worthy.dropped)
     if total <= LEFT * view.floor:
         return left, []
-    clear = {e.equation for e in judged if e.near_best}
-    settled = [i for i in left if clear & _acting(view, worthy, i)]
-    rest = [i for i in left if i not in settled]
-    if rest and not worthy.dropped:
-        settled += understood(view, rest, traces, total)
-    gone = view.linear.away([i for i in left if i not in settled])[0]
-    return sorted(i for i in settled if i not in gone), sorted(set(gone) - set(worthy.dropped))
+    kept = understood(view, left, traces, total, worthy.dropped)
+    gone = view.linear.away([i for i in left if i not in kept])[0]
+    return [i for i in kept if i not in gone], sorted(gone - set(worthy.dropped))
 
 
-def _acting(view: View, chosen: _Choice, place: int) -> set[str]:
-    """Names of the equations in which the effect in this place makes at least half of what it explains."""
-    fit = view.subsets.fit(drop=[*chosen.dropped, place])
-    gains = (view.subsets.losses(fit) - view.subsets.losses(chosen.fit)).sum(0)
-    names = view.linear.model.equation_names()
-    by_name: dict[str, float] = {}
-    for channel, gain in zip(view.linear.channels, gains, strict=True):
-        group = view.linear.model.measured_channels[channel].group
-        by_name[names.get(group, group)] = by_name.get(names.get(group, group), 0.0) + float(gain)
-    return {name for name, gain in by_name.items() if gain >= 0.5 * sum(by_name.values())}
-
-
-def _saved(
-    weighing: Weighing | None, chosen: _Choice, place: int, judged: Sequence[EquationError]
-) -> tuple[Saving, ...]:
+def _saved(weighing: Weighing | None, chosen: _Choice, place: int, extended: PhysicsModel) -> tuple[Saving, ...]:
     """What the effect in this place saves on held-out recordings, the rest fitted anew without it."""
     if weighing is None:
         return ()
-    return weighing.savings(chosen.model([place]), chosen.model(), judged)
+    return weighing.savings(chosen.model([place]), chosen.model(), extended)
 
 
 def _rivals(
-    view: View, weighing: Weighing | None, chosen: _Choice, place: int, judged: Sequence[EquationError]
+    view: View, weighing: Weighing | None, chosen: _Choice, place: int, extended: PhysicsModel
 ) -> tuple[str, ...]:
     """Effects that explain the recordings as well as the one in this place, those held out too."""
     candidates = rivals(view, place)
@@ -247,7 +220,7 @@ def _rivals(
     return tuple(
         name
         for name, start in candidates.items()
-        if not any(s.worth for s in weighing.savings(chosen.model([place], start), chosen.model(), judged))
+        if not any(s.worth for s in weighing.savings(chosen.model([place], start), chosen.model(), extended))
     )
 
 

@@ -8,6 +8,7 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.discovery import Discovery, Found
+from bench.diagnose.select.materiality import Saving
 from bench.diagnose.select.verify import Estimate
 from registry.dynamics import PhysicsModel
 
@@ -46,18 +47,19 @@ def equation_results(found: Discovery, model: PhysicsModel, extended: bool) -> d
 def effect_savings(found: Discovery, effects: Sequence[NamedEffect]) -> dict[str, tuple[EffectSaving, ...]]:
     """By the id of a named effect, what it saves in every equation at its longest horizon.
 
+    And along the axes that it is worth a term on, where it is not in the equation as a whole.
     Without the effect the rest may be fitted to something worse than the calibrated model: no share is more than all.
     """
     by_id = {f.id: f for f in found.found}
     out = {}
     for e in effects:
         savings = by_id[e.id].savings
-        longest = {s.equation: s for s in sorted(savings, key=lambda s: s.horizon_s)}
-        if longest:
+        longest = {(s.equation, s.axis): s for s in sorted(savings, key=lambda s: s.horizon_s)}
+        worth = {s.equation for (_, axis), s in longest.items() if s.worth and not axis}
+        shown = [s for (equation, axis), s in longest.items() if not axis or equation not in worth]
+        if shown:
             out[e.id] = tuple(
-                EffectSaving(s.equation, _most(s.share), _most(s.low), _most(s.high), s.matters)
-                for name in dict.fromkeys(s.equation for s in savings)
-                for s in [longest[name]]
+                EffectSaving(_where(s), _most(s.share), _most(s.low), _most(s.high), s.matters) for s in shown
             )
     return out
 
@@ -69,8 +71,13 @@ def placed(found: Discovery, effects: Sequence[NamedEffect]) -> tuple[NamedEffec
 
 
 def _most_saved(found: Found) -> str:
-    best = max((s for s in found.savings if s.matters), key=lambda s: _most(s.share), default=None)
-    return best.equation if best else ""
+    whole_first = ((s.worth, not s.axis, _most(s.share), s) for s in found.savings if s.matters)
+    best = max(whole_first, key=lambda found: found[:3], default=None)
+    return _where(best[-1]) if best else ""
+
+
+def _where(saving: Saving) -> str:
+    return f"{saving.equation}: {saving.axis}" if saving.axis else saving.equation
 
 
 def _most(share: float) -> float:

@@ -82,6 +82,18 @@ def test_drag_shows_in_what_is_felt_whatever_the_offset_of_the_sensor() -> None:
     assert felt.models["extended"] == pytest.approx(felt.floor, rel=0.5)
 
 
+def test_what_is_left_along_the_axes_of_the_body_is_all_that_is_left() -> None:
+    """Pythagoras, whatever the attitude: squares along body axes add up to those of the equation in the world's."""
+    who = subject()
+    weighing = Weighing(who, noise_of(who), MODEL)
+    for horizon in (0.1, 0.5):
+        found = [e for e in weighing.by_axis(MODEL) if e.horizon_s == horizon and e.equation == "accelerations"]
+        whole, *axes = sorted(found, key=lambda e: e.axis)
+        assert [e.axis for e in axes] == ["force x", "force y", "force z"]
+        assert sum(e.models["nominal"] ** 2 for e in axes) == pytest.approx(whole.models["nominal"] ** 2)
+        assert axes[0].models["nominal"] > 3 * axes[0].predictable  # drag
+
+
 def test_rows_of_what_is_felt_know_no_offset_of_the_sensor() -> None:
     """Least squares of drag in these rows alone: an offset that stayed would be taken for thrust that is missing."""
     who = subject()

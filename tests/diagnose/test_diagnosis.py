@@ -95,6 +95,8 @@ def test_each_equation_is_summed_up_at_its_longest_horizon_and_an_effect_acts_wh
         Saving("forces", 0.5, 0.2, 0.1, 0.3, True),
         Saving("torques", 0.1, 1.4, 1.1, 1.7, True),
         Saving("torques", 0.5, 9.0, 8.0, 10.0, False),  # of next to nothing
+        Saving("forces", 0.5, 0.9, 0.8, 1.0, True, axis="force x"),  # the whole tells it
+        Saving("torques", 0.1, 0.6, 0.5, 0.7, True, axis="torque z"),
     )
     drag = Found("rotor_drag", samples.DRAG, (), 1.0, (), savings)  # type: ignore[arg-type]
     found = Discovery(model, model, (drag,), (), (), (), equations=errors)
@@ -107,7 +109,11 @@ def test_each_equation_is_summed_up_at_its_longest_horizon_and_an_effect_acts_wh
     (effect,) = placed(found, [replace(samples.DRAG, acts_on="")])
     assert effect.acts_on == "forces"
     said = effect_savings(found, [effect])["rotor_drag"]
-    assert [(s.equation, s.share, s.matters) for s in said] == [("forces", 0.2, True), ("torques", 1.0, False)]
+    assert [(s.equation, s.share, s.matters) for s in said] == [
+        ("forces", 0.2, True),
+        ("torques", 1.0, False),
+        ("torques: torque z", 0.6, True),
+    ]
 
 
 def test_a_constant_is_determined_where_its_interval_is_under_half_of_the_stated_one() -> None:

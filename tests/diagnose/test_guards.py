@@ -198,7 +198,7 @@ def test_crumbs_of_something_that_is_not_understood_are_not_named(monkeypatch: p
     misfit = {(): 100.0, (0,): 1100.0, (1,): 200.0, (2,): 1000.0}
     subsets = SimpleNamespace(fit=lambda drop=(): SimpleNamespace(misfit=misfit[tuple(drop)]))
     view = SimpleNamespace(subsets=subsets)
-    monkeypatch.setattr(verify, "needed", lambda view, place, traces: place != 0)
+    monkeypatch.setattr(verify, "needed", lambda view, place, traces, dropped: place != 0)
     assert verify.understood(view, [0, 1, 2], [], total=50.0) == [2]  # type: ignore[arg-type]
-    monkeypatch.setattr(verify, "needed", lambda view, place, traces: True)
+    monkeypatch.setattr(verify, "needed", lambda view, place, traces, dropped: True)
     assert verify.understood(view, [0, 1, 2], [], total=50.0) == [0, 1, 2]  # type: ignore[arg-type]

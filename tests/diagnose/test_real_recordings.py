@@ -41,7 +41,10 @@ def test_nanodrone_lacks_drag_and_a_moment_that_goes_with_lateral_velocity(nanod
     said, model = nanodrone
     found = {e.id: e.parameters for e in said.effects}
     assert said.verdict == "named"
-    assert set(found) in ({"linear_drag", "blade_flapping"}, {"rotor_drag", "blade_flapping"})
+    assert set(found) in (
+        {"linear_drag", "blade_flapping", "rotor_reaction_torque"},
+        {"rotor_drag", "blade_flapping", "rotor_reaction_torque"},
+    )
     if "linear_drag" in found:
         assert all(found["linear_drag"][d].value == pytest.approx(0.022, rel=0.25) for d in ("d_x", "d_y"))
     felt = said.by_equation["accelerations"]
@@ -50,12 +53,31 @@ def test_nanodrone_lacks_drag_and_a_moment_that_goes_with_lateral_velocity(nanod
     assert said.error.extended["body_rates"].rmse < 0.3 * said.error.calibrated["body_rates"].rmse
 
 
+def yaw_regression(logs):
+    """Of the inertia of the rotors over the vehicle's about z, from changes of the yaw rate over .1 s.
+
+    On what the rotors' own rates change, the integral of their drag, the integral of the yaw rate, and a constant.
+    """
+    sides, changes, steps = np.array([-1.0, 1.0, -1.0, 1.0]), [], []
+    for log in logs:
+        h, speed, yaw = round(0.1 * log.rate), log.inputs.numpy()[:, :4], log.states.numpy()[:, 12]
+        total = np.cumsum(np.c_[speed**2 @ sides, yaw], axis=0) / log.rate
+        k = np.arange(0, len(yaw) - h, 2)
+        steps.append(np.c_[(speed @ sides)[k + h] - (speed @ sides)[k], total[k + h] - total[k], np.ones(len(k))])
+        changes.append(yaw[k + h] - yaw[k])
+    return np.linalg.lstsq(np.concatenate(steps), np.concatenate(changes), rcond=None)[0][0]
+
+
 @pytest.mark.data
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="torques are judged together, and yaw makes little of their error on melon")
 def test_nanodrone_lacks_the_inertia_of_its_rotors_in_yaw(nanodrone):
+    """The yaw tells its ratio to the vehicle's moment of inertia only, and recordings differ in it.
+
+    By the regression 1.1e-3 of those learnt from and .85e-3 of melon; by simulation 7.4e-4.
+    """
     said, model = nanodrone
     inertia = {e.id: e.parameters for e in said.effects}["rotor_reaction_torque"]["rotor_inertia"]
-    assert inertia.low < 3.1e-8 < inertia.high
-    # The yaw tells its ratio to the vehicle's moment of inertia only.
-    assert inertia.value / model.inertia[2] == pytest.approx(7.4e-4, rel=0.1)
+    subject = load("nanodrone")
+    learnt, held = (yaw_regression(subject.of(names)) for names in (subject.training, subject.held_out))
+    assert 0.5e-3 < held < learnt < 1.5e-3
+    assert 0 < inertia.low < held * model.inertia[2] < learnt * model.inertia[2] < inertia.high

@@ -37,6 +37,8 @@ class Dictionary:
     """(axes, L, N − 1, channels): the rates that a unit along each axis adds."""
     members: tuple[np.ndarray, ...]
     """An axis: the functions that may act along it."""
+    names: tuple[str, ...]
+    """Of the axes, such as "force x"."""
 
     @property
     def reach(self) -> tuple[frozenset[int], ...]:
@@ -131,6 +133,7 @@ def dictionary(model: PhysicsModel, stack: Stack, channels: tuple[int, ...]) -> 
         values / np.where(scale > 1e-12, scale, np.inf)[:, None, None],
         np.stack(list(axes.values())),
         members,
+        tuple(axes),
     )
 
 

@@ -104,7 +104,7 @@ class Discovery(Displayed):
     def plot(self) -> "Axes":
         """What each effect saves of an equation's squared error that can be explained, with 95 % intervals."""
         (axes,) = new_axes(1)
-        rows = [(f"{f.id}, {s.equation}", s) for f in self.found for s in f.savings]
+        rows = [(f"{f.id}, {s.axis or s.equation}", s) for f in self.found for s in f.savings]
         shares = {"share": [100 * s.share for _, s in rows]}
         limits = [[100 * getattr(s, end) for _, s in rows] for end in ("low", "high")]
         draw_bars(axes, [name for name, _ in rows], shares, "share of what can be explained [%]", limits)

@@ -1,19 +1,20 @@
 """What matters: what an effect saves on recordings that were not fitted, against all that could be saved there.
 
 An effect may be significant and not worth a term. Each equation is judged by itself (`simulate.teacher_forced`), at a
-short and at a long horizon. What can be explained at all is what the best predictor leaves: the extended model, helped
+short and at a long horizon, and along each axis of the body: yaw makes little of the error of all torques, and is what
+some effects are about. What can be explained at all is what the best predictor leaves: the extended model, helped
 by a ridge regression of what it leaves on functions of every measured signal.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.generic import dictionary, follow
+from bench.diagnose.regression.generic import Dictionary, dictionary, follow
 from bench.diagnose.regression.least_squares import ridge
 from bench.diagnose.regression.weak import Stack
 from bench.diagnose.select.verify import Trace
@@ -31,8 +32,8 @@ SHARE = 0.05
 """Of the squared error that can be explained: what an effect must save to be named, in some equation."""
 NEAR = 1.05
 """Error, relative to the best that can be reached, up to which nothing is worth a term."""
-CLOSE = 1.5
-"""Error, relative to the best that can be reached, up to which the effects of an equation are what they seem."""
+LOST = 1.5
+"""Error with an effect, relative to that without, from which it loses an equation."""
 SURE = 2.0
 """Standard errors over blocks of held-out recordings of a 95 % interval over blocks of held-out recordings."""
 BLOCK = 4.0
@@ -58,6 +59,8 @@ class EquationError:
     """What the last model leaves with the help of a regression on all measured signals."""
     floor: float
     """What measurement noise alone leaves."""
+    axis: str = ""
+    """Along which it is judged, such as "torque z"; empty: all together."""
 
     @property
     def explainable(self) -> float:
@@ -77,11 +80,6 @@ class EquationError:
     @property
     def _best(self) -> float:
         return min(self.models["extended"], self.predictable)
-
-    @property
-    def near_best(self) -> bool:
-        """Whether no function of the measured signals predicts much better than the extended model."""
-        return self.models["extended"] <= CLOSE * self.predictable and self.matters
 
     @property
     def unexplained(self) -> float:
@@ -107,11 +105,13 @@ class Saving:
     """Whether enough can be explained in this equation that anything is worth a term."""
     ratio: float = 1.0
     """Error with the effect, relative to that without."""
+    axis: str = ""
+    """Along which it is judged, such as "torque z"; empty: all together."""
 
     @property
     def harms(self) -> bool:
         """Whether the equation is lost by it, for sure: what other equations gain is then not understood."""
-        return self.ratio > CLOSE and self.high < 0
+        return self.ratio > LOST and self.high < 0
 
     @property
     def worth(self) -> bool:
@@ -135,7 +135,7 @@ class Weighing:
         self.horizons = horizons(self.held.logs)
         self.equations = equations(subject.model, Stack.of(subject.logs).measured)
         self._left: dict[PhysicsModel, Increments] = {}
-        self._squares: dict[tuple[Increments, str, int], tuple[np.ndarray, np.ndarray]] = {}
+        self._squares: dict[tuple[Increments, str, str, int], tuple[np.ndarray, np.ndarray]] = {}
         self._errors: dict[PhysicsModel, tuple[EquationError, ...]] = {}
 
     def increments(self, model: PhysicsModel) -> Increments:
@@ -144,16 +144,19 @@ class Weighing:
             self._left[model] = increments(model, self.held, self.noise)
         return self._left[model]
 
-    def squares(self, left: Increments, equation: Equation, horizon: int) -> tuple[np.ndarray, np.ndarray]:
-        """Squared errors (W,) and the block (W,) that each window is in."""
-        key = (left, equation.name, horizon)
+    def squares(self, left: Increments, equation: Equation, axis: str, horizon: int) -> tuple[np.ndarray, np.ndarray]:
+        """Squared errors (W,) of an equation along an axis (empty: along all), and the block (W,) of each window."""
+        key = (left, equation.name, axis, horizon)
         if key not in self._squares:
-            self._squares[key] = self._squared(left, equation, horizon)
+            self._squares[key] = self._squared(left, equation, axis, horizon)
         return self._squares[key]
 
-    def _squared(self, left: Increments, equation: Equation, horizon: int) -> tuple[np.ndarray, np.ndarray]:
+    def _squared(self, left: Increments, equation: Equation, axis: str, horizon: int) -> tuple[np.ndarray, np.ndarray]:
+        at = list(equation.group.at)
+        if axis:
+            left, at = self._signals[1].of(equation.group.at).along(left, [axis]), [0]
         errors, recording, first = left.over(horizon, max(1, horizon // 4))
-        squared = (errors[:, list(equation.group.at)] ** 2).sum(1)
+        squared = (errors[:, at] ** 2).sum(1)
         if equation.sensed:
             squared = squared / (horizon * self.held.dt) ** 2
         whole = sum(map(len, self.held.logs))
@@ -163,28 +166,32 @@ class Weighing:
 
     def errors(self, extended: PhysicsModel) -> tuple[EquationError, ...]:
         """Errors of every equation at every horizon, of the nominal, the calibrated and the extended model."""
+        return tuple(e for e in self.by_axis(extended) if not e.axis)
+
+    def by_axis(self, extended: PhysicsModel) -> tuple[EquationError, ...]:
+        """`errors`, and those along the axes of every equation that has several."""
         if extended in self._errors:
             return self._errors[extended]
         models = {"nominal": self.subject.model, "calibrated": self.calibrated, "extended": extended}
         shares = self._unpredictable(extended)
         out = []
-        for equation in self.equations:
-            for horizon in self.horizons:
-                mean = {
-                    name: float(self.squares(self.increments(model), equation, horizon)[0].mean())
-                    for name, model in models.items()
-                }
-                chance = float(self.squares(self.chance, equation, horizon)[0].mean())
-                out.append(
-                    EquationError(
-                        equation.name,
-                        horizon * self.held.dt,
-                        equation.group.unit,
-                        {name: value**0.5 for name, value in mean.items()},
-                        (mean["extended"] * shares[equation.name, horizon]) ** 0.5,
-                        chance**0.5,
-                    )
+        for (equation, axis, horizon), share in shares.items():
+            mean = {
+                name: float(self.squares(self.increments(model), equation, axis, horizon)[0].mean())
+                for name, model in models.items()
+            }
+            chance = float(self.squares(self.chance, equation, axis, horizon)[0].mean())
+            out.append(
+                EquationError(
+                    equation.name,
+                    horizon * self.held.dt,
+                    equation.group.unit,
+                    {name: value**0.5 for name, value in mean.items()},
+                    (mean["extended"] * share) ** 0.5,
+                    chance**0.5,
+                    axis,
                 )
+            )
         self._errors[extended] = tuple(out)
         return self._errors[extended]
 
@@ -193,74 +200,113 @@ class Weighing:
         """What noise alone leaves of the held-out recordings."""
         return noise_increments(self.calibrated, self.held, self.noise)
 
-    def savings(self, without: PhysicsModel, full: PhysicsModel, errors: Sequence[EquationError]) -> tuple[Saving, ...]:
-        """What ``full`` saves of the error of ``without``, of each of ``errors``.
+    def savings(self, without: PhysicsModel, full: PhysicsModel, extended: PhysicsModel) -> tuple[Saving, ...]:
+        """What ``full`` saves of the error of ``without``, of each error of `by_axis` of ``extended``.
 
         Without an effect nothing is worse than the calibrated model, which has none: where ``without`` is, because the
-        rest was fitted beside the effect, the calibrated model stands for it.
+        rest was fitted beside the effect, the calibrated model stands for it. Of an axis only what is worth a term.
         """
         out = []
         by_name = {e.name: e for e in self.equations}
-        for error in errors:
-            equation, horizon = by_name[error.equation], round(error.horizon_s / self.held.dt)
-            others = (self.squares(self.increments(m), equation, horizon) for m in (without, self.calibrated))
+        for error in self.by_axis(extended):
+            where = by_name[error.equation], error.axis, round(error.horizon_s / self.held.dt)
+            others = (self.squares(self.increments(m), *where) for m in (without, self.calibrated))
             before, block = min(others, key=lambda found: float(found[0].mean()))
-            after, _ = self.squares(self.increments(full), equation, horizon)
+            after, _ = self.squares(self.increments(full), *where)
             gains = np.bincount(block, before - after) / np.maximum(np.bincount(block), 1)
             mean = float(gains.mean())
             spread = float(gains.std(ddof=1)) / len(gains) ** 0.5 if len(gains) > 1 else np.inf
             low, high = ((mean + side * SURE * spread) / error.scale for side in (-1, 1))
             ratio = float(after.mean() / max(before.mean(), 1e-300)) ** 0.5
-            out.append(Saving(error.equation, error.horizon_s, mean / error.scale, low, high, error.matters, ratio))
+            share = mean / error.scale
+            saving = Saving(error.equation, error.horizon_s, share, low, high, error.matters, ratio, error.axis)
+            if not error.axis or saving.worth:
+                out.append(saving)
         return tuple(out)
 
-    def _unpredictable(self, model: PhysicsModel) -> dict[tuple[str, int], float]:
-        """By equation and horizon: share of what a model leaves that no function of the signals explains, 0 to 1."""
-        train = Stack.of(self.subject.of(self.subject.training))
-        parts = [(stack, increments(model, stack, self.noise)) for stack in (train, self.held)]
+    def _unpredictable(self, model: PhysicsModel) -> dict[tuple[Equation, str, int], float]:
+        """By equation, axis and horizon: share of what a model leaves that no function of the signals explains.
+
+        The axis is empty for all together.
+        """
+        left = increments(model, self.train, self.noise), self.increments(model)
         out = {}
         for equation in self.equations:
-            of = [_projected(model, stack, left, equation) for stack, left in parts]
+            signals = [s.of(equation.group.at) for s in self._signals]
+            axes = signals[0].axes
             for horizon in self.horizons:
-                (x, y, fold), (held_x, held_y, _) = (p.windows(horizon) for p in of)
-                out[equation.name, horizon] = _share_left(x, y, fold, held_x, held_y)
+                (x, y, fold), (held_x, held_y, _) = (
+                    s.windows(of, horizon) for s, of in zip(signals, left, strict=True)
+                )
+                rest, total = _left_of(x, y, fold, held_x, held_y)
+                out[equation, "", horizon] = float(rest.sum() / max(total.sum(), 1e-300))
+                for axis, some, all_ in zip(axes, rest, total, strict=True):
+                    if len(equation.group.at) > 1 and not axis.startswith("world"):
+                        out[equation, axis, horizon] = float(some / max(all_, 1e-300))
         return out
+
+    @cached_property
+    def train(self) -> Stack:
+        """The recordings that are learnt from."""
+        return Stack.of(self.subject.of(self.subject.training))
+
+    @cached_property
+    def _signals(self) -> tuple["_Signals", "_Signals"]:
+        """Of the recordings that are learnt from and of those held out; the same whatever the model lacks."""
+        at = tuple(c for e in self.equations for c in e.group.at)
+        parts = ((stack, dictionary(self.calibrated, stack, at)) for stack in (self.train, self.held))
+        train, held = (_Signals(words, at, stack.dt) for stack, words in parts)
+        return train, held
 
 
 @dataclass(frozen=True, eq=False)
-class _Projected:
-    """What an equation leaves along the axes of the dictionary, and the functions that may explain it."""
+class _Signals:
+    """Functions of measured signals, and the axes along which equations are judged."""
 
-    left: Increments
-    functions: np.ndarray
-    """(functions, L, N − 1)."""
+    words: Dictionary
+    channels: tuple[int, ...]
+    """That the axes of ``words`` are of."""
     dt: float
 
-    def windows(self, horizon: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def of(self, channels: Sequence[int]) -> "_Signals":
+        """The axes that act on these channels."""
+        place = [self.channels.index(c) for c in channels]
+        axes = self.words.axes[..., place]
+        acting = [i for i, axis in enumerate(axes) if np.abs(axis).max() > 0]
+        names = tuple(self.words.names[i] for i in acting)
+        return _Signals(replace(self.words, axes=axes[acting], names=names), tuple(channels), self.dt)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Their names."""
+        return self.words.names
+
+    def along(self, left: Increments, axes: Sequence[str]) -> Increments:
+        """What is left along these axes, in their order."""
+        steps = left.steps[..., list(self.channels)]
+        some = [np.einsum("lnc,lnc->ln", self.words.axes[self.axes.index(a)], steps) for a in axes]
+        return Increments(np.stack(some, axis=-1), left.valid)
+
+    def windows(self, left: Increments, horizon: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Integrals (W, functions) and errors (W, axes) over windows, and the recording (W,) of each."""
-        every = max(1, horizon // 2)
-        y, recording, first = self.left.over(horizon, every)
-        total = np.concatenate([np.zeros_like(self.functions[..., :1]), np.cumsum(self.functions, axis=-1)], axis=-1)
+        y, recording, first = self.along(left, self.axes).over(horizon, max(1, horizon // 2))
+        values = self.words.values
+        total = np.concatenate([np.zeros_like(values[..., :1]), np.cumsum(values, axis=-1)], axis=-1)
         x = total[:, recording, first + horizon] - total[:, recording, first]
         return x.T * self.dt, y, recording
 
 
-def _projected(model: PhysicsModel, stack: Stack, left: Increments, equation: Equation) -> _Projected:
-    at = equation.group.at
-    words = dictionary(model, stack, at)
-    along = [np.einsum("lnc,lnc->ln", axis, left.steps[..., list(at)]) for axis in words.axes if np.abs(axis).max() > 0]
-    return _Projected(Increments(np.stack(along, axis=-1), left.valid), words.values, stack.dt)
-
-
-def _share_left(x: np.ndarray, y: np.ndarray, fold: np.ndarray, held_x: np.ndarray, held_y: np.ndarray) -> float:
-    """Share of the held-out squares of ``y`` (W, axes) that a regression on ``x`` (W, f) leaves, at most 1.
+def _left_of(
+    x: np.ndarray, y: np.ndarray, fold: np.ndarray, held_x: np.ndarray, held_y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Held-out squares (axes,) of ``y`` (W, axes) that a regression on ``x`` (W, f) leaves, no more than all, and all.
 
     For each axis the better one, with one recording left out after another, of ridge regression and of a few columns
     taken one by one.
     """
     size = np.sqrt((x**2).mean(0))
     x, held_x = (z[:, size > 0] / size[size > 0] for z in (x, held_x))
-    left = total = 0.0
+    left = []
     for own, held in zip(y.T, held_y.T, strict=True):
         rows = np.column_stack([x, own])
         grams = [rows[fold == f].T @ rows[fold == f] for f in np.unique(fold)]
@@ -278,8 +324,8 @@ def _share_left(x: np.ndarray, y: np.ndarray, fold: np.ndarray, held_x: np.ndarr
             beta = np.zeros(x.shape[1])
             beta[index] = ridge(whole[np.ix_([*index, -1], [*index, -1])], 1e-9)
         rest = float(((held - held_x @ beta) ** 2).sum())
-        left, total = left + min(rest, float((held**2).sum())), total + float((held**2).sum())
-    return left / max(total, 1e-300)
+        left.append(min(rest, float((held**2).sum())))
+    return np.array(left), (held_y**2).sum(0)
 
 
 def _ridge_loss(grams: Sequence[np.ndarray], whole: np.ndarray, shrinkage: float) -> float:

@@ -161,21 +161,25 @@ def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], flo
 
 
 def _anchored(view: View, dropped: Sequence[int] = ()) -> tuple[list[int], list[np.ndarray]]:
-    """Columns of the model's numbers without some effects, and a fold's normal equations of what is left then.
+    """Columns of the model's free numbers, fitted without some effects, and a fold's normal equations of what is left.
 
-    What holds the constants is a part of them: a fold that says little of one must not run away with it.
+    What holds the constants is a part of them: a fold that says little of one must not run away with it. A number that
+    the fit has at its bound stays there.
     """
     own, subsets = view.linear.own, view.subsets
-    gone, taken = view.linear.away(dropped)
-    mine = [c for c in range(len(own)) if own[c].owner not in gone]
+    fit = subsets.fit(drop=dropped)
+    at = fit.beta[: len(own)]
+    gone, _ = view.linear.away(dropped)
+    mine = [c for c in range(len(own)) if own[c].owner not in gone and subsets.low[c] < at[c] < subsets.high[c]]
     kept = view.linear.changed(mine, dropped)
     width = view.grams[0].shape[0]
     shift, held = np.zeros(width), np.zeros((width, width))
-    shift[taken] = -1.0
-    pull = subsets.anchor[mine] * subsets.centre[mine]
+    shift[list(fit.columns)] = -fit.beta
+    away = subsets.centre[mine] - at[mine]
+    pull = subsets.anchor[mine] * away
     held[kept, kept] = subsets.anchor[mine]
     held[kept, -1] = held[-1, kept] = pull
-    held[-1, -1] = pull @ subsets.centre[mine]
+    held[-1, -1] = pull @ away
     return kept, [_shifted(g, shift) + held / len(view.grams) for g in view.grams]
 
 
@@ -188,7 +192,9 @@ def _shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
     return out
 
 
-def understood(view: View, places: Sequence[int], traces: Sequence[Trace], total: float) -> list[int]:
+def understood(
+    view: View, places: Sequence[int], traces: Sequence[Trace], total: float, dropped: Sequence[int] = ()
+) -> list[int]:
     """Of the effects in these places, those that neither imitate nor are crumbs of something larger.
 
     Args:
@@ -196,15 +202,17 @@ def understood(view: View, places: Sequence[int], traces: Sequence[Trace], total
         places: of effects in ``model.effects``.
         traces: what is left.
         total: the loss that it makes.
+        dropped: places of effects that the model does without.
     """
-    kept = [i for i in places if needed(view, i, traces)]
-    here = view.subsets.fit().misfit
-    gains = {i: view.subsets.fit(drop=[i]).misfit - here for i in places}
+    subsets = view.subsets
+    kept = [i for i in places if needed(view, i, traces, dropped)]
+    here = subsets.fit(drop=dropped).misfit
+    gains = {i: subsets.fit(drop=[*dropped, i]).misfit - here for i in places}
     unknown = total + sum(gain for i, gain in gains.items() if i not in kept)
     return [i for i in kept if gains[i] > CRUMBS * unknown]
 
 
-def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
+def needed(view: View, place: int, traces: Sequence[Trace], dropped: Sequence[int] = ()) -> bool:
     """Whether an effect explains its share as well as as many free terms of the dictionary do where it acts.
 
     An effect of the catalogue that imitates one outside it is beaten by the terms that are closer to the truth.
@@ -213,30 +221,30 @@ def needed(view: View, place: int, traces: Sequence[Trace]) -> bool:
         view: a model with the effect.
         place: of the effect in ``model.effects``.
         traces: what is left, of which only that counts which acts where the effect does.
+        dropped: places of effects that the model does without.
     """
-    subsets = view.subsets
-    gains = (subsets.losses(subsets.fit(drop=[place])) - subsets.losses(subsets.fit())).sum(0)
+    subsets, less = view.subsets, [*dropped, place]
+    gains = (subsets.losses(subsets.fit(drop=less)) - subsets.losses(subsets.fit(drop=dropped))).sum(0)
     acting = {int(c) for c in np.flatnonzero(gains > 0.1 * gains.sum())}
-    first = len(view.linear.columns)
+    first, count = len(view.linear.columns), sum(e.owner == place for e in view.linear.own)
     if gains.sum() < view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting):
         return False  # crumbs of something larger that is not understood
-    numbers, with_it = _anchored(view)
-    rest, without_it = _anchored(view, [place])
+    numbers, with_it = _anchored(view, dropped)
+    rest, without_it = _anchored(view, less)
     allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
-    terms = [column for column, _ in follow(without_it, rest, first, len(numbers) - len(rest), allowed)]
+    terms = [column for column, _ in follow(without_it, rest, first, count, allowed)]
 
     def loss(gram: np.ndarray, index: list[int]) -> float:
         some = gram[np.ix_([*index, -1], [*index, -1])]
         vector = np.append(-ridge(some, 1e-9), 1.0)
         return float(vector @ some @ vector)
 
-    by_terms = loss(np.asarray(sum(without_it)), [*rest, *terms])
-    by_effect = loss(np.asarray(sum(with_it)), numbers)
+    bare, by_terms = (loss(np.asarray(sum(without_it)), [*rest, *more]) for more in ([], terms))
+    by_effect, by_both = (loss(np.asarray(sum(with_it)), [*numbers, *more]) for more in ([], terms))
     if by_terms > by_effect - max(LEFT * view.floor, BEATEN * view.explained):
         return True
     # The terms may have found something else that is left: then the effect still has its own share beside them.
-    beside = by_terms - loss(np.asarray(sum(with_it)), [*numbers, *terms])
-    return beside > BESIDE * (loss(np.asarray(sum(without_it)), rest) - by_effect)
+    return by_terms - by_both > BESIDE * (bare - by_effect)
 
 
 def rivals(view: View, place: int) -> dict[str, Start]:
