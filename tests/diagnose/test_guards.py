@@ -145,7 +145,7 @@ def test_the_noise_of_a_delayed_input_is_accounted_for() -> None:
         assert look.moved.rates + look.moved.columns[start.columns[0]] == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize(("share", "buried"), [(0.02, False), (1.5, True)])
+@pytest.mark.parametrize(("share", "buried"), [(0.02, False), (6.0, True)])
 def test_a_constant_whose_column_is_noise_of_the_inputs_is_free_and_its_channel_doubtful(
     share: float, buried: bool
 ) -> None:

@@ -69,6 +69,35 @@ def ridge(gram: np.ndarray, strength: float = 1e-6) -> np.ndarray:
     return out
 
 
+def regularised(
+    gram: np.ndarray, columns: Sequence[int], prior: np.ndarray, centre: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """β (p,) of p columns for the last one of ``gram`` (c, c), within bounds and with a normal prior.
+
+    Args:
+        gram: normal equations.
+        columns: which.
+        prior: (p,) precision 1/σ² of each about its centre; 0: none.
+        centre: (p,) of the priors.
+        low: (p,) bounds.
+        high: (p,).
+    """
+    index = list(columns)
+    posterior = gram[np.ix_(index, index)] + np.diag(prior)
+    scale = equilibrium(np.diag(posterior))
+    scaled = posterior * np.outer(scale, scale) + 1e-9 * np.eye(len(index))
+    return bounded(scaled, (gram[index, -1] + prior * centre) * scale, low / scale, high / scale) * scale
+
+
+def shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Normal equations whose last column, the residual, has ``shift`` times the others added."""
+    out, more = gram.copy(), gram @ shift
+    out[-1] += more
+    out[:, -1] += more
+    out[-1, -1] += shift @ more
+    return out
+
+
 @dataclass(frozen=True, eq=False)
 class Normal:
     """Normal equations of whitened rows, block by block (a block is some seconds of one recording)."""
@@ -119,12 +148,9 @@ class Normal:
             without: a fold that is not fitted.
         """
         gram = self.total if without is None else self.total - self.by_fold[without]
+        beta = regularised(gram, columns, prior, centre, low, high)
         index = list(columns)
         inner, moment = gram[np.ix_(index, index)], gram[index, -1]
-        posterior = inner + np.diag(prior)
-        scale = equilibrium(np.diag(posterior))
-        scaled = posterior * np.outer(scale, scale) + 1e-9 * np.eye(len(index))
-        beta = bounded(scaled, (moment + prior * centre) * scale, low / scale, high / scale) * scale
         return beta, float(gram[-1, -1] - 2 * moment @ beta + beta @ inner @ beta)
 
     def losses(self, columns: Sequence[int], beta: np.ndarray) -> np.ndarray:

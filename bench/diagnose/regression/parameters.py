@@ -1,7 +1,7 @@
 """The numbers of a model that may be fitted, as one vector: its constants within their uncertainty, its effects'."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,6 +44,34 @@ class Entry:
     def label(self) -> str:
         """Such as "inertia[2]"."""
         return self.name if self.component is None else f"{self.name}[{self.component}]"
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known beforehand of steps (p,) of a model's numbers from where they are."""
+
+    precision: np.ndarray
+    """1/σ²; 0: of an effect's parameter nothing is known but its bounds."""
+    centre: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    @classmethod
+    def of(cls, own: Sequence[Entry], nominal: Mapping[str, float]) -> "Prior":
+        """Of the numbers ``own`` of a model; ``nominal`` has the stated value of a constant by its label."""
+        return cls(
+            np.array([e.scale**-2 if e.constant else 0.0 for e in own]),
+            np.array([nominal[e.label] - e.value if e.constant else 0.0 for e in own]),
+            np.array([e.low - e.value for e in own]),
+            np.array([e.high - e.value for e in own]),
+        )
+
+    def loosened(self, own: Sequence[Entry]) -> "Prior":
+        """With bounds of constants that only keep their sign: noise of the inputs makes them seem far too small."""
+        size = np.array([abs(e.value) or e.scale for e in own])
+        constant = np.array([e.constant for e in own], dtype=bool)
+        low, high = np.where(constant, -0.9 * size, self.low), np.where(constant, 9.0 * size, self.high)
+        return dataclasses.replace(self, low=low, high=high)
 
 
 def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: PhysicsModel | None = None) -> list[Entry]:

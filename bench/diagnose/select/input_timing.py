@@ -19,7 +19,7 @@ from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.regression.linearise import Directions, directions
-from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
 from bench.diagnose.select.search import Search, admissible, hop_of, noise_filters, shortened
@@ -150,7 +150,9 @@ class _Regression:
         )
         filters = [search.smoothing_of(self.model.measured_channels[c]) for c in self.linear.channels]
         self.tests = TestFunctions.over(self.stack.logs, hop_of(self.stack), filters)
-        self.whitening = noise_filters(self.linear.project(self.tests), len(self.linear.own))
+        self.whitening = noise_filters(
+            self.linear.project(self.tests), Prior.of(self.linear.own, search.nominal).loosened(self.linear.own)
+        )
 
     def read(self, shift: float, noisy: bool = False) -> Stack:
         """The recordings with their inputs read ``shift`` samples later, once more with noise or not."""

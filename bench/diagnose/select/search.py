@@ -11,9 +11,9 @@ from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
-from bench.diagnose.regression.least_squares import Normal, ridge, whitening
+from bench.diagnose.regression.least_squares import Normal, regularised, shifted, whitening
 from bench.diagnose.regression.linearise import Directions, directions
-from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions
 from bench.diagnose.select.subset import Subsets
@@ -140,7 +140,7 @@ class Search:
         filters_of = [self.smoothing_of(linear.model.measured_channels[c]) for c in linear.channels]
         tests = TestFunctions.over(self.stack.logs, self.hop, filters_of)
         rows = linear.project(tests, look.dictionary)
-        filters = noise_filters(rows, len(linear.own))
+        filters = noise_filters(rows, Prior.of(linear.own, self.nominal).loosened(linear.own))
         white = rows.whitened(filters)
         count, some = len(linear.columns), sum(white.counts())
         words = () if look.dictionary is None else look.dictionary.terms
@@ -262,23 +262,47 @@ def input_noise(stack: Stack, drives: int, through: np.ndarray) -> np.ndarray:
     return sigma
 
 
-def noise_filters(rows: Rows, own: int) -> list[np.ndarray]:
+def noise_filters(rows: Rows, prior: Prior) -> list[np.ndarray]:
     """Whitening filters, a channel each, of what is left when the model's numbers and the most telling columns fit.
 
-    Few columns, each worth its place on recordings not fitted: many would explain slow disturbances by chance, and what
-    is left would be taken for all the noise there is.
+    The numbers fit beside what is known of them: a free fit would give up one equation, call that noise, and believe it
+    no more. Few columns, each worth its place on recordings not fitted: many would explain slow disturbances by chance,
+    and what is left would be taken for all the noise there is.
+
+    Args:
+        rows: of the weak form; the model's numbers are the first columns.
+        prior: of these.
     """
     spread = [
         max(float(np.concatenate([log[c][:, -1] for log in rows.parts]).std()), 1e-300) for c in range(rows.channels)
     ]
     filters = [np.array([1 / s]) for s in spread]
+    own = list(range(len(prior.low)))
     for _ in range(2):
         grams = rows.whitened(filters).folds()
-        columns = [*range(own), *(c for c, _ in follow(grams, list(range(own)), own, TELLING))]
-        total = np.asarray(sum(grams))[np.ix_([*columns, -1], [*columns, -1])]
+        columns = [*own, *_telling(grams, prior)]
+        more = len(columns) - len(own)
+        none, free = np.zeros(more), np.full(more, np.inf)
         beta = np.zeros(rows.width)
-        beta[columns] = ridge(total, 1e-9)
+        beta[columns] = regularised(
+            np.asarray(sum(grams)),
+            columns,
+            np.append(prior.precision, none),
+            np.append(prior.centre, none),
+            np.append(prior.low, -free),
+            np.append(prior.high, free),
+        )
         left = rows.residuals(beta)
         order = min(MEMORY, max(1, min(map(len, left)) // 20))
         filters = [whitening([r[:, c] for r in left], order) for c in range(rows.channels)]
     return filters
+
+
+def _telling(grams: Sequence[np.ndarray], prior: Prior) -> list[int]:
+    """Columns beyond the model's own numbers that tell most of what these leave; those at a bound stay there."""
+    own, total = range(len(prior.low)), np.asarray(sum(grams))
+    beta = regularised(total, own, prior.precision, prior.centre, prior.low, prior.high)
+    shift = np.zeros(len(total))
+    shift[list(own)] = -beta
+    inside = [c for c in own if prior.low[c] < beta[c] < prior.high[c]]
+    return [c for c, _ in follow([shifted(g, shift) for g in grams], inside, len(own), TELLING)]

@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.diagnose.regression.least_squares import Normal, equilibrium
 from bench.diagnose.regression.linearise import Directions, Start
-from bench.diagnose.regression.parameters import Entry
+from bench.diagnose.regression.parameters import Entry, Prior
 from registry.dynamics import Effect
 
 
@@ -66,12 +66,10 @@ class Subsets:
         self.starts = tuple(s for s in linear.starts if not set(s.columns) & set(buried))
         own: tuple[Entry, ...] = linear.own
         self.own = list(range(len(own)))
-        self.prior = np.array([e.scale**-2 if e.constant else 0.0 for e in own])
+        known = Prior.of(own, nominal)
+        self.prior, self.centre, self.low, self.high = known.precision, known.centre, known.low, known.high
         self.anchor = self.prior.copy()
         """As the prior, and where that is none, weakly: what holds a constant of which some recordings say little."""
-        self.centre = np.array([nominal[e.label] - e.value if e.constant else 0.0 for e in own])
-        self.low = np.array([e.low - e.value for e in own])
-        self.high = np.array([e.high - e.value for e in own])
         for i in set(buried) & set(self.own):
             if own[i].constant:
                 self.prior[i] = 0.0

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from bench.diagnose.regression.generic import follow
-from bench.diagnose.regression.least_squares import ridge
+from bench.diagnose.regression.least_squares import ridge, shifted
 from bench.diagnose.regression.linearise import Start
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.select.choose import DISTINCT, MOST, RELEVANT, accepted, sound
@@ -180,16 +180,7 @@ def _anchored(view: View, dropped: Sequence[int] = ()) -> tuple[list[int], list[
     held[kept, kept] = subsets.anchor[mine]
     held[kept, -1] = held[-1, kept] = pull
     held[-1, -1] = pull @ away
-    return kept, [_shifted(g, shift) + held / len(view.grams) for g in view.grams]
-
-
-def _shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Normal equations whose last column, the residual, has ``shift`` times the others added."""
-    out, more = gram.copy(), gram @ shift
-    out[-1] += more
-    out[:, -1] += more
-    out[-1, -1] += shift @ more
-    return out
+    return kept, [shifted(g, shift) + held / len(view.grams) for g in view.grams]
 
 
 def understood(
