@@ -27,7 +27,6 @@ def view_of(residual: np.ndarray, **effects: np.ndarray) -> View:
     """Four recordings (blocks, rows) of a residual, with one column an effect."""
     constant = np.random.default_rng(1).normal(size=residual.shape)
     rows = np.stack([constant, *effects.values(), residual], axis=-1)
-    grams = np.einsum("bri,brj->bij", rows, rows)[:, None]
     entry = Entry(0, "k", None, "1", 0.0, 1.0, -np.inf, np.inf)
     mass = Entry(-1, "mass", None, "kg", 1.0, 0.01, 0.97, 1.03)
     starts = tuple(
@@ -36,7 +35,8 @@ def view_of(residual: np.ndarray, **effects: np.ndarray) -> View:
     )
     nothing = np.empty(0)
     linear = Directions(None, None, (mass,), starts, nothing, nothing, (), (), (), ())  # type: ignore[arg-type]
-    normal = Normal(grams, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
+    channel = np.arange(rows.shape[-1]), rows.reshape(-1, rows.shape[-1]).T
+    normal = Normal((channel,), rows.shape[-1], np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
     return View(linear, (), Subsets(linear, normal, {"mass": 1.0}), (), (), 0.0, frozenset())
 
 
@@ -103,7 +103,7 @@ def test_what_clears_all_that_is_left_is_relevant_however_much_others_explain(ot
 def test_nothing_is_cleared_where_more_was_taken_off_than_there_was_of_noise() -> None:
     x, noise = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))
     view = replace(view_of(2**0.5 * x + noise, drag=x), explained=1e5 * BLOCKS * ROWS)
-    view.subsets.normal.grams[..., -1, -1] -= 4 * ROWS
+    view.subsets.normal = view.subsets.normal.less(np.diag([0.0, 0.0, 4.0])[None])
     assert not accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts))
 
 
@@ -114,8 +114,7 @@ def test_a_coefficient_that_the_data_say_nothing_of_has_no_narrow_interval() -> 
     own = (*view.linear.own, Entry(0, "k", None, "1", 0.5, 1.0, -2.0, 2.0))
     linear = replace(view.linear, own=own, starts=())
     for taken_off, width in ((0.0, 0.02), (2.0, 4.0)):
-        normal = replace(view.subsets.normal, grams=view.subsets.normal.grams.copy())
-        normal.grams[..., 1, 1] -= taken_off * ROWS
+        normal = view.subsets.normal.less(np.diag([0.0, taken_off, 0.0])[None])
         free = replace(view, linear=linear, subsets=Subsets(linear, normal, {"mass": 1.0}))
         k = verify.estimates(free, free.subsets.fit())[1]
         assert k.high - k.low == pytest.approx(width, rel=0.2)

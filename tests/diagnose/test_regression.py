@@ -43,7 +43,7 @@ def test_normal_equations_hold_a_part_out():
     rng = np.random.default_rng(1)
     x, y = rng.normal(size=(30, 2)), rng.normal(size=30)
     rows = np.column_stack([x, y]).reshape(3, 10, 3)
-    normal = Normal(np.stack([r.T @ r for r in rows])[:, None], np.array([0, 1, 2]), np.full(3, 10))
+    normal = Normal(((np.arange(3), rows.reshape(30, 3).T),), 3, np.array([0, 1, 2]), np.full(3, 10))
     free = np.full(2, np.inf)
     beta, misfit = normal.fit([0, 1], np.zeros(2), np.zeros(2), -free, free, without=1)
     kept = np.r_[0:10, 20:30]
@@ -52,6 +52,16 @@ def test_normal_equations_hold_a_part_out():
     assert misfit == pytest.approx(((y[kept] - x[kept] @ expected) ** 2).sum(), rel=1e-6)
     held_out = ((y[10:20] - x[10:20] @ expected) ** 2).sum()
     assert normal.losses([0, 1], beta)[1, 0] == pytest.approx(held_out, rel=1e-6)
+    scores = [x[10 * i : 10 * i + 10].T @ (y - x @ expected)[10 * i : 10 * i + 10] for i in range(3)]
+    np.testing.assert_allclose(normal.scores([0, 1], expected), scores, atol=1e-12)
+    noise = np.cov(rng.normal(size=(3, 20)))[None]
+    vector = np.append(-expected, 1.0)
+    quieter = normal.less(noise)
+    np.testing.assert_allclose(quieter.total, normal.total - 30 * noise[0])
+    taken_off = normal.losses([0, 1], expected) - quieter.losses([0, 1], expected)
+    np.testing.assert_allclose(taken_off, np.full((3, 1), 10 * vector @ noise[0] @ vector))
+    taken_off = normal.scores([0, 1], expected) - quieter.scores([0, 1], expected)
+    np.testing.assert_allclose(taken_off, np.tile(10 * noise[0, :2] @ vector, (3, 1)))
 
 
 def test_rows_of_the_columns_that_act_give_the_normal_equations_of_all():

@@ -1,7 +1,7 @@
 """Bounded least squares by Gram matrices: a fit of a few columns takes microseconds, not a pass over the data."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -100,28 +100,45 @@ def shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Normal equations of whitened rows, block by block (a block is some seconds of one recording)."""
+    """Whitened rows and their normal equations, block by block (a block is some seconds of one recording).
 
-    grams: np.ndarray
-    """(blocks, channels, c, c) of all columns; the last is the residual to be explained."""
+    Only the sums over folds are kept as matrices: of hundreds of columns those of every block would take gigabytes.
+    """
+
+    channels: tuple[tuple[np.ndarray, np.ndarray], ...]
+    """A channel: the places (n,) of the columns that act on it, ascending, and their rows (n, J)."""
+    width: int
+    """Columns of all; the last is the residual to be explained."""
     fold: np.ndarray
-    """(blocks,) the part that is held out with a block: its recording, or a stretch of the only one."""
+    """(blocks,) the part that is held out with a block: its recording, or a stretch of the only one; ascending."""
     count: np.ndarray
-    """(blocks,) rows a channel."""
+    """(blocks,) rows a channel; those of a block follow those of the one before."""
+    noise: np.ndarray | None = None
+    """(channels, c, c) what a row owes to noise, which is taken off."""
 
     def less(self, noise: np.ndarray) -> "Normal":
         """The same with what a row owes to noise (channels, c, c) taken off."""
-        return Normal(self.grams - self.count[:, None, None, None] * noise, self.fold, self.count)
+        return replace(self, noise=noise if self.noise is None else self.noise + noise)
 
     @property
     def rows(self) -> int:
         """Rows of all blocks and channels."""
-        return int(self.count.sum()) * self.grams.shape[1]
+        return int(self.count.sum()) * len(self.channels)
 
     @cached_property
     def by_fold(self) -> dict[int, np.ndarray]:
         """By fold, (c, c) of all its rows."""
-        return {int(i): self.grams[self.fold == i].sum((0, 1)) for i in np.unique(self.fold)}
+        ends, out = np.cumsum(self.count), {}
+        for fold in np.unique(self.fold):
+            these = np.flatnonzero(self.fold == fold)
+            part = slice(ends[these[0]] - self.count[these[0]], ends[these[-1]])
+            gram = np.zeros((self.width, self.width))
+            for acting, rows in self.channels:
+                gram[np.ix_(acting, acting)] += rows[:, part] @ rows[:, part].T
+            if self.noise is not None:
+                gram -= self.count[these].sum() * self.noise.sum(0)
+            out[int(fold)] = gram
+        return out
 
     @cached_property
     def total(self) -> np.ndarray:
@@ -155,8 +172,41 @@ class Normal:
 
     def losses(self, columns: Sequence[int], beta: np.ndarray) -> np.ndarray:
         """Sum of squared whitened residuals (blocks, channels) with these coefficients."""
-        index = [*columns, self.grams.shape[-1] - 1]
-        vector = np.append(-beta, 1.0)
-        some = self.grams[:, :, index][..., index]
-        out: np.ndarray = np.einsum("i,bkij,j->bk", vector, some, vector, optimize=True)
+        vector, index = self._vector(columns, beta), [*columns, self.width - 1]
+        out = np.empty((len(self.count), len(self.channels)))
+        for k, channel in enumerate(self.channels):
+            out[:, k] = self._by_block(_left(channel, vector) ** 2)
+            if self.noise is not None:
+                out[:, k] -= self.count * (vector[index] @ self.noise[k][np.ix_(index, index)] @ vector[index])
         return out
+
+    def scores(self, columns: Sequence[int], beta: np.ndarray) -> np.ndarray:
+        """Products (blocks, p) of p columns with what they leave with these coefficients."""
+        vector, index = self._vector(columns, beta), [*columns, self.width - 1]
+        out = np.zeros((len(self.count), len(columns)))
+        for k, (acting, rows) in enumerate(self.channels):
+            own = np.flatnonzero(np.isin(columns, acting))
+            at = np.searchsorted(acting, np.asarray(columns)[own])
+            out[:, own] += self._by_block(rows[at] * _left((acting, rows), vector)).T
+            if self.noise is not None:
+                out -= self.count[:, None] * (self.noise[k][np.ix_(columns, index)] @ vector[index])
+        return out
+
+    def _vector(self, columns: Sequence[int], beta: np.ndarray) -> np.ndarray:
+        """What all columns (c,) are multiplied by to leave the residual."""
+        vector = np.zeros(self.width)
+        vector[list(columns)] = -beta
+        vector[-1] = 1.0
+        return vector
+
+    def _by_block(self, values: np.ndarray) -> np.ndarray:
+        """Sums (…, blocks) of values (…, J)."""
+        return np.add.reduceat(values, np.cumsum(self.count) - self.count, axis=-1)
+
+
+def _left(channel: tuple[np.ndarray, np.ndarray], vector: np.ndarray) -> np.ndarray:
+    """What remains of the rows (J,) of a channel."""
+    acting, rows = channel
+    used = np.flatnonzero(vector[acting])
+    out: np.ndarray = vector[acting[used]] @ rows[used]
+    return out

@@ -105,22 +105,24 @@ class Rows:
         return out
 
     def normal(self) -> Normal:
-        """Normal equations, block by block."""
-        grams, fold, count = [], [], []
-        for i, (log, rows) in enumerate(zip(self.parts, self.counts(), strict=True)):
+        """The rows in blocks, with their normal equations."""
+        fold, count, kept = [], [], []
+        for i, rows in enumerate(self.counts()):
             length = max(1, min(round(BLOCK_SECONDS / self.hop), rows // (5 * self._stretches)))
-            for start in range(0, rows, length):
-                here = min(length, rows - start)
-                if here < length // 2 and rows >= length:
-                    continue
-                gram = np.zeros((self.channels, self.width + 1, self.width + 1))
-                for of_channel, x, acting in zip(gram, log, self.acting, strict=True):
-                    block = x[start : start + length]
-                    of_channel[np.ix_(acting, acting)] = block.T @ block
-                grams.append(gram)
-                fold.append(i * self._stretches + min(start * self._stretches // rows, self._stretches - 1))
-                count.append(here)
-        return Normal(np.stack(grams), np.array(fold), np.array(count))
+            whole = [min(length, rows - start) for start in range(0, rows, length)]
+            if len(whole) > 1 and whole[-1] < length // 2:
+                whole.pop()
+            kept.append(sum(whole))
+            fold += [
+                i * self._stretches + min(k * length * self._stretches // rows, self._stretches - 1)
+                for k in range(len(whole))
+            ]
+            count += whole
+        channels = tuple(
+            (acting, np.concatenate([log[c][:n] for log, n in zip(self.parts, kept, strict=True)]).T.copy())
+            for c, acting in enumerate(self.acting)
+        )
+        return Normal(channels, self.width + 1, np.array(fold), np.array(count))
 
     @property
     def _stretches(self) -> int:

@@ -168,8 +168,7 @@ class _Regression:
         scale = equilibrium(np.diag(gram))
         inverse = np.linalg.inv(gram * np.outer(scale, scale) + 1e-9 * np.eye(len(gram))) * np.outer(scale, scale)
         beta = inverse @ normal.total[:-1, -1]
-        blocks = normal.grams.sum(1)
-        scores = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ beta
+        scores = normal.scores(range(len(beta)), beta)
         scores -= scores.mean(0)
         spread = inverse @ (scores.T @ scores) @ inverse
         return float(beta[-1]), float(np.sqrt(max(spread[-1, -1], inverse[-1, -1])))

@@ -119,7 +119,7 @@ class Subsets:
 
     def held_out(self, starts: Sequence[Start] = (), more: Sequence[int] = (), drop: Sequence[int] = ()) -> np.ndarray:
         """Losses (blocks, channels), each block's by a fit to the other folds."""
-        out = np.empty(self.normal.grams.shape[:2])
+        out = np.empty((len(self.normal.fold), len(self.normal.channels)))
         for fold in np.unique(self.normal.fold):
             these = self.normal.fold == fold
             out[these] = self.losses(self.fit(starts, more, int(fold), drop))[these]
@@ -148,8 +148,7 @@ class Subsets:
         posterior = self.normal.total[np.ix_(index, index)] + np.diag(prior)
         scale = equilibrium(np.diag(posterior))
         inverse = np.linalg.inv(posterior * np.outer(scale, scale) + 1e-9 * np.eye(len(index))) * np.outer(scale, scale)
-        grams = self.normal.grams.sum(1)
-        scores = grams[:, index, -1] - grams[:, index][..., index] @ fit.beta  # (blocks, p)
+        scores = self.normal.scores(index, fit.beta)
         scores = scores - scores.mean(0)  # their sum is what the priors and bounds pull
         blocks = len(scores)
         meat = scores.T @ scores * (blocks / max(1, blocks - 1)) + np.diag(prior)
