@@ -50,6 +50,15 @@ def titles() -> dict[str, str]:
     return dict(sorted(found.items()))
 
 
+def default_dataset(name: str) -> str:
+    """The data set of a study; read from its source as far as that tells."""
+    for point in entry_points(group="multistep_bench.studies"):
+        told = outline.keywords(outline.source_of(point.module) or "", point.attr)
+        if told.get("name") == name and "default_dataset" in told:
+            return told["default_dataset"]
+    return get(name).default_dataset
+
+
 def studies() -> dict[str, Study]:
     """All studies, by name; third parties add theirs through the entry-point group of the same name."""
     found: dict[str, Study] = {}
