@@ -2,14 +2,16 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from bench.analysis import stats
 from bench.claims.estimate import Estimate, Kind, fact
 from bench.claims.evidence import Evidence
-from registry.contracts import Loaded
+
+if TYPE_CHECKING:  # it loads torch
+    from registry.contracts import Loaded
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Fact(ABC):
     """A way to judge a claim on the data set itself; subclasses as those of `Kind`."""
 
     @abstractmethod
-    def count(self, loaded: Loaded) -> list[Estimate]:
+    def count(self, loaded: "Loaded") -> list[Estimate]:
         """Every number that must lie in the acceptance band; facts have no interval."""
 
 
@@ -54,7 +56,7 @@ class Fact(ABC):
 class Samples(Fact):
     """Time steps of all recordings together."""
 
-    def count(self, loaded: Loaded) -> list[Estimate]:
+    def count(self, loaded: "Loaded") -> list[Estimate]:
         """See `Fact.count`."""
         return [fact(f"samples in {len(loaded.recordings)} recordings:", sum(map(len, loaded.recordings)))]
 
@@ -63,7 +65,7 @@ class Samples(Fact):
 class Recordings(Fact):
     """Number of recordings."""
 
-    def count(self, loaded: Loaded) -> list[Estimate]:
+    def count(self, loaded: "Loaded") -> list[Estimate]:
         """See `Fact.count`."""
         return [fact("recordings:", len(loaded.recordings))]
 
@@ -72,7 +74,7 @@ class Recordings(Fact):
 class Hours(Fact):
     """Time recorded, in hours."""
 
-    def count(self, loaded: Loaded) -> list[Estimate]:
+    def count(self, loaded: "Loaded") -> list[Estimate]:
         """See `Fact.count`."""
         return [fact("hours:", sum(len(r) / r.rate for r in loaded.recordings) / 3600)]
 
@@ -84,7 +86,7 @@ class Maxima(Fact):
     names: tuple[str, ...]
     values: tuple[float, ...]
 
-    def count(self, loaded: Loaded) -> list[Estimate]:
+    def count(self, loaded: "Loaded") -> list[Estimate]:
         """See `Fact.count`."""
         found = []
         for name, published in zip(self.names, self.values, strict=True):

@@ -108,30 +108,36 @@ def settle(
     what matters: "alike" takes one interval at ``alpha`` over the count within `ZONE`, and each of the others at
     ``alpha`` within the band or the zone. A band that is itself one of equivalence has no such verdict.
     """
-    if not found:
-        return Judgement(NOT_RUN)
+    verdict, e = decide(found, accept, alpha, relative)
+    if e is None:
+        return Judgement(verdict)
     basis = "; ".join(map(_said, found[:6])) + (f"; and {len(found) - 6} more" if len(found) > 6 else "")
     basis += f". Basis: {found[0].basis}." if found[0].basis else "."
+    one_way = relative and directional(accept) and verdict in (REPRODUCED, DIFFERS)
+    low, high = e.limits(ALPHA, 1, 1)
+    return Judgement(verdict, e.value, low, high, basis, one_way and _within((low, high), ZONE))
+
+
+def decide(
+    found: Sequence[Estimate], accept: tuple[float, float], alpha: float, relative: bool
+) -> tuple[str, Estimate | None]:
+    """The verdict of `settle` and the number that decides it; none without any."""
+    if not found:
+        return NOT_RUN, None
     at = [e.limits(alpha, 1, 1) if e.speaks else (math.nan, math.nan) for e in found]
-    strict = [e.limits(alpha / len(found), 1, 1) if e.speaks else (math.nan, math.nan) for e in found]
-    one_way = relative and directional(accept)
     if all(_within(limits, accept) for limits in at):
-        tightest = min(found, key=lambda e: min(e.low - accept[0], accept[1] - e.high))
-        return _judged(REPRODUCED, tightest, basis, one_way)
+        return REPRODUCED, min(found, key=lambda e: min(e.low - accept[0], accept[1] - e.high))
+    strict = [e.limits(alpha / len(found), 1, 1) if e.speaks else (math.nan, math.nan) for e in found]
     for e, (low, high) in zip(found, strict, strict=True):
         if high < accept[0] or low > accept[1]:
-            return _judged(DIFFERS, e, basis, one_way)
-    undecided = [e for e, limits in zip(found, at, strict=True) if not _within(limits, accept)]
-    if one_way:
+            return DIFFERS, e
+    undecided = [i for i, limits in enumerate(at) if not _within(limits, accept)]
+    if relative and directional(accept):
         either = min(accept[0], ZONE[0]), max(accept[1], ZONE[1])
-        alike = [e for e in undecided if _within(strict[found.index(e)], ZONE)]
+        alike = [i for i in undecided if _within(strict[i], ZONE)]
         if alike and all(_within(limits, either) for limits in at):
-            return _judged(ALIKE, alike[0], basis)
-    return _judged(OPEN, undecided[0], basis)
-
-
-def _judged(verdict: str, e: Estimate, basis: str, one_way: bool = False) -> Judgement:
-    return Judgement(verdict, e.value, e.low, e.high, basis, one_way and _within((e.low, e.high), ZONE))
+            return ALIKE, found[alike[0]]
+    return OPEN, found[undecided[0]]
 
 
 def _within(limits: tuple[float, float], band: tuple[float, float]) -> bool:

@@ -128,9 +128,10 @@ class Evidence:
     def curves(self) -> dict[tuple[str, str, str], Curves]:
         """(key, quantity, norm) → its curves, in the unit of `units`."""
         columns = {name: self.steps[name].astype("category").cat for name in ("key", "quantity", "norm", "statistic")}
+        named = {name: list(map(str, column.categories)) for name, column in columns.items()}
         codes = np.zeros(len(self.steps), dtype=np.int64)
-        for column in columns.values():
-            codes = codes * len(column.categories) + column.codes.to_numpy()
+        for name, column in columns.items():
+            codes = codes * len(named[name]) + column.codes.to_numpy()
         steps, values = self.steps["step"].to_numpy(), self.steps["value"].to_numpy(float)
         same = codes[1:] == codes[:-1]
         starts = np.concatenate([[0], np.flatnonzero(~same) + 1])[: len(codes)]
@@ -141,9 +142,9 @@ class Evidence:
         found: dict[tuple[str, str, str], Curves] = {}
         for code, curve in zip(codes[starts].tolist(), np.split(values, starts[1:]), strict=True):
             names = []
-            for column in reversed(columns.values()):
-                code, index = divmod(code, len(column.categories))
-                names.append(str(column.categories[index]))
+            for known in reversed(named.values()):
+                code, index = divmod(code, len(known))
+                names.append(known[index])
             statistic, norm, quantity, key = names
             found.setdefault((key, quantity, norm), {})[statistic] = curve
         return found

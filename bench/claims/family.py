@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from bench.claims.estimate import ALPHA, NOT_RUN, SETTLED, Estimate, Judgement, settle
+from bench.claims.estimate import ALPHA, NOT_RUN, SETTLED, Estimate, Judgement, decide, settle
 
 Question = tuple[Sequence[Estimate], tuple[float, float], bool]
 """The numbers of a claim, its band, and whether they are ratios: what `settle` takes beside α."""
@@ -27,7 +27,7 @@ def _rank(question: Question, rate: float, count: int) -> int:
     low, high = 1, count + 1
     while low < high:
         k = (low + high) // 2
-        if settle(*question[:2], rate * k / count, question[2]).verdict in SETTLED:
+        if decide(*question[:2], rate * k / count, question[2])[0] in SETTLED:
             high = k
         else:
             low = k + 1

@@ -1,7 +1,7 @@
 """All claims against all evidence: a verdict each, corrected for how many there are."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from bench.claims import family
@@ -11,6 +11,7 @@ from bench.claims.estimate import NOT_RUN, OPEN, Estimate, Judgement, number, se
 from bench.claims.evidence import Evidence
 from bench.claims.outlook import outlook
 from bench.experiment import study
+from registry.datasets.locate import has_files
 from registry.errors import BenchError
 
 TWIN = "_twin"
@@ -36,7 +37,13 @@ class Row:
     """What would settle an open claim."""
 
 
-def judge(claims: Claims, evidence: Sequence[Evidence], facts: bool = True, simulate: bool = False) -> list[Row]:
+def judge(
+    claims: Claims,
+    evidence: Sequence[Evidence],
+    facts: bool = True,
+    simulate: bool = False,
+    wanted: Collection[str] | None = None,
+) -> list[Row]:
     """One row a claim and data set with evidence for it, real recordings first; at least one a claim.
 
     Of all verdicts on comparative claims at most 5 % are expected to be wrong (`family.level`); dataset-bound claims,
@@ -47,6 +54,7 @@ def judge(claims: Claims, evidence: Sequence[Evidence], facts: bool = True, simu
         evidence: of all studies.
         facts: read the recordings of dataset-bound claims about the data themselves, where they are there.
         simulate: count in the simulated stand-ins of these data as well (a minute where they are not kept yet).
+        wanted: ids of the claims to return; all others count in the family alone. None: all.
     """
     ordered = sorted(evidence, key=lambda e: (e.dataset.endswith(TWIN), e.dataset))
     asked = [
@@ -57,17 +65,21 @@ def judge(claims: Claims, evidence: Sequence[Evidence], facts: bool = True, simu
     ]
     asked = [a for a in asked if a[2][0]]
     alpha = family.level([question for _, _, question in asked])
-    rows: dict[str, list[Row]] = {c.id: [] for c in claims.claims}
+    asked_for = [c for c in claims.claims if wanted is None or c.id in wanted]
+    rows: dict[str, list[Row]] = {c.id: [] for c in asked_for}
+    homes = study.default_datasets()
     for claim, found, question in asked:
+        if claim.id not in rows:
+            continue
         judgement = family.judged(question, alpha, len(asked))
         needed, seeds = outlook(question, alpha) if judgement.verdict == OPEN else ("", 0)
-        command = _command(claim, found.dataset, found.preset, seeds)
+        command = _command(claim, homes, found.dataset, found.preset, seeds)
         rows[claim.id].append(Row(claim, found.dataset, _label(claims, claim, found), judgement, command, "", needed))
-    for claim in claims.claims:
+    for claim in asked_for:
         if claim.scope == "dataset":
-            rows[claim.id].append(_bound(claims, claim, ordered, facts, simulate))
+            rows[claim.id].append(_bound(claims, claim, ordered, homes, facts, simulate))
         elif not rows[claim.id]:
-            rows[claim.id].append(Row(claim, "", "", Judgement(NOT_RUN), _command(claim)))
+            rows[claim.id].append(Row(claim, "", "", Judgement(NOT_RUN), _command(claim, homes)))
     return [row for found in rows.values() for row in found]
 
 
@@ -93,12 +105,12 @@ def _patterns(claim: Claim) -> list[str]:
     return [*pairs, *listed, *(getattr(kind, name) for name in ("a", "b") if hasattr(kind, name))]
 
 
-def _command(claim: Claim, dataset: str = "", preset: str = "", seeds: int = 0) -> str:
+def _command(claim: Claim, homes: Mapping[str, str], dataset: str = "", preset: str = "", seeds: int = 0) -> str:
     """The command that brings evidence, or more of it: the study, then with more seeds or at its largest preset."""
     if not claim.study:
         return shlex.join(["bench", "data", "inspect", claim.needs])
     words = ["bench", "run", claim.study]
-    if dataset not in ("", study.default_dataset(claim.study)):
+    if dataset not in ("", homes.get(claim.study)):
         words += ["--dataset", dataset]
     if seeds:
         words += ([] if preset == "laptop" else ["--preset", preset]) + ["--seeds", str(seeds)]
@@ -107,12 +119,14 @@ def _command(claim: Claim, dataset: str = "", preset: str = "", seeds: int = 0) 
     return shlex.join(words)
 
 
-def _bound(claims: Claims, claim: Claim, ordered: Sequence[Evidence], facts: bool, simulate: bool) -> Row:
+def _bound(
+    claims: Claims, claim: Claim, ordered: Sequence[Evidence], homes: Mapping[str, str], facts: bool, simulate: bool
+) -> Row:
     """A dataset-bound claim: judged on its own data only, with the values on others beside."""
     kind, needs = claim.kind, claim.needs
     missing = Judgement(NOT_RUN, basis=f"needs {needs}")
     if isinstance(kind, Fact):
-        row = Row(claim, needs, "", missing, _command(claim))
+        row = Row(claim, needs, "", missing, _command(claim, homes))
         if not facts:
             return row
         values = sorted(e.value for e in _recorded(kind, STAND_IN.get(needs, ""))) if simulate else []
@@ -122,11 +136,11 @@ def _bound(claims: Claims, claim: Claim, ordered: Sequence[Evidence], facts: boo
         if not counted:
             return replace(row, beside=beside)
         return replace(row, judgement=settle(counted, claim.accept), beside=beside)
-    others, row = [], Row(claim, needs, "", missing, _command(claim, needs))
+    others, row = [], Row(claim, needs, "", missing, _command(claim, homes, needs))
     for found in (e for e in ordered if e.study == claim.study):
         judgement = settle(*_question(claim, found)[:2])
         if found.dataset == needs:
-            label, command = _label(claims, claim, found), _command(claim, needs, found.preset)
+            label, command = _label(claims, claim, found), _command(claim, homes, needs, found.preset)
             row = Row(claim, needs, label, judgement, command)
         elif judgement.basis:
             others.append(f"{found.dataset}: {number(judgement.value)}")
@@ -135,6 +149,8 @@ def _bound(claims: Claims, claim: Claim, ordered: Sequence[Evidence], facts: boo
 
 def _recorded(kind: Fact, dataset: str) -> list[Estimate]:
     """What the recordings say; nothing where they cannot be had."""
+    if dataset in STAND_IN and not has_files(dataset):
+        return []
     from bench.training.data import load  # training and what it trains take seconds to import
     from registry.core import DATASETS
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from bench.claims.estimate import SETTLED, Estimate, settle
+from bench.claims.estimate import SETTLED, Estimate, decide
 from bench.claims.family import Question
 
 MOST_SEEDS, MOST_RECORDINGS = 30, 100
@@ -43,7 +43,7 @@ def outlook(question: Question, alpha: float) -> tuple[str, int]:
 
 def _settled(question: Question, alpha: float, seeds: float, recordings: float) -> bool:
     found: Sequence[Estimate] = [e.grown(seeds, recordings) for e in question[0]]
-    return settle(found, question[1], alpha, question[2]).verdict in SETTLED
+    return decide(found, question[1], alpha, question[2])[0] in SETTLED
 
 
 def _upwards(start: int, most: int) -> Iterator[int]:
