@@ -116,7 +116,10 @@ def test_other_runs_may_differ_as_seeds_do(bench: Bench, results: Path, factor: 
 def test_without_evidence_nothing_is_claimed(bench: Bench, tmp_path: Path) -> None:
     code, printed = bench("--results", tmp_path, "--published", tmp_path / "none")
     assert code == 0
-    assert "0 reproduced, 0 differs, 0 alike, 0 not enough evidence" in printed and "None of the published numbers" in printed
+    assert (
+        "0 reproduced, 0 differs, 0 alike, 0 not enough evidence" in printed
+        and "None of the published numbers" in printed
+    )
     assert "bench run washout_vs_mlp" in printed
 
 

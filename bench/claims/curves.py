@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import ClassVar
 
 import numpy as np
 
@@ -69,6 +70,7 @@ class EarlyPeak(Kind):
     horizons: tuple[int, ...]
     anywhere: bool = False
     """The peak may lie anywhere before the end, and not only in the first half."""
+    relative: ClassVar[bool] = False
 
     def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
@@ -105,6 +107,7 @@ class Growth(Kind):
     specs: tuple[str, ...]
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
+    relative: ClassVar[bool] = False
 
     def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""

@@ -62,7 +62,9 @@ class Kind(ABC):
     """A way to judge. Subclasses are frozen dataclasses; their fields are the keys of ``judge`` in a claim."""
 
     relative: ClassVar[bool] = True
-    """Whether the numbers are ratios, of which 1 is no difference."""
+    """Whether the numbers compare two models, or one in two conditions, by a ratio: a difference may then be too small
+    to matter. The shape of one curve is as it is, however slight.
+    """
 
     @abstractmethod
     def measure(self, evidence: Evidence) -> list[Estimate]:
