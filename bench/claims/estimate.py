@@ -114,7 +114,7 @@ def settle(
     if e is None:
         return Judgement(verdict)
     basis = "; ".join(map(_said, found[:6])) + (f"; and {len(found) - 6} more" if len(found) > 6 else "")
-    basis += f". Basis: {found[0].basis}." if found[0].basis else "."
+    basis += f". Basis: {e.basis}." if e.basis else "."
     one_way = relative and directional(accept) and verdict in (REPRODUCED, DIFFERS)
     low, high = e.limits(ALPHA, 1, 1)
     return Judgement(verdict, e.value, low, high, basis, one_way and _within((low, high), ZONE))

@@ -182,8 +182,9 @@ def _basis(found: Contrast, recorded: bool) -> str:
     if found.trainings < 2:
         return "; ".join([*words, "one training, which says nothing about the next"])
     lent = f", {found.borrowed:.1f} of them lent by the rest of the study" if found.borrowed >= 0.05 else ""
+    groups = f"{found.strata} group{'s' if found.strata > 1 else ''}"
     spread = f"the spread of seeds has {found.freedom:.1f} degrees of freedom{lent}"
-    return "; ".join([*words, f"{found.networks} trained networks in {found.strata} groups ({spread})"])
+    return "; ".join([*words, f"{found.networks} trained networks in {groups} ({spread})"])
 
 
 def ratio_of_numbers(left: Iterable[float], right: Iterable[float]) -> float | None:
