@@ -459,7 +459,6 @@ def test_a_dataset_bound_claim_is_not_judged_on_other_data() -> None:
     ("kind", "values", "here"),
     [
         ("samples", {}, 2000),
-        ("recordings", {}, 5),
         ("hours", {}, 20 / 3600),
         ("maxima", {"names": ["euler_rates.roll"], "values": [2.0]}, None),
     ],

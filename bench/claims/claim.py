@@ -30,7 +30,6 @@ KINDS: dict[str, type[Kind] | type[Fact]] = {
     "peak_shrinks": curves.PeakShrinks,
     "diverged": counting.Diverged,
     "samples": counting.Samples,
-    "recordings": counting.Recordings,
     "hours": counting.Hours,
     "maxima": counting.Maxima,
 }

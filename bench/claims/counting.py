@@ -62,15 +62,6 @@ class Samples(Fact):
 
 
 @dataclass(frozen=True)
-class Recordings(Fact):
-    """Number of recordings."""
-
-    def count(self, loaded: "Loaded") -> list[Estimate]:
-        """See `Fact.count`."""
-        return [fact("recordings:", len(loaded.recordings))]
-
-
-@dataclass(frozen=True)
 class Hours(Fact):
     """Time recorded, in hours."""
 
