@@ -11,18 +11,19 @@ from typing import Any
 import click
 import numpy as np
 import pytest
+import scipy.stats
 import synthetic_study
 from conftest import Toy
 from synthetic_evidence import concluded, evidence
 
 from bench.analysis.tables import POOLED, comparisons
 from bench.claims import claim as claims_file
-from bench.claims import judge
+from bench.claims import family, judge
 from bench.claims.claim import KINDS, Claim, _build
 from bench.claims.counting import Fact
-from bench.claims.curves import _level_limits
-from bench.claims.estimate import DIFFERS, NOT_RUN, OPEN, REPRODUCED, Estimate, Judgement, Kind, settle
-from bench.claims.evidence import Evidence, gather
+from bench.claims.estimate import DIFFERS, NOT_RUN, OPEN, REPRODUCED, Estimate, Kind, settle
+from bench.claims.evidence import Evidence, gather, left_out
+from bench.claims.levels import _level_limits
 from bench.cli import cli
 from bench.experiment import study
 from registry.core import DATASETS
@@ -245,7 +246,7 @@ CASES: list[tuple[str, dict[str, Any], tuple[float, float], dict[str, Evidence]]
 
 
 def verdict(kind: Kind, found: Evidence, accept: tuple[float, float]) -> str:
-    return settle(lambda alpha: kind.measure(found, alpha), accept, 0.05).verdict
+    return settle(kind.measure(found), accept, 0.05, kind.relative).verdict
 
 
 @pytest.mark.parametrize(("kind", "judge", "accept", "truths"), CASES, ids=[c[0] for c in CASES])
@@ -285,15 +286,14 @@ def test_no_shape_is_found_in_noise(kind: str, accept: tuple[float, float]) -> N
 
 
 def test_a_training_that_meets_several_others_counts_once() -> None:
-    """As many pairs as one likes say no more than the trainings in them."""
+    """As many opponents as one likes, themselves without scatter, say no more than the trainings they meet."""
     once: Kind = _build(KINDS["ratio"], PAIR, "test")
     thrice: Kind = _build(KINDS["ratio"], {**PAIR, "pairs": [[A, B], [A, C], [A, D]]}, "test")
     seen = evidence(times(), (A, B, C, D), seeds=3, noise=0.2)
     for (key, _, _), curves in seen.curves.items():
-        twin = key.replace(key.partition("|")[0], B)
-        if key.partition("|")[0] in (C, D):  # the same errors three times
-            curves.update({s: c for s, c in seen.curves[twin, "body_rates", "paper"].items() if s in curves})
-    (one,), (three,) = (kind.measure(seen, 0.05) for kind in (once, thrice))
+        if not key.startswith(A):  # the same errors for all seeds of all opponents
+            curves.update({s: c for s, c in seen.curves[f"{B}|40|0", "body_rates", "paper"].items() if s in curves})
+    (one,), (three,) = (kind.measure(seen) for kind in (once, thrice))
     assert (three.value, three.low, three.high) == pytest.approx((one.value, one.low, one.high))
 
 
@@ -309,58 +309,73 @@ def test_two_trainings_do_not_bound_the_next() -> None:
 
 
 def test_a_ratio_is_that_of_the_study_table(tmp_path: Path) -> None:
-    records = synthetic_study.study(tmp_path / "runs", {40: 3}, axes="pq", lost=((synthetic_study.MLP, 1),))
+    records = synthetic_study.study(tmp_path / "runs", {40: 3}, axes="pq")
     concluded(records, "bench run washout_vs_mlp", tmp_path / "studies" / "x")
     (found,) = gather(tmp_path / "published", tmp_path / "studies")
-    assert len(found.runs) == len(records) and not found.runs[[r.key for r in found.runs].index(records[7].key)].metrics
+    assert len(found.runs) == len(records)
     table = comparisons(records, synthetic_study.PAIRS)
     for phase, words in {"first": "first 5 steps", "whole": "whole horizon", "last": "last 20 steps"}.items():
         (row,) = table[
             (table.a == synthetic_study.MLP) & (table.phase == words) & (table.output == POOLED)
         ].itertuples()
         kind: Kind = _build(KINDS["ratio"], {**PAIR, "phase": phase}, "test")
-        (made,) = kind.measure(found, 0.05)
-        assert (made.value, made.low, made.high) == pytest.approx((row.ratio, row.low, row.high), rel=1e-3)
+        (made,) = kind.measure(found)
+        assert made.value == pytest.approx(row.ratio, rel=1e-3)
+        assert 0.4 < math.log(made.high / made.low) / math.log(row.high / row.low) < 1.6  # axes are strata here
+
+
+def test_a_training_that_diverged_takes_no_other_with_it(tmp_path: Path) -> None:
+    records = synthetic_study.study(tmp_path / "runs", {40: 3}, axes="pq", lost=((synthetic_study.MLP, 1),))
+    concluded(records, "bench run washout_vs_mlp", tmp_path / "studies" / "x")
+    (found,) = gather(tmp_path / "published", tmp_path / "studies")
+    assert not found.runs[[r.key for r in found.runs].index(records[7].key)].metrics
+    kind: Kind = _build(KINDS["ratio"], PAIR, "test")
+    (made,) = kind.measure(found)
+    assert "11 trained networks in 4 groups" in made.basis and made.seeds == 2
 
 
 def test_smoke_tests_and_altered_studies_are_no_evidence(tmp_path: Path) -> None:
     records = synthetic_study.study(tmp_path / "runs", {40: 1}, axes="p")
-    for i, more in enumerate((" --preset smoke", " --set training.updates=3", " --physics=model.toml", " -T10")):
+    asked = (" --preset smoke", " --set training.updates=3", " --physics=model.toml", " -T10")
+    for i, more in enumerate(asked):
         concluded(records, f"bench run washout_vs_mlp{more}", tmp_path / "studies" / str(i))
     assert gather(tmp_path / "none", tmp_path / "studies") == []
-    concluded(records, "bench run washout_vs_mlp --preset=paper", tmp_path / "studies" / "paper")
+    said = left_out(tmp_path / "studies")
+    assert len(said) == 4 and "--set" in said[1] and "preset smoke" in said[0]
+    concluded(records, "bench run washout_vs_mlp --preset=paper --seeds 9", tmp_path / "studies" / "paper")
     assert [e.preset for e in gather(tmp_path / "none", tmp_path / "studies")] == ["paper"]
 
 
 # ----------------------------------------------------------------------------------------------- many claims at once
 
 
-def test_holm_agrees_with_its_textbook_form() -> None:
-    def judging(p: float) -> Any:
-        return lambda alpha: Judgement(REPRODUCED if p <= alpha else OPEN)
+def judging(p: float) -> Estimate:
+    """A number that lies below 1 at every α from p on."""
+    return Estimate("x", 0.5, lambda alpha, *_: (0.4, 0.9 if alpha >= p else 2.0))
 
+
+def test_the_family_is_that_of_benjamini_and_hochberg() -> None:
     rng = np.random.default_rng(0)
     for _ in range(200):
-        p = np.sort(rng.uniform(0, 1, 6) ** 4)
-        rejected = np.cumprod(p <= 0.05 / np.arange(6, 0, -1)).astype(bool)
-        order = rng.permutation(6)
-        found = [j.verdict == REPRODUCED for j in judge.holm([judging(p[i]) for i in order])]
-        assert found == [bool(rejected[i]) for i in order]
+        p = rng.uniform(0, 1, 6) ** 4
+        asked: list[family.Question] = [([judging(x)], BELOW, True) for x in p]
+        alpha = family.level(asked)
+        found = [family.judged(q, alpha, 6).verdict == REPRODUCED for q in asked]
+        assert found == (scipy.stats.false_discovery_control(p) <= 0.05).tolist()
 
 
 def test_what_stands_alone_but_not_among_many_says_so() -> None:
-    thin = Judgement(REPRODUCED, basis="x"), Judgement(OPEN, basis="x")
-    (first, *_) = judge.holm([lambda a: thin[a < 0.02]] + [lambda a: Judgement(OPEN)] * 4)
-    assert first.verdict == OPEN and "not as one of 5" in first.basis
+    asked: list[family.Question] = [([judging(p)], BELOW, True) for p in (0.04, 0.9, 0.9, 0.9, 0.9)]
+    found = family.judged(asked[0], family.level(asked), 5)
+    assert found.verdict == OPEN and "not as one of 5" in found.basis and found.high == 0.9
 
 
 def test_one_of_several_numbers_outside_needs_a_stricter_interval() -> None:
     """Among 20 numbers that all hold, one interval at 95 % lies outside by chance."""
-
-    def measure(alpha: float) -> list[Estimate]:
-        return [Estimate(str(i), 1.0, 1.01 if alpha > 0.02 and i == 3 else 0.9, 1.5) for i in range(20)]
-
-    assert settle(measure, BELOW, 0.05).verdict == OPEN
+    found = [
+        Estimate(str(i), 1.0, lambda alpha, *_, i=i: (1.01 if alpha > 0.02 and i == 3 else 0.9, 1.5)) for i in range(20)
+    ]
+    assert settle(found, BELOW, 0.05).verdict == OPEN
 
 
 # ------------------------------------------------------------------------------------------------ the paper's claims
@@ -444,7 +459,6 @@ def test_a_dataset_bound_claim_is_not_judged_on_other_data() -> None:
     ("kind", "values", "here"),
     [
         ("samples", {}, 2000),
-        ("recordings", {}, 5),
         ("hours", {}, 20 / 3600),
         ("maxima", {"names": ["euler_rates.roll"], "values": [2.0]}, None),
     ],

@@ -55,6 +55,13 @@ def test_the_command_line_answers_without_loading_what_is_heavy(command: str, sa
     assert done.stderr.splitlines()[-1] == "loaded:"
 
 
+def test_claims_are_judged_without_what_trains(tmp_path: Path) -> None:
+    """The published evidence is read and judged; torch alone takes longer to import."""
+    done = python("from bench.cli import main; main()", "check", "--claim", "lstm-at-once", "--results", str(tmp_path))
+    assert "reproduced" in done.stdout, done.stderr
+    assert not {"torch", "mlflow", "matplotlib", "distributed"} & set(done.stderr.splitlines()[-1].split())
+
+
 def test_no_command_module_loads_what_is_heavy() -> None:
     names = [m.name for m in pkgutil.iter_modules(bench.cli.commands.__path__, "bench.cli.commands.")]
     assert len(names) > 10

@@ -7,6 +7,7 @@ import pytest
 from bench.experiment import study
 from bench.experiment.datasets import choose
 from bench.experiment.grid import matched
+from bench.experiment.request import Options, request
 from registry.core import DATASETS
 
 PAPER = {  # as listed in the paper's section "Results and Discussions"
@@ -75,6 +76,15 @@ def test_seeds_are_paired_and_every_pair_is_there(name: str, preset: str) -> Non
     specs = list(dict.fromkeys(r.spec for r in runs))
     for pair in found.pairs:
         assert list(matched([pair], specs)), pair
+
+
+def test_more_seeds_of_a_study_are_its_runs_and_more() -> None:
+    """What is recorded of the preset is not trained again, and what has no seed is run once."""
+    preset, more = (request("washout_vs_mlp", Options(seeds=n)) for n in (None, 5))
+    assert [c for c in more.configs if c.seed < 3] == preset.configs
+    assert {c.seed for c in more.configs if c.spec.startswith("LSTM")} == set(range(5))
+    assert {c.seed for c in more.configs if c.spec in ("linear", "constant")} == {0}
+    assert more.title == f"{preset.title}, 5 seeds"
 
 
 def test_patterns_name_configurations_and_not_their_relatives() -> None:

@@ -49,7 +49,7 @@ def curve_interval(
     return float(low), float(high)
 
 
-def share_interval(count: int, of: int, confidence: float = 0.95) -> tuple[float, float]:
+def share_interval(count: float, of: float, confidence: float = 0.95) -> tuple[float, float]:
     """Wilson's interval of a share ``count`` / ``of``."""
     z = float(ndtri((1 + confidence) / 2))
     centre, scale = (count + z * z / 2) / (of + z * z), of / (of + z * z)
@@ -57,7 +57,7 @@ def share_interval(count: int, of: int, confidence: float = 0.95) -> tuple[float
     return centre - half, centre + half
 
 
-def share_difference(a: tuple[int, int], b: tuple[int, int], confidence: float = 0.95) -> tuple[float, float]:
+def share_difference(a: tuple[float, float], b: tuple[float, float], confidence: float = 0.95) -> tuple[float, float]:
     """Interval of the difference of two shares (count, of), from their Wilson limits (Newcombe 1998, method 10)."""
     share_a, share_b = a[0] / a[1], b[0] / b[1]
     (low_a, high_a), (low_b, high_b) = share_interval(*a, confidence), share_interval(*b, confidence)

@@ -19,6 +19,8 @@ class Verdicts(Displayed):
     rows: tuple[judge.Row, ...]
     """One a claim and data set."""
     published: tuple[regression.Held, ...]
+    left_out: tuple[str, ...] = ()
+    """Studies that were run here and are no evidence, and why."""
 
     @property
     def headline(self) -> str:
@@ -38,7 +40,7 @@ class Verdicts(Displayed):
 
         Returns:
             claim, published (as the paper has it), dataset, value, low, high (95 %, in the unit named), unit, verdict,
-            basis.
+            basis, outlook (what would settle it, where it is open).
         """
         return pd.DataFrame(
             [
@@ -52,10 +54,11 @@ class Verdicts(Displayed):
                     r.claim.unit,
                     r.judgement.verdict,
                     r.judgement.basis,
+                    r.outlook,
                 )
                 for r in self.rows
             ],
-            columns=["claim", "published", "dataset", "value", "low", "high", "unit", "verdict", "basis"],
+            columns=["claim", "published", "dataset", "value", "low", "high", "unit", "verdict", "basis", "outlook"],
         )
 
 
@@ -86,7 +89,9 @@ def published_folder(given: str | Path | None) -> Path:
     return claim.checkout() / "results" / "published" if given is None else Path(given)
 
 
-def judged(claims: Sequence[str] | None, results: Path, published: Path, file: Path | None = None) -> Verdicts:
+def judged(
+    claims: Sequence[str] | None, results: Path, published: Path, file: Path | None = None, simulate: bool = False
+) -> Verdicts:
     """The verdicts, with published files taken as they are; see `check`.
 
     Args:
@@ -94,6 +99,7 @@ def judged(claims: Sequence[str] | None, results: Path, published: Path, file: P
         results: as for `check`.
         published: as for `check`.
         file: of the claims; default: those of the paper.
+        simulate: count in simulated data too, where a claim is about the recordings.
     """
     known = claim.read(file)
     ids = {c.id for c in known.claims}
@@ -102,6 +108,7 @@ def judged(claims: Sequence[str] | None, results: Path, published: Path, file: P
             raise BenchError(f"There is no claim {name!r}: {near(name, ids)}")
     wanted = ids if claims is None else set(claims)
     facts = any(c.id in wanted and not c.study for c in known.claims)
-    rows = judge.judge(known, evidence.gather(published, results / "studies"), facts=facts)
+    rows = judge.judge(known, evidence.gather(published, results / "studies"), facts, simulate, wanted)
     held = regression.check(published, results)
-    return Verdicts(tuple(r for r in rows if r.claim.id in wanted), tuple(held))
+    out = evidence.left_out(results / "studies")
+    return Verdicts(tuple(rows), tuple(held), tuple(out))

@@ -86,7 +86,7 @@ def run(
         target: a study or its name (`bench list studies`), or a configuration such as "LSTM: 1x50 - MLP: 60x10".
         dataset: registered name, a folder with a dataset.toml, or a data set; default: the study's own.
         preset: size of a study: "smoke", "laptop" or "paper".
-        seeds: how many, of a configuration; default 1.
+        seeds: how many; default: 1 of a configuration, of a study what its preset has.
         horizon: prediction length T [samples].
         outputs: what to predict, such as "body_rates,velocity".
         physics: a model.toml for `physics` and hybrids.

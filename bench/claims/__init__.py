@@ -1,1 +1,1 @@
-"""A published number → reproduced / differs / not enough evidence / not run; claims are data, evidence is a table."""
+"""A published number → reproduced, differs, alike, not enough evidence, not run; claims are data, evidence a table."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.claims import comparing, counting, curves
+from bench.claims import comparing, counting, curves, levels
 from bench.claims.counting import Fact
 from bench.claims.estimate import Kind, number
 from registry.errors import BenchError, near
@@ -22,15 +22,14 @@ KINDS: dict[str, type[Kind] | type[Fact]] = {
     "fewer_weights": comparing.FewerWeights,
     "norms": comparing.Norms,
     "convergence": comparing.Convergence,
-    "level": curves.Level,
-    "quantile": curves.Quantile,
+    "level": levels.Level,
+    "quantile": levels.Quantile,
     "early_peak": curves.EarlyPeak,
     "growth": curves.Growth,
     "history_spread": curves.HistorySpread,
     "peak_shrinks": curves.PeakShrinks,
     "diverged": counting.Diverged,
     "samples": counting.Samples,
-    "recordings": counting.Recordings,
     "hours": counting.Hours,
     "maxima": counting.Maxima,
 }

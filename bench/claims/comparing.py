@@ -1,13 +1,30 @@
 """Kinds of judgement that rest on ratios of errors."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations
 
+import numpy as np
 import pandas as pd
 
 from bench.claims.estimate import Estimate, Kind
 from bench.claims.evidence import Evidence
-from bench.claims.tables import errors, over, ratio, ratio_of_numbers, rows, signals, together
+from bench.claims.tables import (
+    Network,
+    Rows,
+    Stratum,
+    errors,
+    gathered,
+    over,
+    pool,
+    quotients,
+    ratio,
+    ratio_of_numbers,
+    rows,
+    signals,
+    strata,
+)
 
 
 def _at(role: str, horizon: int) -> str:
@@ -24,7 +41,7 @@ class Ratio(Kind):
     horizons: tuple[int, ...]
     phase: str = "whole"
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         found = []
         opponents: dict[str, list[str]] = {}
@@ -32,12 +49,17 @@ class Ratio(Kind):
             opponents.setdefault(a, []).append(b)
         for role in self.quantities:
             for horizon in self.horizons:
-                pairs = []
-                for a, others in opponents.items():
-                    mine, *theirs = (errors(evidence, s, role, horizon) for s in (a, *others))
-                    pairs += together(mine, theirs, over(self.phase, horizon))
-                found += ratio(_at(role, horizon), pairs, alpha)
+                of = _response(evidence, role, horizon, self.phase)
+                wanted = [s for a, others in opponents.items() for s in strata(of(a), [of(b) for b in others])]
+                found += ratio(_at(role, horizon), wanted, pool(evidence, of))
         return found
+
+
+def _response(
+    evidence: Evidence, role: str, horizon: int, phase: str = "whole", norm: str = "paper"
+) -> Callable[[str], Rows]:
+    """Configuration → the logarithms of its errors in a phase of the horizon."""
+    return cache(lambda spec: rows(errors(evidence, spec, role, horizon, norm), over(phase, horizon)))
 
 
 @dataclass(frozen=True)
@@ -49,17 +71,16 @@ class Alike(Kind):
     horizons: tuple[int, ...]
     phase: str = "whole"
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         names = [s for pattern in self.specs for s in evidence.specs(pattern)]
         found = []
         for role in self.quantities:
             for horizon in self.horizons:
+                of = _response(evidence, role, horizon, self.phase)
+                around = pool(evidence, of)
                 for a, b in combinations(names, 2):
-                    left, right = (errors(evidence, s, role, horizon) for s in (a, b))
-                    found += ratio(
-                        f"{a} / {b}, {_at(role, horizon)}", rows(left, right, over(self.phase, horizon)), alpha
-                    )
+                    found += ratio(f"{a} / {b}, {_at(role, horizon)}", strata(of(a), [of(b)]), around)
         return found
 
 
@@ -75,27 +96,27 @@ class Factor(Kind):
     against: tuple[str, ...] = ()
     """For each of specs the pattern of those whose own factor it is divided by; equal sizes belong together."""
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         found = []
         for above, below in self.quantities:
             for horizon in self.horizons:
-                pairs: list[tuple[pd.Series, pd.Series]] = []
+                of = self._response(evidence, above, below, horizon)
+                wanted: list[Stratum] = []
                 if not self.against:
-                    for spec in [s for pattern in self.specs for s in evidence.specs(pattern)]:
-                        pairs += self._factors(evidence, spec, above, below, horizon)
+                    specs = [s for pattern in self.specs for s in evidence.specs(pattern)]
+                    wanted = [(row, ()) for spec in specs for row in of(spec).values()]
                 for patterns in zip(self.specs, self.against, strict=bool(self.against)):
-                    for a, b in evidence.pairs(*patterns):
-                        mine, theirs = (self._factors(evidence, s, above, below, horizon) for s in (a, b))
-                        pairs += [(p / q, r / s) for (p, q), (r, s) in zip(mine, theirs, strict=False)]
-                found += ratio(f"{above} / {below}, T = {horizon}:", pairs, alpha)
+                    wanted += [s for a, b in evidence.pairs(*patterns) for s in strata(of(a), [of(b)])]
+                found += ratio(f"{above} / {below}, T = {horizon}:", wanted, pool(evidence, of))
         return found
 
-    def _factors(
-        self, evidence: Evidence, spec: str, above: str, below: str, horizon: int
-    ) -> list[tuple[pd.Series, pd.Series]]:
-        top, bottom = (errors(evidence, spec, role, horizon) for role in (above, below))
-        return rows(top, bottom, over(self.phase, horizon))
+    def _response(self, evidence: Evidence, above: str, below: str, horizon: int) -> Callable[[str], Rows]:
+        def of(spec: str) -> Rows:
+            top, bottom = (errors(evidence, spec, role, horizon) for role in (above, below))
+            return quotients(top, bottom, over(self.phase, horizon))
+
+        return cache(of)
 
 
 @dataclass(frozen=True)
@@ -107,7 +128,7 @@ class FewerWeights(Kind):
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         found = []
         pairs = [
@@ -118,13 +139,14 @@ class FewerWeights(Kind):
         ]
         for role in self.quantities:
             for horizon in self.horizons:
+                of = _response(evidence, role, horizon)
+                around = pool(evidence, of)
                 for a, b in pairs:
                     sizes = f"{evidence.weights(a):,} / {evidence.weights(b):,} weights"
-                    rmsse = ratio_of_numbers("", *_rmsse(evidence, a, b, role, horizon), alpha)
-                    beside = f", RMSSE {rmsse[0].value:.2f}" if rmsse else ""
+                    rmsse = ratio_of_numbers(*_rmsse(evidence, a, b, role, horizon))
+                    beside = f", RMSSE {rmsse:.2f}" if rmsse else ""
                     name = f"{a} / {b} ({sizes}{beside}), {_at(role, horizon)}"
-                    left, right = (errors(evidence, s, role, horizon) for s in (a, b))
-                    found += ratio(name, rows(left, right), alpha)
+                    found += ratio(name, strata(of(a), [of(b)]), around)
         return found
 
 
@@ -151,29 +173,41 @@ class Norms(Kind):
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         names = list(dict.fromkeys(s for pattern in self.specs for s in evidence.specs(pattern)))
         found, same, turned = [], 0, 0
         for role in self.quantities:
             for horizon in self.horizons:
+                paper, other = (_response(evidence, role, horizon, norm=n) for n in ("paper", "euclidean"))
+                change = _change(evidence, role, horizon)
+                around = {of: pool(evidence, of) for of in (paper, change)}
                 for a, b in combinations(names, 2):
-                    paper, other = (
-                        rows(errors(evidence, a, role, horizon, n), errors(evidence, b, role, horizon, n))
-                        for n in ("paper", "euclidean")
+                    changed = ratio(
+                        f"{a} / {b}, {_at(role, horizon)} euclidean against paper",
+                        strata(change(a), [change(b)]),
+                        around[change],
                     )
-                    where = f"{a} / {b}, {_at(role, horizon)}"
-                    changes = [(p / q, r / s) for (p, q), (r, s) in zip(other, paper, strict=True)]
-                    change = ratio(f"{where} euclidean against paper", changes, alpha)
-                    clear, turns = ratio("", paper, alpha), ratio("", other, alpha)
-                    rmsse = ratio_of_numbers("", *_rmsse(evidence, a, b, role, horizon), alpha)
-                    for seen in (*turns, *rmsse):
+                    clear = ratio("", strata(paper(a), [paper(b)]), around[paper])
+                    turns = [e.value for e in ratio("", strata(other(a), [other(b)]))]
+                    turns += [r for r in [ratio_of_numbers(*_rmsse(evidence, a, b, role, horizon))] if r]
+                    for value in turns:
                         if clear and (clear[0].high < 1 or clear[0].low > 1):
-                            same += (seen.value < 1) == (clear[0].value < 1)
-                            turned += (seen.value < 1) != (clear[0].value < 1)
-                    found += change
+                            same += (value < 1) == (clear[0].value < 1)
+                            turned += (value < 1) != (clear[0].value < 1)
+                    found += changed
         note = f"{same} of {same + turned} orders that are clear in the paper's norm are the same by Euclid or RMSSE"
-        return [Estimate(e.name, e.value, e.low, e.high, f"{note}; {e.basis}", e.speaks) for e in found]
+        return [replace(e, basis=f"{note}; {e.basis}") for e in found]
+
+
+def _change(evidence: Evidence, role: str, horizon: int) -> Callable[[str], Rows]:
+    """Configuration → the logarithms of its errors by Euclid over those in the paper's norm."""
+
+    def of(spec: str) -> Rows:
+        paper, other = (errors(evidence, spec, role, horizon, n) for n in ("paper", "euclidean"))
+        return quotients(other, paper)
+
+    return cache(of)
 
 
 @dataclass(frozen=True)
@@ -183,23 +217,25 @@ class Convergence(Kind):
     pairs: tuple[tuple[str, str], ...]
     horizons: tuple[int, ...]
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         found = []
         for horizon in self.horizons:
-            updates: list[tuple[float, float]] = []
+            wanted: list[Stratum] = []
             for a, b in [pair for patterns in self.pairs for pair in evidence.pairs(*patterns)]:
                 mine, theirs = (_learning(evidence, s, horizon) for s in (a, b))
+                updates: list[tuple[Network, np.ndarray, tuple[str, ...]]] = []
                 for network in [n for n in mine if n in theirs]:
                     sides = mine[network], theirs[network]
                     reached = max(float(side.min()) for side in sides)
-                    updates.append((_first(sides[0], reached), _first(sides[1], reached)))
-            left, right = [u for u, _ in updates], [u for _, u in updates]
-            found += ratio_of_numbers(f"updates, T = {horizon}:", left, right, alpha)
+                    spent = np.log([_first(sides[0], reached) / _first(sides[1], reached)])
+                    updates.append((network, spent, ("",)))
+                wanted += [(row, ()) for row in gathered(updates).values()]
+            found += ratio(f"updates, T = {horizon}:", wanted, recorded=False)
         return found
 
 
-def _learning(evidence: Evidence, spec: str, horizon: int) -> dict[tuple[str, int], pd.Series]:
+def _learning(evidence: Evidence, spec: str, horizon: int) -> dict[Network, pd.Series]:
     """(first output, seed) → validation cost by update, of every sound training; views of a model come last."""
     runs = [r for r in evidence.of(spec, horizon) if r.sound and r.key in evidence.learning]
     return {(r.outputs[0], r.seed): evidence.learning[r.key] for r in runs}

@@ -2,13 +2,16 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from bench.analysis import stats
-from bench.claims.estimate import Estimate, Kind
+from bench.claims.estimate import Estimate, Kind, fact
 from bench.claims.evidence import Evidence
-from registry.contracts import Loaded
+
+if TYPE_CHECKING:  # it loads torch
+    from registry.contracts import Loaded
 
 
 @dataclass(frozen=True)
@@ -18,7 +21,9 @@ class Diverged(Kind):
     a: str
     b: str
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    relative: ClassVar[bool] = False
+
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         counts = []
         for pattern in (self.a, self.b):
@@ -28,51 +33,41 @@ class Diverged(Kind):
         if not a[1] or not b[1]:
             return []
         name = f"{a[0]} of {a[1]} trainings against {b[0]} of {b[1]}, difference of the shares"
-        low, high = np.clip(stats.share_difference(a, b, 1 - alpha), -1, 1)  # rounding may leave 1 + 2e-16
-        return [
-            Estimate(
-                name, a[0] / a[1] - b[0] / b[1], float(low), float(high), "Newcombe's interval; trainings are the unit"
-            )
-        ]
+
+        def limits(alpha: float, seeds: float, recordings: float) -> tuple[float, float]:
+            more = [(seeds * count, seeds * of) for count, of in (a, b)]
+            low, high = stats.share_difference(more[0], more[1], 1 - alpha)
+            return max(low, -1.0), min(high, 1.0)  # rounding may leave 1 + 2e-16
+
+        seeds = len({r.seed for s in evidence.specs(self.a) for r in evidence.of(s)})
+        difference = a[0] / a[1] - b[0] / b[1]
+        return [Estimate(name, difference, limits, "Newcombe's interval; trainings are the unit", seeds=seeds)]
 
 
 class Fact(ABC):
     """A way to judge a claim on the data set itself; subclasses as those of `Kind`."""
 
     @abstractmethod
-    def count(self, loaded: Loaded) -> list[Estimate]:
+    def count(self, loaded: "Loaded") -> list[Estimate]:
         """Every number that must lie in the acceptance band; facts have no interval."""
-
-
-def _fact(name: str, value: float) -> Estimate:
-    return Estimate(name, value, value, value)
 
 
 @dataclass(frozen=True)
 class Samples(Fact):
     """Time steps of all recordings together."""
 
-    def count(self, loaded: Loaded) -> list[Estimate]:
+    def count(self, loaded: "Loaded") -> list[Estimate]:
         """See `Fact.count`."""
-        return [_fact(f"samples in {len(loaded.recordings)} recordings:", sum(map(len, loaded.recordings)))]
-
-
-@dataclass(frozen=True)
-class Recordings(Fact):
-    """Number of recordings."""
-
-    def count(self, loaded: Loaded) -> list[Estimate]:
-        """See `Fact.count`."""
-        return [_fact("recordings:", len(loaded.recordings))]
+        return [fact(f"samples in {len(loaded.recordings)} recordings:", sum(map(len, loaded.recordings)))]
 
 
 @dataclass(frozen=True)
 class Hours(Fact):
     """Time recorded, in hours."""
 
-    def count(self, loaded: Loaded) -> list[Estimate]:
+    def count(self, loaded: "Loaded") -> list[Estimate]:
         """See `Fact.count`."""
-        return [_fact("hours:", sum(len(r) / r.rate for r in loaded.recordings) / 3600)]
+        return [fact("hours:", sum(len(r) / r.rate for r in loaded.recordings) / 3600)]
 
 
 @dataclass(frozen=True)
@@ -82,7 +77,7 @@ class Maxima(Fact):
     names: tuple[str, ...]
     values: tuple[float, ...]
 
-    def count(self, loaded: Loaded) -> list[Estimate]:
+    def count(self, loaded: "Loaded") -> list[Estimate]:
         """See `Fact.count`."""
         found = []
         for name, published in zip(self.names, self.values, strict=True):
@@ -93,5 +88,5 @@ class Maxima(Fact):
                 if name in (c.name, c.group) and r.valid.any()
             ]
             if largest:
-                found.append(_fact(f"{name} {max(largest):.4f} / {published:g} =", max(largest) / published))
+                found.append(fact(f"{name} {max(largest):.4f} / {published:g} =", max(largest) / published))
         return found

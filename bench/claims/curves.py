@@ -1,119 +1,32 @@
 """Kinds of judgement that rest on the error as it runs over the horizon."""
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import ClassVar
 
 import numpy as np
-import pandas as pd
 
-from bench.analysis import stats
+from bench.analysis.contrast import Cell
 from bench.analysis.tables import FIRST, LAST
 from bench.claims.estimate import Estimate, Kind
 from bench.claims.evidence import Evidence
-from bench.claims.tables import Errors, Network, errors, ratio, rows, signals
-from registry.errors import BenchError
-from registry.units import to_si
+from bench.claims.tables import (
+    Errors,
+    Network,
+    Rows,
+    Table,
+    errors,
+    gathered,
+    pool,
+    quotients,
+    ratio,
+    rows,
+    strata,
+)
 
 
-def converted(unit: str, to: str) -> float:
-    """Factor from one unit to another of the same quantity.
-
-    Raises:
-        BenchError: they measure different things.
-    """
-    (base, factor), (wanted, divisor) = to_si(unit), to_si(to)
-    if base != wanted:
-        raise BenchError(f"A claim in {to} cannot be judged on errors in {unit}: mend its unit.")
-    return factor / divisor
-
-
-def _unit_of(evidence: Evidence, role: str) -> str | None:
-    return next((evidence.units[s] for s in signals(role) if s in evidence.units), None)
-
-
-@dataclass(frozen=True)
-class Level(Kind):
-    """The largest mean error of any step ("max"), or its mean over the horizon ("mean"), of every configuration."""
-
-    specs: tuple[str, ...]
-    quantities: tuple[str, ...]
-    horizons: tuple[int, ...]
-    unit: str
-    of: str = "max"
-
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
-        """See `Kind.measure`."""
-        found = []
-        reduce = np.max if self.of == "max" else np.mean
-        for role in self.quantities:
-            unit = _unit_of(evidence, role)
-            for horizon in self.horizons if unit else ():
-                factor = converted(str(unit), self.unit)
-                for spec in [s for pattern in self.specs for s in evidence.specs(pattern)]:
-                    tables = list(errors(evidence, spec, role, horizon).values())
-                    if not tables:
-                        continue
-                    curves = factor * np.stack([t.to_numpy().T for t in tables])
-                    value = float(reduce(curves.mean((0, 1))))
-                    low, high = math.nan, math.nan
-                    if curves.shape[1] > 1:
-                        low, high = _level_limits(curves, reduce, 1 - alpha)
-                    basis = f"bootstrap over {curves.shape[1]} recordings; jackknife of {len(tables)} trained networks"
-                    name = f"{spec}, {role}, T = {horizon}:"
-                    found.append(Estimate(name, value, low, high, basis, len(tables) > 1 and curves.shape[1] > 1))
-        return found
-
-
-def _level_limits(curves: np.ndarray, reduce: Callable[..., np.ndarray], confidence: float) -> tuple[float, float]:
-    """Limits of a level of the mean curve of (S, R, T); half-widths of recordings and trainings add up squared.
-
-    The few trainings get Student's interval over the jackknife's pseudo-values (Tukey 1958): to draw two of them
-    again would never leave the range of the two.
-    """
-    mean = curves.mean(1)
-    value = float(reduce(mean.mean(0)))
-    low, high = stats.curve_interval(curves.mean(0, keepdims=True), lambda c: reduce(c, axis=1), confidence)
-    n = len(mean)
-    pseudo = [n * value - (n - 1) * float(reduce(np.delete(mean, s, 0).mean(0))) for s in range(n if n > 1 else 0)]
-    around = stats.interval(pseudo, confidence) or (0.0, 0.0)
-    half = (around[1] - around[0]) / 2
-    return max(0.0, value - math.hypot(value - low, half)), value + math.hypot(high - value, half)
-
-
-@dataclass(frozen=True)
-class Quantile(Kind):
-    """The 99 % quantile of the error at the worst step and axis, mean over seeds, of every configuration."""
-
-    specs: tuple[str, ...]
-    quantities: tuple[str, ...]
-    horizons: tuple[int, ...]
-    unit: str
-
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
-        """See `Kind.measure`."""
-        found = []
-        for role in self.quantities:
-            for horizon in self.horizons:
-                for spec in [s for pattern in self.specs for s in evidence.specs(pattern)]:
-                    worst: dict[int, float] = {}
-                    for run in evidence.of(spec, horizon):
-                        for channel in [o for o in run.outputs if o.partition(".")[0] in signals(role)]:
-                            curve = evidence.curves.get((run.key, channel, "axis"), {}).get("q99")
-                            if curve is not None and run.sound:
-                                factor = converted(evidence.units[channel], self.unit)
-                                worst[run.seed] = max(worst.get(run.seed, 0.0), factor * float(curve.max()))
-                    if worst:
-                        values = list(worst.values())
-                        low, high = stats.interval(values, 1 - alpha) or (math.nan, math.nan)
-                        low = max(0.0, low) if len(values) > 1 else low  # an error is never negative
-                        basis = f"t-interval over {len(values)} seeds; every step and every axis"
-                        name = f"{spec}, {role}, T = {horizon}:"
-                        found.append(Estimate(name, float(np.mean(values)), low, high, basis, len(values) > 1))
-        return found
-
-
-def peaks_of(tables: Errors, before: int) -> dict[Network, pd.Series]:
+def peaks_of(tables: Errors, before: int) -> dict[Network, np.ndarray]:
     """Where in the steps before ``before`` the error is largest: for every network and recording as all others see it.
 
     Choosing the step by the very curve that is judged there would find a peak in any noise. Only the networks of one
@@ -121,18 +34,28 @@ def peaks_of(tables: Errors, before: int) -> dict[Network, pd.Series]:
     """
     found = {}
     for network, table in tables.items():
-        others = [t for n, t in tables.items() if n[0] == network[0] and n != network] or [table]
-        early = sum(o.reindex(columns=table.columns) for o in others).rolling(LAST, center=True, min_periods=1).mean()
-        early = early.iloc[:before]
-        without = early.sum(axis=1).to_numpy()[:, None] - early.to_numpy()
-        found[network] = pd.Series(without.argmax(0), index=table.columns)
+        others = [
+            t.values
+            for n, t in tables.items()
+            if n[0] == network[0] and n != network and t.recordings == table.recordings
+        ]
+        early = _rolling(np.sum(others or [table.values], axis=0))[:before]
+        found[network] = (early.sum(1, keepdims=True) - early).argmax(0)
     return {n: p for n, p in found.items() if len(p) > 1}
 
 
-def around(table: pd.DataFrame, peaks: pd.Series) -> pd.Series:
+def _rolling(values: np.ndarray) -> np.ndarray:
+    """(T, R) means over `LAST` steps around each, over fewer at the ends."""
+    steps = np.arange(len(values))
+    first, after = np.maximum(steps - LAST // 2, 0), np.minimum(steps - LAST // 2 + LAST, len(values))
+    sums = np.concatenate([np.zeros((1, values.shape[1])), values.cumsum(0)])
+    return (sums[after] - sums[first]) / (after - first)[:, None]
+
+
+def around(table: Table, peaks: np.ndarray) -> np.ndarray:
     """Mean error of every recording over the steps around its peak, as many as the end is judged by."""
     half = LAST // 2
-    return pd.Series({c: table[c].iloc[max(0, p - half) : p + half].mean() for c, p in peaks.items()})
+    return np.array([table.values[max(0, p - half) : p + half, r].mean() for r, p in enumerate(peaks)])
 
 
 @dataclass(frozen=True)
@@ -147,21 +70,34 @@ class EarlyPeak(Kind):
     horizons: tuple[int, ...]
     anywhere: bool = False
     """The peak may lie anywhere before the end, and not only in the first half."""
+    relative: ClassVar[bool] = False
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         found = []
         for role in self.quantities:
             for horizon in self.horizons:
-                peaked = []
-                for spec in [s for pattern in self.specs for s in evidence.specs(pattern)]:
-                    tables = errors(evidence, spec, role, horizon)
-                    peaks = peaks_of(tables, horizon - LAST if self.anywhere else horizon // 2)
-                    peaked += [(tables[n], around(tables[n], p)) for n, p in peaks.items()]
                 for name, steps in (("end", slice(-LAST, None)), ("start", slice(FIRST))):
-                    pairs = [(table.iloc[steps].mean(), peak) for table, peak in peaked]
-                    found += ratio(f"{role}, T = {horizon}, {name} / peak:", pairs, alpha)
+                    of = self._response(evidence, role, horizon, steps)
+                    wanted = [
+                        (row, ())
+                        for pattern in self.specs
+                        for spec in evidence.specs(pattern)
+                        for row in of(spec).values()
+                    ]
+                    found += ratio(f"{role}, T = {horizon}, {name} / peak:", wanted, pool(evidence, of))
         return found
+
+    def _response(self, evidence: Evidence, role: str, horizon: int, steps: slice) -> Callable[[str], Rows]:
+        def of(spec: str) -> Rows:
+            tables = errors(evidence, spec, role, horizon)
+            peaks = peaks_of(tables, horizon - LAST if self.anywhere else horizon // 2)
+            return gathered(
+                (n, np.log(tables[n].values[steps].mean(0) / around(tables[n], p)), tables[n].recordings)
+                for n, p in peaks.items()
+            )
+
+        return cache(of)
 
 
 @dataclass(frozen=True)
@@ -171,24 +107,36 @@ class Growth(Kind):
     specs: tuple[str, ...]
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
+    relative: ClassVar[bool] = False
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         found = []
         for role in self.quantities:
             for horizon in self.horizons:
                 quarter = horizon // 4
-                tables = [
-                    t
-                    for pattern in self.specs
-                    for spec in evidence.specs(pattern)
-                    for t in errors(evidence, spec, role, horizon).values()
-                ]
                 for i in range(1, 4):
-                    later, before = slice(i * quarter, (i + 1) * quarter), slice((i - 1) * quarter, i * quarter)
-                    pairs = [(t.iloc[later].mean(), t.iloc[before].mean()) for t in tables]
-                    found += ratio(f"{role}, T = {horizon}, quarter {i + 1} / {i}:", pairs, alpha)
+                    of = _growing(evidence, role, horizon, slice(i * quarter, (i + 1) * quarter), quarter)
+                    wanted = [
+                        (row, ())
+                        for pattern in self.specs
+                        for spec in evidence.specs(pattern)
+                        for row in of(spec).values()
+                    ]
+                    name = f"{role}, T = {horizon}, quarter {i + 1} / {i}:"
+                    found += ratio(name, wanted, pool(evidence, of))
         return found
+
+
+def _growing(evidence: Evidence, role: str, horizon: int, later: slice, quarter: int) -> Callable[[str], Rows]:
+    """Configuration → the logarithms of its errors in a quarter of the horizon over those in the quarter before."""
+    before = slice(later.start - quarter, later.start)
+
+    def of(spec: str) -> Rows:
+        tables = errors(evidence, spec, role, horizon)
+        return quotients(tables, tables, lambda v: v[later].mean(0), lambda v: v[before].mean(0))
+
+    return cache(of)
 
 
 def _families(evidence: Evidence, pattern: str) -> dict[int, str]:
@@ -209,34 +157,40 @@ class HistorySpread(Kind):
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         found = []
         for pattern in self.specs:
             by_history = _families(evidence, pattern)
             for role in self.quantities:
                 for horizon in self.horizons:
-                    tables = {h: errors(evidence, s, role, horizon) for h, s in by_history.items()}
-                    if len(tables) > 1 and all(tables.values()):
-                        found.append(_spread(f"{pattern}, {role}, T = {horizon}:", tables, alpha))
+                    of = _whole(evidence, role, horizon)
+                    swept = {h: of(s) for h, s in by_history.items()}
+                    if len(swept) > 1 and all(swept.values()):
+                        found.append(_spread(f"{pattern}, {role}, T = {horizon}:", swept, pool(evidence, of)))
         return found
 
 
-def _spread(name: str, tables: dict[int, Errors], alpha: float) -> Estimate:
+def _whole(evidence: Evidence, role: str, horizon: int) -> Callable[[str], Rows]:
+    return cache(lambda spec: rows(errors(evidence, spec, role, horizon)))
+
+
+def _spread(name: str, swept: dict[int, Rows], cells: list[Cell]) -> Estimate:
     """The largest ratio between two lengths; its limits hold for all pairs of lengths at once."""
-    pairs = [(x, y) for x in tables for y in tables if x != y]
-    seen = [e for x, y in pairs for e in ratio("", rows(tables[x], tables[y]), 2 * alpha / len(pairs))]
+    pairs = [(x, y) for x in swept for y in swept if x != y]
+    seen = [e for x, y in pairs for e in ratio("", strata(swept[x], [swept[y]]), cells)]
+
+    def limits(alpha: float, seeds: float, recordings: float) -> tuple[float, float]:
+        each = [e.limits(2 * alpha / len(pairs), seeds, recordings) for e in seen]
+        return max(1.0, *(low for low, _ in each)), max(high for _, high in each)  # the larger error over the smaller
+
     best = {}
-    for channel in dict.fromkeys(c for table in tables.values() for c, _ in table):
-        means = {
-            h: np.mean([t.to_numpy().mean() for (c, _), t in e.items() if c == channel]) for h, e in tables.items()
-        }
+    for channel in dict.fromkeys(c for found in swept.values() for c in found):
+        means = {h: np.exp(found[channel].cell.values).mean() for h, found in swept.items() if channel in found}
         best[channel.partition(".")[2] or "all"] = min(means, key=lambda h: means[h])
-    lengths = f"lengths {', '.join(map(str, tables))}; best " + ", ".join(f"{c}: {h}" for c, h in best.items())
+    lengths = f"lengths {', '.join(map(str, swept))}; best " + ", ".join(f"{c}: {h}" for c, h in best.items())
     top = max(seen, key=lambda e: e.value)
-    low = float(np.maximum(1.0, max(e.low for e in seen)))  # the larger error over the smaller
-    limits = low, max(e.high for e in seen)
-    return Estimate(name, top.value, *limits, f"{lengths}; {top.basis}", top.speaks)
+    return replace(top, name=name, limits=limits, basis=f"{lengths}; {top.basis}")
 
 
 @dataclass(frozen=True)
@@ -247,22 +201,28 @@ class PeakShrinks(Kind):
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
 
-    def measure(self, evidence: Evidence, alpha: float) -> list[Estimate]:
+    def measure(self, evidence: Evidence) -> list[Estimate]:
         """See `Kind.measure`."""
         found = []
         for role in self.quantities:
             for horizon in self.horizons:
-                pairs = []
+                wanted = []
                 for pattern in self.specs:
                     by_history = _families(evidence, pattern)
-                    if len(by_history) < 2:
-                        continue
-                    short, long = (errors(evidence, by_history[h], role, horizon) for h in _ends(by_history))
-                    for network, peaks in peaks_of(short, horizon // 2).items():
-                        if network in long:
-                            pairs.append((around(long[network], peaks), around(short[network], peaks)))
-                found += ratio(f"{role}, T = {horizon}, longest / shortest history:", pairs, alpha)
+                    if len(by_history) > 1:
+                        short, long = (errors(evidence, by_history[h], role, horizon) for h in _ends(by_history))
+                        wanted += [(row, ()) for row in _shrinking(short, long, horizon // 2).values()]
+                found += ratio(f"{role}, T = {horizon}, longest / shortest history:", wanted)
         return found
+
+
+def _shrinking(short: Errors, long: Errors, before: int) -> Rows:
+    """The logarithms of the errors around the peaks of the first, those of the second over its own, seed by seed."""
+    return gathered(
+        (n, np.log(around(long[n], peaks) / around(short[n], peaks)), short[n].recordings)
+        for n, peaks in peaks_of(short, before).items()
+        if n in long and long[n].recordings == short[n].recordings
+    )
 
 
 def _ends(by_history: dict[int, str]) -> tuple[int, int]:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bench.experiment.study import PRESETS
@@ -126,11 +127,26 @@ class Evidence:
     @cached_property
     def curves(self) -> dict[tuple[str, str, str], Curves]:
         """(key, quantity, norm) → its curves, in the unit of `units`."""
+        columns = {name: self.steps[name].astype("category").cat for name in ("key", "quantity", "norm", "statistic")}
+        named = {name: list(map(str, column.categories)) for name, column in columns.items()}
+        codes = np.zeros(len(self.steps), dtype=np.int64)
+        for name, column in columns.items():
+            codes = codes * len(named[name]) + column.codes.to_numpy()
+        steps, values = self.steps["step"].to_numpy(), self.steps["value"].to_numpy(float)
+        same = codes[1:] == codes[:-1]
+        starts = np.concatenate([[0], np.flatnonzero(~same) + 1])[: len(codes)]
+        if len(np.unique(codes[starts])) < len(starts) or (np.diff(steps)[same] < 0).any():
+            order = np.lexsort((steps, codes))
+            codes, values = codes[order], values[order]
+            starts = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1])
         found: dict[tuple[str, str, str], Curves] = {}
-        by = ["key", "quantity", "norm", "statistic"]
-        for names, rows in self.steps.sort_values("step", kind="stable").groupby(by, observed=True, sort=False):
-            key, quantity, norm, statistic = map(str, names)
-            found.setdefault((key, quantity, norm), {})[statistic] = rows["value"].to_numpy(float)
+        for code, curve in zip(codes[starts].tolist(), np.split(values, starts[1:]), strict=True):
+            names = []
+            for known in reversed(named.values()):
+                code, index = divmod(code, len(known))
+                names.append(known[index])
+            statistic, norm, quantity, key = names
+            found.setdefault((key, quantity, norm), {})[statistic] = curve
         return found
 
     @cached_property
@@ -177,11 +193,14 @@ def size(spec: str) -> str:
     return found[1] if found else ""
 
 
-def _command(text: str) -> tuple[str, bool]:
-    """Preset of a `bench run` command, and whether its runs are the study's own: nothing but the data chosen."""
+def _command(text: str) -> tuple[str, str]:
+    """Preset of a `bench run` command, and the options by which its runs are not the study's own: more than the data
+    and the number of seeds are chosen.
+    """
     words = [w for word in shlex.split(text) for w in word.split("=", 1 if word.startswith("--") else 0)]
     preset = words[words.index("--preset") + 1] if "--preset" in words else "laptop"
-    return preset, {w for w in words if w.startswith("-")} <= {"--preset", "--dataset"}
+    own = ("--preset", "--dataset", "--seeds")
+    return preset, ", ".join(dict.fromkeys(w for w in words if w.startswith("-") and w not in own))
 
 
 @dataclass(frozen=True)
@@ -191,9 +210,14 @@ class Folder:
     path: Path
     study: str
     preset: str
-    comparable: bool
-    """The study as it is declared, and not its smoke test."""
+    altered: str
+    """Why its runs are not those of the study as it is declared, in a few words; empty where they are."""
     runs: tuple[Run, ...]
+
+    @property
+    def comparable(self) -> bool:
+        """The study as it is declared, and not its smoke test."""
+        return not self.altered
 
 
 def folders(root: Path) -> Iterator[Folder]:
@@ -208,11 +232,17 @@ def folders(root: Path) -> Iterator[Folder]:
             if not content.get("study"):
                 continue
             runs = tuple(Run.of(run) for run in content["runs"])
-            preset, comparable = _command(content["command"])
+            preset, options = _command(content["command"])
         except (ValueError, TypeError, LookupError, AttributeError, OSError, RecursionError) as error:
             raise BenchError(f"{path} is damaged ({error}): remove it, or run the study again.") from error
-        comparable &= preset in PRESETS[1:]
-        yield Folder(path.parent, content["study"], preset, comparable, runs)
+        altered = f"it was run with {options}" if options else ""
+        altered = altered or ("" if preset in PRESETS[1:] else f"the preset {preset} only tries the study out")
+        yield Folder(path.parent, content["study"], preset, altered, runs)
+
+
+def left_out(local: Path) -> list[str]:
+    """Which studies that were run here are no evidence, and why: a sentence each."""
+    return [f"{f.path.name} is no evidence on {f.study}: {f.altered}." for f in folders(local) if f.altered]
 
 
 def gather(published: Path, local: Path) -> list[Evidence]:
@@ -239,8 +269,10 @@ def _assemble(study: str, dataset: str, preset: str, members: list[tuple[Run, Pa
     tables = []
     for path in dict.fromkeys(path for _, path in members):
         try:
-            table = pd.read_parquet(path)
-            tables.append(table[table["key"].isin([run.key for run, source in members if source == path])])
+            table = pq.read_table(path, read_dictionary=list(_NAMES))
+            wanted = pa.array([run.key for run, source in members if source == path])
+            tables.append(table.filter(pc.is_in(table["key"].combine_chunks(), wanted)))
         except (OSError, ValueError, KeyError, pa.ArrowException) as error:
             raise BenchError(f"{path} is damaged: run the study again.") from error
-    return Evidence(study, dataset, preset, tuple(run for run, _ in members), pd.concat(tables, ignore_index=True))
+    steps = pa.concat_tables(tables).unify_dictionaries().to_pandas()
+    return Evidence(study, dataset, preset, tuple(run for run, _ in members), steps)

@@ -1,16 +1,17 @@
 """All claims against all evidence: a verdict each, corrected for how many there are."""
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from bench.claims import family
 from bench.claims.claim import Claim, Claims
 from bench.claims.counting import Fact
-from bench.claims.estimate import ALPHA, NOT_RUN, OPEN, Estimate, Judgement, number, settle
+from bench.claims.estimate import NOT_RUN, OPEN, Estimate, Judgement, number, settle
 from bench.claims.evidence import Evidence
+from bench.claims.outlook import outlook
 from bench.experiment import study
-from bench.training.data import load
-from registry.core import DATASETS
+from registry.datasets.locate import has_files
 from registry.errors import BenchError
 
 TWIN = "_twin"
@@ -32,63 +33,60 @@ class Row:
     """What would settle it."""
     beside: str = ""
     """Values of a dataset-bound claim on other data."""
+    outlook: str = ""
+    """What would settle an open claim."""
 
 
-def judge(claims: Claims, evidence: Sequence[Evidence], facts: bool = True) -> list[Row]:
+def judge(
+    claims: Claims,
+    evidence: Sequence[Evidence],
+    facts: bool = True,
+    simulate: bool = False,
+    wanted: Collection[str] | None = None,
+) -> list[Row]:
     """One row a claim and data set with evidence for it, real recordings first; at least one a claim.
 
-    Verdicts on comparative claims of one data set share an error rate of 5 % (Holm 1979); dataset-bound claims, each
-    a number of its own, are judged at 95 %.
+    Of all verdicts on comparative claims at most 5 % are expected to be wrong (`family.level`); dataset-bound claims,
+    each a number of its own, are judged at 95 %.
 
     Args:
         claims: what to judge.
         evidence: of all studies.
-        facts: read the recordings of dataset-bound claims about the data themselves (seconds).
+        facts: read the recordings of dataset-bound claims about the data themselves, where they are there.
+        simulate: count in the simulated stand-ins of these data as well (a minute where they are not kept yet).
+        wanted: ids of the claims to return; all others count in the family alone. None: all.
     """
     ordered = sorted(evidence, key=lambda e: (e.dataset.endswith(TWIN), e.dataset))
-    rows: dict[str, list[Row]] = {c.id: [] for c in claims.claims}
-    for dataset in dict.fromkeys(e.dataset for e in ordered):
-        here = {e.study: e for e in ordered if e.dataset == dataset}
-        family = [c for c in claims.claims if c.scope == "comparative" and c.study in here]
-        verdicts = holm([_judge(c, here[c.study]) for c in family])
-        for claim, judgement in zip(family, verdicts, strict=True):
-            if judgement.verdict != NOT_RUN:
-                found = here[claim.study]
-                label = _label(claims, claim, found)
-                rows[claim.id].append(Row(claim, dataset, label, judgement, _command(claim, dataset, found.preset)))
-    for claim in claims.claims:
+    asked = [
+        (claim, found, _question(claim, found))
+        for found in ordered
+        for claim in claims.claims
+        if claim.scope == "comparative" and claim.study == found.study
+    ]
+    asked = [a for a in asked if a[2][0]]
+    alpha = family.level([question for _, _, question in asked])
+    asked_for = [c for c in claims.claims if wanted is None or c.id in wanted]
+    rows: dict[str, list[Row]] = {c.id: [] for c in asked_for}
+    homes = study.default_datasets()
+    for claim, found, question in asked:
+        if claim.id not in rows:
+            continue
+        judgement = family.judged(question, alpha, len(asked))
+        needed, seeds = outlook(question, alpha) if judgement.verdict == OPEN else ("", 0)
+        command = _command(claim, homes, found.dataset, found.preset, seeds)
+        rows[claim.id].append(Row(claim, found.dataset, _label(claims, claim, found), judgement, command, "", needed))
+    for claim in asked_for:
         if claim.scope == "dataset":
-            rows[claim.id].append(_bound(claims, claim, ordered, facts))
+            rows[claim.id].append(_bound(claims, claim, ordered, homes, facts, simulate))
         elif not rows[claim.id]:
-            rows[claim.id].append(Row(claim, "", "", Judgement(NOT_RUN), _command(claim)))
+            rows[claim.id].append(Row(claim, "", "", Judgement(NOT_RUN), _command(claim, homes)))
     return [row for found in rows.values() for row in found]
 
 
-def _judge(claim: Claim, evidence: Evidence) -> Callable[[float], Judgement]:
+def _question(claim: Claim, evidence: Evidence) -> family.Question:
     kind = claim.kind
     assert not isinstance(kind, Fact)
-    return lambda alpha: settle(lambda a: kind.measure(evidence, a), claim.accept, alpha)
-
-
-def holm(judges: Sequence[Callable[[float], Judgement]], alpha: float = ALPHA) -> list[Judgement]:
-    """Holm's step-down procedure on verdicts instead of p-values: each verdict must stand at α over the open ones.
-
-    The interval that is returned is always that at 1 − α; a verdict that stands alone but not among so many is open.
-    """
-    plain = [j(alpha) for j in judges]
-    open_now = [i for i, p in enumerate(plain) if p.verdict not in (OPEN, NOT_RUN)]
-    left = sum(p.verdict != NOT_RUN for p in plain)
-    count = left
-    while open_now:
-        stands = [i for i in open_now if judges[i](alpha / left).verdict == plain[i].verdict]
-        if not stands:
-            break
-        open_now = [i for i in open_now if i not in stands]
-        left -= len(stands)
-    for i in open_now:
-        said = f"{plain[i].verdict} if it were the only claim, but not as one of {count}. {plain[i].basis}"
-        plain[i] = replace(plain[i], verdict=OPEN, basis=said)
-    return plain
+    return kind.measure(evidence), claim.accept, kind.relative
 
 
 def _label(claims: Claims, claim: Claim, evidence: Evidence) -> str:
@@ -107,43 +105,55 @@ def _patterns(claim: Claim) -> list[str]:
     return [*pairs, *listed, *(getattr(kind, name) for name in ("a", "b") if hasattr(kind, name))]
 
 
-def _command(claim: Claim, dataset: str = "", preset: str = "") -> str:
-    """The command that brings evidence, or more of it: the study, then its largest preset."""
+def _command(claim: Claim, homes: Mapping[str, str], dataset: str = "", preset: str = "", seeds: int = 0) -> str:
+    """The command that brings evidence, or more of it: the study, then with more seeds or at its largest preset."""
     if not claim.study:
         return shlex.join(["bench", "data", "inspect", claim.needs])
     words = ["bench", "run", claim.study]
-    if dataset not in ("", study.get(claim.study).default_dataset):
+    if dataset not in ("", homes.get(claim.study)):
         words += ["--dataset", dataset]
-    return shlex.join([*words, *(["--preset", "paper"] if preset else [])])
+    if seeds:
+        words += ([] if preset == "laptop" else ["--preset", preset]) + ["--seeds", str(seeds)]
+    elif preset:
+        words += ["--preset", "paper"]
+    return shlex.join(words)
 
 
-def _bound(claims: Claims, claim: Claim, ordered: Sequence[Evidence], facts: bool) -> Row:
+def _bound(
+    claims: Claims, claim: Claim, ordered: Sequence[Evidence], homes: Mapping[str, str], facts: bool, simulate: bool
+) -> Row:
     """A dataset-bound claim: judged on its own data only, with the values on others beside."""
     kind, needs = claim.kind, claim.needs
     missing = Judgement(NOT_RUN, basis=f"needs {needs}")
     if isinstance(kind, Fact):
-        row = Row(claim, needs, "", missing, _command(claim))
+        row = Row(claim, needs, "", missing, _command(claim, homes))
         if not facts:
             return row
-        values = sorted(e.value for e in _recorded(kind, STAND_IN.get(needs, "")))
+        values = sorted(e.value for e in _recorded(kind, STAND_IN.get(needs, ""))) if simulate else []
         shown = " to ".join(number(v) for v in dict.fromkeys(values[:1] + values[-1:]))
         beside = f"{STAND_IN[needs]}: {shown}" if values else ""
         counted = _recorded(kind, needs)
         if not counted:
             return replace(row, beside=beside)
-        return replace(row, judgement=settle(lambda _: counted, claim.accept, ALPHA), beside=beside)
-    others, row = [], Row(claim, needs, "", missing, _command(claim, needs))
-    for evidence in (e for e in ordered if e.study == claim.study):
-        if evidence.dataset == needs:
-            label, command = _label(claims, claim, evidence), _command(claim, needs, evidence.preset)
-            row = Row(claim, needs, label, _judge(claim, evidence)(ALPHA), command)
-        else:
-            others += [f"{evidence.dataset}: {number(j.value)}" for j in [_judge(claim, evidence)(ALPHA)] if j.basis]
+        return replace(row, judgement=settle(counted, claim.accept), beside=beside)
+    others, row = [], Row(claim, needs, "", missing, _command(claim, homes, needs))
+    for found in (e for e in ordered if e.study == claim.study):
+        judgement = settle(*_question(claim, found)[:2])
+        if found.dataset == needs:
+            label, command = _label(claims, claim, found), _command(claim, homes, needs, found.preset)
+            row = Row(claim, needs, label, judgement, command)
+        elif judgement.basis:
+            others.append(f"{found.dataset}: {number(judgement.value)}")
     return replace(row, beside="; ".join(others))
 
 
 def _recorded(kind: Fact, dataset: str) -> list[Estimate]:
     """What the recordings say; nothing where they cannot be had."""
+    if dataset in STAND_IN and not has_files(dataset):
+        return []
+    from bench.training.data import load  # training and what it trains take seconds to import
+    from registry.core import DATASETS
+
     try:
         entry = DATASETS.get(dataset)
         return kind.count(load(entry(**entry.in_full)))

@@ -3,15 +3,17 @@
 import math
 from collections.abc import Sequence
 
-from bench.claims.estimate import number
+from bench.claims.estimate import OPEN, SETTLED, number
 from bench.claims.judge import Row
 
 HEAD = """\
 # The paper's claims, judged
 
 Made by `{command}`: {summary}. A band that reproduces a claim was written before it was run
-([claims.toml](../paper/claims.toml)); verdicts on comparative claims are corrected for their number (Holm, by data
-set), intervals are plain 95 % ones. `bench check -v` says what each rests on.
+([claims.toml](../paper/claims.toml)). *Alike* settles a claim that one is better than another: the difference, if there
+is one, is smaller than a quarter (interval within 0.8 to 1.25). Of the verdicts on comparative claims at most 5 % are
+expected to be wrong (Benjamini and Hochberg, all of them together); intervals are plain 95 % ones. `bench check -v`
+says what each rests on, [how a claim is judged](../../docs/explanations/claims.md) how that is known.
 
 | claim | published | here | 95 % interval | verdict | on |
 | --- | --- | --- | --- | --- | --- |
@@ -30,6 +32,13 @@ def render(rows: Sequence[Row], command: str) -> str:
     return HEAD.format(command=command, summary=summary) + "".join(lines)
 
 
+def _verdict(row: Row) -> str:
+    j = row.judgement
+    if j.verdict == OPEN and row.outlook:
+        return f"{j.verdict}; to settle it: {row.outlook}"
+    return j.said.replace(j.verdict, f"**{j.verdict}**", 1) if j.verdict in SETTLED else j.verdict
+
+
 def _line(row: Row, first: bool) -> str:
     """A row of the table; the claim stands in its first row only."""
     j = row.judgement
@@ -40,7 +49,7 @@ def _line(row: Row, first: bool) -> str:
         row.claim.said if first else "",
         "" if math.isnan(j.value) else number(j.value),
         interval,
-        f"**{j.verdict}**" if j.verdict in ("reproduced", "differs") else j.verdict,
+        _verdict(row),
         f"{where}; {row.beside}".removesuffix("; "),
     ]
     return "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |\n"

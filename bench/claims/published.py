@@ -14,11 +14,7 @@ from scipy.special import stdtrit
 from bench.claims.estimate import ALPHA
 from bench.claims.evidence import Folder, Run, folders
 from bench.claims.manifest import entered
-from bench.execution import engine
-from bench.experiment.config import RunConfig, Training
-from bench.experiment.notation import parse
 from bench.records.record import RunRecord, exists, write_json
-from registry.core import DATASETS
 from registry.errors import BenchError
 
 OTHER_PROCESSOR = 0.01
@@ -140,6 +136,11 @@ def _spread(*sides: dict[Group, dict[str, Run]]) -> dict[tuple[Any, ...], tuple[
 
 def rerun() -> list[dict[str, Any]]:
     """Train the small fixed set, from nothing, in a folder of its own: minutes on one core."""
+    from bench.execution import engine  # what trains takes seconds to import, and `check` needs none of it
+    from bench.experiment.config import RunConfig, Training
+    from bench.experiment.notation import parse
+    from registry.core import DATASETS
+
     training = Training(updates=150, evaluate_every=50, validation_windows=128)
     configs = []
     for dataset, outputs, spec in RERUN:

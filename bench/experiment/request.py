@@ -37,7 +37,7 @@ class Options:
     """A name, a folder or a data set; None: the study's own, or `DEFAULT_DATASET`."""
     preset: str = "laptop"
     seeds: int | None = None
-    """Of a configuration."""
+    """How many; None: one of a configuration, as many as its preset has of a study."""
     run: Mapping[str, str] | None = None
     """Options of a run by path, such as {"training.updates": "3000", "horizon": "190"}."""
     data: Mapping[str, str] | None = None
@@ -80,20 +80,31 @@ def request(target: str | study.Study, asked: Options) -> Request:
     """
     found = target if isinstance(target, study.Study) else study.studies().get(target)
     target = found.name if isinstance(target, study.Study) and found else str(target)
-    if found is not None and asked.seeds is not None:
-        raise BenchError("--seeds belongs to a single configuration; a study's presets set their own.")
     source = asked.dataset or (found.default_dataset if found else DEFAULT_DATASET)
     full = found is not None and asked.preset != "smoke"
     chosen = source if isinstance(source, Dataset) else choose(source, dict(asked.data or {}), full)
     run_options = dict(asked.run or {}) | ({"predictor.model": asked.physics} if asked.physics else {})
-    configs = found.runs(asked.preset, chosen) if found else _one(target, chosen, asked.seeds or 1)
+    configs = _declared(found, asked, chosen) if found else _one(target, chosen, asked.seeds or 1)
     if asked.physics and not any(hasattr(c.predictor, "model") for c in configs):
         raise BenchError(f"{target} has no physics: --physics belongs to `physics` and to hybrids.")
     configs = apply(configs, run_options)
     if found is None:
         configs += apply(_baselines(configs[0]), run_options, strict=False)
     title = f"{target} on {chosen.label}" + (f" ({asked.preset})" if found else "")
+    if found and asked.seeds is not None:  # in a folder of its own: a run of fewer must not take its place
+        title += f", {asked.seeds} seed{'s' if asked.seeds > 1 else ''}"
     return Request(title + (f", {asked.said}" if asked.said else ""), target, found, configs)
+
+
+def _declared(found: study.Study, asked: Options, dataset: Dataset) -> list[RunConfig]:
+    """The runs of a study, each configuration that is trained by gradient with as many seeds as were asked for."""
+    configs = found.runs(asked.preset, dataset)
+    if asked.seeds is None:
+        return configs
+    first = dict.fromkeys(replace(c, seed=0) for c in configs)
+    return [
+        replace(c, seed=seed) for c in first for seed in range(asked.seeds if c.predictor.training == "gradient" else 1)
+    ]
 
 
 def _one(spec: str, dataset: Dataset, seeds: int) -> list[RunConfig]:

@@ -50,6 +50,17 @@ def titles() -> dict[str, str]:
     return dict(sorted(found.items()))
 
 
+def default_datasets() -> dict[str, str]:
+    """Name → default data set of every study; read from the sources as far as they tell."""
+    found: dict[str, str] = {}
+    for point in entry_points(group="multistep_bench.studies"):
+        told = outline.keywords(outline.source_of(point.module) or "", point.attr)
+        if "name" not in told or "default_dataset" not in told:  # only importing them tells
+            return {name: s.default_dataset for name, s in studies().items()}
+        found[told["name"]] = told["default_dataset"]
+    return found
+
+
 def studies() -> dict[str, Study]:
     """All studies, by name; third parties add theirs through the entry-point group of the same name."""
     found: dict[str, Study] = {}

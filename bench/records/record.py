@@ -13,19 +13,20 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import safetensors
-import safetensors.torch
-from torch import Tensor
 
 from bench.records import durable, stamp
 from bench.records.record_fields import TABLES, lacking
 from registry.errors import BenchError, near
 from registry.regular_file import regular
+
+if TYPE_CHECKING:  # who asks for errors alone need not wait for torch
+    from torch import Tensor
 
 T = TypeVar("T")
 STEP_COLUMNS = ["quantity", "norm", "unit", "step", "time_s", "statistic", "value"]
@@ -68,9 +69,11 @@ class RunRecord:
         """Predictions of a few windows: window, recording, step, time_s, channel, unit, measured, predicted."""
         return self._read("windows.parquet", lambda path: pd.read_parquet(self._genuine(path)))
 
-    def weights(self) -> dict[str, Tensor]:
+    def weights(self) -> "dict[str, Tensor]":
         """Weights and scalers of the best update."""
-        return self._read("model.safetensors", lambda path: safetensors.torch.load_file(self._genuine(path)))
+        from safetensors.torch import load_file
+
+        return self._read("model.safetensors", lambda path: load_file(self._genuine(path)))
 
     def _genuine_summary(self, path: Path) -> dict[str, Any]:
         content = path.read_bytes()
@@ -151,7 +154,7 @@ def write(
     summary: dict[str, Any],
     config: Mapping[str, Any],
     tables: Mapping[str, pd.DataFrame],
-    weights: Mapping[str, Tensor],
+    weights: "Mapping[str, Tensor]",
     provenance: Mapping[str, Any],
 ) -> RunRecord:
     """Write a record into ``runs/<key>``: into a temporary folder first, flushed to the disk, then renamed.
@@ -159,6 +162,8 @@ def write(
     Raises:
         BenchError: the results folder cannot be written (read-only, disk full); nothing is left behind.
     """
+    from safetensors.torch import save_file
+
     final = runs / summary["key"]
     if whole(runs, final.name):
         return RunRecord(final)
@@ -169,7 +174,7 @@ def write(
         for name in TABLES:
             pq.write_table(pa.Table.from_pandas(tables[name], preserve_index=False), draft / f"{name}.parquet")
         tensors = {name: value.detach().contiguous() for name, value in weights.items()}
-        safetensors.torch.save_file(tensors, draft / "model.safetensors")
+        save_file(tensors, draft / "model.safetensors")
         write_json(draft / "config.json", config)
         files = {p.name: sha256(p) for p in sorted(draft.iterdir())}
         write_json(draft / "record.json", {**summary, "files": files})

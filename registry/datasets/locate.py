@@ -20,8 +20,7 @@ def locate(folder: str, pattern: str, address: str, checksum: str) -> list[Path]
     Raises:
         BenchError: no such file in either place.
     """
-    cache = cache_folder()
-    roots = [Path(os.environ["BENCH_DATA"])] if os.environ.get("BENCH_DATA") else []
+    *roots, cache = _roots()
     for root in (*roots, cache):
         try:
             found = sorted((root / folder).glob(pattern))
@@ -34,3 +33,19 @@ def locate(folder: str, pattern: str, address: str, checksum: str) -> list[Path]
         f"No {pattern} in {' or '.join(str(r / folder) for r in (*roots, cache))}: "
         f"download them from {address} into it{set_aside}; {checksum}."
     )
+
+
+def has_files(folder: str) -> bool:
+    """Whether the data set's own folder is in either place and holds anything; imports no data set."""
+    for root in _roots():
+        try:
+            if any((root / folder).iterdir()):
+                return True
+        except (OSError, ValueError):
+            continue
+    return False
+
+
+def _roots() -> list[Path]:
+    set_aside = os.environ.get("BENCH_DATA")
+    return [*([Path(set_aside)] if set_aside else []), cache_folder()]

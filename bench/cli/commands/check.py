@@ -12,7 +12,13 @@ import click
 from bench.cli import options
 from registry.errors import BenchError
 
-COLOURS = {"reproduced": "green", "differs": "red", "not enough evidence": "yellow", "not run": "dim"}
+COLOURS = {
+    "reproduced": "green",
+    "differs": "red",
+    "alike": "cyan",
+    "not enough evidence": "yellow",
+    "not run": "dim",
+}
 CAUGHT = 1
 """Exit code where a published number no longer holds."""
 
@@ -31,6 +37,7 @@ CAUGHT = 1
 @options.results
 @click.option("--rerun", type=click.Choice(("smoke",)), help="Train a small fixed set again instead: minutes.")
 @click.option("--write", is_flag=True, help="With --rerun: publish its numbers instead of checking them.")
+@click.option("--simulate", is_flag=True, help="Count in simulated data too, where a claim is about the recordings.")
 @click.option("--seal", is_flag=True, help="List the published files as they are now, after publishing others.")
 def check_command(
     wanted: tuple[str, ...],
@@ -42,12 +49,13 @@ def check_command(
     results: Path,
     rerun: str | None,
     write: bool,
+    simulate: bool,
     seal: bool,
 ) -> None:
     """For every claim of the paper: does it reproduce here? And do the published numbers of this suite still hold?
 
     Evidence is what was published with this suite and what `bench run STUDY` left in the results folder. Verdicts:
-    reproduced, differs, not enough evidence, not run.
+    reproduced, differs, alike (no difference that matters), not enough evidence, not run.
 
     \b
     bench check                                  every claim
@@ -72,17 +80,19 @@ def check_command(
     if rerun:
         _rerun(published, write)
         return
-    verdicts = judged(wanted or None, results, published, file)
+    verdicts = judged(wanted or None, results, published, file, simulate)
     rows, held = verdicts.rows, verdicts.published
     if target:
         _write(target, json.dumps(_plain(rows, held), indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     if page:
-        _write(page, markdown.render(rows, "bench check --markdown " + page.name))
+        _write(page, markdown.render(rows, f"bench check {'--simulate ' if simulate else ''}--markdown {page.name}"))
     out = options.console()
     out.print(_table(rows))
     if details or wanted:
         _explain(rows, out)
     _summarize(rows, out, brief=not details and not wanted)
+    for sentence in verdicts.left_out:
+        out.print(sentence, style="dim", highlight=False, markup=False)
     _regressions(held, out)
 
 
@@ -139,6 +149,8 @@ def _explain(rows: Sequence[Any], out: Any) -> None:
     """What the table has no room for."""
     from rich.markup import escape
 
+    from bench.claims.estimate import SETTLED
+
     last = None
     for row in rows:
         c, j = row.claim, row.judgement
@@ -148,11 +160,12 @@ def _explain(rows: Sequence[Any], out: Any) -> None:
                 out.print(f"  Note: {escape(c.note)}", highlight=False)
         last = c.id
         where = f"{row.dataset}, {row.label}" if row.label else row.dataset or "no evidence"
-        out.print(f"  {escape(where)}: [{COLOURS[j.verdict]}]{j.verdict}[/]. {escape(j.basis)}", highlight=False)
+        out.print(f"  {escape(where)}: [{COLOURS[j.verdict]}]{j.said}[/]. {escape(j.basis)}", highlight=False)
         if row.beside:
             out.print(f"  On other data: {escape(row.beside)}", highlight=False)
-        if j.verdict not in ("reproduced", "differs"):
-            out.print(f"  To settle it: {escape(row.command)}", highlight=False, soft_wrap=True)
+        if j.verdict not in SETTLED:
+            needed = f"{row.outlook}: " if row.outlook else ""
+            out.print(f"  To settle it: {needed}{escape(row.command)}", highlight=False, soft_wrap=True)
 
 
 def _summarize(rows: Sequence[Any], out: Any, brief: bool) -> None:
@@ -162,8 +175,9 @@ def _summarize(rows: Sequence[Any], out: Any, brief: bool) -> None:
     out.print(f"\n[bold]{claims} claims, {len(rows)} verdicts[/]: " + ", ".join(f"{n} {v}" for v, n in counts.items()))
     if brief:
         out.print(
-            "Verdicts on comparative claims are corrected for their number (Holm, by data set); intervals are plain. "
-            "`bench check -v` says what each rests on and what would settle it; `--claim ID` says it of one.",
+            "Of the verdicts on comparative claims at most 5 % are expected to be wrong (Benjamini and Hochberg); "
+            "intervals are plain 95 % ones. `bench check -v` says what each rests on and what would settle it; "
+            "`--claim ID` says it of one.",
             style="dim",
             highlight=False,
         )
@@ -228,10 +242,12 @@ def _plain(rows: Sequence[Any], held: Sequence[Any]) -> dict[str, Any]:
                 "dataset": r.dataset,
                 "label": r.label,
                 "verdict": r.judgement.verdict,
+                "slight": r.judgement.slight,
                 "here": plain(r.judgement.value),
                 "interval": [plain(r.judgement.low), plain(r.judgement.high)],
                 "basis": r.judgement.basis,
                 "beside": r.beside,
+                "outlook": r.outlook,
                 "command": r.command,
             }
             for r in rows

@@ -24,7 +24,9 @@ ALL = "all"
     show_default=True,
     help="Size of a study. Simulated data are as many as the paper's, for smoke a small part of them.",
 )
-@click.option("--seeds", type=click.IntRange(1, 100), help="How many seeds (SPEC only; default 1).")
+@click.option(
+    "--seeds", type=click.IntRange(1, 100), help="How many seeds. Default: 1 of a SPEC, of a study what its preset has."
+)
 @options.horizon
 @options.outputs
 @click.option(
@@ -64,7 +66,7 @@ def run_command(
 
     \b
     bench run washout_vs_mlp
-    bench run washout_vs_mlp --dataset nanodrone
+    bench run washout_vs_mlp --dataset nanodrone --seeds 6
     bench run "LSTM: 2x50 - MLP: 100x10" --dataset nanodrone --seeds 3 -T 190
     bench run "MLFC: 1x50 - Washout: 10" --set training.updates=3000
     bench run quadrotor_hybrid --dataset my_flights --physics my_flights/diagnosis/model.toml
@@ -80,8 +82,6 @@ def run_command(
         check_target(target)
         if target not in study.titles():
             options.preset_belongs_to_a_study(ctx)
-    if seeds is not None and (target in study.titles() or target == ALL):
-        raise BenchError("--seeds belongs to a single configuration; a study's presets set their own.")
 
     from bench.cli.cost import estimate
     from bench.cli.job import Job, Place, carry_out
