@@ -8,6 +8,7 @@ from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import page_parts as parts
 from bench.diagnose.report import words
 from bench.diagnose.report.page_equations import equation_by_equation
+from bench.diagnose.report.page_flights import over_time
 from bench.diagnose.result import LINES, Candidate, Diagnosis
 from bench.reporting import page
 
@@ -247,6 +248,7 @@ def _method(d: Diagnosis) -> str:
 
 
 SECTIONS: dict[str, Callable[[Diagnosis], str]] = {
+    "Measured and predicted": over_time,
     "Equation by equation": equation_by_equation,
     "Effect by effect": _waterfall,
     "Error against horizon": _curves,
