@@ -154,5 +154,16 @@ def test_each_verdict_shows_what_it_has_and_no_more(verdict: str, said: list[str
     assert all(s in text for s in said) and not any(s in text for s in not_said)
 
 
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("k_d = -2.8e-08 kg m^2, d = 0.15 1; e = 3e+07 N", "k_d = −2.8×10⁻⁸ kg m², d = 0.15; e = 3×10⁷ N"),
+        ("bench 1 of 2, v^-1", "bench 1 of 2, v⁻¹"),
+    ],
+)
+def test_numbers_and_units_are_typeset(text: str, shown: str) -> None:
+    assert words.typeset(text) == shown
+
+
 def test_a_model_that_ran_away_is_called_diverged() -> None:
     assert "diverged → 9.40 mm" in Parsed(page.render(samples.diverged())).text

@@ -56,10 +56,18 @@ def _head(d: Diagnosis) -> str:
         f'<header class="{d.verdict}"><p class="over"><span class="badge">{_BADGES[d.verdict]}</span>'
         f"<span><b>{escape(d.dataset)}</b></span><span>{escape(words.named(d.system))}</span>{over}</p>"
         f"<h1>{escape(words.headline(d))}</h1>"
-        f'<p class="lead">{escape(words.explanation(d))}</p>'
+        f"{_sentences(d)}"
         + (f'<div class="falls">{falls}</div>' if falls else "")
         + (f'<div class="cards">{cards}</div>' if cards else "")
         + "</header>"
+    )
+
+
+def _sentences(d: Diagnosis) -> str:
+    """What was found stands first and large, what is left of it and of the constants below."""
+    kinds = ["lead", "quiet", "quiet"]
+    return "".join(
+        f'<p class="{kind}">{escape(said)}</p>' for kind, said in zip(kinds, words.sentences(d), strict=False)
     )
 
 

@@ -16,7 +16,11 @@ def equation_by_equation(d: Diagnosis) -> str:
     every = alone(d)
     if not every:
         return ""
-    parts = [_equation(d, name, a) for name, a in zip(d.by_equation, every, strict=True)]
+    sensed = {s.name for f in d.evidence.flights for s in f.signals if s.sensed}
+    judged = list(zip(d.by_equation, every, strict=True))
+    first = judged[0][0]  # what a sensor feels of it stands beside it
+    judged.sort(key=lambda pair: (pair[0] != first, d.by_equation[pair[0]].output not in sensed))
+    parts = [_equation(d, name, a) for name, a in judged]
     return (
         "<p>With everything else as measured, each equation is judged by itself on held-out recordings, so that no "
         "error of another adds to its own. The best predictor is the model helped by a regression on every measured "

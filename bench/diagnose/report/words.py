@@ -81,6 +81,15 @@ def estimate_parts(name: str, p: ParameterEstimate) -> tuple[str, str, str, str]
     return number(p.value * factor, digits), number(p.low * factor, digits), number(p.high * factor, digits), unit
 
 
+def typeset(text: str) -> str:
+    """Numbers and units as they are printed: "2.8e-08 kg m^2" becomes "2.8×10⁻⁸ kg m²", "0.15 1" has no unit."""
+    text = re.sub(
+        r"(\d)e([+-]?)0*(\d+)\b", lambda m: f"{m[1]}×10{(m[2].strip('+') + m[3]).translate(_SUPERSCRIPT)}", text
+    )
+    text = re.sub(r"\^(-?\d+)", lambda m: m[1].translate(_SUPERSCRIPT), text)
+    return re.sub(r"(?<=[=,] )-(?=\d)", "−", re.sub(r"(?<=\d) 1(?=[,;]|$)", "", text))
+
+
 def about(effect: str) -> tuple[str, str]:
     """What an effect is, in a line, and its equation; empty for one that is not registered here."""
     if effect not in EFFECTS.names():
@@ -191,38 +200,41 @@ def _count(items: Sequence[str]) -> str:
 
 
 def explanation(diagnosis: Diagnosis) -> str:
-    """The sentences that follow the headline."""
-    sentences: list[str] = []
+    """What follows the headline."""
+    return " ".join(sentences(diagnosis))
+
+
+def sentences(diagnosis: Diagnosis) -> list[str]:
+    """What follows the headline: what was found, then what is left, then what became of the stated constants."""
+    found: list[str] = []
     shares = [e.share_explained for e in diagnosis.effects]
     if diagnosis.verdict == "data_problem":
         count = len(diagnosis.data_problems)
         more = f"{count} problems were found" if count > 1 else "One problem was found"
-        return f"{more}; no effect was looked for, because a damaged signal looks like missing physics."
+        return [f"{more}; no effect was looked for, because a damaged signal looks like missing physics."]
     if diagnosis.verdict == "nothing":
-        sentences.append(
+        found.append(
             "The error on held-out recordings is at the noise floor, or does not repeat from one recording to the next."
         )
     if diagnosis.verdict == "named":
         each = "It explains" if len(shares) == 1 else "Together they explain"
         before = diagnosis.evidence.calibrated
         constants = f", the constants calibrated before them {percent(before)}" if before >= LITTLE else ""
-        sentences.append(f"{each} {percent(sum(shares))} of the squared error above the noise floor{constants}.")
+        found.append(f"{each} {percent(sum(shares))} of the squared error above the noise floor{constants}.")
         if tied := ties(diagnosis):
             more = "One more is" if len(tied) == 1 else f"{_count(tied).capitalize()} more are"
-            sentences.append(f"{more} there that these recordings cannot name: {'; '.join(tied)}.")
+            found.append(f"{more} there that these recordings cannot name: {'; '.join(tied)}.")
     if diagnosis.verdict == "tie":
         alone = f"Any of them explains about {percent(max(shares))}"
         several = f"One of each, together, explain about {percent(sum(shares))}"
-        sentences.append(f"{alone if len(shares) == 1 else several} of the squared error above the noise floor.")
-        sentences += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
+        found.append(f"{alone if len(shares) == 1 else several} of the squared error above the noise floor.")
+        found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
     if diagnosis.verdict == "unknown_effect":
         share = diagnosis.unexplained.share
         size = f"It makes {percent(share)} of the squared error above the noise floor, and n" if share > 0 else "N"
-        sentences.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
-    else:
-        sentences.append(remainder(diagnosis))
-    sentences.append(miscalibrated(diagnosis))
-    return " ".join(filter(None, sentences))
+        found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
+    left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
+    return [*filter(None, (" ".join(found), left, miscalibrated(diagnosis)))]
 
 
 def remainder(diagnosis: Diagnosis) -> str:

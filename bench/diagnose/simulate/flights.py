@@ -56,7 +56,8 @@ def flights(
     if not logs:
         return ()
     steps, clear = default_steps(logs), margin(logs, reach(noise.smoothing))
-    models, found, left = {"nominal": nominal, AFTER: after}, [], points
+    models, left = {"nominal": nominal, AFTER: after}, points
+    found: list[Flight] = []
     at = [starts(log, steps, steps, clear) for log in logs]
     with torch.no_grad():
         together = {n: free_run(m, logs, at, steps) for n, m in models.items()} if any(map(len, at)) else {}
