@@ -127,6 +127,7 @@ def test_every_block_runs_and_prints_what_is_shown(
     page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
     module = types.ModuleType("rolling")
     monkeypatch.setitem(sys.modules, "rolling", module)
     printed = ""

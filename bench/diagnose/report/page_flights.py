@@ -51,7 +51,7 @@ def over_time(d: Diagnosis) -> str:
         f"<p>Each model runs free and begins anew from the measured state every {flights[0].restart_s:g} s: where its "
         "line leaves the measurement, it is wrong. Held-out recordings come first, that with the greatest error before "
         f"the others.{rest}</p>"
-        f'<div class="recorded">{_rules(len(flights), len(seen))}'
+        f'<div class="recorded">{_rules(len(flights), len(signals), len(seen) > len(signals))}'
         f"{_choice('recording', recordings)}{_choice('signal', seen, _first(d, signals))}"
         f"{legend([(look, names[n]) for n, look in looks.items()])}{''.join(figures)}</div>"
     )
@@ -84,13 +84,15 @@ def _choice(what: str, names: Sequence[str], first: int = 0) -> str:
     return f'<fieldset class="choice"><legend>{what}</legend>{buttons}</fieldset>'
 
 
-def _rules(recordings: int, signals: int) -> str:
+def _rules(recordings: int, signals: int, above: bool) -> str:
     """Which drawing the chosen recording and signal show; a browser that does not know :has shows all."""
     rules = "".join(
         f".recorded:has(#recording-{i}:checked):has(#signal-{j}:checked) .of-{i}-{j}{{display:block}}"
         for i in range(recordings)
-        for j in range(signals)
+        for j in range(signals + above)
     )
+    if above:  # it has colours of its own
+        rules += f".recorded:has(#signal-{signals}:checked) > .legend{{display:none}}"
     return f"<style>@supports selector(:has(*)){{.recorded figure{{display:none}}{rules}}}</style>"
 
 
