@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.diagnose.flight import RUNS, Flight, Signal, Trace
+from bench.diagnose.flight import AFTER, RUNS, Flight, Signal, Trace
 from bench.diagnose.flight import Path as Track
 from bench.diagnose.report import words
 from bench.diagnose.result import Diagnosis
@@ -58,10 +58,16 @@ def over_time(d: Diagnosis) -> str:
 
 
 def _first(d: Diagnosis, signals: Sequence[str]) -> int:
-    """Which signal is shown first: what a sensor of rates shows, else what the first equation moves."""
-    sensed = [s.name for f in d.evidence.flights for s in f.signals if s.sensed]
-    moved = [e.output for e in d.by_equation.values()]
-    return next((signals.index(name) for name in (*sensed, *moved) if name in signals), 0)
+    """Which signal is shown first: what a sensor of rates shows, else what an equation moves and was mended most."""
+    moved, worst = {e.output for e in d.by_equation.values()}, d.evidence.flights[0]
+    fall = {s.name: (not s.sensed, _fallen(s)) for s in worst.signals if s.sensed or s.name in moved}
+    return signals.index(min(fall, key=fall.__getitem__)) if fall else 0
+
+
+def _fallen(signal: Signal) -> float:
+    """Squared error after over before, pooled over axes; infinite where it cannot be said."""
+    before, after = (sum(t.rms.get(n, math.nan) ** 2 for t in signal.traces) for n in ("nominal", AFTER))
+    return after / before if before > 0 and math.isfinite(after) else math.inf
 
 
 def _after(d: Diagnosis) -> str:

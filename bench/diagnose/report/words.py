@@ -17,6 +17,8 @@ LITTLE = 0.02
 """Share of the squared error above the floor below which a reader need not know what it follows."""
 OFF = 2.0
 """Stated uncertainties beyond which a calibrated constant is marked."""
+SLIGHTLY = 0.1
+"""Stated uncertainties below which nobody is told that a constant moved, however sure it is."""
 MENTIONED = 2
 """Constants, and ratios of them, that are said to be off; the page has them all."""
 
@@ -251,7 +253,7 @@ def remainder(diagnosis: Diagnosis) -> str:
 
 def miscalibrated(diagnosis: Diagnosis) -> str:
     """A sentence about base constants whose intervals exclude what was stated, and ratios of them that do."""
-    moved = [c for c in diagnosis.evidence.calibration if c.moved]
+    moved = [c for c in diagnosis.evidence.calibration if c.moved and abs(c.sigma) >= SLIGHTLY]
     alone, ratios = ([c for c in moved if (" / " in c.constant) is both] for both in (False, True))
     if not moved:
         return ""
