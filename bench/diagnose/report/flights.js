@@ -31,16 +31,19 @@
   // Points of a path of relative whole numbers; a new piece begins with m.
   const parsed = (group) => {
     const [step, low, unit] = group.dataset.of.split(" ").map(Number);
-    const numbers = (group.firstElementChild.getAttribute("d").match(/-?\d+/g) || []).map(Number);
-    const t = new Float64Array(numbers.length / 2);
-    const y = new Float64Array(numbers.length / 2);
-    for (let i = 0, a = 0, b = 0; i < t.length; i++) {
-      a += numbers[2 * i];
-      b += numbers[2 * i + 1];
-      t[i] = a * step;
-      y[i] = low + b * unit;
+    const [t, y, begins] = [[], [], []];
+    let [a, b] = [0, 0];
+    for (const piece of group.firstElementChild.getAttribute("d").split("m").slice(1)) {
+      begins[t.length] = true;
+      const numbers = piece.match(/-?\d+/g).map(Number);
+      for (let i = 0; i < numbers.length; i += 2) {
+        a += numbers[i];
+        b += numbers[i + 1];
+        t.push(a * step);
+        y.push(low + b * unit);
+      }
     }
-    return { group, name: group.dataset.name, step, low, unit, t, y };
+    return { group, name: group.dataset.name, step, low, unit, t, y, begins };
   };
   const after = (t, at) => {
     let [a, b] = [0, t.length];
@@ -129,11 +132,12 @@
 
     told(time) {
       return this.traces
-        .map(({ name, t, y }) => {
-          let i = Math.min(t.length - 1, after(t, time));
-          if (i > 0 && time - t[i - 1] < t[i] - time) i -= 1;
-          const near = t.length && Math.abs(t[i] - time) < (this.view[1] - this.view[0]) / 50;
-          return near ? `${name} ${shown(y[i])}` : `${name} –`;
+        .map(({ name, t, y, begins }) => {
+          const i = after(t, time);
+          if (i < t.length && t[i] === time) return `${name} ${shown(y[i])}`;
+          if (i === 0 || i === t.length || begins[i]) return `${name} –`;
+          const share = (time - t[i - 1]) / (t[i] - t[i - 1]);
+          return `${name} ${shown(y[i - 1] + share * (y[i] - y[i - 1]))}`;
         })
         .join(", ");
     }
