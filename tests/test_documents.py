@@ -20,6 +20,8 @@ from bench.cli import cli
 from registry.contracts import Problem
 from registry.core import DATASETS, EFFECTS, PREDICTORS, Registry
 from registry.datasets.folder import Folder
+from registry.effects.rotor import RotorDrag
+from registry.physics.quadrotor import Quadrotor
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -127,6 +129,7 @@ def test_every_block_runs_and_prints_what_is_shown(
     page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
     module = types.ModuleType("rolling")
     monkeypatch.setitem(sys.modules, "rolling", module)
     printed = ""
@@ -148,6 +151,15 @@ def test_every_block_runs_and_prints_what_is_shown(
                     (folder / "complete.toml").replace(folder / "spring/dataset.toml")
         elif block.kind == "text":
             says(printed, block.text)
+
+
+@pytest.mark.slow
+def test_the_controller_flies_better_with_the_effects() -> None:
+    pytest.importorskip("casadi", reason="CasADi is not installed: the extra `export`")
+    found: dict[str, Any] = {"__name__": "mpc"}
+    exec(compile(saved("mpc.py"), "mpc.py", "exec"), found)
+    errors = {drag: found["fly"](Quadrotor(effects=(RotorDrag(k_d=drag),)), 45)[-1] for drag in (0.0, 8.0e-5)}
+    assert errors[8.0e-5] < 0.1 * errors[0.0] < 2e-3
 
 
 def test_the_dataset_toml_of_the_reference_is_right(tmp_path: Path) -> None:

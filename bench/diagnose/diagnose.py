@@ -27,6 +27,7 @@ from bench.diagnose.result import (
 )
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.simulate.flights import flights
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.diagnose.summaries import constant_estimates, effect_savings, equation_results, placed
 from registry.contracts import Dataset
@@ -159,6 +160,7 @@ def diagnose(
                     *_warnings(subject, found, checked.suspicions),
                 ),
                 effect_savings(found, effects),
+                () if brief else flights(subject, subject.model, model, noise),
             ),
             equation_results(found, subject.model, bool(names)),
             constant_estimates(subject, model, numbers),

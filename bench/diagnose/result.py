@@ -13,6 +13,7 @@ import pandas as pd
 
 from bench.analysis.display import Displayed, draw_curves, new_axes
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
+from bench.diagnose.flight import Flight
 from registry.errors import BenchError
 from registry.units import display
 
@@ -258,6 +259,8 @@ class Evidence:
     """Sentences: what was estimated, what was assumed, what the data cannot show."""
     savings: dict[str, tuple[EffectSaving, ...]] = field(default_factory=dict)
     """By the id of a named effect, what it saves in every equation."""
+    flights: tuple[Flight, ...] = ()
+    """Whole recordings, held-out ones first."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,10 @@ CHARACTER = 6.9
 """Width of a character of the drawings' text; an upper bound of the mean in the fonts of the page."""
 LINE = 14.0
 """Height of a line of text."""
+FINEST = 1 / 2500
+"""Of the height of a frame: to what a trace is rounded."""
+FAR = 40_000
+"""In that unit: how far outside the frame a trace is still drawn where it is."""
 
 
 @dataclass(frozen=True)
@@ -141,6 +145,38 @@ class Panel:
         if path := self._path(xs, ys):
             self.marks.append(f'<path d="{"".join(path)}" fill="none" stroke-linejoin="round" {look.stroke}/>')
 
+    def trace(self, pieces: Sequence[tuple[np.ndarray, np.ndarray]], step: float, look: Look, name: str) -> None:
+        """A long curve in few bytes: whole numbers, of x in steps and of y in `FINEST` of the frame.
+
+        A script finds in ``data-of`` what they are: x and y of the frame's corner, and the size of both units.
+
+        Args:
+            pieces: the curve between its breaks: x (n,) in steps, whole numbers, and y (n,).
+            step: one of them in units of x.
+            look: its width and dashes stay as the frame is zoomed.
+            name: put in ``data-name``.
+        """
+        unit = (self.y.high - self.y.low) * FINEST
+        parts, last = [], (0, 0)
+        for xs, ys in pieces:
+            finite = np.isfinite(ys)
+            up = np.where(finite, np.clip((np.where(finite, ys, 0.0) - self.y.low) / unit, -FAR, FAR), 0.0)
+            pen = "m"
+            for x, y, there in zip(xs.tolist(), np.rint(up).astype(int).tolist(), finite.tolist(), strict=True):
+                if not there:
+                    pen = "m"
+                    continue
+                parts.append(f"{pen}{x - last[0]}{'' if y < last[1] else ' '}{y - last[1]}")
+                pen, last = " ", (x, y)
+        (left, low), (across, up_one) = self.at(0.0, self.y.low), self.at(step, self.y.low + unit)
+        matrix = f"matrix({across - left:.6g} 0 0 {up_one - low:.6g} {left:.6g} {low:.6g})"
+        of = f"{step:.9g} {self.y.low:.9g} {unit:.9g}"
+        fixed = 'fill="none" stroke-linejoin="round" vector-effect="non-scaling-stroke"'
+        self.marks.append(
+            f'<g class="trace" data-name="{escape(name)}" data-of="{of}" transform="{matrix}">'
+            f'<path d="{"".join(parts)}" {fixed} {look.stroke}/></g>'
+        )
+
     def dots(self, xs: Values, ys: Values, colour: str, hollow: bool = False, radius: float = 3.2) -> None:
         """A dot a point."""
         paint = f'fill="none" stroke="{colour}" stroke-width="1.2"' if hollow else f'fill="{colour}" fill-opacity=".8"'
@@ -226,6 +262,13 @@ class Panel:
             f'aria-label="{escape(title)}">{"".join(frame)}<svg {place}>{"".join(self.marks)}</svg>'
             f"{over if self.outside else ''}</svg>"
         )
+
+
+def align(panels: Sequence[Panel]) -> None:
+    """Let the frames of drawings below one another begin at the same place."""
+    left = max(p.left for p in panels)
+    for p in panels:
+        p.left, p.wide = left, p.width - left - p.right
 
 
 def swatch(look: Look) -> str:

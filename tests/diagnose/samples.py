@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
+from bench.diagnose.flight import AFTER, Flight, Path, Signal, Trace
 from bench.diagnose.result import (
     ByGroup,
     Calibration,
@@ -91,6 +92,30 @@ def _window(recording: str, start: float, group: str, channels: str, extended: f
         tuple(tuple(m + d) for m, d in zip(measured, drift, strict=True)),
         tuple(tuple(m + extended * d) for m, d in zip(measured, drift, strict=True)) if math.isfinite(extended) else (),
     )
+
+
+def _flight(recording: str) -> Flight:
+    """Two seconds at 100 Hz: a velocity that both models follow for half a second, and what an accelerometer shows."""
+    at, signals = np.arange(201), []
+    for name, unit, sensed, rms in (
+        ("velocity", "m/s", False, (0.32, 0.034)),
+        ("specific_force", "m/s^2", True, (0.7, 0.1)),
+    ):
+        traces = []
+        for i, axis in enumerate("xyz"):
+            y = np.sin(0.03 * at + i)
+            pieces = [np.arange(k, k + 51) for k in range(0, 200, 50)]
+            off = {
+                n: tuple((p, y[p] + e * (p - p[0]) / 50) for p in pieces)
+                for n, e in zip(("nominal", AFTER), rms, strict=True)
+            }
+            traces.append(Trace(f"{name}.{axis}", {"measured": ((at, y),), **off}, dict(zip(off, rms, strict=True))))
+        signals.append(Signal(name, unit, tuple(traces), sensed))
+    around = np.linspace(0, 2 * np.pi, 41)
+    circle = np.stack([3 * np.cos(around), 2 * np.sin(around)], axis=1)
+    errors = {"nominal": np.array([0.1, 0.4, 0.2, 0.6]), AFTER: np.array([0.02, 0.04, 0.03, 0.05])}
+    path = Path(tuple(circle[k : k + 11] for k in range(0, 40, 10)), "velocity", "m/s", errors)
+    return Flight(recording, True, 0.01, 201, 201, 0.5, tuple(signals), path)
 
 
 def _calibration() -> tuple[Calibration, ...]:
@@ -224,6 +249,7 @@ def named() -> Diagnosis:
             ),
             notes=NOTES,
             savings=SAVINGS,
+            flights=tuple(map(_flight, HELD_OUT)),
         ),
         EQUATIONS,
         CONSTANTS,

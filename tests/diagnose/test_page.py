@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import samples
 
+from bench.diagnose.flight import RUNS
 from bench.diagnose.report import page, words
 from bench.diagnose.result import LINES, VERDICTS
 
@@ -41,7 +42,7 @@ def hostile(value: Any, evil: str) -> Any:
         return {hostile(k, evil): hostile(v, evil) for k, v in value.items()}
     if isinstance(value, tuple):
         return tuple(hostile(v, evil) for v in value)
-    return value + evil if isinstance(value, str) and value not in (*LINES, *VERDICTS) else value
+    return value + evil if isinstance(value, str) and value not in (*LINES, *RUNS, *VERDICTS) else value
 
 
 @lru_cache
@@ -54,7 +55,8 @@ def test_page_says_the_verdict_and_needs_nothing_from_outside(verdict: str) -> N
     diagnosis, source = samples.ALL[verdict](), rendered(verdict)
     parsed = Parsed(source)
     assert words.headline(diagnosis) in parsed.text and words.explanation(diagnosis) in parsed.text
-    assert not {"script", "link", "iframe", "object", "embed", "base"} & set(parsed.tags)
+    assert not {"link", "iframe", "object", "embed", "base"} & set(parsed.tags)
+    assert parsed.tags.count("script") == (1 if diagnosis.evidence.flights else 0)
     addresses = [v for n, v in parsed.attributes if n in ("href", "src", "xlink:href", "action", "srcset", "data")]
     assert all(a.startswith(("#", "data:image/png;base64,")) for a in addresses)
     assert all(u.startswith("#") for u in re.findall(r"url\(['\"]?([^)]*)", source)) and "@import" not in source
@@ -74,7 +76,8 @@ def test_markup_in_names_stays_text(verdict: str) -> None:
     diagnosis = samples.ALL[verdict]()
     evil = '<script>alert(1)</script>" onmouseover="alert(2)"$\\frac{'
     parsed = Parsed(page.render(hostile(diagnosis, evil)))
-    assert "script" not in parsed.tags and not [n for n, _ in parsed.attributes if n.startswith("on")]
+    assert parsed.tags.count("script") == (1 if diagnosis.evidence.flights else 0)
+    assert not [n for n, _ in parsed.attributes if n.startswith("on")]
     assert diagnosis.dataset + evil in parsed.text
     if diagnosis.evidence.windows:
         assert "alert(1)</script>" in " ".join(p for p in parsed.pieces if p.startswith("x<script>"))  # in a drawing
@@ -100,25 +103,30 @@ def test_named_page_shows_every_part_with_the_units_of_a_reader() -> None:
         assert said in parsed.text, said
 
 
-def test_every_equation_is_shown_by_itself_with_what_each_effect_saves_in_it() -> None:
+def test_forces_and_torques_are_shown_apart_each_with_what_each_effect_saves_in_it() -> None:
     d = samples.named()
     source = rendered("named")
-    start = source.index("With everything else as measured")
-    shown = Parsed(source[start : source.index('id="effect-by-effect"')]).text
-    assert source.index('id="equation-by-equation"') < start
+    assert source.index('id="equation-by-equation"') < source.index("With everything else as measured")
+    start, middle, end = (source.index(s) for s in ("<h3>Forces", "<h3>Torques", 'id="effect-by-effect"'))
+    forces, torques = Parsed(source[start:middle]).text, Parsed(source[middle:end]).text
     for said in (
-        "forces velocity after 0.5 s",
-        "torques body rates after 0.5 s",
+        "velocity 0.320 → 0.0340 m/s",
+        "Named here: rotor drag.",
+        "the measured signals would predict 6 % more",
         "best predictor",
+        "rotor drag 93 % 89 % to 97 %",
+        "rotor reaction torque – too little to explain",
+    ):
+        assert said in forces, said
+    for said in (
+        "body rates after 0.5 s",
+        "Named here: rotor reaction torque.",
         "RMSE [deg/s]",
         "2.69",  # 0.047 rad/s, best predictor of the torques
-        "0.0340",
-        "rotor drag forces 93 % 89 % to 97 %",
-        "rotor drag torques 1 % −2 % to 5 %",
-        "rotor reaction torque forces – too little to explain",
-        "rotor reaction torque torques 84 % 71 % to 96 %",
+        "rotor drag 1 % −2 % to 5 %",
+        "rotor reaction torque 84 % 71 % to 96 %",
     ):
-        assert said in shown, said
+        assert said in torques, said
     without = Parsed(page.render(dataclasses.replace(d, by_equation={}))).text
     assert "Equation by equation" not in without
     left = dataclasses.replace(d, verdict="nothing", effects=())
@@ -144,6 +152,17 @@ def test_a_set_that_was_given_up_is_not_called_taken() -> None:
 def test_each_verdict_shows_what_it_has_and_no_more(verdict: str, said: list[str], not_said: list[str]) -> None:
     text = Parsed(rendered(verdict)).text
     assert all(s in text for s in said) and not any(s in text for s in not_said)
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("k_d = -2.8e-08 kg m^2, d = 0.15 1; e = 3e+07 N", "k_d = −2.8×10⁻⁸ kg m², d = 0.15; e = 3×10⁷ N"),
+        ("bench 1 of 2, v^-1", "bench 1 of 2, v⁻¹"),
+    ],
+)
+def test_numbers_and_units_are_typeset(text: str, shown: str) -> None:
+    assert words.typeset(text) == shown
 
 
 def test_a_model_that_ran_away_is_called_diverged() -> None:

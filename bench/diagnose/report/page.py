@@ -6,6 +6,7 @@ from pathlib import Path
 
 from bench.diagnose.report import page_parts as parts
 from bench.diagnose.report import words
+from bench.diagnose.report.page_flights import script
 from bench.diagnose.report.page_sections import SECTIONS
 from bench.diagnose.result import Diagnosis, NamedEffect, write_text
 from bench.reporting.page import document
@@ -29,7 +30,7 @@ def write(path: Path, diagnosis: Diagnosis) -> None:
 
 
 def render(diagnosis: Diagnosis) -> str:
-    """The page as text. Everything that comes from data is escaped; there is no script and no external address."""
+    """The page as text. All that comes from data is escaped; there is no external address and one script of our own."""
     order = list(SECTIONS)
     if diagnosis.verdict == "data_problem":
         order.sort(key=lambda title: title != "The data")
@@ -41,6 +42,7 @@ def render(diagnosis: Diagnosis) -> str:
         "Intervals are 95 % and RMSE is the root mean square error of free runs on held-out recordings, unless said "
         "otherwise.",
         Path(__file__).with_name("page.css"),
+        script() if diagnosis.evidence.flights else "",
     )
 
 
@@ -54,10 +56,18 @@ def _head(d: Diagnosis) -> str:
         f'<header class="{d.verdict}"><p class="over"><span class="badge">{_BADGES[d.verdict]}</span>'
         f"<span><b>{escape(d.dataset)}</b></span><span>{escape(words.named(d.system))}</span>{over}</p>"
         f"<h1>{escape(words.headline(d))}</h1>"
-        f'<p class="lead">{escape(words.explanation(d))}</p>'
+        f"{_sentences(d)}"
         + (f'<div class="falls">{falls}</div>' if falls else "")
         + (f'<div class="cards">{cards}</div>' if cards else "")
         + "</header>"
+    )
+
+
+def _sentences(d: Diagnosis) -> str:
+    """What was found stands first and large, what is left of it and of the constants below."""
+    kinds = ["lead", "quiet", "quiet"]
+    return "".join(
+        f'<p class="{kind}">{escape(said)}</p>' for kind, said in zip(kinds, words.sentences(d), strict=False)
     )
 
 

@@ -8,6 +8,7 @@ from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import page_parts as parts
 from bench.diagnose.report import words
 from bench.diagnose.report.page_equations import equation_by_equation
+from bench.diagnose.report.page_flights import over_time
 from bench.diagnose.result import LINES, Candidate, Diagnosis
 from bench.reporting import page
 
@@ -126,17 +127,17 @@ def _ranking(d: Diagnosis) -> str:
         title = title.partition(": ")[2].capitalize() if len(rounds) == 1 else title
         rows = [_candidate(c, end) for c in candidates]
         table = page.table(["effect", "explains", "", "fitted", "why not"], rows, (1,), "rank")
-        body += f"<h3>{escape(title)}</h3>{table}"
+        body += f"<details{' open' if i == 1 else ''}><summary>{escape(title)}</summary>{table}</details>"
     return body
 
 
 def _candidate(c: Candidate, end: str) -> str:
     bar = figures.interval_bar(c.gain, c.low, c.high, taken=not c.why)
-    why = escape(c.why or end)
+    why = escape(words.typeset(c.why or end))
     return (
         f"<tr{'' if c.why else ' class=taken'}><td>{escape(words.named(c.id))}</td>"
         f'<td class="number" data-label="explains">{words.percent(c.gain)}</td><td data-label="">{bar}</td>'
-        f'<td data-label="fitted">{escape(c.parameters)}</td><td data-label="">{why}</td></tr>'
+        f'<td data-label="fitted">{escape(words.typeset(c.parameters))}</td><td data-label="">{why}</td></tr>'
     )
 
 
@@ -247,16 +248,17 @@ def _method(d: Diagnosis) -> str:
 
 
 SECTIONS: dict[str, Callable[[Diagnosis], str]] = {
+    "What cannot be told apart": _ties,
+    "Measured and predicted": over_time,
     "Equation by equation": equation_by_equation,
     "Effect by effect": _waterfall,
     "Error against horizon": _curves,
     "Where the error is": _where,
-    "Candidates": _ranking,
-    "What cannot be told apart": _ties,
-    "The data": _data_problems,
-    "What is left": _left,
     "Worst moments": _windows,
+    "What is left": _left,
     "Constants": _calibration,
+    "Candidates": _ranking,
+    "The data": _data_problems,
     "How it was done": _method,
 }
 """By title, in the order of the page; a section that has nothing to say is empty."""

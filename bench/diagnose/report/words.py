@@ -17,6 +17,8 @@ LITTLE = 0.02
 """Share of the squared error above the floor below which a reader need not know what it follows."""
 OFF = 2.0
 """Stated uncertainties beyond which a calibrated constant is marked."""
+SLIGHTLY = 0.1
+"""Stated uncertainties below which nobody is told that a constant moved, however sure it is."""
 MENTIONED = 2
 """Constants, and ratios of them, that are said to be off; the page has them all."""
 
@@ -79,6 +81,15 @@ def estimate_parts(name: str, p: ParameterEstimate) -> tuple[str, str, str, str]
         # Two digits of half the interval at the most, one at the least.
         digits = min(6, max(2, math.floor(math.log10(largest)) - math.floor(math.log10(half) + 0.02) + 2))
     return number(p.value * factor, digits), number(p.low * factor, digits), number(p.high * factor, digits), unit
+
+
+def typeset(text: str) -> str:
+    """Numbers and units as they are printed: "2.8e-08 kg m^2" becomes "2.8×10⁻⁸ kg m²", "0.15 1" has no unit."""
+    text = re.sub(
+        r"(\d)e([+-]?)0*(\d+)\b", lambda m: f"{m[1]}×10{(m[2].strip('+') + m[3]).translate(_SUPERSCRIPT)}", text
+    )
+    text = re.sub(r"\^(-?\d+)", lambda m: m[1].translate(_SUPERSCRIPT), text)
+    return re.sub(r"(?<=[=,] )-(?=\d)", "−", re.sub(r"(?<=\d) 1(?=[,;]|$)", "", text))
 
 
 def about(effect: str) -> tuple[str, str]:
@@ -191,38 +202,41 @@ def _count(items: Sequence[str]) -> str:
 
 
 def explanation(diagnosis: Diagnosis) -> str:
-    """The sentences that follow the headline."""
-    sentences: list[str] = []
+    """What follows the headline."""
+    return " ".join(sentences(diagnosis))
+
+
+def sentences(diagnosis: Diagnosis) -> list[str]:
+    """What follows the headline: what was found, then what is left, then what became of the stated constants."""
+    found: list[str] = []
     shares = [e.share_explained for e in diagnosis.effects]
     if diagnosis.verdict == "data_problem":
         count = len(diagnosis.data_problems)
         more = f"{count} problems were found" if count > 1 else "One problem was found"
-        return f"{more}; no effect was looked for, because a damaged signal looks like missing physics."
+        return [f"{more}; no effect was looked for, because a damaged signal looks like missing physics."]
     if diagnosis.verdict == "nothing":
-        sentences.append(
+        found.append(
             "The error on held-out recordings is at the noise floor, or does not repeat from one recording to the next."
         )
     if diagnosis.verdict == "named":
         each = "It explains" if len(shares) == 1 else "Together they explain"
         before = diagnosis.evidence.calibrated
         constants = f", the constants calibrated before them {percent(before)}" if before >= LITTLE else ""
-        sentences.append(f"{each} {percent(sum(shares))} of the squared error above the noise floor{constants}.")
+        found.append(f"{each} {percent(sum(shares))} of the squared error above the noise floor{constants}.")
         if tied := ties(diagnosis):
             more = "One more is" if len(tied) == 1 else f"{_count(tied).capitalize()} more are"
-            sentences.append(f"{more} there that these recordings cannot name: {'; '.join(tied)}.")
+            found.append(f"{more} there that these recordings cannot name: {'; '.join(tied)}.")
     if diagnosis.verdict == "tie":
         alone = f"Any of them explains about {percent(max(shares))}"
         several = f"One of each, together, explain about {percent(sum(shares))}"
-        sentences.append(f"{alone if len(shares) == 1 else several} of the squared error above the noise floor.")
-        sentences += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
+        found.append(f"{alone if len(shares) == 1 else several} of the squared error above the noise floor.")
+        found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
     if diagnosis.verdict == "unknown_effect":
         share = diagnosis.unexplained.share
         size = f"It makes {percent(share)} of the squared error above the noise floor, and n" if share > 0 else "N"
-        sentences.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
-    else:
-        sentences.append(remainder(diagnosis))
-    sentences.append(miscalibrated(diagnosis))
-    return " ".join(filter(None, sentences))
+        found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
+    left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
+    return [*filter(None, (" ".join(found), left, miscalibrated(diagnosis)))]
 
 
 def remainder(diagnosis: Diagnosis) -> str:
@@ -239,7 +253,7 @@ def remainder(diagnosis: Diagnosis) -> str:
 
 def miscalibrated(diagnosis: Diagnosis) -> str:
     """A sentence about base constants whose intervals exclude what was stated, and ratios of them that do."""
-    moved = [c for c in diagnosis.evidence.calibration if c.moved]
+    moved = [c for c in diagnosis.evidence.calibration if c.moved and abs(c.sigma) >= SLIGHTLY]
     alone, ratios = ([c for c in moved if (" / " in c.constant) is both] for both in (False, True))
     if not moved:
         return ""

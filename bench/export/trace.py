@@ -1,0 +1,280 @@
+"""The equations of a physics model as a `Program`: its torch operations are recorded, then done on single numbers."""
+
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.fx.experimental.proxy_tensor import make_fx
+
+from bench.export.program import Node, Program, Value
+from registry.errors import BenchError
+
+Array = Any
+"""A numpy array of `Value`, of any shape."""
+
+
+@dataclass(frozen=True)
+class Traced:
+    """A function of named vectors, each of a known size, that gives one vector."""
+
+    arguments: dict[str, int]
+    program: Program
+    outputs: tuple[Value, ...]
+
+
+def traced(function: Callable[..., Tensor], arguments: Mapping[str, int]) -> Traced:
+    """Record what ``function`` does.
+
+    Args:
+        function: of one float64 vector (n,) an argument, gives a vector; it may not branch on their values.
+        arguments: name → n, in order.
+
+    Raises:
+        BenchError: it branches on values, or does something that `_ACTIONS` does not hold.
+    """
+    generator = torch.Generator().manual_seed(0)
+    examples = [0.5 + torch.rand(n, generator=generator, dtype=torch.float64) for n in arguments.values()]
+    try:
+        graph = make_fx(lambda *given: function(*given))(*examples)
+    except RuntimeError as error:
+        raise BenchError(f"The model cannot be written down: {str(error).splitlines()[0]}") from error
+    program = Program()
+    player = _Player(program, {name: getattr(graph, name) for name in _attributes(graph)})
+    given = iter([_array(program.given(name, n), (n,)) for name, n in arguments.items()])
+    done: dict[Any, Any] = {}
+    for node in graph.graph.nodes:
+        if node.op == "placeholder":
+            done[node] = next(given)
+        elif node.op == "get_attr":
+            done[node] = player.constant(node.target)
+        elif node.op == "output":
+            result = torch.fx.node.map_arg(node.args[0], done.__getitem__)
+            return Traced(dict(arguments), program, tuple(result.reshape(-1).tolist()))
+        else:
+            args = torch.fx.node.map_arg(node.args, done.__getitem__)
+            kwargs = torch.fx.node.map_arg(node.kwargs, done.__getitem__)
+            done[node] = player.play(node.target, args, kwargs)
+    raise AssertionError("a graph ends with its output")
+
+
+def _attributes(graph: Any) -> list[str]:
+    return [node.target for node in graph.graph.nodes if node.op == "get_attr"]
+
+
+def _array(values: Sequence[Value], shape: Sequence[int]) -> Array:
+    out = np.empty(len(values), dtype=object)
+    out[:] = values
+    return out.reshape(shape)
+
+
+@dataclass
+class _Player:
+    """Does recorded operations on arrays of values."""
+
+    program: Program
+    constants: dict[str, Any]
+    _made: dict[str, Array] = field(default_factory=dict)
+
+    def constant(self, name: str) -> Array:
+        if name not in self._made:
+            value = self.constants[name].detach().cpu().to(torch.float64)
+            self._made[name] = _array(value.reshape(-1).tolist(), tuple(value.shape))
+        return self._made[name]
+
+    def play(self, target: Any, args: Any, kwargs: Any) -> Any:
+        if target is operator.getitem:
+            return args[0][args[1]]
+        name = target.__name__.partition(".")[0] if hasattr(target, "__name__") else str(target)
+        name = name.removesuffix("_") if name != "copy_" else name
+        if name in _ELEMENTWISE:
+            return self.each(_ELEMENTWISE[name], *args)
+        if name not in _ACTIONS:
+            raise BenchError(
+                f"The model uses {name!r} of torch, which export cannot write down; say it with operations such as "
+                "sums, products, where and clamp."
+            )
+        return _ACTIONS[name](self, *args, **kwargs)
+
+    def each(self, operation: str, *arguments: Any) -> Array:
+        """An operation on every entry, with broadcasting."""
+        arrays = np.broadcast_arrays(*map(_as_array, arguments))
+        flat = [
+            self.program(operation, *values) for values in zip(*(a.reshape(-1).tolist() for a in arrays), strict=True)
+        ]
+        return _array(flat, arrays[0].shape)
+
+
+def _as_array(x: Any) -> Array:
+    return x if isinstance(x, np.ndarray) else _array([float(x)], ())
+
+
+# ------------------------------------------------------------------------------------------- torch's operations
+
+_ELEMENTWISE = {
+    "mul": "multiply",
+    "div": "divide",
+    "neg": "negative",
+    "sqrt": "sqrt",
+    "exp": "exp",
+    "log": "log",
+    "sin": "sin",
+    "cos": "cos",
+    "tanh": "tanh",
+    "atan2": "arctan2",
+    "abs": "abs",
+    "sign": "sign",
+    "floor": "floor",
+    "maximum": "maximum",
+    "minimum": "minimum",
+    "where": "where",
+    "gt": "greater",
+    "ge": "greater_equal",
+}
+
+
+def _add(p: _Player, a: Any, b: Any, alpha: float = 1) -> Array:
+    return p.each("add", a, b if alpha == 1 else p.each("multiply", float(alpha), b))
+
+
+def _sub(p: _Player, a: Any, b: Any, alpha: float = 1) -> Array:
+    return p.each("subtract", a, b if alpha == 1 else p.each("multiply", float(alpha), b))
+
+
+def _pow(p: _Player, a: Any, exponent: Any) -> Array:
+    if exponent == 2:
+        return p.each("multiply", a, a)
+    if exponent == 3:
+        return p.each("multiply", p.each("multiply", a, a), a)
+    return p.each("sqrt", a) if exponent == 0.5 else p.each("power", a, exponent)
+
+
+def _clamp(p: _Player, a: Any, low: Any = None, high: Any = None, **other: Any) -> Array:
+    low, high = other.get("min", low), other.get("max", high)
+    a = a if low is None else p.each("maximum", a, low)
+    return a if high is None else p.each("minimum", a, high)
+
+
+def _sum(p: _Player, a: Array, dims: Sequence[int] | None = None, keepdim: bool = False, **_: Any) -> Array:
+    axes = sorted(range(a.ndim) if not dims else (d % a.ndim for d in dims), reverse=True)
+    for axis in axes:
+        parts = [np.take(a, [i], axis=axis) for i in range(a.shape[axis])]
+        a = parts[0] if parts else np.zeros_like(a)
+        for part in parts[1:]:
+            a = p.each("add", a, part)
+        a = a if keepdim else np.squeeze(a, axis=axis)
+    return a
+
+
+def _norm(p: _Player, a: Array, order: float = 2, dims: Any = None, keepdim: bool = False, **_: Any) -> Array:
+    if order != 2:
+        raise BenchError(f"The model uses a norm of order {order}, which export cannot write down; use 2.")
+    return p.each("sqrt", _sum(p, p.each("multiply", a, a), dims, keepdim))
+
+
+def _select(p: _Player, a: Array, dim: int, i: int) -> Array:
+    return a[(slice(None),) * (dim % a.ndim) + (i, ...)]
+
+
+def _slice(p: _Player, a: Array, dim: int = 0, start: Any = None, end: Any = None, step: int = 1) -> Array:
+    return a[(slice(None),) * (dim % a.ndim) + (slice(start, end, step), ...)]
+
+
+def _split(p: _Player, a: Array, sizes: Any, dim: int = 0) -> list[Array]:
+    length = a.shape[dim]
+    sizes = [sizes] * math.ceil(length / sizes) if isinstance(sizes, int) else list(sizes)
+    edges = np.cumsum([0, *sizes]).clip(max=length)
+    return [_slice(p, a, dim, int(i), int(j)) for i, j in pairwise(edges)]
+
+
+def _view(p: _Player, a: Array, shape: Sequence[int]) -> Array:
+    return a.reshape(tuple(shape))
+
+
+def _expand(p: _Player, a: Array, shape: Sequence[int], **_: Any) -> Array:
+    own = (1,) * (len(shape) - a.ndim) + a.shape
+    return np.broadcast_to(a, [o if s == -1 else s for s, o in zip(shape, own, strict=True)])
+
+
+def _copy_into(p: _Player, into: Array, source: Any, *_: Any) -> Array:
+    into[...] = _as_array(source)
+    return into
+
+
+def _filled(value: float) -> Callable[..., Array]:
+    return lambda p, shape, *_, **__: _array([value] * math.prod(shape), tuple(shape))
+
+
+def _like(value: float) -> Callable[..., Array]:
+    return lambda p, a, *_, **__: _array([value] * a.size, a.shape)
+
+
+def _arange(p: _Player, *ends: float, **_: Any) -> Array:
+    return _array([float(v) for v in np.arange(*ends)], (len(np.arange(*ends)),))
+
+
+def _index(p: _Player, a: Array, at: Sequence[Any]) -> Array:
+    places = []
+    for i in at:
+        if i is not None and any(isinstance(v, Node) for v in i.reshape(-1)):
+            raise BenchError("The model looks values up at computed places, which export cannot write down.")
+        places.append(slice(None) if i is None else i.astype(float).astype(int))
+    return a[tuple(places)].copy()
+
+
+def _same(p: _Player, a: Array, *_: Any, **__: Any) -> Array:
+    return a
+
+
+_ACTIONS: dict[str, Callable[..., Any]] = {
+    "add": _add,
+    "sub": _sub,
+    "rsub": lambda p, a, b, alpha=1: _sub(p, b, a, alpha),
+    "reciprocal": lambda p, a: p.each("divide", 1.0, a),
+    "square": lambda p, a: p.each("multiply", a, a),
+    "pow": _pow,
+    "clamp": _clamp,
+    "clamp_min": _clamp,
+    "clamp_max": lambda p, a, high: _clamp(p, a, None, high),
+    "lt": lambda p, a, b: p.each("greater", b, a),
+    "le": lambda p, a, b: p.each("greater_equal", b, a),
+    "sum": _sum,
+    "linalg_vector_norm": _norm,
+    "select": _select,
+    "slice": _slice,
+    "split": _split,
+    "split_with_sizes": _split,
+    "unbind": lambda p, a, dim=0: [_select(p, a, dim, i) for i in range(a.shape[dim])],
+    "cat": lambda p, parts, dim=0: np.concatenate(parts, axis=dim),
+    "stack": lambda p, parts, dim=0: np.stack(parts, axis=dim),
+    "unsqueeze": lambda p, a, dim: np.expand_dims(a, dim),
+    "squeeze": lambda p, a, dim: np.squeeze(a, axis=dim if isinstance(dim, int) else tuple(dim)),
+    "view": _view,
+    "_unsafe_view": _view,
+    "reshape": _view,
+    "expand": _expand,
+    "repeat": lambda p, a, times: np.tile(a, times),
+    "permute": lambda p, a, dims: a.transpose(dims),
+    "transpose": lambda p, a, i, j: a.swapaxes(i, j),
+    "index": _index,
+    "copy_": _copy_into,
+    "alias": _same,
+    "detach": _same,
+    "_to_copy": lambda p, a, *_, **__: a.copy(),
+    "clone": lambda p, a, *_, **__: a.copy(),
+    "lift_fresh_copy": lambda p, a: a.copy(),
+    "zeros": _filled(0.0),
+    "ones": _filled(1.0),
+    "full": lambda p, shape, value, *_, **__: _array([float(value)] * math.prod(shape), tuple(shape)),
+    "new_zeros": lambda p, a, shape, *_, **__: _filled(0.0)(p, shape),
+    "new_ones": lambda p, a, shape, *_, **__: _filled(1.0)(p, shape),
+    "new_empty": lambda p, a, shape, *_, **__: _filled(0.0)(p, shape),
+    "zeros_like": _like(0.0),
+    "ones_like": _like(1.0),
+    "arange": _arange,
+}
