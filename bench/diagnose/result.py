@@ -60,6 +60,46 @@ class ParameterEstimate:
 
 
 @dataclass(frozen=True)
+class LearnedShape:
+    """A term that no catalogue has: f of one signal, times another one if there are two."""
+
+    axis: str
+    """Along which it acts, such as "world_force_x" or "speed.q" (then it is a rate of change)."""
+    signals: tuple[str, ...]
+    shape: str
+    """A formula of `registry.terms.shapes`, or "spline"."""
+    formula: str
+    """As text, such as "k x"."""
+    described: str
+    """All of it in a line, such as "world force x = f(position x), linear, k = −0.31 N/m (−0.32 to −0.30)"."""
+
+    @property
+    def name(self) -> str:
+        """As `bench extend --add` takes it."""
+        return f"{self.axis} ~ {' * '.join(self.signals) or '1'}"
+
+
+@dataclass(frozen=True)
+class LearnedCurve:
+    """The shape of a learned term over the data that it was learned from, SI."""
+
+    x_signal: str
+    x_unit: str
+    y_quantity: str
+    y_unit: str
+    title: str
+    x: tuple[float, ...]
+    """Where the curve is given."""
+    y: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    """95 % band."""
+    dots_x: tuple[float, ...]
+    dots_y: tuple[float, ...]
+    """What is left of the measurements without the term, as means over short windows."""
+
+
+@dataclass(frozen=True)
 class NamedEffect:
     """An effect in the extended model, in the order in which effects were added."""
 
@@ -75,6 +115,25 @@ class NamedEffect:
     """A sentence: the manoeuvre that would separate them."""
     acts_on: str = ""
     """The equation in which it saves most; empty: no equation was judged by itself."""
+    learned: bool = False
+    """Whether it is in no catalogue and was learned from what the catalogue leaves."""
+    term: "LearnedShape | None" = None
+    """Of a learned one: where it acts, what it follows and how."""
+
+    @property
+    def name(self) -> str:
+        """The id, or of a learned term "world_force_x ~ position.x"."""
+        return self.id if self.term is None else self.term.name
+
+    @property
+    def key(self) -> str:
+        """As a name that any tracker takes."""
+        return self.id if self.term is None else ".".join((self.id, self.term.axis, *self.term.signals))
+
+    @property
+    def described(self) -> str:
+        """A learned term in a line."""
+        return "" if self.term is None else self.term.described
 
 
 @dataclass(frozen=True)
@@ -256,6 +315,8 @@ class Evidence:
     """A symbolic form of what is left, offered as a hypothesis."""
     notes: tuple[str, ...] = ()
     """Sentences: what was estimated, what was assumed, what the data cannot show."""
+    learned: tuple[LearnedCurve, ...] = ()
+    """The shapes of learned terms."""
     savings: dict[str, tuple[EffectSaving, ...]] = field(default_factory=dict)
     """By the id of a named effect, what it saves in every equation."""
 

@@ -34,12 +34,20 @@ def write(path: Path, model: PhysicsModel, effects: Sequence[NamedEffect] = ()) 
     lines = [_HEAD, f"system = {toml_text(type(model).system_name())}"]
     lines += [f"{f.name} = {toml_text(getattr(model, f.name))}" for f in options(type(model), changed=model)]
     lines += ["", "[physics]", *_table(path, model.parameters(), {})]
-    known = {e.id: e for e in effects}
+    known = {e.id: e for e in effects if not e.learned}
+    terms = [e for e in effects if e.learned]  # the last of the model's, in order
+    at = len(terms) - sum(e.learned for e in model.effects)
     for effect in model.effects:
         name = EFFECTS.name_of(type(effect))
-        lines += ["", f"[[effects]]  # {_plain(EFFECTS.summary(name))}", f"# {_plain(effect.equation)}"]
-        lines += [f"id = {toml_text(name)}"]
-        lines += _table(path, effect.parameters(), known[name].parameters if name in known else {})
+        said, lines_of, parameters = _plain(effect.equation), [f"id = {toml_text(name)}"], {}
+        if effect.learned:
+            lines_of += [f"{key} = {toml_text(value)}" for key, value in effect.options().items()]
+            said = _plain(terms[at].described) if at >= 0 else said
+            at += 1
+        elif name in known:
+            parameters = known[name].parameters
+        lines += ["", f"[[effects]]  # {_plain(EFFECTS.summary(name))}", f"# {said}", *lines_of]
+        lines += _table(path, effect.parameters(), parameters)
     write_text(path, "\n".join(lines) + "\n")
 
 

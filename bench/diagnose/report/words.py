@@ -171,12 +171,18 @@ def headline(diagnosis: Diagnosis) -> str:
         if len(tied) > 1:
             return f"The model lacks {_count(tied)} effects that these recordings cannot name: {'; '.join(tied)}."
         return f"The model lacks something, and these recordings cannot tell whether it is {tied[0]}."
+    if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
+        return f"The model lacks what is not in the catalogue; described as: {'; '.join(_terms(diagnosis))}."
     if diagnosis.verdict == "unknown_effect":
         left = diagnosis.unexplained
         acts = f"acts on {listed(map(named, left.axes))}" if left.axes else "moves the system"
         follows = f" and follows {listed(map(named, left.follows))}" if left.follows else ""
         return f"Something systematic that is not in the catalogue {acts}{follows}."
     return "No effect of the catalogue is missing as far as these recordings can show."
+
+
+def _terms(diagnosis: Diagnosis) -> list[str]:
+    return [e.described for e in diagnosis.effects if e.learned]
 
 
 def ties(diagnosis: Diagnosis) -> list[str]:
@@ -204,8 +210,7 @@ def explanation(diagnosis: Diagnosis) -> str:
         )
     if diagnosis.verdict == "named":
         each = "It explains" if len(shares) == 1 else "Together they explain"
-        before = diagnosis.evidence.calibrated
-        constants = f", the constants calibrated before them {percent(before)}" if before >= LITTLE else ""
+        constants = _constants_first(diagnosis)
         sentences.append(f"{each} {percent(sum(shares))} of the squared error above the noise floor{constants}.")
         if tied := ties(diagnosis):
             more = "One more is" if len(tied) == 1 else f"{_count(tied).capitalize()} more are"
@@ -215,7 +220,13 @@ def explanation(diagnosis: Diagnosis) -> str:
         several = f"One of each, together, explain about {percent(sum(shares))}"
         sentences.append(f"{alone if len(shares) == 1 else several} of the squared error above the noise floor.")
         sentences += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
-    if diagnosis.verdict == "unknown_effect":
+    if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
+        each = "It explains" if len(shares) == 1 else "Together they explain"
+        sentences.append(
+            f"{each} {percent(sum(shares))} of the squared error above the noise floor{_constants_first(diagnosis)}, "
+            "on recordings that were not learned from."
+        )
+    elif diagnosis.verdict == "unknown_effect":
         share = diagnosis.unexplained.share
         size = f"It makes {percent(share)} of the squared error above the noise floor, and n" if share > 0 else "N"
         sentences.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
@@ -223,6 +234,12 @@ def explanation(diagnosis: Diagnosis) -> str:
         sentences.append(remainder(diagnosis))
     sentences.append(miscalibrated(diagnosis))
     return " ".join(filter(None, sentences))
+
+
+def _constants_first(diagnosis: Diagnosis) -> str:
+    """What the calibration of constants took before any effect, where that is worth a clause."""
+    before = diagnosis.evidence.calibrated
+    return f", the constants calibrated before them {percent(before)}" if before >= LITTLE else ""
 
 
 def remainder(diagnosis: Diagnosis) -> str:
@@ -268,7 +285,11 @@ def change(c: Calibration) -> str:
 def commands(diagnosis: Diagnosis) -> list[str]:
     """What to type to repeat the diagnosis, and to add its effects one by one."""
     source = shlex.quote(diagnosis.evidence.source or "DATA")
-    adds = [e.id for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from]
+    adds = [
+        shlex.quote(e.name)
+        for e in diagnosis.effects
+        if diagnosis.verdict == "named" or not e.indistinguishable_from
+    ]
     if diagnosis.verdict == "tie":
         adds = [i for e in diagnosis.effects[:1] for i in (e.id, *e.indistinguishable_from)]
     return [f"bench diagnose {source}", *(f"bench extend {source} --add {i}" for i in adds)]

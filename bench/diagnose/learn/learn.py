@@ -1,0 +1,152 @@
+"""Learn the terms that a model lacks and no catalogue has; each is accepted by recordings that were not fitted."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from bench.diagnose.learn.candidates import Pair, own_columns, pairs, paths, view_of, with_axes
+from bench.diagnose.learn.formulas import option_columns, options, simplest, span_of
+from bench.diagnose.learn.held_out import HeldOut
+from bench.diagnose.learn.splines import Spline, chosen, splines_of
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.materiality import Saving, Weighing
+from bench.diagnose.select.search import Search
+from bench.diagnose.simulate.unmeasured import hidden
+from registry.dynamics import PhysicsModel
+from registry.dynamics.model import RATE_OF
+from registry.effects.learned_term import LearnedTerm
+from registry.errors import BenchError
+from registry.terms.shapes import SPLINE
+
+LARGE = 0.3
+"""Share of what can be explained in an equation that a term saves where it is met in few places only, such as a wall."""
+ROUNDS = 2
+"""Times that every term's formula is chosen, beside those of the others."""
+
+
+def learn(
+    subject: Subject,
+    model: PhysicsModel,
+    noise: Noise | None = None,
+    tick: Callable[[str], None] = lambda what: None,
+    only: Pair | None = None,
+) -> tuple[LearnedTerm, ...]:
+    """The terms that ``model`` lacks, estimated in the weak form, as formulas where those are as good as a spline.
+
+    Args:
+        subject: measurements; terms are sought in the training recordings and weighed on those held out.
+        model: with the effects that it has, its constants calibrated.
+        noise: default `noise.noise_of`.
+        tick: called with what is being done.
+        only: the axis and signals of the one term that is asked for; it is not gated.
+
+    Raises:
+        BenchError: states that the terms would follow were not measured, or the signal asked for does not vary.
+    """
+    subject, noise = prepared(subject, noise, tick)
+    if hidden(subject.logs):
+        if only is None:
+            return ()
+        raise BenchError("A term cannot be learned here: not all states of the model were measured.")
+    tick("learned terms")
+    search = Search(subject, (), tick, noise)
+    base = len(model.effects)
+    with torch.no_grad():
+        look = search.look(with_axes(model), broad=False)
+        signals = [paths(model, s) for s in (search.stack, search.noisy) if s is not None]
+        offered = [only] if only is not None else _measured(subject, pairs(model))
+        made = [m for pair in offered if (m := splines_of(pair, signals, _of_pose(pair))) is not None]
+        if not made:
+            if only is None:
+                return ()
+            raise BenchError(f"{only.signals[0]} hardly varies in these recordings: nothing can follow it.")
+        view, places = view_of(search, look, base, [m.columns for m in made])
+        fits = HeldOut(view, own_columns(view, base))
+        if only is None:
+            splines = chosen(fits, made, places)
+        else:
+            splines = [Spline(only, made[0], fits.smoothed(places[0], made[0].roughness, ())[0])]
+        if not splines:
+            return ()
+        tick("formulas")
+        terms = _as_formulas(search, look, base, splines, signals)
+        return terms if only is not None else _worthy(subject, noise, model, terms)
+
+
+def _of_pose(pair: Pair) -> bool:
+    """Whether the first signal says where the system is."""
+    return pair.signals[0].partition(".")[0] in ("height", *RATE_OF)
+
+
+def _measured(subject: Subject, offered: Sequence[Pair]) -> list[Pair]:
+    """The pairs whose signals were measured, and whose axes move what was."""
+    model, measured = subject.model, [all(m) for m in zip(*(log.measured for log in subject.logs), strict=True)]
+    unseen = {c.name for c, seen in zip(model.state_channels, measured, strict=True) if not seen}
+    groups = {name.rpartition(".")[0] for name in unseen}
+    needs = {"height": "position", "airspeed": "velocity", "body_velocity": "velocity", "roll": "attitude"}
+    needs |= {"pitch": "attitude"}
+
+    def seen(pair: Pair) -> bool:
+        names = {s.partition(".")[0] for s in pair.signals}
+        return pair.axis not in unseen and not {needs.get(n, n) for n in names} & (groups | unseen)
+
+    return [p for p in offered if seen(p)]
+
+
+def _as_formulas(
+    search: Search, look: object, base: int, splines: Sequence[Spline], signals: Sequence[dict[str, np.ndarray]]
+) -> tuple[LearnedTerm, ...]:
+    """Every spline as the simplest formula that is not worse, or as it is."""
+    columns, some = [], []
+    for s in splines:
+        some.append(options(signals[0][s.pair.signals[0]]))
+        columns += [s.made.columns, option_columns(s.pair, some[-1], signals)]
+    view, places = view_of(search, look, base, columns)  # type: ignore[arg-type]
+    fits = HeldOut(view, own_columns(view, base))
+    blocks = [replace(s.block, places=places[2 * i]) for i, s in enumerate(splines)]
+    terms: list[LearnedTerm] = []
+    for _ in range(ROUNDS):
+        terms = []
+        for i, s in enumerate(splines):
+            beside = [b for j, b in enumerate(blocks) if j != i]
+            block, losses = fits.smoothed(places[2 * i], s.made.roughness, beside)
+            found = simplest(fits, some[i], places[2 * i + 1], losses, fits.losses(beside), beside)
+            span = span_of(signals[0][s.pair.signals[0]])
+            blocks[i] = block if found is None else found.block
+            if found is None:
+                values = tuple(map(float, s.made.turn @ fits.fit([*beside, block])[-1]))
+                terms.append(LearnedTerm(s.pair.axis, s.pair.signals, SPLINE, values, s.made.knots, span))
+                continue
+            follows = s.pair.signals if found.shape != "constant" else s.pair.signals[1:]
+            terms.append(LearnedTerm(s.pair.axis, follows, found.shape, found.values, (), span))
+    return tuple(terms)
+
+
+def _worthy(
+    subject: Subject, noise: Noise, model: PhysicsModel, terms: Sequence[LearnedTerm]
+) -> tuple[LearnedTerm, ...]:
+    """The terms that save enough, for sure, on held-out recordings; the least goes first."""
+    if not subject.held_out:
+        return tuple(terms)
+    weighing, kept = Weighing(subject, noise, model), list(terms)
+    while kept:
+        full = replace(model, effects=(*model.effects, *kept))
+        judged = weighing.errors(full)
+        savings = []
+        for i in range(len(kept)):
+            rest = replace(model, effects=(*model.effects, *(t for j, t in enumerate(kept) if j != i)))
+            savings.append(weighing.savings(rest, full, judged))
+        idle = [i for i, s in enumerate(savings) if not any(map(_worth, s)) or any(one.harms for one in s)]
+        if not idle:
+            break
+        kept.pop(min(idle, key=lambda i: max(one.share for one in savings[i])))
+    return tuple(kept)
+
+
+def _worth(saving: Saving) -> bool:
+    """Whether a term is worth it: large and sure, or so large that it need not be met in every block of a recording."""
+    return saving.worth or (saving.matters and saving.share >= LARGE)

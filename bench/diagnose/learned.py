@@ -1,0 +1,50 @@
+"""What a diagnosis does about an effect that no catalogue has: it is learned, added and fitted, and drawn."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from bench.diagnose.extend import Extension, extend
+from bench.diagnose.learn.curve import curve
+from bench.diagnose.learn.learn import learn
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.result import LearnedCurve
+from bench.diagnose.select.discovery import Discovery
+from bench.diagnose.select.materiality import Weighing
+from registry.dynamics import PhysicsModel
+
+
+def learned(
+    subject: Subject, model: PhysicsModel, noise: Noise, tick: Callable[[str], None], horizon_s: float | None
+) -> Extension | None:
+    """The model with the terms that held-out recordings confirm; None: there are none, or free runs do not gain.
+
+    Args:
+        subject: measurements, and the nominal model.
+        model: that model calibrated.
+        noise: of the measurements.
+        tick: called with what is being done.
+        horizon_s: longest horizon of the comparison [s].
+    """
+    terms = learn(subject, model, noise, tick)
+    if not terms:
+        return None
+    found = extend(subject, subject.model, terms, tick, noise, horizon_s=horizon_s)
+    # A share that is no number is one of nothing: there was no error to take.
+    return found if sum(e.share_explained for e in found.effects) > 0 else None
+
+
+def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extension) -> Discovery:
+    """What was learnt, with constants and errors of every equation as the model with learned terms has them."""
+    found = replace(found, constants=extension.constants, ratios=())
+    if not found.equations:
+        return found
+    return replace(found, equations=Weighing(subject, noise, found.calibrated).errors(extension.model))
+
+
+def curves(subject: Subject, noise: Noise, extension: Extension) -> tuple[LearnedCurve, ...]:
+    """The shapes of the terms that were learned, over the data."""
+    first = len(extension.model.effects) - len(extension.effects)
+    return tuple(
+        curve(subject, noise, extension.model, first + i, e) for i, e in enumerate(extension.effects) if e.learned
+    )
