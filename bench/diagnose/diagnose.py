@@ -124,8 +124,11 @@ def diagnose(
         # Free runs show what windows hardly do, such as a slow swing: the signals that are nearest to it are said.
         found = replace(found, traces=found.faint)
     axes = [g for g, ratio in _excess(after, floor).items() if ratio > HIGH]
-    extension = learned(subject, model, noise, tick, horizon_s) if verdict == "unknown_effect" else None
+    extension = None
+    if verdict == "unknown_effect" or (verdict == "nothing" and axes):
+        extension = learned(subject, model, noise, tick, horizon_s)
     if extension is not None:
+        verdict = "unknown_effect"  # what a search for effects took for nothing repeats, and can be learned
         model, comparison, numbers = extension.model, extension.comparison, extension.constants
         stages, effects, taken = extension.stages, extension.effects, extension.calibrated
         nominal, after, floor = (comparison.error(n) for n in ("nominal", "extended", "floor"))

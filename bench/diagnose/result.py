@@ -87,7 +87,6 @@ class LearnedCurve:
     x_unit: str
     y_quantity: str
     y_unit: str
-    title: str
     x: tuple[float, ...]
     """Where the curve is given."""
     y: tuple[float, ...]

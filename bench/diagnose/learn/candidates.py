@@ -68,6 +68,26 @@ def pairs(model: PhysicsModel) -> list[Pair]:
     ]
 
 
+def products(offered: Sequence[Pair], around: Sequence[Pair] | None = None) -> list[Pair]:
+    """A function of one signal times another one, along the same axis.
+
+    Args:
+        offered: what follows one signal alone.
+        around: only products with one of these signals along its axis; None: all.
+    """
+    out = []
+    for axis in dict.fromkeys(p.axis for p in offered):
+        names = [p.signals[0] for p in offered if p.axis == axis]
+        near = names if around is None else [p.signals[0] for p in around if p.axis == axis]
+        out += [
+            Pair(axis, (first, second))
+            for first in names
+            for second in names
+            if first != second and (first in near or second in near)
+        ]
+    return out
+
+
 def with_axes(model: PhysicsModel) -> PhysicsModel:
     """The model with a constant of zero along every axis: linearised, they are the directions of all terms."""
     constants = tuple(LearnedTerm(axis, (), "constant", (0.0,)) for axis in dynamic_axes(model))

@@ -53,7 +53,6 @@ def curve(subject: Subject, noise: Noise, model: PhysicsModel, place: int, effec
         units[term.signals[0]] if term.signals else "s",
         axis if len(term.signals) < 2 else f"{axis} over {term.signals[1]}",
         per,
-        effect.described,
         tuple(grid.tolist()),
         tuple(y.tolist()),
         tuple((y - band).tolist()),

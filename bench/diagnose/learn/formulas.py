@@ -16,7 +16,7 @@ SURELY = 2.0
 """Standard errors over recordings by which it must be worse to be so for sure."""
 WIDTHS = np.linspace(0.1, 0.9, 9)
 """Of the largest magnitude, or as quantiles: where a shape may bend."""
-WAVES = np.geomspace(0.4, 8.0, 14)
+WAVES = np.arange(0.4, 8.1, 0.35)
 """Periods of a wave within the span."""
 DECAYS = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)
 """Logarithm by which an exponential falls over the span."""

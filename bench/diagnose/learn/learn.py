@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from bench.diagnose.learn.candidates import Pair, own_columns, pairs, paths, view_of, with_axes
+from bench.diagnose.learn.candidates import Pair, own_columns, pairs, paths, products, view_of, with_axes
 from bench.diagnose.learn.formulas import option_columns, options, simplest, span_of
 from bench.diagnose.learn.held_out import HeldOut
 from bench.diagnose.learn.splines import Spline, chosen, splines_of
@@ -24,6 +24,8 @@ from registry.terms.shapes import SPLINE
 
 LARGE = 0.3
 """Share of what can be explained in an equation that a term saves where it is met in few places only, such as a wall."""
+FEW = 150
+"""Products of two signals that are all tried; of more, those with a signal that matters by itself."""
 ROUNDS = 2
 """Times that every term's formula is chosen, beside those of the others."""
 
@@ -59,17 +61,26 @@ def learn(
         look = search.look(with_axes(model), broad=False)
         signals = [paths(model, s) for s in (search.stack, search.noisy) if s is not None]
         offered = [only] if only is not None else _measured(subject, pairs(model))
-        made = [m for pair in offered if (m := splines_of(pair, signals, _of_pose(pair))) is not None]
-        if not made:
+        if only is None and len(offered) ** 2 <= FEW:
+            offered += products(offered)
+
+        def chosen_of(some: Sequence[Pair]) -> list[Spline]:
+            made = [m for pair in some if (m := splines_of(pair, signals, _of_pose(pair))) is not None]
+            if not made:
+                return []
+            view, places = view_of(search, look, base, [m.columns for m in made])
+            fits = HeldOut(view, own_columns(view, base))
             if only is None:
-                return ()
+                return chosen(fits, made, places)
+            return [Spline(only, made[0], fits.smoothed(places[0], made[0].roughness, ())[0])]
+
+        splines = chosen_of(offered)
+        if only is not None and not splines:
             raise BenchError(f"{only.signals[0]} hardly varies in these recordings: nothing can follow it.")
-        view, places = view_of(search, look, base, [m.columns for m in made])
-        fits = HeldOut(view, own_columns(view, base))
-        if only is None:
-            splines = chosen(fits, made, places)
-        else:
-            splines = [Spline(only, made[0], fits.smoothed(places[0], made[0].roughness, ())[0])]
+        if splines and only is None and len(offered) ** 2 > FEW:
+            found = [s.pair for s in splines]
+            alone = [p for p in offered if p.axis in {f.axis for f in found}]
+            splines = chosen_of([*alone, *products(alone, found)])
         if not splines:
             return ()
         tick("formulas")
@@ -115,15 +126,22 @@ def _as_formulas(
             beside = [b for j, b in enumerate(blocks) if j != i]
             block, losses = fits.smoothed(places[2 * i], s.made.roughness, beside)
             found = simplest(fits, some[i], places[2 * i + 1], losses, fits.losses(beside), beside)
-            span = span_of(signals[0][s.pair.signals[0]])
             blocks[i] = block if found is None else found.block
             if found is None:
                 values = tuple(map(float, s.made.turn @ fits.fit([*beside, block])[-1]))
+                span = span_of(signals[0][s.pair.signals[0]])
                 terms.append(LearnedTerm(s.pair.axis, s.pair.signals, SPLINE, values, s.made.knots, span))
                 continue
-            follows = s.pair.signals if found.shape != "constant" else s.pair.signals[1:]
-            terms.append(LearnedTerm(s.pair.axis, follows, found.shape, found.values, (), span))
+            terms.append(_term(s.pair, found.shape, found.values, signals[0]))
     return tuple(terms)
+
+
+def _term(pair: Pair, shape: str, values: tuple[float, ...], signals: dict[str, np.ndarray]) -> LearnedTerm:
+    """A formula of a pair; a constant follows no signal, and times a second one is linear in that."""
+    follows = pair.signals
+    if shape == "constant":
+        follows, shape = (pair.signals[1:], "linear") if len(pair.signals) > 1 else ((), shape)
+    return LearnedTerm(pair.axis, follows, shape, values, (), span_of(signals[(follows or pair.signals)[0]]))
 
 
 def _worthy(

@@ -92,18 +92,28 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
         used = {s.pair for s in taken}
         free = [i for i, m in enumerate(made) if len(places[i]) and m.columns.pair not in used]
         quick = {i: float(fits.losses([*beside, Block(places[i], made[i].roughness, 1e-3)]).sum()) for i in free}
-        best: tuple[float, int, Block, np.ndarray] | None = None
-        for i in sorted(quick, key=lambda j: quick[j])[:FIRST]:
+        found: dict[int, tuple[int, Block, np.ndarray]] = {}
+        ranked = sorted(quick, key=lambda j: quick[j])
+        sizes = [[i for i in ranked if len(made[i].columns.pair.signals) == n][:FIRST] for n in (1, 2)]
+        for i in sum(sizes, []):
             block, losses = fits.smoothed(places[i], made[i].roughness, beside)
-            if best is None or losses.sum() < best[0]:
-                best = float(losses.sum()), i, block, losses
-        if best is None:
+            size = len(made[i].columns.pair.signals)
+            if size not in found or losses.sum() < found[size][2].sum():
+                found[size] = i, block, losses
+        if not found:
             break
-        _, i, block, losses = best
-        gains = now - losses
-        least = max(GAIN * fits.rows, RELATIVE * float((before - now).sum()))
-        if gains.sum() < least or (gains > 0).mean() < AGREED:
+        i, block, losses = found[min(found)]
+        least = max(GAIN * fits.rows, RELATIVE * float((before - losses).sum()))
+        # A product of two signals must be better than a function of one, for it holds much of that.
+        if len(found) > 1 and _confirmed(losses - found[2][2], least):
+            i, block, losses = found[2]
+        if not _confirmed(now - losses, least):
             break
         taken.append(Spline(made[i].columns.pair, made[i], block))
         now = losses
     return taken
+
+
+def _confirmed(gains: np.ndarray, least: float) -> bool:
+    """Whether recordings gain enough together, and most of them something."""
+    return bool(gains.sum() >= least and (gains > 0).mean() >= AGREED)

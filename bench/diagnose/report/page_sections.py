@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from html import escape
 
+from bench.diagnose.report import learned_page
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import page_parts as parts
 from bench.diagnose.report import words
@@ -247,6 +248,7 @@ def _method(d: Diagnosis) -> str:
 
 
 SECTIONS: dict[str, Callable[[Diagnosis], str]] = {
+    "What was learned": learned_page.section,
     "Equation by equation": equation_by_equation,
     "Effect by effect": _waterfall,
     "Error against horizon": _curves,

@@ -172,7 +172,7 @@ def headline(diagnosis: Diagnosis) -> str:
             return f"The model lacks {_count(tied)} effects that these recordings cannot name: {'; '.join(tied)}."
         return f"The model lacks something, and these recordings cannot tell whether it is {tied[0]}."
     if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
-        return f"The model lacks what is not in the catalogue; described as: {'; '.join(_terms(diagnosis))}."
+        return f"What the model lacks is not in the catalogue; described as: {'; '.join(_terms(diagnosis))}."
     if diagnosis.verdict == "unknown_effect":
         left = diagnosis.unexplained
         acts = f"acts on {listed(map(named, left.axes))}" if left.axes else "moves the system"
