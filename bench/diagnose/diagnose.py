@@ -124,11 +124,13 @@ def diagnose(
         # Free runs show what windows hardly do, such as a slow swing: the signals that are nearest to it are said.
         found = replace(found, traces=found.faint)
     axes = [g for g, ratio in _excess(after, floor).items() if ratio > HIGH]
-    extension = None
-    if verdict == "unknown_effect" or (verdict == "nothing" and axes):
-        extension = learned(subject, model, noise, tick, horizon_s)
-    if extension is not None:
-        verdict = "unknown_effect"  # what a search for effects took for nothing repeats, and can be learned
+    more = None
+    if verdict == "unknown_effect" or axes:
+        more = learned(subject, model, noise, tick, horizon_s, [f for f in found.found if f.id in names])
+    if more is not None:
+        extension = more
+        # What a search for effects took for nothing repeats, and can be learned.
+        verdict = "unknown_effect" if verdict == "nothing" else verdict
         model, comparison, numbers = extension.model, extension.comparison, extension.constants
         stages, effects, taken = extension.stages, extension.effects, extension.calibrated
         nominal, after, floor = (comparison.error(n) for n in ("nominal", "extended", "floor"))
@@ -168,7 +170,7 @@ def diagnose(
                     *location.notes,
                     *_warnings(subject, found, checked.suspicions),
                 ),
-                () if brief or extension is None else curves(subject, noise, extension),
+                () if brief or more is None else curves(subject, noise, more),
                 effect_savings(found, effects),
             ),
             equation_results(found, subject.model, bool(effects)),

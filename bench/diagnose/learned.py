@@ -1,6 +1,6 @@
 """What a diagnosis does about an effect that no catalogue has: it is learned, added and fitted, and drawn."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from bench.diagnose.extend import Extension, extend
@@ -9,29 +9,36 @@ from bench.diagnose.learn.learn import learn
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import LearnedCurve
-from bench.diagnose.select.discovery import Discovery
+from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Weighing
 from registry.dynamics import PhysicsModel
 
 
 def learned(
-    subject: Subject, model: PhysicsModel, noise: Noise, tick: Callable[[str], None], horizon_s: float | None
+    subject: Subject,
+    model: PhysicsModel,
+    noise: Noise,
+    tick: Callable[[str], None],
+    horizon_s: float | None,
+    found: Sequence[Found] = (),
 ) -> Extension | None:
     """The model with the terms that held-out recordings confirm; None: there are none, or free runs do not gain.
 
     Args:
         subject: measurements, and the nominal model.
-        model: that model calibrated.
+        model: calibrated, with the effects of the catalogue that were found.
         noise: of the measurements.
         tick: called with what is being done.
         horizon_s: longest horizon of the comparison [s].
+        found: these effects; terms are added after them.
     """
     terms = learn(subject, model, noise, tick)
     if not terms:
         return None
-    found = extend(subject, subject.model, terms, tick, noise, horizon_s=horizon_s)
+    rivals, known = {f.id: f.rivals for f in found}, {f.id: f.effect for f in found}
+    done = extend(subject, subject.model, [*known, *terms], tick, noise, rivals, known, horizon_s)
     # A share that is no number is one of nothing: there was no error to take.
-    return found if sum(e.share_explained for e in found.effects) > 0 else None
+    return done if sum(e.share_explained for e in done.effects if e.learned) > 0 else None
 
 
 def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extension) -> Discovery:

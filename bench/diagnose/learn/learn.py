@@ -12,6 +12,7 @@ from bench.diagnose.learn.held_out import HeldOut
 from bench.diagnose.learn.splines import Spline, chosen, splines_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.select.choose import updated
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
 from bench.diagnose.select.search import Search
@@ -26,6 +27,8 @@ LARGE = 0.3
 """Share of what can be explained in an equation that a term saves where it is met in few places only, such as a wall."""
 FEW = 150
 """Products of two signals that are all tried; of more, those with a signal that matters by itself."""
+STEPS = 2
+"""Gauss–Newton steps to the numbers with which terms are weighed."""
 ROUNDS = 2
 """Times that every term's formula is chosen, beside those of the others."""
 
@@ -85,7 +88,7 @@ def learn(
             return ()
         tick("formulas")
         terms = _as_formulas(search, look, base, splines, signals)
-        return terms if only is not None else _worthy(subject, noise, model, terms)
+        return terms if only is not None else _worthy(subject, noise, search, model, terms)
 
 
 def _of_pose(pair: Pair) -> bool:
@@ -145,24 +148,33 @@ def _term(pair: Pair, shape: str, values: tuple[float, ...], signals: dict[str, 
 
 
 def _worthy(
-    subject: Subject, noise: Noise, model: PhysicsModel, terms: Sequence[LearnedTerm]
+    subject: Subject, noise: Noise, search: Search, model: PhysicsModel, terms: Sequence[LearnedTerm]
 ) -> tuple[LearnedTerm, ...]:
     """The terms that save enough, for sure, on held-out recordings; the least goes first."""
     if not subject.held_out:
         return tuple(terms)
     weighing, kept = Weighing(subject, noise, model), list(terms)
     while kept:
-        full = replace(model, effects=(*model.effects, *kept))
+        full = _refitted(search, replace(model, effects=(*model.effects, *kept)))
         judged = weighing.errors(full)
         savings = []
         for i in range(len(kept)):
-            rest = replace(model, effects=(*model.effects, *(t for j, t in enumerate(kept) if j != i)))
+            others = [t for j, t in enumerate(kept) if j != i]
+            rest = _refitted(search, replace(model, effects=(*model.effects, *others))) if others else model
             savings.append(weighing.savings(rest, full, judged))
         idle = [i for i, s in enumerate(savings) if not any(map(_worth, s)) or any(one.harms for one in s)]
         if not idle:
             break
         kept.pop(min(idle, key=lambda i: max(one.share for one in savings[i])))
     return tuple(kept)
+
+
+def _refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
+    """The model with all its numbers fitted together in the weak form: without a term they stood in for it."""
+    for _ in range(STEPS):
+        view = min(search.views(search.look(model, broad=False)), key=lambda v: v.subsets.fit().prior)
+        model = updated(view, view.subsets.fit())
+    return model
 
 
 def _worth(saving: Saving) -> bool:

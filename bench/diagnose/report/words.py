@@ -164,7 +164,7 @@ def headline(diagnosis: Diagnosis) -> str:
         what = f": {problem.kind} in {named(problem.signal)} of {problem.recording}" if problem else ""
         return f"The recordings must be mended before the model can be judged{what}."
     if diagnosis.verdict == "named":
-        sure = [named(e.id) for e in diagnosis.effects if not e.indistinguishable_from]
+        sure = [named(e.id) for e in diagnosis.effects if not e.indistinguishable_from and not e.learned]
         return f"The model lacks {listed(sure)}."
     if diagnosis.verdict == "tie":
         tied = ties(diagnosis)
@@ -199,7 +199,8 @@ def _count(items: Sequence[str]) -> str:
 def explanation(diagnosis: Diagnosis) -> str:
     """The sentences that follow the headline."""
     sentences: list[str] = []
-    shares = [e.share_explained for e in diagnosis.effects]
+    beside = diagnosis.verdict != "unknown_effect"
+    shares = [e.share_explained for e in diagnosis.effects if not (beside and e.learned)]
     if diagnosis.verdict == "data_problem":
         count = len(diagnosis.data_problems)
         more = f"{count} problems were found" if count > 1 else "One problem was found"
@@ -220,6 +221,12 @@ def explanation(diagnosis: Diagnosis) -> str:
         several = f"One of each, together, explain about {percent(sum(shares))}"
         sentences.append(f"{alone if len(shares) == 1 else several} of the squared error above the noise floor.")
         sentences += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
+    if beside and _terms(diagnosis):
+        gained = sum(e.share_explained for e in diagnosis.effects if e.learned)
+        sentences.append(
+            f"What is left is not in the catalogue; described as: {'; '.join(_terms(diagnosis))}, it makes another "
+            f"{percent(gained)}."
+        )
     if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
         each = "It explains" if len(shares) == 1 else "Together they explain"
         sentences.append(
