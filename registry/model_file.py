@@ -75,9 +75,7 @@ def _effect(path: Path, number: int, entry: dict[str, Any]) -> Effect:
     except BenchError as error:
         raise BenchError(f"{where}: {error}") from error
     given, named = {k: v for k, v in entry.items() if k != "id"}, f"{where} ({entry['id']})"
-    effect: Effect = kind.from_options(named, given) or kind(
-        **constants_of(named, kind.neutral().parameters(), given)
-    )
+    effect: Effect = kind.from_options(named, given) or kind(**constants_of(named, kind.neutral().parameters(), given))
     return effect
 
 

@@ -129,12 +129,12 @@ def diagnose(
         more = learned(subject, model, noise, tick, horizon_s, [f for f in found.found if f.id in names])
     if more is not None:
         extension = more
-        # What a search for effects took for nothing repeats, and can be learned.
-        verdict = "unknown_effect" if verdict == "nothing" else verdict
         model, comparison, numbers = extension.model, extension.comparison, extension.constants
         stages, effects, taken = extension.stages, extension.effects, extension.calibrated
         nominal, after, floor = (comparison.error(n) for n in ("nominal", "extended", "floor"))
         found = judged(subject, noise, found, extension)
+        # What a search for effects took for nothing repeats, and can be learned.
+        verdict = found.verdict if found.found else "unknown_effect"
     nowhere = Location((), (), (), float("nan"), {}, ())
     if not brief:
         tick("locate")

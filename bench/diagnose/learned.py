@@ -8,9 +8,10 @@ from bench.diagnose.learn.curve import curve
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.result import LearnedCurve
+from bench.diagnose.result import LearnedCurve, NamedEffect
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Weighing
+from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 
 
@@ -37,12 +38,27 @@ def learned(
         return None
     rivals, known = {f.id: f.rivals for f in found}, {f.id: f.effect for f in found}
     done = extend(subject, subject.model, [*known, *terms], tick, noise, rivals, known, horizon_s)
+    idle = {e.id for e in done.effects if not e.learned and _idle(e)}
+    if idle:  # they imitated what is learned now
+        kept = [n for n in known if n not in idle]
+        done = extend(subject, subject.model, [*kept, *terms], tick, noise, rivals, known, horizon_s)
     # A share that is no number is one of nothing: there was no error to take.
     return done if sum(e.share_explained for e in done.effects if e.learned) > 0 else None
 
 
+def _idle(effect: NamedEffect) -> bool:
+    """Whether every parameter may as well be the one that makes it no effect."""
+    neutral = {p.name: float(p.neutral) for p in EFFECTS.get(effect.id).neutral().parameters() if p.uncertainty > 0}
+    return all(p.low <= neutral[name] <= p.high for name, p in effect.parameters.items() if name in neutral)
+
+
 def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extension) -> Discovery:
-    """What was learnt, with constants and errors of every equation as the model with learned terms has them."""
+    """What was learnt, with effects, constants and errors of equations as the model with learned terms has them."""
+    there = {e.id for e in extension.effects}
+    gone = tuple(f.id for f in found.found if f.id not in there)
+    notes = tuple(f"{n} imitated what is described by a learned term, and is not named." for n in gone)
+    left = tuple(f for f in found.found if f.id in there)
+    found = replace(found, found=left, imitators=(*found.imitators, *gone), notes=(*found.notes, *notes))
     found = replace(found, constants=extension.constants, ratios=())
     if not found.equations:
         return found

@@ -1,6 +1,7 @@
 """A force, torque or rate that no effect of the catalogue describes, as data: axis, signals and shape."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import torch
@@ -20,7 +21,7 @@ MOST_KNOTS = 40
 @EFFECTS.register("learned_term")
 @dataclass(frozen=True)
 class LearnedTerm(LoadEffect, RateEffect):
-    """What was estimated from recordings and is in no catalogue: a function of one signal, or that times another."""
+    """What was learned from recordings and no catalogue has: a function of a signal, or that times another one."""
 
     axis: str = "world_force_x"
     """Along which it acts: see `registry.terms.signals.axes_of`."""
@@ -127,7 +128,7 @@ class LearnedTerm(LoadEffect, RateEffect):
             raise BenchError(f"{where}: only a spline has knots; {shape} has none.")
         if shape == shapes.SPLINE and not 3 <= len(knots) <= MOST_KNOTS:
             raise BenchError(f"{where}: a spline has from 3 to {MOST_KNOTS} knots, not {len(knots)}.")
-        if any(b <= a for a, b in zip(knots, knots[1:], strict=False)):
+        if any(b <= a for a, b in pairwise(knots)):
             raise BenchError(f"{where}: knots must ascend.")
         values = _numbers(where, "values", given.get("values"))
         wanted = len(knots) if shape == shapes.SPLINE else len(shapes.SHAPES[shape].parameters)

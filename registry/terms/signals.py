@@ -16,7 +16,6 @@ WORLD_FORCES = {f"world_force_{a}": (i, True) for i, a in enumerate("xyz")}
 TORQUES = {f"torque_{a}": i for i, a in enumerate("xyz")}
 
 
-
 def _component(of: Callable[[Motion], Tensor], place: int) -> Callable[[Motion], Tensor]:
     return lambda motion: of(motion)[..., place]
 

@@ -190,7 +190,7 @@ def test_what_cannot_be_asked_for_is_one_sentence(text: str, says: str) -> None:
 
 def test_it_is_no_member_of_the_catalogue() -> None:
     of = subject(lambda q, v: 0.0)
-    with pytest.raises(BenchError, match="--catalogue learned_term: it is learned .* --add learned"):
+    with pytest.raises(BenchError, match=r"--catalogue learned_term: it is learned .* --add learned"):
         check_catalogue(of, of.model, ["learned_term"])
     assert "learned_term" not in [name for name, _ in admissible(of, of.model, None)]
 

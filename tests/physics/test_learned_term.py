@@ -179,7 +179,9 @@ GOOD = {"axis": "force_z", "signals": ["height"], "shape": "linear", "values": [
 )
 def test_a_hostile_file_is_refused_with_a_sentence(changed: dict[str, object], says: str, tmp_path: Path) -> None:
     table = {**GOOD, **changed}
-    text = "\n".join(f"{k} = {json.dumps(v).replace('NaN', 'nan').replace('Infinity', 'inf')}" for k, v in table.items())
+    text = "\n".join(
+        f"{k} = {json.dumps(v).replace('NaN', 'nan').replace('Infinity', 'inf')}" for k, v in table.items()
+    )
     (tmp_path / "model.toml").write_text(f'system = "quadrotor"\n[[effects]]\nid = "learned_term"\n{text}\n')
     with pytest.raises(BenchError, match=says) as refused:
         model_file.read(tmp_path / "model.toml")

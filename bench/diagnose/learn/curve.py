@@ -40,7 +40,8 @@ def curve(subject: Subject, noise: Noise, model: PhysicsModel, place: int, effec
     search = Search(subject, (), lambda what: None, noise)
     with torch.no_grad():
         x, left = _left(search, model, place, term)
-        grid = np.linspace(*np.quantile(x, [INNER, 1 - INNER]), POINTS)
+        low, high = (float(np.quantile(x, q)) for q in (INNER, 1 - INNER))
+        grid = np.linspace(low, high, POINTS)
         view = search.views(search.look(model, broad=False))[0]
         half = _half_widths(view.subsets.covariance(view.subsets.fit()), view.linear.own, place, effect)
         y, band = _band(term, grid, half)
@@ -76,8 +77,10 @@ def _left(search: Search, model: PhysicsModel, place: int, term: LearnedTerm) ->
         stack.logs, search.hop, [search.smoothing_of(model.measured_channels[c]) for c in channels]
     )
     followed = paths(rest, stack)
-    first = followed[term.signals[0]] if term.signals else np.broadcast_to(
-        np.arange(rates.shape[1]) * stack.dt, rates.shape[:2]
+    first = (
+        followed[term.signals[0]]
+        if term.signals
+        else np.broadcast_to(np.arange(rates.shape[1]) * stack.dt, rates.shape[:2])
     )
     second = followed[term.signals[1]] if len(term.signals) > 1 else np.ones_like(first)
     xs, ys = [], []

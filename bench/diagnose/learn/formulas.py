@@ -103,7 +103,11 @@ def _functions(option: Option, x: torch.Tensor, span: Span) -> np.ndarray:
 
 
 def simplest(
-    fits: HeldOut, some: Sequence[Option], places: np.ndarray, spline: np.ndarray, without: np.ndarray,
+    fits: HeldOut,
+    some: Sequence[Option],
+    places: np.ndarray,
+    spline: np.ndarray,
+    without: np.ndarray,
     beside: Sequence[Block],
 ) -> Formula | None:
     """The shortest formula that is not worse than the best of all shapes; None: the spline is better than any.

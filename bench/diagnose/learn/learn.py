@@ -24,7 +24,7 @@ from registry.errors import BenchError
 from registry.terms.shapes import SPLINE
 
 LARGE = 0.3
-"""Share of what can be explained in an equation that a term saves where it is met in few places only, such as a wall."""
+"""Share of what can be explained in an equation that suffices where a term is met in few places, such as a wall."""
 FEW = 150
 """Products of two signals that are all tried; of more, those with a signal that matters by itself."""
 STEPS = 2

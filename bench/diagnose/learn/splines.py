@@ -53,11 +53,11 @@ class Made:
 def knots_of(x: np.ndarray, count: int) -> tuple[float, ...]:
     """Knots for a signal of any shape; fewer than three where it hardly varies."""
     flat = x[np.isfinite(x)]
-    ends = np.quantile(flat, [OUTER, 1 - OUTER])
+    low, high = (float(np.quantile(flat, q)) for q in (OUTER, 1 - OUTER))
     inner = np.quantile(flat, np.linspace(0, 1, count)[1:-1])
-    even = np.linspace(*ends, count)[1:-1]
+    even = np.linspace(low, high, count)[1:-1]
     # Half by how often a value is met, half by where it lies: rare values are where shapes differ.
-    found = np.unique([ends[0], *((inner + even) / 2), ends[1]])
+    found = np.unique([low, *((inner + even) / 2), high])
     least = 1e-6 * (found[-1] - found[0])
     kept = [float(found[0])]
     for k in found[1:]:
@@ -94,8 +94,8 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
         quick = {i: float(fits.losses([*beside, Block(places[i], made[i].roughness, 1e-3)]).sum()) for i in free}
         found: dict[int, tuple[int, Block, np.ndarray]] = {}
         ranked = sorted(quick, key=lambda j: quick[j])
-        sizes = [[i for i in ranked if len(made[i].columns.pair.signals) == n][:FIRST] for n in (1, 2)]
-        for i in sum(sizes, []):
+        alone, both = ([i for i in ranked if len(made[i].columns.pair.signals) == n] for n in (1, 2))
+        for i in (*alone[:FIRST], *both[:FIRST]):
             block, losses = fits.smoothed(places[i], made[i].roughness, beside)
             size = len(made[i].columns.pair.signals)
             if size not in found or losses.sum() < found[size][2].sum():

@@ -27,8 +27,7 @@ def described(
     """
     named = term.named_parameters(model)
     parameters = {
-        name: ParameterEstimate(e.value, e.low, e.high, unit)
-        for (name, unit), e in zip(named, estimates, strict=True)
+        name: ParameterEstimate(e.value, e.low, e.high, unit) for (name, unit), e in zip(named, estimates, strict=True)
     }
     of = f"f({words.named(term.signals[0])})" if term.signals else "c"
     times = f" × {words.named(term.signals[1])}" if len(term.signals) > 1 else ""

@@ -4,10 +4,9 @@ import math
 from collections.abc import Callable
 from html import escape
 
-from bench.diagnose.report import learned_page
+from bench.diagnose.report import learned_page, words
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import page_parts as parts
-from bench.diagnose.report import words
 from bench.diagnose.report.page_equations import equation_by_equation
 from bench.diagnose.result import LINES, Candidate, Diagnosis
 from bench.reporting import page

@@ -27,7 +27,13 @@ def shown(si_unit: str, signal: str = "", values: Iterable[float] = ()) -> tuple
     largest = max((abs(v) for v in values if math.isfinite(v)), default=math.inf)
     if unit in _MILLI and largest < 0.1:
         unit, factor = _MILLI[unit], 1e3 * factor
-    return unit.replace("^2", "²").replace("^3", "³"), factor
+    return _in_brackets(unit.replace("^2", "²").replace("^3", "³")), factor
+
+
+def _in_brackets(unit: str) -> str:
+    """With what it is divided by in brackets, where that is several units."""
+    above, slash, below = unit.partition("/")
+    return f"{above}/({below})" if slash and " " in below else unit
 
 
 def united(value: str, unit: str) -> str:
@@ -293,9 +299,7 @@ def commands(diagnosis: Diagnosis) -> list[str]:
     """What to type to repeat the diagnosis, and to add its effects one by one."""
     source = shlex.quote(diagnosis.evidence.source or "DATA")
     adds = [
-        shlex.quote(e.name)
-        for e in diagnosis.effects
-        if diagnosis.verdict == "named" or not e.indistinguishable_from
+        shlex.quote(e.name) for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from
     ]
     if diagnosis.verdict == "tie":
         adds = [i for e in diagnosis.effects[:1] for i in (e.id, *e.indistinguishable_from)]
