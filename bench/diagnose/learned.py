@@ -6,9 +6,10 @@ from dataclasses import replace
 from bench.diagnose.extend import Extension, extend
 from bench.diagnose.learn.curve import curve
 from bench.diagnose.learn.learn import learn
+from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.result import LearnedCurve, NamedEffect
+from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Weighing
 from registry.core import EFFECTS
@@ -21,7 +22,8 @@ def learned(
     noise: Noise,
     tick: Callable[[str], None],
     horizon_s: float | None,
-    found: Sequence[Found] = (),
+    found: Sequence[Found],
+    doubtful: bool,
 ) -> Extension | None:
     """The model with the terms that held-out recordings confirm; None: there are none, or free runs do not gain.
 
@@ -32,8 +34,9 @@ def learned(
         tick: called with what is being done.
         horizon_s: longest horizon of the comparison [s].
         found: these effects; terms are added after them.
+        doubtful: whether the search for effects did not say that something is left.
     """
-    terms = learn(subject, model, noise, tick)
+    terms = learn(subject, model, noise, tick, doubtful=doubtful)
     if not terms:
         return None
     rivals, known = {f.id: f.rivals for f in found}, {f.id: f.effect for f in found}

@@ -157,6 +157,12 @@ def view_of(search: Search, look: Look, base: int, columns: Sequence[Columns]) -
     return view, [places.get(id(c), np.zeros(0, dtype=int)) for c in columns]
 
 
-def own_columns(view: View, base: int) -> list[int]:
-    """Places of the numbers of the model itself, without the constants along the axes."""
-    return [j for j, e in enumerate(view.linear.own) if e.owner < base]
+UPRIGHT = ("force_z", "world_force_z")
+"""Axes along which a constant is thrust or weight; both together lean as the vehicle does against a gust."""
+
+
+def own_columns(view: View, base: int, upright: bool = False) -> list[int]:
+    """Places of the numbers of the model itself; of the constants along the axes only, if asked, those `UPRIGHT`."""
+    effects = view.linear.model.effects
+    kept = [i for i, e in enumerate(effects) if i < base or (upright and e.axis in UPRIGHT)]  # type: ignore[attr-defined]
+    return [j for j, e in enumerate(view.linear.own) if e.owner < 0 or e.owner in kept]

@@ -6,10 +6,11 @@ import numpy as np
 import torch
 
 from bench.diagnose.learn.candidates import dynamic_axes, paths, with_axes
+from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.weak import TestFunctions, mean_rates
-from bench.diagnose.result import LearnedCurve, NamedEffect
+from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.search import Search
 from registry.dynamics import PhysicsModel
 from registry.effects.learned_term import LearnedTerm

@@ -1,21 +1,22 @@
 """Learn the terms that a model lacks and no catalogue has; each is accepted by recordings that were not fitted."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
-from bench.diagnose.learn.candidates import Pair, own_columns, pairs, paths, products, view_of, with_axes
+from bench.diagnose.learn.candidates import Columns, Pair, own_columns, pairs, paths, products, view_of, with_axes
+from bench.diagnose.learn.causal import consequences
 from bench.diagnose.learn.formulas import option_columns, options, simplest, span_of
 from bench.diagnose.learn.held_out import HeldOut
-from bench.diagnose.learn.splines import Spline, chosen, splines_of
+from bench.diagnose.learn.splines import KNOTS, KNOTS_OF_A_POSE, Made, Spline, chosen, splines_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.choose import updated
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
-from bench.diagnose.select.search import Search
+from bench.diagnose.select.search import Look, Search
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
 from registry.dynamics.model import RATE_OF
@@ -27,6 +28,8 @@ LARGE = 0.3
 """Share of what can be explained in an equation that suffices where a term is met in few places, such as a wall."""
 FEW = 150
 """Products of two signals that are all tried; of more, those with a signal that matters by itself."""
+TRIES = 4
+"""Times that terms are sought without what turned out to be a consequence."""
 STEPS = 2
 """Gauss–Newton steps to the numbers with which terms are weighed."""
 ROUNDS = 2
@@ -39,6 +42,7 @@ def learn(
     noise: Noise | None = None,
     tick: Callable[[str], None] = lambda what: None,
     only: Pair | None = None,
+    doubtful: bool = False,
 ) -> tuple[LearnedTerm, ...]:
     """The terms that ``model`` lacks, estimated in the weak form, as formulas where those are as good as a spline.
 
@@ -48,6 +52,7 @@ def learn(
         noise: default `noise.noise_of`.
         tick: called with what is being done.
         only: the axis and signals of the one term that is asked for; it is not gated.
+        doubtful: whether nothing says that something follows a signal: then a term must save a large share.
 
     Raises:
         BenchError: states that the terms would follow were not measured, or the signal asked for does not vary.
@@ -63,37 +68,99 @@ def learn(
     with torch.no_grad():
         look = search.look(with_axes(model), broad=False)
         signals = [paths(model, s) for s in (search.stack, search.noisy) if s is not None]
-        offered = [only] if only is not None else _measured(subject, pairs(model))
-        if only is None and len(offered) ** 2 <= FEW:
-            offered += products(offered)
-
-        def chosen_of(some: Sequence[Pair]) -> list[Spline]:
-            made = [m for pair in some if (m := splines_of(pair, signals, _of_pose(pair))) is not None]
-            if not made:
-                return []
-            view, places = view_of(search, look, base, [m.columns for m in made])
-            fits = HeldOut(view, own_columns(view, base))
-            if only is None:
-                return chosen(fits, made, places)
-            return [Spline(only, made[0], fits.smoothed(places[0], made[0].roughness, ())[0])]
-
-        splines = chosen_of(offered)
-        if only is not None and not splines:
-            raise BenchError(f"{only.signals[0]} hardly varies in these recordings: nothing can follow it.")
-        if splines and only is None and len(offered) ** 2 > FEW:
-            found = [s.pair for s in splines]
-            alone = [p for p in offered if p.axis in {f.axis for f in found}]
-            splines = chosen_of([*alone, *products(alone, found)])
+        seen = _Seen(search, look, base, signals)
+        splines = seen.asked(only) if only is not None else seen.sought(_measured(subject, pairs(model)))
         if not splines:
             return ()
         tick("formulas")
-        terms = _as_formulas(search, look, base, splines, signals)
-        return terms if only is not None else _worthy(subject, noise, search, model, terms)
+        terms = seen.as_formulas(splines)
+        return terms if only is not None else _worthy(subject, noise, search, model, terms, doubtful)
 
 
-def _of_pose(pair: Pair) -> bool:
-    """Whether the first signal says where the system is."""
-    return pair.signals[0].partition(".")[0] in ("height", *RATE_OF)
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """The training recordings, linearised about the model with a constant along every axis."""
+
+    search: Search
+    look: Look
+    base: int
+    """Number of effects of the model without these constants."""
+    signals: Sequence[dict[str, np.ndarray]]
+    """What terms can follow: as measured and, where inputs are noisy, with more noise."""
+
+    def fits(self, columns: Sequence[Columns], upright: bool = False) -> tuple[HeldOut, list[np.ndarray]]:
+        """Fits of columns, and the places of each; ``upright``: beside what a constant thrust and weight explain."""
+        view, places = view_of(self.search, self.look, self.base, columns)
+        return HeldOut(view, own_columns(view, self.base, upright)), places
+
+    def made(self, some: Sequence[Pair]) -> list[Made]:
+        """The splines of pairs whose signals vary."""
+        return [m for pair in some if (m := splines_of(pair, self.signals, _knots(pair))) is not None]
+
+    def asked(self, only: Pair) -> list[Spline]:
+        """The one term that was asked for."""
+        made = self.made([only])
+        if not made:
+            raise BenchError(f"{only.signals[0]} hardly varies in these recordings: nothing can follow it.")
+        fits, places = self.fits([made[0].columns])
+        return [Spline(only, made[0], fits.smoothed(places[0], made[0].roughness, ())[0])]
+
+    def sought(self, offered: Sequence[Pair]) -> list[Spline]:
+        """The terms that recordings left out of the fit confirm, of what acts now."""
+        few = len(offered) ** 2 <= FEW
+        splines = self._acting([*offered, *products(offered)] if few else offered)
+        if few or not splines:
+            return splines
+        found = [s.pair for s in splines]
+        alone = [p for p in offered if p.axis in {f.axis for f in found}]
+        return self._acting([*alone, *products(alone, found)])
+
+    def _acting(self, offered: Sequence[Pair]) -> list[Spline]:
+        splines: list[Spline] = []
+        for _ in range(TRIES):
+            made = self.made(offered)
+            if not made:
+                return []
+            fits, places = self.fits([m.columns for m in made], upright=True)
+            splines = chosen(fits, made, places)
+            if not splines:
+                return []
+            later = {s.pair for s in consequences(self.search, self.look, self.base, splines, self.signals)}
+            if not later:
+                return splines
+            splines = [s for s in splines if s.pair not in later]
+            offered = [p for p in offered if p not in later]
+        return splines
+
+    def as_formulas(self, splines: Sequence[Spline]) -> tuple[LearnedTerm, ...]:
+        """Every spline as the simplest formula that is not worse, or as it is."""
+        signals = self.signals
+        columns, some = [], []
+        for s in splines:
+            some.append(options(signals[0][s.pair.signals[0]]))
+            columns += [s.made.columns, option_columns(s.pair, some[-1], signals)]
+        fits, places = self.fits(columns)
+        blocks = [replace(s.block, places=places[2 * i]) for i, s in enumerate(splines)]
+        terms: list[LearnedTerm] = []
+        for _ in range(ROUNDS):
+            terms = []
+            for i, s in enumerate(splines):
+                beside = [b for j, b in enumerate(blocks) if j != i]
+                block, losses = fits.smoothed(places[2 * i], s.made.roughness, beside)
+                found = simplest(fits, some[i], places[2 * i + 1], losses, fits.losses(beside), beside)
+                blocks[i] = block if found is None else found.block
+                if found is None:
+                    values = tuple(map(float, s.made.turn @ fits.fit([*beside, block])[-1]))
+                    span = span_of(signals[0][s.pair.signals[0]])
+                    terms.append(LearnedTerm(s.pair.axis, s.pair.signals, SPLINE, values, s.made.knots, span))
+                    continue
+                terms.append(_term(s.pair, found.shape, found.values, signals[0]))
+        return tuple(terms)
+
+
+def _knots(pair: Pair) -> int:
+    """Knots of its splines: more where the first signal says where the system is."""
+    return KNOTS_OF_A_POSE if pair.signals[0].partition(".")[0] in ("height", *RATE_OF) else KNOTS
 
 
 def _measured(subject: Subject, offered: Sequence[Pair]) -> list[Pair]:
@@ -111,34 +178,6 @@ def _measured(subject: Subject, offered: Sequence[Pair]) -> list[Pair]:
     return [p for p in offered if seen(p)]
 
 
-def _as_formulas(
-    search: Search, look: object, base: int, splines: Sequence[Spline], signals: Sequence[dict[str, np.ndarray]]
-) -> tuple[LearnedTerm, ...]:
-    """Every spline as the simplest formula that is not worse, or as it is."""
-    columns, some = [], []
-    for s in splines:
-        some.append(options(signals[0][s.pair.signals[0]]))
-        columns += [s.made.columns, option_columns(s.pair, some[-1], signals)]
-    view, places = view_of(search, look, base, columns)  # type: ignore[arg-type]
-    fits = HeldOut(view, own_columns(view, base))
-    blocks = [replace(s.block, places=places[2 * i]) for i, s in enumerate(splines)]
-    terms: list[LearnedTerm] = []
-    for _ in range(ROUNDS):
-        terms = []
-        for i, s in enumerate(splines):
-            beside = [b for j, b in enumerate(blocks) if j != i]
-            block, losses = fits.smoothed(places[2 * i], s.made.roughness, beside)
-            found = simplest(fits, some[i], places[2 * i + 1], losses, fits.losses(beside), beside)
-            blocks[i] = block if found is None else found.block
-            if found is None:
-                values = tuple(map(float, s.made.turn @ fits.fit([*beside, block])[-1]))
-                span = span_of(signals[0][s.pair.signals[0]])
-                terms.append(LearnedTerm(s.pair.axis, s.pair.signals, SPLINE, values, s.made.knots, span))
-                continue
-            terms.append(_term(s.pair, found.shape, found.values, signals[0]))
-    return tuple(terms)
-
-
 def _term(pair: Pair, shape: str, values: tuple[float, ...], signals: dict[str, np.ndarray]) -> LearnedTerm:
     """A formula of a pair; a constant follows no signal, and times a second one is linear in that."""
     follows = pair.signals
@@ -148,7 +187,12 @@ def _term(pair: Pair, shape: str, values: tuple[float, ...], signals: dict[str, 
 
 
 def _worthy(
-    subject: Subject, noise: Noise, search: Search, model: PhysicsModel, terms: Sequence[LearnedTerm]
+    subject: Subject,
+    noise: Noise,
+    search: Search,
+    model: PhysicsModel,
+    terms: Sequence[LearnedTerm],
+    doubtful: bool,
 ) -> tuple[LearnedTerm, ...]:
     """The terms that save enough, for sure, on held-out recordings; the least goes first."""
     if not subject.held_out:
@@ -162,7 +206,11 @@ def _worthy(
             others = [t for j, t in enumerate(kept) if j != i]
             rest = _refitted(search, replace(model, effects=(*model.effects, *others))) if others else model
             savings.append(weighing.savings(rest, full, judged))
-        idle = [i for i, s in enumerate(savings) if not any(map(_worth, s)) or any(one.harms for one in s)]
+        idle = [
+            i
+            for i, s in enumerate(savings)
+            if not any(_worth(one, doubtful) for one in s) or any(one.harms for one in s)
+        ]
         if not idle:
             break
         kept.pop(min(idle, key=lambda i: max(one.share for one in savings[i])))
@@ -177,6 +225,6 @@ def _refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
     return model
 
 
-def _worth(saving: Saving) -> bool:
+def _worth(saving: Saving, doubtful: bool) -> bool:
     """Whether a term is worth it: large and sure, or so large that it need not be met in every block of a recording."""
-    return saving.worth or (saving.matters and saving.share >= LARGE)
+    return (saving.worth and not doubtful) or (saving.matters and saving.share >= LARGE)

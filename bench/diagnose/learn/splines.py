@@ -66,9 +66,9 @@ def knots_of(x: np.ndarray, count: int) -> tuple[float, ...]:
     return tuple(kept)
 
 
-def splines_of(pair: Pair, signals: Sequence[dict[str, np.ndarray]], pose: bool) -> Made | None:
+def splines_of(pair: Pair, signals: Sequence[dict[str, np.ndarray]], count: int) -> Made | None:
     """All splines of a pair's first signal, times the second; None: the signal does not vary."""
-    knots = knots_of(signals[0][pair.signals[0]], KNOTS_OF_A_POSE if pose else KNOTS)
+    knots = knots_of(signals[0][pair.signals[0]], count)
     if len(knots) < 3:
         return None
     rough, at = roughness(knots), np.array(knots)

@@ -3,9 +3,10 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import words
-from bench.diagnose.result import Diagnosis, LearnedCurve
+from bench.diagnose.result import Diagnosis
 from bench.reporting import page
 
 INNER = 0.99

@@ -1,7 +1,8 @@
 """A learned term in words, and its parameters by name."""
 
+from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.report import words
-from bench.diagnose.result import LearnedShape, ParameterEstimate
+from bench.diagnose.result import ParameterEstimate
 from registry.dynamics import PhysicsModel
 from registry.effects.learned_term import LearnedTerm
 from registry.terms import signals
