@@ -126,8 +126,8 @@ def diagnose(
     axes = [g for g, ratio in _excess(after, floor).items() if ratio > HIGH]
     more = None
     if verdict == "unknown_effect" or axes:
-        known = [f for f in found.found if f.id in names]
-        more = learned(subject, model, noise, tick, horizon_s, known, verdict != "unknown_effect")
+        named = [f for f in found.found if f.id in names]
+        more = learned(subject, model, noise, tick, horizon_s, named, verdict != "unknown_effect")
     if more is not None:
         extension = more
         model, comparison, numbers = extension.model, extension.comparison, extension.constants

@@ -15,6 +15,9 @@ from bench.diagnose.select.materiality import Weighing
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 
+IMITATED = 0.02
+"""Share of the squared error above the floor that terms must leave of what named effects left, to give those up."""
+
 
 def learned(
     subject: Subject,
@@ -42,6 +45,8 @@ def learned(
     rivals, known = {f.id: f.rivals for f in found}, {f.id: f.effect for f in found}
     done = extend(subject, subject.model, [*known, *terms], tick, noise, rivals, known, horizon_s)
     idle = {e.id for e in done.effects if not e.learned and _idle(e)}
+    if idle and not _beyond(done):
+        return None  # the terms only say in other words what a named effect says
     if idle:  # they imitated what is learned now
         kept = [n for n in known if n not in idle]
         done = extend(subject, subject.model, [*kept, *terms], tick, noise, rivals, known, horizon_s)
@@ -53,6 +58,15 @@ def _idle(effect: NamedEffect) -> bool:
     """Whether every parameter may as well be the one that makes it no effect."""
     neutral = {p.name: float(p.neutral) for p in EFFECTS.get(effect.id).neutral().parameters() if p.uncertainty > 0}
     return all(p.low <= neutral[name] <= p.high for name, p in effect.parameters.items() if name in neutral)
+
+
+def _beyond(done: Extension) -> bool:
+    """Whether the terms leave so little of what the named effects leave that those cannot have been the cause."""
+    named = [e for e in done.effects if not e.learned]
+    before, after, floor = named[-1].error_after, done.comparison.error("extended"), done.comparison.error("floor")
+    above = [g for g in before if before[g].rmse > 1.5 * floor[g].rmse]
+    left = ((e[g].rmse ** 2 - floor[g].rmse ** 2 for e in (after, before)) for g in above)
+    return bool(above) and all(now < IMITATED * then for now, then in left)
 
 
 def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extension) -> Discovery:
