@@ -74,8 +74,8 @@ def _effect(path: Path, number: int, entry: dict[str, Any]) -> Effect:
         kind = EFFECTS.get(entry["id"])
     except BenchError as error:
         raise BenchError(f"{where}: {error}") from error
-    given = {k: v for k, v in entry.items() if k != "id"}
-    effect: Effect = kind(**constants_of(f"{where} ({entry['id']})", kind.neutral().parameters(), given))
+    given, named = {k: v for k, v in entry.items() if k != "id"}, f"{where} ({entry['id']})"
+    effect: Effect = kind.from_options(named, given) or kind(**constants_of(named, kind.neutral().parameters(), given))
     return effect
 
 

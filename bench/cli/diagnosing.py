@@ -85,9 +85,10 @@ def check_writable(*targets: Path | None) -> None:
 
 
 def check_effects(names: Sequence[str]) -> None:
-    """Raise `BenchError` where the catalogue has no effect of such a name."""
+    """Raise `BenchError` where the catalogue has no effect of such a name; what asks to learn a term is none."""
     for name in names:
-        EFFECTS.check(name)
+        if name != "learned" and "~" not in name:
+            EFFECTS.check(name)
 
 
 def folder_for(source: str, out: Path | None) -> Path:
@@ -144,12 +145,12 @@ def show_extension(console: Any, done: "Extension") -> None:
     heads = (f"{words.named(g.name)} [{unit}]" for g, (unit, _) in zip(groups, units, strict=True))
     rows = table("held-out error", *map(escape, heads))
     for stage in stages:
-        added = stage.name in {e.id for e in done.effects}
+        added = stage.name in {e.name for e in done.effects}
         cells = (words.number(stage.error[g.name] * f) for g, (_, f) in zip(groups, units, strict=True))
         rows.add_row(escape(f"+ {stage.name}" if added else stage.name), *cells)
     console.print(rows)
     for e in done.effects:
-        console.print(f"  {e.id}: {words.parameters(e)}", highlight=False, markup=False)
+        console.print(f"  {e.id}: {e.described or words.parameters(e)}", highlight=False, markup=False)
 
 
 def track_extension(
@@ -164,14 +165,14 @@ def track_extension(
     from bench.tracking import track
 
     held = [EFFECTS.name_of(type(e)) for e in start.effects]
-    comparison, added = done.comparison, [e.id for e in done.effects]
+    comparison, added = done.comparison, [e.key for e in done.effects]
     chain = {len(held): comparison.error("calibrated")}
     if held:
         chain[0] = comparison.error("nominal")
     uri = tracking or track.default_uri(results)
     for i, effect in enumerate(done.effects):
         chain[len(held) + i + 1] = effect.error_after
-        parameters = {f"{e.id}.{n}": p.value for e in done.effects[: i + 1] for n, p in e.parameters.items()}
+        parameters = {f"{e.key}.{n}": p.value for e in done.effects[: i + 1] for n, p in e.parameters.items()}
         try:
             last = i == len(added) - 1
             track.log_extension(

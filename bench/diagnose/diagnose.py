@@ -10,6 +10,7 @@ from bench.diagnose.checks.problems import Checked, problems
 from bench.diagnose.compare import compare
 from bench.diagnose.discover import discover
 from bench.diagnose.extend import extend, fitted, pooled
+from bench.diagnose.learned import curves, judged, learned
 from bench.diagnose.locate import Location, locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject
@@ -27,6 +28,7 @@ from bench.diagnose.result import (
 )
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.materiality import NEAR
 from bench.diagnose.simulate.flights import flights
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.diagnose.summaries import constant_estimates, effect_savings, equation_results, placed
@@ -113,14 +115,9 @@ def diagnose(
             numbers = tuple(estimated)
         comparison = compare(subject, {"calibrated": model}, noise=noise, horizon_s=horizon_s)
         stages = tuple(Stage(n, {g: e.rmse for g, e in comparison.error(n).items()}) for n in comparison.lines)
-    nowhere = Location((), (), (), float("nan"), {}, ())
-    if not brief:
-        tick("locate")
-    location = nowhere if brief else locate(subject, found.calibrated, after=model if names else None, noise=noise)
-    best = "extended" if names else "calibrated"
-    nominal, after, floor = (comparison.error(n) for n in ("nominal", best, "floor"))
-    if not names and not refuted and max(_excess(after, floor).values(), default=0.0) <= 1:
-        found = replace(found, traces=())  # rounding errors follow signals too
+    nominal, after, floor = (comparison.error(n) for n in ("nominal", "extended" if names else "calibrated", "floor"))
+    if not names and not refuted and max(_excess(after, floor).values(), default=0.0) <= NEAR**2:
+        found = _remarked(found, max(_excess(after, floor).values(), default=0.0))
     # Where no equation could be judged by itself, what follows no signal at all shows in the free runs only.
     alone = found.verdict == "nothing" and not found.equations and max(_excess(after, floor).values(), default=0) > HIGH
     verdict = "unknown_effect" if refuted or alone else found.verdict
@@ -128,6 +125,22 @@ def diagnose(
         # Free runs show what windows hardly do, such as a slow swing: the signals that are nearest to it are said.
         found = replace(found, traces=found.faint)
     axes = [g for g, ratio in _excess(after, floor).items() if ratio > HIGH]
+    more = None
+    if verdict == "unknown_effect" or axes:
+        named = [f for f in found.found if f.id in names]
+        more = learned(subject, model, noise, tick, horizon_s, named, verdict != "unknown_effect")
+    if more is not None:
+        extension = more
+        model, comparison, numbers = extension.model, extension.comparison, extension.constants
+        stages, effects, taken = extension.stages, extension.effects, extension.calibrated
+        nominal, after, floor = (comparison.error(n) for n in ("nominal", "extended", "floor"))
+        found = judged(subject, noise, found, extension)
+        # What a search for effects took for nothing repeats, and can be learned.
+        verdict = found.verdict if found.found else "unknown_effect"
+    nowhere = Location((), (), (), float("nan"), {}, ())
+    if not brief:
+        tick("locate")
+    location = nowhere if brief else locate(subject, found.calibrated, after=model if effects else None, noise=noise)
     return (
         Diagnosis(
             subject.name,
@@ -151,7 +164,7 @@ def diagnose(
                 _calibration(subject, found),
                 location.residuals,
                 location.windows,
-                _hypothesis(found),
+                "" if effects else _hypothesis(found),
                 (
                     *found.remarks,
                     *dict.fromkeys((*subject.notes, *found.notes)),
@@ -159,10 +172,11 @@ def diagnose(
                     *location.notes,
                     *_warnings(subject, found, checked.suspicions),
                 ),
+                () if brief or more is None else curves(subject, noise, more),
                 effect_savings(found, effects),
                 () if brief else flights(subject, subject.model, model, noise),
             ),
-            equation_results(found, subject.model, bool(names)),
+            equation_results(found, subject.model, bool(effects)),
             constant_estimates(subject, model, numbers),
         ),
         model,
@@ -189,6 +203,20 @@ def _unnamed(found: Discovery, names: Sequence[str]) -> Discovery:
     )
     left = tuple(f for f in found.found if f.id not in names)
     return replace(found, found=left, imitators=(*found.imitators, *names), notes=(*found.notes, note))
+
+
+def _remarked(found: Discovery, excess: float) -> Discovery:
+    """What is left to say where free runs err hardly more than the noise makes them: no effect, but a remark."""
+    said = (_near_the_floor(found, excess**0.5 - 1),) if found.traces and excess > 1 else ()
+    return replace(found, traces=(), remarks=(*found.remarks, *said))  # rounding errors follow signals too
+
+
+def _near_the_floor(found: Discovery, above: float) -> str:
+    signals = " and ".join(dict.fromkeys(t.signal.replace("_", " ") for t in found.traces[:2]))
+    return (
+        f"A trace that follows {signals} is left, and the error of free runs is {100 * above:.1g} % above the noise "
+        "floor: not worth a term."
+    )
 
 
 def _excess(error: ByGroup, floor: ByGroup) -> dict[str, float]:

@@ -11,8 +11,12 @@ import pandas as pd
 from bench.analysis.display import Displayed
 from bench.diagnose.compare import Comparison, compare
 from bench.diagnose.discover import close
+from bench.diagnose.learn.candidates import equation_of
+from bench.diagnose.learn.learn import learn
+from bench.diagnose.learn.request import is_request, parsed
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.report.learned_words import described
 from bench.diagnose.result import ByGroup, NamedEffect, ParameterEstimate, Stage
 from bench.diagnose.select import by_simulation
 from bench.diagnose.select.choose import updated
@@ -23,6 +27,7 @@ from bench.diagnose.simulate.shoot import shoot
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel, unsuited
+from registry.effects.learned_term import LearnedTerm
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
@@ -120,7 +125,7 @@ def fitted(
 def extend(
     subject: Subject,
     model: PhysicsModel,
-    add: Sequence[str],
+    add: Sequence[str | LearnedTerm],
     tick: Callable[[str], None] = lambda what: None,
     noise: Noise | None = None,
     rivals: Mapping[str, tuple[str, ...]] | None = None,
@@ -132,7 +137,7 @@ def extend(
     Args:
         subject: measurements, and the nominal model.
         model: with the effects it has so far.
-        add: ids of effects.
+        add: ids of effects, learned terms, or what asks for such: "learned", "force_z ~ height".
         tick: called with what is being done.
         noise: default `noise.noise_of`.
         rivals: by id, effects that explain the data as well.
@@ -140,11 +145,17 @@ def extend(
         horizon_s: longest horizon of the comparison [s].
 
     Raises:
-        BenchError: an effect that the catalogue or the system does not have, the model has already, or is given twice.
+        BenchError: an effect that the catalogue or the system does not have, the model has already, or is given twice;
+            a term that cannot be learned.
     """
     subject, noise = prepared(subject, noise, tick)
     held = [EFFECTS.name_of(type(e)) for e in model.effects]
     for name in add:
+        if isinstance(name, LearnedTerm):
+            continue
+        if is_request(name):
+            parsed(name, subject.model)
+            continue
         if name in held:
             raise BenchError(f"The model has {name} already.")
         if add.count(name) > 1:
@@ -154,13 +165,14 @@ def extend(
             raise BenchError(unsuited(name, kind, type(subject.model)))
     calibrated, found = fitted(subject, model, noise, tick, through_simulator=not add)
     chain, lines = [calibrated], {"calibrated": calibrated}
-    for i, name in enumerate(add):
-        tick(name)
-        start = (known or {}).get(name) or _starting_point(subject, chain[-1], name, noise, tick)
-        grown = replace(chain[-1], effects=(*chain[-1].effects, start))
-        done, found = fitted(subject, grown, noise, tick, through_simulator=i == len(add) - 1)
-        chain.append(done)
-        lines["extended" if i == len(add) - 1 else f"+ {name}"] = done
+    for i, item in enumerate(add):
+        starts = _starts(subject, chain[-1], item, noise, tick, known or {})
+        for j, start in enumerate(starts):
+            last = i == len(add) - 1 and j == len(starts) - 1
+            grown = replace(chain[-1], effects=(*chain[-1].effects, start))
+            done, found = fitted(subject, grown, noise, tick, through_simulator=last)
+            chain.append(done)
+            lines["extended" if last else f"+ {len(chain) - 1}"] = done
     comparison = compare(subject, lines, noise=noise, horizon_s=horizon_s)
     order = ["calibrated", *(n for n in lines if n != "calibrated")]
     scale = _scales(subject, comparison)
@@ -168,16 +180,55 @@ def extend(
     taken, *shares = shares_of([squared[n] for n in ("nominal", *order)], squared["floor"])
     effects, stages = [], [_stage("nominal", comparison.error("nominal"))]
     stages.append(_stage("calibrated", comparison.error("calibrated")))
-    for i, name in enumerate(add):
+    for i, effect in enumerate(chain[-1].effects[len(model.effects) :]):
         before, after = comparison.error(order[i]), comparison.error(order[i + 1])
-        stages.append(_stage(name, after))
         of = [x for x in found if x.entry.owner == len(model.effects) + i]
-        numbers = {x.entry.label: ParameterEstimate(x.value, x.low, x.high, x.entry.unit) for x in of}
-        alike = (rivals or {}).get(name, ())
-        effects.append(NamedEffect(name, numbers, shares[i], before, after, alike, _separate(name, alike)))
+        effects.append(_named(effect, chain[-1], of, shares[i], before, after, rivals or {}))
+        stages.append(_stage(effects[-1].name, after))
     stages.append(_stage("floor", comparison.error("floor")))
     constants = tuple(x for x in found if x.entry.constant)
     return Extension(chain[-1], tuple(effects), comparison, tuple(stages), constants, taken)
+
+
+def _starts(
+    subject: Subject,
+    model: PhysicsModel,
+    item: str | LearnedTerm,
+    noise: Noise,
+    tick: Callable[[str], None],
+    known: Mapping[str, Effect],
+) -> list[Effect]:
+    """The effects that one item of `extend` adds to ``model``, with parameters from which a fit starts."""
+    if isinstance(item, LearnedTerm):
+        return [item]
+    if is_request(item):
+        terms = learn(subject, model, noise, tick, parsed(item, model))
+        if not terms:
+            raise BenchError("Nothing is left that held-out recordings would confirm as a term: none is learned.")
+        return list(terms)
+    tick(item)
+    return [known.get(item) or _starting_point(subject, model, item, noise, tick)]
+
+
+def _named(
+    effect: Effect,
+    model: PhysicsModel,
+    found: Sequence[Estimate],
+    share: float,
+    before: ByGroup,
+    after: ByGroup,
+    rivals: Mapping[str, tuple[str, ...]],
+) -> NamedEffect:
+    """An effect that was added to ``model``, with what was estimated of it."""
+    name = EFFECTS.name_of(type(effect))
+    if isinstance(effect, LearnedTerm):
+        term, numbers = described(
+            effect, model, [ParameterEstimate(x.value, x.low, x.high, x.entry.unit) for x in found]
+        )
+        return NamedEffect(name, numbers, share, before, after, (), "", equation_of(model, effect.axis), True, term)
+    numbers = {x.entry.label: ParameterEstimate(x.value, x.low, x.high, x.entry.unit) for x in found}
+    alike = rivals.get(name, ())
+    return NamedEffect(name, numbers, share, before, after, alike, _separate(name, alike))
 
 
 def _starting_point(

@@ -14,6 +14,7 @@ import pandas as pd
 from bench.analysis.display import Displayed, draw_curves, new_axes
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
 from bench.diagnose.flight import Flight
+from bench.diagnose.learned_shape import LearnedCurve, LearnedShape
 from registry.errors import BenchError
 from registry.units import display
 
@@ -76,6 +77,25 @@ class NamedEffect:
     """A sentence: the manoeuvre that would separate them."""
     acts_on: str = ""
     """The equation in which it saves most; empty: no equation was judged by itself."""
+    learned: bool = False
+    """Whether it is in no catalogue and was learned from what the catalogue leaves."""
+    term: LearnedShape | None = None
+    """Of a learned one: where it acts, what it follows and how."""
+
+    @property
+    def name(self) -> str:
+        """The id, or of a learned term "world_force_x ~ position.x"."""
+        return self.id if self.term is None else self.term.name
+
+    @property
+    def key(self) -> str:
+        """As a name that any tracker takes."""
+        return self.id if self.term is None else ".".join((self.id, self.term.axis, *self.term.signals))
+
+    @property
+    def described(self) -> str:
+        """A learned term in a line."""
+        return "" if self.term is None else self.term.described
 
 
 @dataclass(frozen=True)
@@ -257,6 +277,8 @@ class Evidence:
     """A symbolic form of what is left, offered as a hypothesis."""
     notes: tuple[str, ...] = ()
     """Sentences: what was estimated, what was assumed, what the data cannot show."""
+    learned: tuple[LearnedCurve, ...] = ()
+    """The shapes of learned terms."""
     savings: dict[str, tuple[EffectSaving, ...]] = field(default_factory=dict)
     """By the id of a named effect, what it saves in every equation."""
     flights: tuple[Flight, ...] = ()

@@ -53,6 +53,8 @@ def effect_savings(found: Discovery, effects: Sequence[NamedEffect]) -> dict[str
     by_id = {f.id: f for f in found.found}
     out = {}
     for e in effects:
+        if e.id not in by_id:
+            continue  # it was learned after the search
         savings = by_id[e.id].savings
         longest = {(s.equation, s.axis): s for s in sorted(savings, key=lambda s: s.horizon_s)}
         worth = {s.equation for (_, axis), s in longest.items() if s.worth and not axis}
@@ -67,7 +69,7 @@ def effect_savings(found: Discovery, effects: Sequence[NamedEffect]) -> dict[str
 def placed(found: Discovery, effects: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
     """The effects, each with the equation in which it saves most."""
     by_id = {f.id: f for f in found.found}
-    return tuple(replace(e, acts_on=_most_saved(by_id[e.id])) for e in effects)
+    return tuple(replace(e, acts_on=_most_saved(by_id[e.id])) if e.id in by_id else e for e in effects)
 
 
 def _most_saved(found: Found) -> str:

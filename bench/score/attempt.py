@@ -70,6 +70,7 @@ def answer(case: Case, said: Diagnosis, faults: Any, seconds: float, exact: ByGr
         return {g: e.rmse for g, e in errors.items()}
 
     lines = {k: plain(getattr(said.error, k)) for k in ("nominal", "calibrated", "extended")}
+    named = [e for e in said.effects if not e.learned]
     return Answer(
         case.id,
         case.condition,
@@ -78,8 +79,8 @@ def answer(case: Case, said: Diagnosis, faults: Any, seconds: float, exact: ByGr
         case.noise,
         {k: dict(v) for k, v in case.effects.items()},
         said.verdict,
-        {e.id: {n: (p.value, p.low, p.high) for n, p in e.parameters.items()} for e in said.effects},
-        {e.id: e.indistinguishable_from for e in said.effects},
+        {e.id: {n: (p.value, p.low, p.high) for n, p in e.parameters.items()} for e in named},
+        {e.id: e.indistinguishable_from for e in named},
         said.unexplained.follows,
         {**lines, "floor": plain(said.noise_floor), "true": plain(exact)},
         tuple((p.recording, p.signal, p.kind, p.rows, p.detail) for p in said.data_problems),

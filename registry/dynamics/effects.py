@@ -70,10 +70,30 @@ class Effect(ABC):
     """What to do so that the effect shows and can be told from others, as a phrase that follows "to see it, "."""
     internal_size: ClassVar[int] = 0
     """Number of states of its own."""
+    learned: ClassVar[bool] = False
+    """Whether it is estimated from what the catalogue leaves, and no member of it."""
 
     def parameters(self) -> list[Parameter]:
         """The parameters, in order."""
         return list(parameters_of(self))
+
+    def options(self) -> dict[str, Any]:
+        """What a model file says of it beside the parameters; most effects are told by their parameters alone."""
+        return {}
+
+    @classmethod
+    def from_options(cls, where: str, given: dict[str, Any]) -> Self | None:
+        """The effect of a model file's table, of one that has `options`; None: it has parameters only.
+
+        Args:
+            where: the table, to name in an error.
+            given: its keys and values without the id.
+        """
+        return None
+
+    def misfit(self, model: Any) -> str:
+        """Why it does not act in a model although it `suits` its class, as a sentence; empty: it does."""
+        return ""
 
     @classmethod
     def suits(cls, kind: Any) -> bool:

@@ -105,6 +105,8 @@ class PhysicsModel(ABC):
         for effect, label in zip(self.effects, ids, strict=True):
             if not effect.suits(type(self)):
                 raise BenchError(unsuited(label, effect, type(self)))
+            if why := effect.misfit(self):
+                raise BenchError(f"The effect {label} does not fit: {why}")
             if effect.requires and not set(effect.requires) & {*ids, *self.provides}:
                 raise BenchError(f"The effect {label} needs another one in the model: {', '.join(effect.requires)}.")
 

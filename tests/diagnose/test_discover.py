@@ -42,15 +42,17 @@ def test_a_model_that_lacks_nothing_is_left_alone():
     assert (said.verdict, said.effects, model.effects) == ("nothing", (), ())
 
 
-def test_a_term_outside_the_catalogue_is_called_unknown_and_followed():
+def test_a_term_outside_the_catalogue_is_called_unknown_followed_and_learned():
 
     kind = EFFECTS.get("viscous_friction")
     parameter = kind.neutral().parameters()[0].name
     subject = undriven("pendulum", [kind(**{parameter: 0.3})], NEAR, 0.02, 1000, 1e-3)
     catalogue = ["coulomb_friction", "offset_force"]
     said, _ = diagnose(subject, catalogue=catalogue, brief=True)
-    assert said.verdict == "unknown_effect" and not said.effects
-    assert said.unexplained.share > 0.5 and said.unexplained.axes
+    assert said.verdict == "unknown_effect" and said.unexplained.axes
+    ((effect,), unexplained) = said.effects, said.unexplained.share
+    assert effect.learned and (effect.term.signals, effect.term.shape) == (("angle_rate.theta",), "linear")
+    assert effect.parameters["k"].value == pytest.approx(-0.3, rel=0.01) and unexplained < 0.1
 
 
 def test_an_effect_that_spoils_the_forecast_of_held_out_recordings_is_not_named():

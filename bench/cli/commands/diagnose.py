@@ -225,12 +225,21 @@ def discover_command(
     if found.found:
         start = f" --model {model_file}" if model_file else ""
         say_next(f"bench extend {source}{start} --add {found.found[0].id}", "add it, and see the error fall")
+    elif found.verdict == "unknown_effect":
+        start = f" --model {model_file}" if model_file else ""
+        say_next(f"bench extend {source}{start} --add learned", "describe it by terms of its own")
 
 
 @click.command("extend")
 @_shared
 @_horizon
-@click.option("--add", multiple=True, required=True, metavar="EFFECT", help="Effect to add; repeatable, in order.")
+@click.option(
+    "--add",
+    multiple=True,
+    required=True,
+    metavar="EFFECT",
+    help='Effect to add; "learned" or "AXIS ~ SIGNAL" learns what no catalogue has. Repeatable, in order.',
+)
 @_out
 @options.results
 @options.tracking
@@ -256,6 +265,8 @@ def extend_command(
     bench extend flights/ --add rotor_drag
     bench discover flights/ --model flights/diagnosis/model.toml            what else?
     bench extend flights/ --model flights/diagnosis/model.toml --add inflow_thrust_loss
+    bench extend flights/ --add learned                                     terms that no catalogue has
+    bench extend flights/ --add "force_z ~ height"                          one that you suspect
     """
     check_effects(add)
     subject, model = load(source, system, model_file)
@@ -303,8 +314,8 @@ def diagnose_command(
     """All four steps: compare, locate, discover, extend; a story here, a page and a model to keep.
 
     Writes diagnosis.html (one offline page), diagnosis.json and model.toml. Five honest answers: named effects, a tie,
-    nothing, an unknown effect, or a data problem, which stops the analysis: spikes, a frozen sensor, a swapped sign
-    or a wrong clock would be taken for physics.
+    nothing, an unknown effect (described by learned terms), or a data problem, which stops the analysis: spikes, a
+    frozen sensor, a swapped sign or a wrong clock would be taken for physics.
 
     \b
     bench diagnose flights/                                a folder with a dataset.toml (`bench data init` drafts it)

@@ -105,11 +105,12 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
 
 
 def effect_entries(effect: Effect, owner: int) -> list[Entry]:
-    """An effect's parameters that can be fitted."""
+    """An effect's parameters that can be fitted; of a vector each component is a number of its own."""
     return [
-        Entry(owner, p.name, None, p.unit, float(p.value), _scale(p), *_bounds(p), float(p.neutral))
+        Entry(owner, p.name, i if np.ndim(p.value) else None, p.unit, v, _scale(p, i), *_bounds(p), neutral)
         for p in effect.parameters()
         if p.uncertainty > 0
+        for i, (v, neutral) in enumerate(zip(_flat(p.value), _flat(p.neutral), strict=True))
     ]
 
 
@@ -165,9 +166,8 @@ def _flat(value: Any) -> list[float]:
     return [float(v) for v in value] if np.ndim(value) == 1 else []
 
 
-def _scale(p: Parameter) -> float:
-    typical = abs(float(p.typical or 0.0))
-    return typical or 1.0
+def _scale(p: Parameter, component: int) -> float:
+    return abs(_flat(p.typical or 0.0)[component]) or 1.0
 
 
 def _bounds(p: Parameter) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """model.toml: a physics model with its effects, as a file that its user keeps and edits."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,9 +9,10 @@ from torch import Tensor
 
 from bench.diagnose.result import NamedEffect, ParameterEstimate, write_text
 from registry.core import EFFECTS
-from registry.dynamics import Parameter, PhysicsModel
+from registry.dynamics import Effect, Parameter, PhysicsModel
 from registry.errors import BenchError
 from registry.model_file import finite, numbers, options, read, toml_text
+from registry.terms.shapes import SPLINE
 
 __all__ = ["read", "write"]
 
@@ -34,13 +36,37 @@ def write(path: Path, model: PhysicsModel, effects: Sequence[NamedEffect] = ()) 
     lines = [_HEAD, f"system = {toml_text(type(model).system_name())}"]
     lines += [f"{f.name} = {toml_text(getattr(model, f.name))}" for f in options(type(model), changed=model)]
     lines += ["", "[physics]", *_table(path, model.parameters(), {})]
-    known = {e.id: e for e in effects}
+    known = {e.id: e for e in effects if not e.learned}
+    terms = [e for e in effects if e.learned]
+    # Of several learned terms the last are those that something is known about.
+    several = sum(e.learned for e in model.effects)
+    told = iter([*[None] * (several - len(terms)), *terms])
     for effect in model.effects:
-        name = EFFECTS.name_of(type(effect))
-        lines += ["", f"[[effects]]  # {_plain(EFFECTS.summary(name))}", f"# {_plain(effect.equation)}"]
-        lines += [f"id = {toml_text(name)}"]
-        lines += _table(path, effect.parameters(), known[name].parameters if name in known else {})
+        lines += _effect(path, effect, next(told) if effect.learned else known.get(EFFECTS.name_of(type(effect))))
     write_text(path, "\n".join(lines) + "\n")
+
+
+def _effect(path: Path, effect: Effect, known: NamedEffect | None) -> list[str]:
+    """The table of an effect: what it is, its options if it has some, its parameters."""
+    name, parameters = EFFECTS.name_of(type(effect)), effect.parameters()
+    said = effect.equation if known is None or not effect.learned else known.described
+    if effect.learned:
+        parameters = [replace(p, about=_values_told(known) or p.about) for p in parameters]
+    return [
+        "",
+        f"[[effects]]  # {_plain(EFFECTS.summary(name))}",
+        f"# {_plain(said)}",
+        f"id = {toml_text(name)}",
+        *(f"{key} = {toml_text(value)}" for key, value in effect.options().items()),
+        *_table(path, parameters, {} if known is None else known.parameters),
+    ]
+
+
+def _values_told(told: NamedEffect | None) -> str:
+    """Names, units and intervals of a formula's parameters; empty of a spline."""
+    if told is None or told.term is None or told.term.shape == SPLINE:
+        return ""
+    return "; ".join(f"{n} [{p.unit}], 95 %: {p.low:.4g} to {p.high:.4g}" for n, p in told.parameters.items())
 
 
 def _table(path: Path, parameters: Sequence[Parameter], known: dict[str, ParameterEstimate]) -> list[str]:

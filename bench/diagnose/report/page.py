@@ -93,7 +93,7 @@ def _fall(fall: words.Fall) -> str:
 
 
 def _effect_card(effect: NamedEffect) -> str:
-    about, equation = words.about(effect.id)
+    about, equation = words.about(effect.id) if effect.term is None else (effect.term.described, effect.term.formula)
     tied = effect.indistinguishable_from
     values = []
     for name, p in effect.parameters.items():
@@ -102,7 +102,7 @@ def _effect_card(effect: NamedEffect) -> str:
         values.append(f"<p><code>{escape(name)}</code> = <b>{escape(words.united(value, unit))}</b>{between}</p>")
     return (
         f'<div class="card"><div class="share">{words.percent(effect.share_explained)}<small>explained</small></div>'
-        f"<h3>{escape(words.named(effect.id))}</h3>"
+        f"<h3>{escape(words.named(effect.name))}</h3>"
         + (f"<p class='quiet'>{escape(about)}</p>" if about else "")
         + parts.equation(equation)
         + (f"<p class='quiet'>Or {escape(words.listed(map(words.named, tied), 'or'))}.</p>" if tied else "")

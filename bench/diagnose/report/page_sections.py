@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable
 from html import escape
 
+from bench.diagnose.report import learned_page, words
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import page_parts as parts
-from bench.diagnose.report import words
 from bench.diagnose.report.page_equations import equation_by_equation
 from bench.diagnose.report.page_flights import over_time
 from bench.diagnose.result import LINES, Candidate, Diagnosis
@@ -249,6 +249,7 @@ def _method(d: Diagnosis) -> str:
 
 SECTIONS: dict[str, Callable[[Diagnosis], str]] = {
     "What cannot be told apart": _ties,
+    "What was learned": learned_page.section,
     "Measured and predicted": over_time,
     "Equation by equation": equation_by_equation,
     "Effect by effect": _waterfall,

@@ -33,8 +33,14 @@ def tell(diagnosis: Diagnosis, console: Any) -> None:
 
 def _effects(diagnosis: Diagnosis) -> list[str]:
     shown = diagnosis.effects[:3]
-    width = max((len(e.id) for e in shown), default=0)
-    return [f"  + {e.id:<{width}}  {words.percent(e.share_explained):>5}  {words.parameters(e)}" for e in shown]
+    width = max((len(e.name) for e in shown), default=0)
+    return [
+        f"  + {e.name:<{width}}  {words.percent(e.share_explained):>5}  "
+        + (f"{e.term.formula}: {words.parameters(e)}" if e.term and e.term.shape != "spline" else e.described)
+        if e.learned
+        else f"  + {e.id:<{width}}  {words.percent(e.share_explained):>5}  {words.parameters(e)}"
+        for e in shown
+    ]
 
 
 def _errors(diagnosis: Diagnosis) -> list[str]:

@@ -29,7 +29,13 @@ def shown(si_unit: str, signal: str = "", values: Iterable[float] = ()) -> tuple
     largest = max((abs(v) for v in values if math.isfinite(v)), default=math.inf)
     if unit in _MILLI and largest < 0.1:
         unit, factor = _MILLI[unit], 1e3 * factor
-    return unit.replace("^2", "²").replace("^3", "³"), factor
+    return _in_brackets(unit.replace("^2", "²").replace("^3", "³")), factor
+
+
+def _in_brackets(unit: str) -> str:
+    """With what it is divided by in brackets, where that is several units."""
+    above, slash, below = unit.partition("/")
+    return f"{above}/({below})" if slash and " " in below else unit
 
 
 def united(value: str, unit: str) -> str:
@@ -175,19 +181,25 @@ def headline(diagnosis: Diagnosis) -> str:
         what = f": {problem.kind} in {named(problem.signal)} of {problem.recording}" if problem else ""
         return f"The recordings must be mended before the model can be judged{what}."
     if diagnosis.verdict == "named":
-        sure = [named(e.id) for e in diagnosis.effects if not e.indistinguishable_from]
+        sure = [named(e.id) for e in diagnosis.effects if not e.indistinguishable_from and not e.learned]
         return f"The model lacks {listed(sure)}."
     if diagnosis.verdict == "tie":
         tied = ties(diagnosis)
         if len(tied) > 1:
             return f"The model lacks {_count(tied)} effects that these recordings cannot name: {'; '.join(tied)}."
         return f"The model lacks something, and these recordings cannot tell whether it is {tied[0]}."
+    if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
+        return f"What the model lacks is not in the catalogue; described as: {'; '.join(_terms(diagnosis))}."
     if diagnosis.verdict == "unknown_effect":
         left = diagnosis.unexplained
         acts = f"acts on {listed(map(named, left.axes))}" if left.axes else "moves the system"
         follows = f" and follows {listed(map(named, left.follows))}" if left.follows else ""
         return f"Something systematic that is not in the catalogue {acts}{follows}."
     return "No effect of the catalogue is missing as far as these recordings can show."
+
+
+def _terms(diagnosis: Diagnosis) -> list[str]:
+    return [e.described for e in diagnosis.effects if e.learned]
 
 
 def ties(diagnosis: Diagnosis) -> list[str]:
@@ -209,7 +221,8 @@ def explanation(diagnosis: Diagnosis) -> str:
 def sentences(diagnosis: Diagnosis) -> list[str]:
     """What follows the headline: what was found, then what is left, then what became of the stated constants."""
     found: list[str] = []
-    shares = [e.share_explained for e in diagnosis.effects]
+    beside = diagnosis.verdict != "unknown_effect"
+    shares = [e.share_explained for e in diagnosis.effects if not (beside and e.learned)]
     if diagnosis.verdict == "data_problem":
         count = len(diagnosis.data_problems)
         more = f"{count} problems were found" if count > 1 else "One problem was found"
@@ -220,8 +233,7 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         )
     if diagnosis.verdict == "named":
         each = "It explains" if len(shares) == 1 else "Together they explain"
-        before = diagnosis.evidence.calibrated
-        constants = f", the constants calibrated before them {percent(before)}" if before >= LITTLE else ""
+        constants = _constants_first(diagnosis)
         found.append(f"{each} {percent(sum(shares))} of the squared error above the noise floor{constants}.")
         if tied := ties(diagnosis):
             more = "One more is" if len(tied) == 1 else f"{_count(tied).capitalize()} more are"
@@ -231,12 +243,30 @@ def sentences(diagnosis: Diagnosis) -> list[str]:
         several = f"One of each, together, explain about {percent(sum(shares))}"
         found.append(f"{alone if len(shares) == 1 else several} of the squared error above the noise floor.")
         found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
-    if diagnosis.verdict == "unknown_effect":
+    if beside and _terms(diagnosis):
+        gained = sum(e.share_explained for e in diagnosis.effects if e.learned)
+        found.append(
+            f"What is left is not in the catalogue; described as: {'; '.join(_terms(diagnosis))}, it makes another "
+            f"{percent(gained)}."
+        )
+    if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
+        each = "It explains" if len(shares) == 1 else "Together they explain"
+        found.append(
+            f"{each} {percent(sum(shares))} of the squared error above the noise floor{_constants_first(diagnosis)}, "
+            "on recordings that were not learned from."
+        )
+    elif diagnosis.verdict == "unknown_effect":
         share = diagnosis.unexplained.share
         size = f"It makes {percent(share)} of the squared error above the noise floor, and n" if share > 0 else "N"
         found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
     left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
     return [*filter(None, (" ".join(found), left, miscalibrated(diagnosis)))]
+
+
+def _constants_first(diagnosis: Diagnosis) -> str:
+    """What the calibration of constants took before any effect, where that is worth a clause."""
+    before = diagnosis.evidence.calibrated
+    return f", the constants calibrated before them {percent(before)}" if before >= LITTLE else ""
 
 
 def remainder(diagnosis: Diagnosis) -> str:
@@ -282,7 +312,9 @@ def change(c: Calibration) -> str:
 def commands(diagnosis: Diagnosis) -> list[str]:
     """What to type to repeat the diagnosis, and to add its effects one by one."""
     source = shlex.quote(diagnosis.evidence.source or "DATA")
-    adds = [e.id for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from]
+    adds = [
+        shlex.quote(e.name) for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from
+    ]
     if diagnosis.verdict == "tie":
         adds = [i for e in diagnosis.effects[:1] for i in (e.id, *e.indistinguishable_from)]
     return [f"bench diagnose {source}", *(f"bench extend {source} --add {i}" for i in adds)]

@@ -210,6 +210,8 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
         return "the model is not driven by a command"
     if kind.requires and not set(kind.requires) & held:
         return f"it acts beside {' or '.join(kind.requires)}, which the model has not"
+    if kind.learned:
+        return "it is learned from what the catalogue leaves, by `bench extend DATA --add learned`"
     if name in held:
         return "the model has it"
     missing = [n for n in kind.needs if n not in measured]

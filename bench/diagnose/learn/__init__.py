@@ -1,0 +1,1 @@
+"""Terms that no catalogue has: learned from what named effects leave, one or a few functions of measured signals."""

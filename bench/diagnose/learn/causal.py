@@ -1,0 +1,60 @@
+"""Whether what a term follows is a cause: a vehicle that leans against a gust has a lean that goes with the force.
+
+The force is then there before the lean is, so that the signal of a moment later explains more of what is left than the
+signal of now. A term acts now.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bench.diagnose.learn.candidates import own_columns, view_of
+from bench.diagnose.learn.held_out import HeldOut
+from bench.diagnose.learn.splines import Spline, splines_of
+from bench.diagnose.select.search import Look, Search
+
+LEADS = (0.05, 0.1, 0.2, 0.4)
+"""How much later a signal is looked at [s]."""
+BETTER = 0.02
+"""Share of what a term saves by which the later signal must save more."""
+
+
+def consequences(
+    search: Search, look: Look, base: int, splines: Sequence[Spline], signals: Sequence[dict[str, np.ndarray]]
+) -> list[Spline]:
+    """The terms that follow what comes after them.
+
+    Args:
+        search: of the subject.
+        look: at the model with constants along every axis.
+        base: number of its effects without those.
+        splines: the terms.
+        signals: what they follow, as measured and, where inputs are noisy, with more noise.
+    """
+    leads = [max(1, round(lead / search.stack.dt)) for lead in LEADS]
+    columns = [s.made.columns for s in splines]
+    first = len(columns)
+    rough = [s.made.roughness for s in splines]
+    for s in splines:
+        for lead in leads:
+            later = [{n: _advanced(x, lead) if n in s.pair.signals else x for n, x in of.items()} for of in signals]
+            made = splines_of(s.pair, later, len(s.made.knots)) or s.made
+            columns.append(made.columns)
+            rough.append(made.roughness)
+    view, places = view_of(search, look, base, columns)
+    fits = HeldOut(view, own_columns(view, base, upright=True))
+    blocks = [fits.smoothed(places[i], rough[i], ())[0] for i in range(first)]
+    out = []
+    for i, s in enumerate(splines):
+        beside = [b for j, b in enumerate(blocks) if j != i]
+        without, now = float(fits.losses(beside).sum()), float(fits.smoothed(places[i], rough[i], beside)[1].sum())
+        at = range(first + i * len(leads), first + (i + 1) * len(leads))
+        later_losses = [float(fits.smoothed(places[k], rough[k], beside)[1].sum()) for k in at]
+        if now - min(later_losses) > BETTER * (without - now):
+            out.append(s)
+    return out
+
+
+def _advanced(x: np.ndarray, samples: int) -> np.ndarray:
+    """A signal (L, N) as it is ``samples`` later; the last value stays."""
+    return np.concatenate([x[:, samples:], np.repeat(x[:, -1:], min(samples, x.shape[1]), axis=1)], axis=1)

@@ -1,0 +1,127 @@
+"""The shape of a learned term with its 95 % band, and what it was learned from, to be drawn."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from bench.diagnose.learn.candidates import dynamic_axes, paths, with_axes
+from bench.diagnose.learned_shape import LearnedCurve
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.weak import TestFunctions, mean_rates
+from bench.diagnose.result import NamedEffect
+from bench.diagnose.select.search import Search
+from registry.dynamics import PhysicsModel
+from registry.effects.learned_term import LearnedTerm
+from registry.terms import signals as known
+from registry.terms.unit_algebra import product
+
+POINTS = 61
+"""Of the curve."""
+DOTS = 700
+"""Samples shown."""
+INNER = 0.002
+"""Share of the samples beyond either end of the curve."""
+_NORMAL = 1.96
+
+
+def curve(subject: Subject, noise: Noise, model: PhysicsModel, place: int, effect: NamedEffect) -> LearnedCurve:
+    """The shape of the term in ``model.effects[place]`` over the training recordings.
+
+    Args:
+        subject: measurements.
+        noise: of them.
+        model: fitted.
+        place: of the term among its effects.
+        effect: what is known about the term's parameters.
+    """
+    term = model.effects[place]
+    assert isinstance(term, LearnedTerm)
+    search = Search(subject, (), lambda what: None, noise)
+    with torch.no_grad():
+        x, left = _left(search, model, place, term)
+        low, high = (float(np.quantile(x, q)) for q in (INNER, 1 - INNER))
+        grid = np.linspace(low, high, POINTS)
+        view = search.views(search.look(model, broad=False))[0]
+        half = _half_widths(view.subsets.covariance(view.subsets.fit()), view.linear.own, place, effect)
+        y, band = _band(term, grid, half)
+    thin = slice(None, None, max(1, len(x) // DOTS))
+    units, whole = known.available(model), known.axes_of(type(model))[term.axis]
+    per = product((whole, 1), *((units[s], -1) for s in term.signals[1:]))
+    axis = term.axis if known.flies(type(model)) else f"rate of change of {term.axis}"
+    return LearnedCurve(
+        term.signals[0] if term.signals else "time",
+        units[term.signals[0]] if term.signals else "s",
+        axis if len(term.signals) < 2 else f"{axis} over {term.signals[1]}",
+        per,
+        tuple(grid.tolist()),
+        tuple(y.tolist()),
+        tuple((y - band).tolist()),
+        tuple((y + band).tolist()),
+        tuple(x[thin].tolist()),
+        tuple(left[thin].tolist()),
+    )
+
+
+def _left(search: Search, model: PhysicsModel, place: int, term: LearnedTerm) -> tuple[np.ndarray, np.ndarray]:
+    """The first signal, and what is left along the axis without the term (over the second): means over windows."""
+    rest = replace(model, effects=tuple(e for i, e in enumerate(model.effects) if i != place))
+    base, stack = len(rest.effects), search.stack
+    with_all = with_axes(rest)
+    at = dynamic_axes(rest).index(term.axis)
+    unit = replace(with_all.effects[base + at], values=(1.0,))  # type: ignore[call-arg]
+    rates = mean_rates(rest, stack).numpy()
+    direction = mean_rates(replace(rest, effects=(*rest.effects, unit)), stack).numpy() - rates
+    channels = [c for c in stack.measured if np.abs(direction[..., c]).max() > 0 and c < stack.states.shape[-1]]
+    tests = TestFunctions.over(
+        stack.logs, search.hop, [search.smoothing_of(model.measured_channels[c]) for c in channels]
+    )
+    followed = paths(rest, stack)
+    first = (
+        followed[term.signals[0]]
+        if term.signals
+        else np.broadcast_to(np.arange(rates.shape[1]) * stack.dt, rates.shape[:2])
+    )
+    second = followed[term.signals[1]] if len(term.signals) > 1 else np.ones_like(first)
+    xs, ys = [], []
+    for i, log in enumerate(stack.logs):
+        measured = tests.increment(i, log.paths[:, channels])
+        rows, unit_rows = (
+            np.stack([tests.integral(i, j, r[i, :, c], stack.dt) for j, c in enumerate(channels)], axis=-1)
+            for r in (rates, direction * second[..., None])
+        )
+        power = (unit_rows**2).sum(-1)
+        centre = np.minimum(tests.centres[i], rates.shape[1] - 1)
+        good = power > 1e-3 * power.mean() if len(power) else power > 0
+        amount = ((measured - rows) * unit_rows).sum(-1)[good] / power[good]
+        xs.append(first[i, centre[good]])
+        ys.append(amount)
+    return np.concatenate(xs), np.concatenate(ys)
+
+
+def _half_widths(covariance: np.ndarray, own: object, place: int, effect: NamedEffect) -> np.ndarray:
+    """Covariance (P, P) of the term's parameters: correlations of the weak form, sizes of the last fit's intervals."""
+    index = [j for j, e in enumerate(own) if e.owner == place]  # type: ignore[arg-type, var-annotated]
+    block = covariance[np.ix_(index, index)]
+    spread = np.sqrt(np.maximum(np.diag(block), 1e-300))
+    told = np.array([(p.high - p.low) / 2 / _NORMAL for p in effect.parameters.values()])
+    told = np.where(np.isfinite(told), told, spread)
+    out: np.ndarray = block / np.outer(spread, spread) * np.outer(told, told)
+    return out
+
+
+def _band(term: LearnedTerm, grid: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The function on a grid, and half the width of its 95 % band."""
+    x = torch.from_numpy(grid)
+    values = torch.tensor(term.values, dtype=torch.float64)
+    y = replace(term, values=values).function(x).numpy()
+    slopes = []
+    for i, v in enumerate(term.values):
+        step = 1e-5 * (abs(v) or max(map(abs, term.values)) or 1.0)
+        moved = values.clone()
+        moved[i] += step
+        slopes.append((replace(term, values=moved).function(x).numpy() - y) / step)
+    slope = np.stack(slopes)
+    variance = np.einsum("in,ij,jn->n", slope, covariance, slope)
+    return y, _NORMAL * np.sqrt(np.maximum(variance, 0.0))

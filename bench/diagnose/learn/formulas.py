@@ -1,0 +1,154 @@
+"""The simplest short formula that is not worse than a spline on recordings not fitted."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from bench.diagnose.learn.candidates import Columns, Pair
+from bench.diagnose.learn.held_out import Block, HeldOut
+from registry.terms.shapes import SHAPES, Shape, Span
+
+WORSE = 0.01
+"""Share of what a term saves by which a formula may be worse than the best shape."""
+SURELY = 2.0
+"""Standard errors over recordings by which it must be worse to be so for sure."""
+WIDTHS = np.linspace(0.1, 0.9, 9)
+"""Of the largest magnitude, or as quantiles: where a shape may bend."""
+WAVES = np.arange(0.4, 8.1, 0.35)
+"""Periods of a wave within the span."""
+DECAYS = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)
+"""Logarithm by which an exponential falls over the span."""
+_NUDGE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Option:
+    """A formula with a value of the parameter that bends it."""
+
+    shape: Shape
+    bend: float | None
+    width: int
+    """Number of columns: those of the parameters that it is linear in, and as many slopes with the bend."""
+
+
+@dataclass(frozen=True, eq=False)
+class Formula:
+    """A formula fitted to a term."""
+
+    shape: str
+    values: tuple[float, ...]
+    block: Block
+    losses: np.ndarray
+    """(folds,) on recordings not fitted."""
+
+
+def span_of(x: np.ndarray) -> Span:
+    """The values that a signal takes."""
+    flat = x[np.isfinite(x)]
+    return float(flat.min()), float(flat.max())
+
+
+def options(x: np.ndarray) -> list[Option]:
+    """Every formula that can be one of a signal, at every bend that is tried."""
+    low, high = span_of(x)
+    largest, found = max(abs(low), abs(high)), []
+    bends = {
+        "saturation": largest * WIDTHS,
+        "dead_zone": largest * WIDTHS[:-1],
+        "above": np.quantile(x, WIDTHS),
+        "below": np.quantile(x, WIDTHS),
+        "wave": 2 * np.pi * WAVES / (high - low),
+        "exponential": np.array(DECAYS) / (high - low),
+    }
+    for shape in SHAPES.values():
+        if shape.positive and low <= 0:
+            continue
+        if not low < 0 < high and shape.name in ("signed_square", "sign", "sign_linear", "linear_signed_square"):
+            continue  # of one sign: they are others of the list
+        tried = [None] if shape.bent is None else [float(b) for b in bends[shape.name]]
+        width = shape.linear * (1 if shape.bent is None else 2)
+        found += [Option(shape, b, width) for b in tried]
+    return found
+
+
+def option_columns(pair: Pair, some: Sequence[Option], signals: Sequence[dict[str, np.ndarray]]) -> Columns:
+    """The columns of formulas of a pair, one option after the other."""
+    span, values = span_of(signals[0][pair.signals[0]]), []
+    for paths in signals:
+        x = torch.from_numpy(paths[pair.signals[0]])
+        found = np.concatenate([_functions(option, x, span) for option in some])
+        values.append(found * paths[pair.signals[1]] if len(pair.signals) > 1 else found)
+    return Columns(pair, tuple(values))
+
+
+def _functions(option: Option, x: torch.Tensor, span: Span) -> np.ndarray:
+    """What each parameter of a formula multiplies (width, …), then how that changes with the bend."""
+    shape, out = option.shape, []
+
+    def at(unit: int, bend: float | None) -> np.ndarray:
+        p = [torch.tensor(float(i == unit), dtype=x.dtype) for i in range(shape.linear)]
+        if bend is not None:
+            p.append(torch.tensor(bend, dtype=x.dtype))
+        return np.asarray(shape.formula(p, x, span).numpy())
+
+    for unit in range(shape.linear):
+        out.append(at(unit, option.bend))
+    if option.bend is not None:
+        step = _NUDGE * (abs(option.bend) or 1.0)
+        for unit in range(shape.linear):
+            out.append((at(unit, option.bend + step) - at(unit, option.bend - step)) / (2 * step))
+    return np.stack(out)
+
+
+def simplest(
+    fits: HeldOut,
+    some: Sequence[Option],
+    places: np.ndarray,
+    spline: np.ndarray,
+    without: np.ndarray,
+    beside: Sequence[Block],
+) -> Formula | None:
+    """The shortest formula that is not worse than the best of all shapes; None: the spline is better than any.
+
+    Args:
+        fits: of all columns.
+        some: the formulas.
+        places: of their columns.
+        spline: losses (folds,) of the spline.
+        without: losses (folds,) without the term.
+        beside: the other terms.
+    """
+    ends = np.cumsum([o.width for o in some])
+    best: dict[str, Formula] = {}
+    for option, end in zip(some, ends, strict=True):
+        block = Block(places[end - option.width : end])
+        losses = fits.losses([*beside, block])
+        name = option.shape.name
+        if name not in best or losses.sum() < best[name].losses.sum():
+            values = _values(option, fits.fit([*beside, block])[-1])
+            best[name] = Formula(name, values, block, losses)
+    levels = [spline, *(f.losses for f in best.values())]
+    least = min(levels, key=lambda x: float(x.sum()))
+    saved = float((without - least).sum())
+
+    def worse(losses: np.ndarray) -> bool:
+        gap = losses - least
+        spread = float(gap.std(ddof=1)) * len(gap) ** 0.5 if len(gap) > 1 else 0.0
+        return bool(gap.sum() > WORSE * saved and gap.sum() > SURELY * spread) or bool(gap.sum() > 5 * WORSE * saved)
+
+    good = [f for f in best.values() if not worse(f.losses)]
+    return min(good, key=lambda f: (SHAPES[f.shape].length, float(f.losses.sum())), default=None)
+
+
+def _values(option: Option, beta: np.ndarray) -> tuple[float, ...]:
+    """The parameters that coefficients of the columns say: the bend moves by what its slopes ask for."""
+    linear = beta[: option.shape.linear]
+    if option.bend is None:
+        return tuple(map(float, linear))
+    slopes = beta[option.shape.linear :]
+    size = float(linear @ linear)
+    step = float(linear @ slopes) / size if size > 0 else 0.0
+    far = 0.3 * abs(option.bend)
+    return (*map(float, linear), option.bend + float(np.clip(step, -far, far)))

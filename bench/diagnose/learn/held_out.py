@@ -1,0 +1,86 @@
+"""Penalised least squares on normal equations, judged recording by recording by a fit to the others."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.diagnose.regression.least_squares import equilibrium
+from bench.diagnose.select.search import View
+
+PENALTIES = (1e-7, 1e-5, 1e-3, 1e-1)
+"""Weights of the roughness, relative to the mean square of the columns, of which held-out recordings choose."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Columns that belong together, and how rough they may be."""
+
+    places: np.ndarray
+    """(k,) columns."""
+    roughness: np.ndarray | None = None
+    """(k, k) penalty of unit size; None: none."""
+    penalty: float = 0.0
+
+
+class HeldOut:
+    """Fits of some columns beside a model's own numbers."""
+
+    def __init__(self, view: View, own: Sequence[int]) -> None:
+        """Prepare; ``own`` are the columns that are always fitted, held as what is known of the constants says."""
+        self.own, subsets = list(own), view.subsets
+        width = view.grams[0].shape[0]
+        held = np.zeros((width, width))
+        pull = subsets.anchor[self.own] * subsets.centre[self.own]
+        held[self.own, self.own] = subsets.anchor[self.own]
+        held[self.own, -1] = held[-1, self.own] = pull
+        self.folds = list(view.grams)
+        self.held = held
+        self.total = np.asarray(sum(self.folds))
+        self.rows = view.floor
+
+    def losses(self, blocks: Sequence[Block]) -> np.ndarray:
+        """Squared residuals (folds,) of each fold by a fit to the others."""
+        index = [*self.own, *(int(c) for b in blocks for c in b.places)]
+        some = np.ix_([*index, -1], [*index, -1])
+        total, penalty = self.total[some], self._penalty(index, blocks, some)
+        out = []
+        for fold in self.folds:
+            here = fold[some]
+            vector = np.append(-_solved(total - here + penalty), 1.0)
+            out.append(float(vector @ here @ vector))
+        return np.array(out)
+
+    def fit(self, blocks: Sequence[Block]) -> list[np.ndarray]:
+        """Coefficients of each block, fitted to all recordings."""
+        index = [*self.own, *(int(c) for b in blocks for c in b.places)]
+        some = np.ix_([*index, -1], [*index, -1])
+        beta = _solved(self.total[some] + self._penalty(index, blocks, some))
+        ends = len(self.own) + np.cumsum([len(b.places) for b in blocks])
+        return [beta[end - len(b.places) : end] for b, end in zip(blocks, ends, strict=True)]
+
+    def smoothed(self, places: np.ndarray, roughness: np.ndarray, beside: Sequence[Block]) -> tuple[Block, np.ndarray]:
+        """The block with the penalty that held-out recordings prefer, and their losses (folds,)."""
+        options = [Block(places, roughness, p) for p in PENALTIES]
+        losses = [self.losses([*beside, b]) for b in options]
+        best = int(np.argmin([loss.sum() for loss in losses]))
+        return options[best], losses[best]
+
+    def _penalty(self, index: list[int], blocks: Sequence[Block], some: tuple[np.ndarray, ...]) -> np.ndarray:
+        out = self.held[some].copy()
+        at = len(self.own)
+        for b in blocks:
+            part = slice(at, at + len(b.places))
+            if b.roughness is not None:
+                size = float(np.diag(self.total)[b.places].mean())
+                out[part, part] += b.penalty * size * b.roughness
+            at += len(b.places)
+        return out
+
+
+def _solved(gram: np.ndarray) -> np.ndarray:
+    inner = gram[:-1, :-1]
+    scale = equilibrium(np.diag(inner))
+    scaled = inner * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    out: np.ndarray = np.linalg.solve(scaled, gram[:-1, -1] * scale) * scale
+    return out

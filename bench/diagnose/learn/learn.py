@@ -1,0 +1,229 @@
+"""Learn the terms that a model lacks and no catalogue has; each is accepted by recordings that were not fitted."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from bench.diagnose.learn.candidates import Columns, Pair, own_columns, pairs, paths, products, view_of, with_axes
+from bench.diagnose.learn.causal import consequences
+from bench.diagnose.learn.formulas import option_columns, options, simplest, span_of
+from bench.diagnose.learn.held_out import HeldOut
+from bench.diagnose.learn.splines import KNOTS, KNOTS_OF_A_POSE, Made, Spline, chosen, splines_of
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.select.choose import updated
+from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.materiality import Saving, Weighing
+from bench.diagnose.select.search import Look, Search
+from bench.diagnose.simulate.unmeasured import hidden
+from registry.dynamics import PhysicsModel
+from registry.dynamics.model import RATE_OF
+from registry.effects.learned_term import LearnedTerm
+from registry.errors import BenchError
+from registry.terms.shapes import SPLINE
+
+LARGE = 0.3
+"""Share of what can be explained in an equation that suffices where a term is met in few places, such as a wall."""
+FEW = 150
+"""Products of two signals that are all tried; of more, those with a signal that matters by itself."""
+TRIES = 4
+"""Times that terms are sought without what turned out to be a consequence."""
+STEPS = 2
+"""Gauss–Newton steps to the numbers with which terms are weighed."""
+ROUNDS = 2
+"""Times that every term's formula is chosen, beside those of the others."""
+
+
+def learn(
+    subject: Subject,
+    model: PhysicsModel,
+    noise: Noise | None = None,
+    tick: Callable[[str], None] = lambda what: None,
+    only: Pair | None = None,
+    doubtful: bool = False,
+) -> tuple[LearnedTerm, ...]:
+    """The terms that ``model`` lacks, estimated in the weak form, as formulas where those are as good as a spline.
+
+    Args:
+        subject: measurements; terms are sought in the training recordings and weighed on those held out.
+        model: with the effects that it has, its constants calibrated.
+        noise: default `noise.noise_of`.
+        tick: called with what is being done.
+        only: the axis and signals of the one term that is asked for; it is not gated.
+        doubtful: whether nothing says that something follows a signal: then a term must save a large share.
+
+    Raises:
+        BenchError: states that the terms would follow were not measured, or the signal asked for does not vary.
+    """
+    subject, noise = prepared(subject, noise, tick)
+    if hidden(subject.logs):
+        if only is None:
+            return ()
+        raise BenchError("A term cannot be learned here: not all states of the model were measured.")
+    tick("learned terms")
+    search = Search(subject, (), tick, noise)
+    base = len(model.effects)
+    with torch.no_grad():
+        look = search.look(with_axes(model), broad=False)
+        signals = [paths(model, s) for s in (search.stack, search.noisy) if s is not None]
+        seen = _Seen(search, look, base, signals)
+        splines = seen.asked(only) if only is not None else seen.sought(_measured(subject, pairs(model)))
+        if not splines:
+            return ()
+        tick("formulas")
+        terms = seen.as_formulas(splines)
+        return terms if only is not None else _worthy(subject, noise, search, model, terms, doubtful)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """The training recordings, linearised about the model with a constant along every axis."""
+
+    search: Search
+    look: Look
+    base: int
+    """Number of effects of the model without these constants."""
+    signals: Sequence[dict[str, np.ndarray]]
+    """What terms can follow: as measured and, where inputs are noisy, with more noise."""
+
+    def fits(self, columns: Sequence[Columns], upright: bool = False) -> tuple[HeldOut, list[np.ndarray]]:
+        """Fits of columns, and the places of each; ``upright``: beside what a constant thrust and weight explain."""
+        view, places = view_of(self.search, self.look, self.base, columns)
+        return HeldOut(view, own_columns(view, self.base, upright)), places
+
+    def made(self, some: Sequence[Pair]) -> list[Made]:
+        """The splines of pairs whose signals vary."""
+        return [m for pair in some if (m := splines_of(pair, self.signals, _knots(pair))) is not None]
+
+    def asked(self, only: Pair) -> list[Spline]:
+        """The one term that was asked for."""
+        made = self.made([only])
+        if not made:
+            raise BenchError(f"{only.signals[0]} hardly varies in these recordings: nothing can follow it.")
+        fits, places = self.fits([made[0].columns])
+        return [Spline(only, made[0], fits.smoothed(places[0], made[0].roughness, ())[0])]
+
+    def sought(self, offered: Sequence[Pair]) -> list[Spline]:
+        """The terms that recordings left out of the fit confirm, of what acts now."""
+        few = len(offered) ** 2 <= FEW
+        splines = self._acting([*offered, *products(offered)] if few else offered)
+        if few or not splines:
+            return splines
+        found = [s.pair for s in splines]
+        alone = [p for p in offered if p.axis in {f.axis for f in found}]
+        return self._acting([*alone, *products(alone, found)])
+
+    def _acting(self, offered: Sequence[Pair]) -> list[Spline]:
+        splines: list[Spline] = []
+        for _ in range(TRIES):
+            made = self.made(offered)
+            if not made:
+                return []
+            fits, places = self.fits([m.columns for m in made], upright=True)
+            splines = chosen(fits, made, places)
+            if not splines:
+                return []
+            later = {s.pair for s in consequences(self.search, self.look, self.base, splines, self.signals)}
+            if not later:
+                return splines
+            splines = [s for s in splines if s.pair not in later]
+            offered = [p for p in offered if p not in later]
+        return splines
+
+    def as_formulas(self, splines: Sequence[Spline]) -> tuple[LearnedTerm, ...]:
+        """Every spline as the simplest formula that is not worse, or as it is."""
+        signals = self.signals
+        columns, some = [], []
+        for s in splines:
+            some.append(options(signals[0][s.pair.signals[0]]))
+            columns += [s.made.columns, option_columns(s.pair, some[-1], signals)]
+        fits, places = self.fits(columns)
+        blocks = [replace(s.block, places=places[2 * i]) for i, s in enumerate(splines)]
+        terms: list[LearnedTerm] = []
+        for _ in range(ROUNDS):
+            terms = []
+            for i, s in enumerate(splines):
+                beside = [b for j, b in enumerate(blocks) if j != i]
+                block, losses = fits.smoothed(places[2 * i], s.made.roughness, beside)
+                found = simplest(fits, some[i], places[2 * i + 1], losses, fits.losses(beside), beside)
+                blocks[i] = block if found is None else found.block
+                if found is None:
+                    values = tuple(map(float, s.made.turn @ fits.fit([*beside, block])[-1]))
+                    span = span_of(signals[0][s.pair.signals[0]])
+                    terms.append(LearnedTerm(s.pair.axis, s.pair.signals, SPLINE, values, s.made.knots, span))
+                    continue
+                terms.append(_term(s.pair, found.shape, found.values, signals[0]))
+        return tuple(terms)
+
+
+def _knots(pair: Pair) -> int:
+    """Knots of its splines: more where the first signal says where the system is."""
+    return KNOTS_OF_A_POSE if pair.signals[0].partition(".")[0] in ("height", *RATE_OF) else KNOTS
+
+
+def _measured(subject: Subject, offered: Sequence[Pair]) -> list[Pair]:
+    """The pairs whose signals were measured, and whose axes move what was."""
+    model, measured = subject.model, [all(m) for m in zip(*(log.measured for log in subject.logs), strict=True)]
+    unseen = {c.name for c, seen in zip(model.state_channels, measured, strict=True) if not seen}
+    groups = {name.rpartition(".")[0] for name in unseen}
+    needs = {"height": "position", "airspeed": "velocity", "body_velocity": "velocity", "roll": "attitude"}
+    needs |= {"pitch": "attitude"}
+
+    def seen(pair: Pair) -> bool:
+        names = {s.partition(".")[0] for s in pair.signals}
+        return pair.axis not in unseen and not {needs.get(n, n) for n in names} & (groups | unseen)
+
+    return [p for p in offered if seen(p)]
+
+
+def _term(pair: Pair, shape: str, values: tuple[float, ...], signals: dict[str, np.ndarray]) -> LearnedTerm:
+    """A formula of a pair; a constant follows no signal, and times a second one is linear in that."""
+    follows = pair.signals
+    if shape == "constant":
+        follows, shape = (pair.signals[1:], "linear") if len(pair.signals) > 1 else ((), shape)
+    return LearnedTerm(pair.axis, follows, shape, values, (), span_of(signals[(follows or pair.signals)[0]]))
+
+
+def _worthy(
+    subject: Subject,
+    noise: Noise,
+    search: Search,
+    model: PhysicsModel,
+    terms: Sequence[LearnedTerm],
+    doubtful: bool,
+) -> tuple[LearnedTerm, ...]:
+    """The terms that save enough, for sure, on held-out recordings; the least goes first."""
+    if not subject.held_out:
+        return tuple(terms)
+    weighing, kept = Weighing(subject, noise, model), list(terms)
+    while kept:
+        full = _refitted(search, replace(model, effects=(*model.effects, *kept)))
+        savings = []
+        for i in range(len(kept)):
+            others = [t for j, t in enumerate(kept) if j != i]
+            rest = _refitted(search, replace(model, effects=(*model.effects, *others))) if others else model
+            savings.append([s for s in weighing.savings(rest, full, full) if not s.axis])
+        idle = [
+            i
+            for i, s in enumerate(savings)
+            if not any(_worth(one, doubtful) for one in s) or any(one.harms for one in s)
+        ]
+        if not idle:
+            break
+        kept.pop(min(idle, key=lambda i: max(one.share for one in savings[i])))
+    return tuple(kept)
+
+
+def _refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
+    """The model with all its numbers fitted together in the weak form: without a term they stood in for it."""
+    for _ in range(STEPS):
+        view = min(search.views(search.look(model, broad=False)), key=lambda v: v.subsets.fit().prior)
+        model = updated(view, view.subsets.fit())
+    return model
+
+
+def _worth(saving: Saving, doubtful: bool) -> bool:
+    """Whether a term is worth it: large and sure, or so large that it need not be met in every block of a recording."""
+    return (saving.worth and not doubtful) or (saving.matters and saving.share >= LARGE)

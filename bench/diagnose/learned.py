@@ -1,0 +1,90 @@
+"""What a diagnosis does about an effect that no catalogue has: it is learned, added and fitted, and drawn."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from bench.diagnose.extend import Extension, extend
+from bench.diagnose.learn.curve import curve
+from bench.diagnose.learn.learn import learn
+from bench.diagnose.learned_shape import LearnedCurve
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.result import NamedEffect
+from bench.diagnose.select.discovery import Discovery, Found
+from bench.diagnose.select.materiality import Weighing
+from registry.core import EFFECTS
+from registry.dynamics import PhysicsModel
+
+IMITATED = 0.02
+"""Share of the squared error above the floor that terms must leave of what named effects left, to give those up."""
+
+
+def learned(
+    subject: Subject,
+    model: PhysicsModel,
+    noise: Noise,
+    tick: Callable[[str], None],
+    horizon_s: float | None,
+    found: Sequence[Found],
+    doubtful: bool,
+) -> Extension | None:
+    """The model with the terms that held-out recordings confirm; None: there are none, or free runs do not gain.
+
+    Args:
+        subject: measurements, and the nominal model.
+        model: calibrated, with the effects of the catalogue that were found.
+        noise: of the measurements.
+        tick: called with what is being done.
+        horizon_s: longest horizon of the comparison [s].
+        found: these effects; terms are added after them.
+        doubtful: whether the search for effects did not say that something is left.
+    """
+    terms = learn(subject, model, noise, tick, doubtful=doubtful)
+    if not terms:
+        return None
+    rivals, known = {f.id: f.rivals for f in found}, {f.id: f.effect for f in found}
+    done = extend(subject, subject.model, [*known, *terms], tick, noise, rivals, known, horizon_s)
+    idle = {e.id for e in done.effects if not e.learned and _idle(e)}
+    if idle and not _beyond(done):
+        return None  # the terms only say in other words what a named effect says
+    if idle:  # they imitated what is learned now
+        kept = [n for n in known if n not in idle]
+        done = extend(subject, subject.model, [*kept, *terms], tick, noise, rivals, known, horizon_s)
+    # A share that is no number is one of nothing: there was no error to take.
+    return done if sum(e.share_explained for e in done.effects if e.learned) > 0 else None
+
+
+def _idle(effect: NamedEffect) -> bool:
+    """Whether every parameter may as well be the one that makes it no effect."""
+    neutral = {p.name: float(p.neutral) for p in EFFECTS.get(effect.id).neutral().parameters() if p.uncertainty > 0}
+    return all(p.low <= neutral[name] <= p.high for name, p in effect.parameters.items() if name in neutral)
+
+
+def _beyond(done: Extension) -> bool:
+    """Whether the terms leave so little of what the named effects leave that those cannot have been the cause."""
+    named = [e for e in done.effects if not e.learned]
+    before, after, floor = named[-1].error_after, done.comparison.error("extended"), done.comparison.error("floor")
+    above = [g for g in before if before[g].rmse > 1.5 * floor[g].rmse]
+    left = ((e[g].rmse ** 2 - floor[g].rmse ** 2 for e in (after, before)) for g in above)
+    return bool(above) and all(now < IMITATED * then for now, then in left)
+
+
+def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extension) -> Discovery:
+    """What was learnt, with effects, constants and errors of equations as the model with learned terms has them."""
+    there = {e.id for e in extension.effects}
+    gone = tuple(f.id for f in found.found if f.id not in there)
+    notes = tuple(f"{n} imitated what is described by a learned term, and is not named." for n in gone)
+    left = tuple(f for f in found.found if f.id in there)
+    found = replace(found, found=left, imitators=(*found.imitators, *gone), notes=(*found.notes, *notes))
+    found = replace(found, constants=extension.constants, ratios=())
+    if not found.equations:
+        return found
+    return replace(found, equations=Weighing(subject, noise, found.calibrated).errors(extension.model))
+
+
+def curves(subject: Subject, noise: Noise, extension: Extension) -> tuple[LearnedCurve, ...]:
+    """The shapes of the terms that were learned, over the data."""
+    first = len(extension.model.effects) - len(extension.effects)
+    return tuple(
+        curve(subject, noise, extension.model, first + i, e) for i, e in enumerate(extension.effects) if e.learned
+    )

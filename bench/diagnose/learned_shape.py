@@ -1,0 +1,42 @@
+"""What a diagnosis says of a learned term: where it acts, what it follows and how, and its drawing."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class LearnedShape:
+    """A term that no catalogue has: f of one signal, times another one if there are two."""
+
+    axis: str
+    """Along which it acts, such as "world_force_x" or "speed.q" (then it is a rate of change)."""
+    signals: tuple[str, ...]
+    shape: str
+    """A formula of `registry.terms.shapes`, or "spline"."""
+    formula: str
+    """As text, such as "k x"."""
+    described: str
+    """All of it in a line, such as "world force x = f(position x), linear, k = −0.31 N/m (−0.32 to −0.30)"."""
+
+    @property
+    def name(self) -> str:
+        """As `bench extend --add` takes it."""
+        return f"{self.axis} ~ {' * '.join(self.signals) or '1'}"
+
+
+@dataclass(frozen=True)
+class LearnedCurve:
+    """The shape of a learned term over the data that it was learned from, SI."""
+
+    x_signal: str
+    x_unit: str
+    y_quantity: str
+    y_unit: str
+    x: tuple[float, ...]
+    """Where the curve is given."""
+    y: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    """95 % band."""
+    dots_x: tuple[float, ...]
+    dots_y: tuple[float, ...]
+    """What is left of the measurements without the term, as means over short windows."""

@@ -1,0 +1,112 @@
+"""The axes along which a learned term can act, and the signals that it can follow, by the kind of model."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from registry.dynamics import Motion, PhysicsModel, tensor
+from registry.terms.unit_algebra import product
+from registry.units import channel_names
+
+FORCES = {f"force_{a}": (i, False) for i, a in enumerate("xyz")}
+WORLD_FORCES = {f"world_force_{a}": (i, True) for i, a in enumerate("xyz")}
+TORQUES = {f"torque_{a}": i for i, a in enumerate("xyz")}
+
+
+def _component(of: Callable[[Motion], Tensor], place: int) -> Callable[[Motion], Tensor]:
+    return lambda motion: of(motion)[..., place]
+
+
+def _vector(name: str, axes: str, unit: str, of: Callable[[Motion], Tensor]) -> "dict[str, _Followed]":
+    return {f"{name}.{a}": (unit, _component(of, i)) for i, a in enumerate(axes)}
+
+
+_Followed = tuple[str, Callable[[Motion], Tensor]]
+_OF_MOTION: dict[str, _Followed] = {
+    **_vector("position", "xy", "m", lambda m: m.position),
+    "height": ("m", lambda m: m.position[..., 2] - tensor(m.model.ground_z, m.position)),
+    **_vector("velocity", "xyz", "m/s", lambda m: m.velocity),
+    **_vector("body_velocity", "xyz", "m/s", lambda m: m.air_velocity),
+    "airspeed": ("m/s", lambda m: torch.linalg.vector_norm(m.air_velocity, dim=-1)),
+    **_vector("body_rates", "pqr", "rad/s", lambda m: m.body_rates),
+    "roll": ("rad", lambda m: torch.atan2(m.rotation[..., 2, 1], m.rotation[..., 2, 2])),
+    "pitch": ("rad", lambda m: -torch.asin(m.rotation[..., 2, 0].clamp(-1 + 1e-9, 1 - 1e-9))),
+    "thrust": ("N", lambda m: m.total_thrust),
+}
+"""By name: unit, and the signal (…) of a rigid body's motion."""
+_EXTRA_UNITS = {"battery": "V", "time": "s"}
+
+
+def flies(kind: type[PhysicsModel]) -> bool:
+    """Whether models of a class are rigid bodies that forces and torques act on."""
+    return {"position", "velocity", "attitude", "body_rates"} <= {c.group for c in kind.state_channels}
+
+
+@lru_cache(maxsize=256)
+def axes_of(kind: type[PhysicsModel]) -> dict[str, str]:
+    """The axes along which a term can act in models of a class, and the unit of what it adds there."""
+    if flies(kind):
+        return {**dict.fromkeys((*FORCES, *WORLD_FORCES), "N"), **dict.fromkeys(TORQUES, "N m")}
+    return {c.name: product((c.unit, 1), ("s", -1)) for c in kind.state_channels}
+
+
+@lru_cache(maxsize=256)
+def signals_of(kind: type[PhysicsModel], drive: str, drives: int, extras: tuple[str, ...]) -> dict[str, str]:
+    """The signals that a term can follow in models of a class, and their units.
+
+    Args:
+        kind: the class.
+        drive: name of the driving signal.
+        drives: number of its channels.
+        extras: signals that follow it in the inputs.
+    """
+    inputs = dict.fromkeys(input_names(kind, drive, drives), _input_unit(kind, drive))
+    if flies(kind):
+        own = {n: unit for n, (unit, _) in _OF_MOTION.items() if n != "thrust" or hasattr(kind, "rotor_positions")}
+        return {**own, **inputs, **{n: _EXTRA_UNITS.get(n, "1") for n in extras}}
+    return {**{c.name: c.unit for c in kind.state_channels}, **inputs}
+
+
+def input_names(kind: type[PhysicsModel], drive: str, drives: int) -> tuple[str, ...]:
+    """Names of the channels of the driving signal."""
+    known = kind.signal(drive) if drive else None
+    if known is not None and len(known.axes) == drives:
+        return channel_names(drive, known.axes)
+    return (drive,) if drives == 1 else tuple(f"{drive}.{i + 1}" for i in range(drives))
+
+
+def _input_unit(kind: type[PhysicsModel], drive: str) -> str:
+    known = kind.signal(drive) if drive else None
+    return "1" if known is None else known.unit
+
+
+def drive_of(model: PhysicsModel) -> tuple[str, int]:
+    """Name of the signal that drives a model, and its number of channels."""
+    names = type(model).input_signals
+    return (str(getattr(model, "drive", names[0])), model.driving_channels) if names else ("", 0)
+
+
+def available(model: PhysicsModel) -> dict[str, str]:
+    """The signals that a term can follow in a model, and their units."""
+    return signals_of(type(model), *drive_of(model), model.extras)
+
+
+def of_motion(name: str, motion: Motion) -> Tensor:
+    """A signal (…) of a rigid body's motion."""
+    if name in _OF_MOTION:
+        return _OF_MOTION[name][1](motion)
+    if name in motion.extras:
+        return motion.extras[name]
+    places = input_names(type(motion.model), *drive_of(motion.model))
+    return motion.inputs[..., places.index(name)]
+
+
+def of_state(name: str, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
+    """A signal (…) of a system that is given by its rates, at states (…, s) and driving inputs (…, m)."""
+    channels = [c.name for c in model.state_channels]
+    if name in channels:
+        return state[..., channels.index(name)]
+    return inputs[..., input_names(type(model), *drive_of(model)).index(name)]

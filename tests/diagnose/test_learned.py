@@ -1,0 +1,262 @@
+"""Terms that no catalogue has, on measurements whose truth is written down here and shares no code with the effects."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from bench.cli.diagnosing import check_catalogue
+from bench.diagnose import compare, diagnose, extend
+from bench.diagnose.extend import fitted
+from bench.diagnose.learn.learn import learn
+from bench.diagnose.learn.request import parsed
+from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.report import model_file, page, words
+from bench.diagnose.result import Diagnosis, schema
+from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.search import admissible
+from registry.contracts import Channel, Recording
+from registry.errors import BenchError
+from registry.physics.oscillator import Oscillator
+from registry.physics.quadrotor import Quadrotor
+
+Force = Callable[[float, float], float]
+FREQUENCIES = (0.3, 0.8, 1.4, 1.9, 2.6)
+CONFUSABLE = ["coulomb_friction", "offset_force"]
+"""A catalogue that has not what is hidden."""
+
+
+def run(
+    force: Force, seed: int, gust: float = 0.0, seconds: float = 10.0, dt: float = 0.01
+) -> tuple[np.ndarray, np.ndarray]:
+    """Drive (N,) and motion (N, 2) of a mass of 1 kg, 0.5 N s/m and 100 N/m, with a force of its own: RK4, 400 Hz.
+
+    With ``gust`` [N] a random force pushes too, which the drive pushes against a moment later.
+    """
+    rng, count = np.random.default_rng(seed), round(seconds / dt)
+    t = np.arange(4 * count + 1) * dt / 4
+    u = sum(20 * rng.uniform(0.3, 1) * np.sin(2 * np.pi * f * t + rng.uniform(0, 6.28)) for f in FREQUENCIES)
+    x, out = rng.normal(size=2) * [0.2, 1.0], []
+    blown = np.zeros(len(t))
+    if gust:
+        kicks = rng.normal(0, gust * np.sqrt(dt / 2), len(t))
+        answer = 0.0
+        for k in range(1, len(t)):
+            blown[k] = blown[k - 1] * (1 - dt / 4) + kicks[k]
+            answer += dt / 4 / 0.1 * (blown[k] - answer)
+            u[k] = 0.05 * u[k] - answer
+
+    def rate(at: np.ndarray, push: float) -> np.ndarray:
+        q, v = at
+        return np.array([v, push - 0.5 * v - 100 * q + force(q, v)])
+
+    pushed = u + blown
+
+    for k in range(4 * count):
+        if k % 4 == 0:
+            out.append(x)
+        middle, h = (pushed[k] + pushed[k + 1]) / 2, dt / 4
+        a = rate(x, pushed[k])
+        b = rate(x + h / 2 * a, middle)
+        c = rate(x + h / 2 * b, middle)
+        x = x + h / 6 * (a + 2 * b + 2 * c + rate(x + h * c, pushed[k + 1]))
+    return u[: 4 * count : 4], np.array(out)
+
+
+def subject(force: Force, noise: float = 1e-3, gust: float = 0.0) -> Subject:
+    """Six recordings, two of them held out, with white noise relative to each state's spread."""
+    model, logs = Oscillator(), []
+    for seed in range(6):
+        u, x = run(force, seed, gust)
+        x = x + np.random.default_rng(100 + seed).normal(size=x.shape) * noise * x.std(0)
+        made = Recording(
+            f"run_{seed}", 100.0, u[:, None], x, (Channel("force", "N"),), model.state_channels, np.ones(len(x), bool)
+        )
+        logs.append(log_of(made, model, "force"))
+    names, signals = [log.name for log in logs], ("displacement", "speed", "force")
+    return Subject("hidden", model, tuple(logs), tuple(names[:4]), tuple(names[4:]), None, {}, {}, signals)
+
+
+def terms_of(of: Subject) -> list[tuple[str, tuple[str, ...], str, tuple[float, ...]]]:
+    """The terms that are learned, before they are fitted by simulation."""
+    of, noise = prepared(of)
+    calibrated, _ = fitted(of, of.model, noise, through_simulator=False)
+    return [(t.axis, t.signals, t.shape, t.values) for t in learn(of, calibrated, noise)]
+
+
+HIDDEN: dict[str, tuple[Force, tuple[str, ...], tuple[float, ...]]] = {
+    "signed_square": (lambda q, v: -0.4 * abs(v) * v, ("speed.q",), (-0.4,)),
+    "above": (lambda q, v: -300 * max(q - 0.25, 0.0), ("displacement.q",), (-300, 0.25)),
+    "dead_zone": (lambda q, v: -120 * (q - np.clip(q, -0.2, 0.2)), ("displacement.q",), (-120, 0.2)),
+    "linear": (lambda q, v: -3 * q * v, ("speed.q", "displacement.q"), (-3.0,)),
+    "constant": (lambda q, v: 3.0, (), (3.0,)),
+}
+
+
+@pytest.mark.parametrize("shape", HIDDEN)
+def test_the_formula_of_what_is_hidden_is_found(shape: str) -> None:
+    force, follows, true = HIDDEN[shape]
+    ((axis, signals, found, values),) = terms_of(subject(force))
+    assert (axis, set(signals), found) == ("speed.q", set(follows), shape)
+    np.testing.assert_allclose(values, true, rtol=0.1)  # a start: simulation fits it
+
+
+def test_where_nothing_repeats_nothing_is_learned() -> None:
+    assert terms_of(subject(lambda q, v: 0.0)) == []
+
+
+def test_what_only_answers_a_disturbance_is_no_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    blown = subject(lambda q, v: 0.0, gust=5.0)
+    assert terms_of(blown) == []
+    monkeypatch.setattr("bench.diagnose.learn.learn.consequences", lambda *given: [])
+    assert ("force",) in [signals for _, signals, _, _ in terms_of(blown)]
+
+
+@pytest.fixture(scope="module")
+def said() -> tuple[Subject, Diagnosis, Oscillator]:
+    """The diagnosis of a drag that the catalogue at hand lacks."""
+    of = subject(HIDDEN["signed_square"][0])
+    found, model = diagnose(of, catalogue=CONFUSABLE)
+    return of, found, model  # type: ignore[return-value]
+
+
+def test_a_diagnosis_adds_it_and_the_error_falls_to_the_floor(said: tuple[Subject, Diagnosis, Oscillator]) -> None:
+    _, found, model = said
+    (effect,) = found.effects
+    assert found.verdict == "unknown_effect" and effect.learned and effect.term is not None
+    assert (effect.term.axis, effect.term.signals, effect.term.shape) == ("speed.q", ("speed.q",), "signed_square")
+    k = effect.parameters["k"]
+    assert k.low <= -0.4 <= k.high and k.high - k.low < 0.02 and k.unit == "1/m"
+    for group, error in found.error.extended.items():
+        assert error.rmse < 1.15 * found.noise_floor[group].rmse < 0.1 * found.error.nominal[group].rmse
+    assert "described as: rate of change of speed q = f(speed q), signed square, −0.4" in words.headline(found)
+    assert len(model.effects) == 1
+    values = found.to_json()
+    jsonschema.Draft202012Validator(schema()).validate(values)
+    assert values["effects"][0]["learned"] is True and values["effects"][0]["term"]["signals"] == ["speed.q"]
+    assert found.unexplained.axes == ("d speed.q/dt",)
+
+
+def test_the_page_draws_its_shape_with_a_band_that_holds_the_truth(said: tuple[Subject, Diagnosis, Oscillator]) -> None:
+    _, found, _ = said
+    (curve,) = found.evidence.learned
+    x, low, high = (np.array(v) for v in (curve.x, curve.low, curve.high))
+    true = -0.4 * np.abs(x) * x
+    assert (low <= true + 1e-9).all() and (true <= high + 1e-9).all()
+    dots = np.array(curve.dots_y) + 0.4 * np.abs(curve.dots_x) * np.array(curve.dots_x)
+    assert np.median(np.abs(dots)) < 0.05 * np.abs(true).max()
+    text = page.render(found)
+    assert "What was learned" in text and "rate of change of speed q [m/s²]" in text and "speed q [m/s]" in text
+
+
+def test_a_file_keeps_it_for_every_later_step(said: tuple[Subject, Diagnosis, Oscillator], tmp_path: Path) -> None:
+    of, found, model = said
+    model_file.write(tmp_path / "model.toml", model, found.effects)
+    read = model_file.read(tmp_path / "model.toml", "oscillator")
+    a, b = (compare(of, {"extended": m}).error("extended") for m in (model, read))
+    assert all(abs(a[g].rmse - b[g].rmse) <= 1e-9 for g in a)
+    again, _ = diagnose(replace(of, model=read), catalogue=CONFUSABLE, brief=True)
+    assert (again.verdict, again.effects) == ("nothing", ())
+    with pytest.raises(BenchError, match="Nothing is left"):
+        extend(of, read, ["learned"])
+
+
+def test_one_is_added_on_request() -> None:
+    of = subject(HIDDEN["signed_square"][0])
+    asked = extend(of, of.model, ["speed ~ speed"])
+    assert asked.effects[0].name == "speed.q ~ speed.q"
+    assert asked.effects[0].parameters["k"].value == pytest.approx(-0.4, rel=0.01)
+    assert [s.name for s in asked.stages] == ["nominal", "calibrated", "speed.q ~ speed.q", "floor"]
+
+
+@pytest.mark.parametrize(
+    ("text", "axis", "signals"),
+    [
+        ("force_z ~ height", "force_z", ("height",)),
+        ("world force x ~ position x", "world_force_x", ("position.x",)),
+        ("force_x ~ speed * body_velocity.x", "force_x", ("airspeed", "body_velocity.x")),
+        ("torque_y~q", "torque_y", ("body_rates.q",)),
+        ("world_force_z ~ position.z", "world_force_z", ("height",)),
+    ],
+)
+def test_a_request_is_read_as_people_write_it(text: str, axis: str, signals: tuple[str, ...]) -> None:
+    pair = parsed(text, Quadrotor())
+    assert pair is not None and (pair.axis, pair.signals) == (axis, signals)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("force_z ~ heigth", "there is no signal 'heigth': did you mean height"),
+        ("up ~ height", "quadrotor has no axis 'up'"),
+        ("force_z ~", "there is no signal ''"),
+        ("force_z ~ height * height * thrust", "one signal, or is a function of one times another"),
+    ],
+)
+def test_what_cannot_be_asked_for_is_one_sentence(text: str, says: str) -> None:
+    with pytest.raises(BenchError, match=says):
+        parsed(text, Quadrotor())
+
+
+def test_it_is_no_member_of_the_catalogue() -> None:
+    of = subject(lambda q, v: 0.0)
+    with pytest.raises(BenchError, match=r"--catalogue learned_term: it is learned .* --add learned"):
+        check_catalogue(of, of.model, ["learned_term"])
+    assert "learned_term" not in [name for name, _ in admissible(of, of.model, None)]
+
+
+# ------------------------------------------------------------------------------ flights of another simulator
+
+hidden = pytest.importorskip("bench.score.hidden", reason="needs RotorPy: pip install .[score]")
+
+
+def flights(monkeypatch: pytest.MonkeyPatch, method: str, extra: Callable[[np.ndarray, np.ndarray], object]) -> Subject:
+    """Six flights of 15 s, simulated by RotorPy, with more in its wrench or in its forces of the world."""
+    from bench.score import case, logs
+
+    before = getattr(hidden.HiddenMultirotor, method)
+
+    def changed(self: object, now: object) -> object:
+        own, more = before(self, now), extra(now.state, now.air)  # type: ignore[attr-defined]
+        return (own[0] + more[0], own[1] + more[1]) if isinstance(own, tuple) else own + more  # type: ignore[index]
+
+    monkeypatch.setattr(hidden.HiddenMultirotor, method, changed)
+    flown = case.Case("hidden", recordings=6, seconds=15.0, flight_seed=3)
+    columns = case.clean(flown, case._fly(flown))
+    return logs.subject("hidden", columns, case.nominal(flown), case.UNCERTAINTY, {})
+
+
+@pytest.mark.slow
+def test_a_spring_in_the_room_is_found_in_flights(monkeypatch: pytest.MonkeyPatch) -> None:
+    def spring(state: np.ndarray, air: np.ndarray) -> np.ndarray:
+        return np.concatenate([-0.31 * state[:2], 0 * state[:1]])
+
+    found, _ = diagnose(flights(monkeypatch, "world_force", spring))
+    assert found.verdict == "unknown_effect"
+    terms = {e.term.axis: e for e in found.effects if e.term is not None}
+    assert {a: (e.term.signals, e.term.shape) for a, e in terms.items()} == {  # type: ignore[union-attr]
+        f"world_force_{a}": ((f"position.{a}",), "linear") for a in "xy"
+    }
+    for effect in terms.values():
+        k = effect.parameters["k"]
+        assert k.low <= -0.31 <= k.high and k.unit == "N/m"
+    after, floor = found.error.extended["velocity"].rmse, found.noise_floor["velocity"].rmse
+    assert after < 1.05 * floor < 0.15 * found.error.nominal["velocity"].rmse
+    json.dumps(found.to_json(), allow_nan=False)
+
+
+@pytest.mark.slow
+def test_a_moment_that_goes_with_the_square_of_the_speed_is_found_in_flights(monkeypatch: pytest.MonkeyPatch) -> None:
+    def moment(state: np.ndarray, air: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros_like(air), np.stack([0 * air[0], 0.004 * np.abs(air[0]) * air[0], 0 * air[0]])
+
+    found, _ = diagnose(flights(monkeypatch, "wrench", moment), brief=True)
+    (effect,) = found.effects
+    assert effect.term is not None and effect.acts_on == "torques"
+    assert (effect.term.axis, effect.term.signals) == ("torque_y", ("body_velocity.x",))
+    assert effect.term.shape == "signed_square"
+    assert effect.parameters["k"].low <= 0.004 <= effect.parameters["k"].high
