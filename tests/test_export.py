@@ -24,6 +24,7 @@ from bench.export.program import ON_NUMBERS, Program
 from bench.export.trace import traced
 from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import PhysicsModel
+from registry.effects.learned_term import LearnedTerm
 from registry.errors import BenchError
 from registry.physics.quadrotor import Quadrotor
 
@@ -47,7 +48,7 @@ def with_effects(kind: type[PhysicsModel], names: Sequence[str]) -> PhysicsModel
 def every() -> dict[str, Callable[[], PhysicsModel]]:
     """Every system alone, and every effect of the catalogue in the first system that it suits, a few at a time."""
     found: dict[str, Callable[[], PhysicsModel]] = {}
-    left = list(EFFECTS.names())
+    left = [n for n in EFFECTS.names() if not EFFECTS.get(n).learned]
     for system in PHYSICS.names():
         kind = PHYSICS.get(system)
         found[system] = kind
@@ -61,8 +62,16 @@ def every() -> dict[str, Callable[[], PhysicsModel]]:
     return found
 
 
+SPLINE = LearnedTerm("torque_y", ("pitch",), "spline", (0.01, -0.02, 0.0, 0.03), (-0.4, -0.1, 0.2, 0.5), (-0.5, 0.6))
+MOMENT = LearnedTerm("torque_y", ("body_velocity.x",), "linear", (-0.02,), (), (-0.5, 0.6))
+WALL = LearnedTerm("world_force_x", ("position.x",), "above", (-2.0, 0.05), (), (-0.5, 0.6))
+
 MODELS = {
     **every(),
+    "quadrotor: learned terms": lambda: Quadrotor(effects=(MOMENT, WALL)),
+    "oscillator: a learned term": lambda: PHYSICS.get("oscillator")(
+        effects=(LearnedTerm("speed.q", ("displacement.q",), "cubic", (-9.0,), (), (-0.5, 0.6)),)
+    ),
     "held commands": lambda: replace(with_effects(Quadrotor, ["motor_lag"]), input_hold="previous"),
 }
 
@@ -204,3 +213,8 @@ def test_every_operation_is_printed_and_has_the_value_of_numpy() -> None:
         values = (1.3, 0.4, 2.2)[:count]
         value = eval(form.format(*values), {"np": np})  # noqa: S307 (text of our own)
         assert ON_NUMBERS[name](*values) == pytest.approx(float(value))
+
+
+def test_a_spline_that_was_learned_is_refused_in_a_sentence() -> None:
+    with pytest.raises(BenchError, match="a spline cannot be written down"):
+        equations(Quadrotor(effects=(SPLINE,)), DT)

@@ -9,6 +9,9 @@ import torch
 from bench.export.trace import Traced, traced
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
+from registry.effects.learned_term import LearnedTerm
+from registry.errors import BenchError
+from registry.terms.shapes import SPLINE
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,8 @@ def equations(model: PhysicsModel, dt: float) -> Equations:
     Raises:
         BenchError: it does something that cannot be written down.
     """
+    if any(isinstance(e, LearnedTerm) and e.shape == SPLINE for e in model.effects):
+        raise BenchError("A learned term that is a spline cannot be written down; one that is a formula can.")
     model = _without_unused_extras(model)
     proper = len(model.state_channels)
     body, width = proper + model.internal_size, model.driving_channels + len(model.extras)

@@ -270,6 +270,7 @@ _ACTIONS: dict[str, Callable[..., Any]] = {
     "lift_fresh_copy": lambda p, a: a.copy(),
     "zeros": _filled(0.0),
     "ones": _filled(1.0),
+    "eye": lambda p, size, *_, **__: _array(np.eye(size).reshape(-1).tolist(), (size, size)),
     "full": lambda p, shape, value, *_, **__: _array([float(value)] * math.prod(shape), tuple(shape)),
     "new_zeros": lambda p, a, shape, *_, **__: _filled(0.0)(p, shape),
     "new_ones": lambda p, a, shape, *_, **__: _filled(1.0)(p, shape),

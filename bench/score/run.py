@@ -46,7 +46,14 @@ class Job:
 
 def sources(kind: str) -> list[Path]:
     """The files of the code that an answer depends on."""
-    folders = ("bench/diagnose", "bench/score", "registry/dynamics", "registry/effects", "registry/physics")
+    folders = (
+        "bench/diagnose",
+        "bench/score",
+        "registry/dynamics",
+        "registry/effects",
+        "registry/physics",
+        "registry/terms",
+    )
     files = sorted(p for f in folders for p in (ROOT / f).rglob("*.py"))
     told = [p for p in files if not any(p.match(pattern) for pattern in _PRESENTATION)]
     return [p for p in told if kind == ALTERNATIVES or p.name != "alternatives.py"]

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from registry.core import EFFECTS
+from registry.core import EFFECTS, option
 from registry.dynamics import LoadEffect, Motion, Parameter, PhysicsModel, RateEffect, constant, tensor
 from registry.errors import BenchError, near
 from registry.model_file import finite
@@ -23,17 +23,12 @@ MOST_KNOTS = 40
 class LearnedTerm(LoadEffect, RateEffect):
     """What was learned from recordings and no catalogue has: a function of a signal, or that times another one."""
 
-    axis: str = "world_force_x"
-    """Along which it acts: see `registry.terms.signals.axes_of`."""
-    signals: tuple[str, ...] = ("position.x",)
-    """What it follows; none of a constant. It is multiplied by the second."""
-    shape: str = "linear"
-    """One of `registry.terms.shapes.SHAPES`, or "spline"."""
+    axis: str = option("world_force_x", "along which it acts: of the body or the world, or a state's rate of change")
+    signals: tuple[str, ...] = option(("position.x",), "what it follows; it is multiplied by the second")
+    shape: str = option("linear", "the formula, or spline")
     values: Any = constant((0.0,), "parameters of the formula, or values at the knots", "1", typical=(-0.3,))
-    knots: tuple[float, ...] = ()
-    """Of a spline, in the unit of the first signal, ascending."""
-    span: tuple[float, float] = (-1.0, 1.0)
-    """Between which values of the first signal it was learned."""
+    knots: tuple[float, ...] = option((), "of a spline, in the unit of the first signal, ascending")
+    span: tuple[float, float] = option((-1.0, 1.0), "values of the first signal between which it was learned")
 
     equation: ClassVar[str] = "F = f(x), or f(x) y: a spline or a short formula of signals x, y, along one axis"
     learned: ClassVar[bool] = True
