@@ -39,7 +39,7 @@ def test_nanodrone_lacks_drag_and_a_moment_that_goes_with_lateral_velocity(nanod
     on melon, which is held out, so that drag shows in what the accelerometer feels, not in the change of velocity.
     """
     said, model = nanodrone
-    found = {e.id: e.parameters for e in said.effects}
+    found = {e.id: e.parameters for e in said.effects if not e.learned}  # what else repeats may be described beside
     assert said.verdict == "named"
     assert set(found) in (
         {"linear_drag", "blade_flapping", "rotor_reaction_torque"},
