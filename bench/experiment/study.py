@@ -41,24 +41,22 @@ class Study:
 
 def titles() -> dict[str, str]:
     """Name → title of every study, by name; read from the sources as far as they tell."""
-    found: dict[str, str] = {}
-    for point in entry_points(group="multistep_bench.studies"):
-        told = outline.keywords(outline.source_of(point.module) or "", point.attr)
-        if "name" not in told or "title" not in told:  # only importing them tells
-            return {name: s.title for name, s in studies().items()}
-        found[told["name"]] = told["title"]
-    return dict(sorted(found.items()))
+    return _by_name("title")
 
 
 def default_datasets() -> dict[str, str]:
-    """Name → default data set of every study; read from the sources as far as they tell."""
+    """Name → default data set of every study, by name; read from the sources as far as they tell."""
+    return _by_name("default_dataset")
+
+
+def _by_name(attribute: str) -> dict[str, str]:
     found: dict[str, str] = {}
     for point in entry_points(group="multistep_bench.studies"):
         told = outline.keywords(outline.source_of(point.module) or "", point.attr)
-        if "name" not in told or "default_dataset" not in told:  # only importing them tells
-            return {name: s.default_dataset for name, s in studies().items()}
-        found[told["name"]] = told["default_dataset"]
-    return found
+        if "name" not in told or attribute not in told:  # only importing them tells
+            return {name: getattr(s, attribute) for name, s in studies().items()}
+        found[told["name"]] = told[attribute]
+    return dict(sorted(found.items()))
 
 
 def studies() -> dict[str, Study]:

@@ -28,12 +28,12 @@ def quaternion_from_euler(euler: np.ndarray) -> np.ndarray:
 
 
 def euler_from_quaternion(q: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw (N, 3) [rad] of unit quaternions xyzw (N, 4)."""
-    x, y, z, w = q.T
+    """Roll, pitch, yaw (…, 3) [rad] of unit quaternions xyzw (…, 4)."""
+    x, y, z, w = np.moveaxis(q, -1, 0)
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return np.stack([roll, pitch, yaw], axis=1)
+    return np.stack([roll, pitch, yaw], axis=-1)
 
 
 def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:

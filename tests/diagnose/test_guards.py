@@ -144,7 +144,7 @@ def test_the_noise_of_a_delayed_input_is_accounted_for() -> None:
         assert look.moved.rates + look.moved.columns[start.columns[0]] == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize(("share", "buried"), [(0.02, False), (6.0, True)])
+@pytest.mark.parametrize(("share", "buried"), [(0.02, False), (1.5, False), (6.0, True)])
 def test_a_constant_whose_column_is_noise_of_the_inputs_is_free_and_its_channel_doubtful(
     share: float, buried: bool
 ) -> None:
@@ -157,6 +157,8 @@ def test_a_constant_whose_column_is_noise_of_the_inputs_is_free_and_its_channel_
     assert bool(view.doubtful) is buried
     constants = [e.constant for e in view.linear.own]
     assert any(p == 0 for p, c in zip(view.subsets.prior, constants, strict=True) if c) is buried
+    mass = next(x for x in verify.estimates(view, view.subsets.fit()) if x.entry.label == "mass")
+    assert buried or 0.96 < mass.low < 1.0 < mass.high < 1.04
 
 
 def test_a_widely_uncertain_constant_does_not_stand_in_for_an_effect_that_is_taken_away() -> None:

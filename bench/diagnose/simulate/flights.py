@@ -23,6 +23,7 @@ from bench.diagnose.simulate.free_run import (
     measured_windows,
     starts,
 )
+from registry.datasets.rotations import euler_from_quaternion
 from registry.dynamics import PhysicsModel
 
 MOST = 6
@@ -180,11 +181,7 @@ def euler(quaternions: np.ndarray, begin: np.ndarray | None = None) -> np.ndarra
 
     With ``begin`` (…, 3), the turns are counted so that the first sample is nearest to it.
     """
-    x, y, z, w = np.moveaxis(quaternions, -1, 0)
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    angles: np.ndarray = np.unwrap(np.stack([roll, pitch, yaw], axis=-1), axis=-2)
+    angles: np.ndarray = np.unwrap(euler_from_quaternion(quaternions), axis=-2)
     if begin is not None:
         turns = np.round((begin - angles[..., 0, :]) / (2 * math.pi))
         angles = angles + 2 * math.pi * turns[..., None, :]
