@@ -1,18 +1,16 @@
 """Which effects of the catalogue a model lacks: weak form, whitened, best subsets, judged on recordings not fitted."""
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-
-import torch
 
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.linearise import Start
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select import by_simulation
-from bench.diagnose.select.choose import accepted, agreed, updated
+from bench.diagnose.select.choose import accepted, agreed
 from bench.diagnose.select.discovery import Discovery, Found, Loser
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import (
@@ -23,13 +21,14 @@ from bench.diagnose.select.materiality import (
     faint_traces,
     trifle,
 )
+from bench.diagnose.select.release import contradicted
 from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.step import advanced, next_step
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.select.verify import (
     LEFT,
     estimates,
     left_over,
-    neighbour,
     pinned,
     ratios,
     rivals,
@@ -66,16 +65,17 @@ def discover(
     if hidden(subject.logs):
         return by_simulation.discover(subject, catalogue, tick)
     search = Search(subject, catalogue, tick, noise)
-    view, fit, fields = agreed(search.views(search.look(subject.model)))
-    calibrated = updated(view, view.subsets.fit())
+    view, fit, fields = _first(search)
+    calibrated = advanced(search, view, view.subsets.fit()).model
     rounds = tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
     view = _settled(search, view, fit, fields)
+    subject = search.subject
     names = [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
     tick("weigh")
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
-    worthy, remarks, contradicted = _worthy(view, weighing, len(subject.model.effects))
+    worthy, remarks, contradicted = _worthy(search, view, weighing)
     named, imitators = _understood(view, worthy, len(subject.model.effects))
-    chosen = _Choice(view, tuple(sorted({*worthy.dropped, *imitators})))
+    chosen = _Choice(search, view, tuple(sorted({*worthy.dropped, *imitators})))
     savings = {i: _saved(weighing, chosen, i, worthy.model()) for i in named}
     fit = chosen.fit
     errors = () if weighing is None else weighing.errors(chosen.model())
@@ -108,6 +108,7 @@ def discover(
         (*subject.notes, *search.notes),
         errors,
         remarks,
+        subject.uncertainty,
     )
 
 
@@ -115,6 +116,7 @@ def discover(
 class _Choice:
     """The last view's model without some of its effects, fitted."""
 
+    search: Search
     view: View
     dropped: tuple[int, ...] = ()
     """Places of effects in the view's model."""
@@ -126,10 +128,20 @@ class _Choice:
 
     def model(self, without_too: Sequence[int] = (), start: Start | None = None) -> PhysicsModel:
         """The model, or a neighbour: less the effects in further places, with another one instead."""
-        if not without_too:
-            return without(updated(self.view, self.fit), self.fit.dropped)
-        fit = self.view.subsets.fit([] if start is None else [start], drop=[*self.dropped, *without_too])
-        return without(updated(self.view, fit), fit.dropped)
+        fit = self.fit
+        if without_too:
+            fit = self.view.subsets.fit([] if start is None else [start], drop=[*self.dropped, *without_too])
+        return advanced(self.search, self.view, fit).model
+
+
+def _first(search: Search) -> tuple[View, Fit, list[list[Fit]]]:
+    """The first choice of effects, with what is stated of constants let go where the recordings contradict it."""
+    views = search.views(search.look(search.subject.model))
+    view, fit, fields = agreed(views)
+    while search.let_go(contradicted(view, fit)):
+        views = [search.as_known(v) for v in views]
+        view, fit, fields = agreed(views)
+    return view, fit, fields
 
 
 def _settled(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> View:
@@ -137,23 +149,23 @@ def _settled(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> V
     subject = search.subject
     everything = view.subsets.fit().misfit - view.floor
     shortlist = {i for field in fields[1:] for f in field[:8] for i in f.ids}
-    model, known = updated(view, fit), len(subject.model.effects)
+    model, known = advanced(search, view, fit).model, len(subject.model.effects)
     for _ in range(STEPS):
         search.tick("what is left")
-        views = search.views(search.look(model, shortlist), everything)
-        view = min(views, key=lambda v: v.subsets.fit().prior)
-        changed = neighbour(view, known)
-        fit = view.subsets.fit() if changed is None else changed
-        before, model = model, without(updated(view, fit), fit.dropped)
-        if not torch.isfinite(mean_rates(model, search.stack)).all():
-            break  # unstable at this sampling rate
-        if changed is None and close(before, model, subject):
+        view = min(search.views(search.look(model, shortlist), everything), key=lambda v: v.subsets.fit().prior)
+        while search.let_go(contradicted(view, view.subsets.fit())):
+            view = search.as_known(view)
+        step = next_step(search, view, known)
+        if not math.isfinite(step.loss):
+            break
+        before, model = model, step.model
+        if not step.exchanged and close(before, model, subject):
             break
     return view
 
 
-def _worthy(view: View, weighing: Weighing | None, known: int) -> tuple[_Choice, tuple[str, ...], bool]:
-    """The model's effects beyond the first ``known`` that are sure and worth a term; remarks on those that are not.
+def _worthy(search: Search, view: View, weighing: Weighing | None) -> tuple[_Choice, tuple[str, ...], bool]:
+    """The effects that a model was found to lack which are sure and worth a term; remarks on those that are not.
 
     The one that saves least goes first: two that share what they explain would both seem idle.
 
@@ -161,13 +173,13 @@ def _worthy(view: View, weighing: Weighing | None, known: int) -> tuple[_Choice,
         The choice, the remarks, and whether held-out recordings contradict an effect that the others are sure of.
     """
     subsets, numbers = view.subsets, estimates(view, view.subsets.fit())
-    places = range(known, len(view.linear.model.effects))
+    places = range(len(search.subject.model.effects), len(view.linear.model.effects))
     dropped = {i for i in places if pinned(numbers, i)}
     remarks: list[str] = []
     contradicted = False
     while True:
         gone = view.linear.away(sorted(dropped))[0]
-        chosen = _Choice(view, tuple(sorted(gone)))
+        chosen = _Choice(search, view, tuple(sorted(gone)))
         left = [i for i in places if i not in gone]
         unsure = [i for i in left if not accepted(view, subsets.fit(drop=[*gone, i]), chosen.fit, drop=[*gone, i])]
         if weighing is None:
@@ -222,11 +234,6 @@ def _rivals(
         for name, start in candidates.items()
         if not any(s.worth for s in weighing.savings(chosen.model([place], start), chosen.model(), extended))
     )
-
-
-def without(model: PhysicsModel, dropped: Sequence[int]) -> PhysicsModel:
-    """The model without the effects in these places."""
-    return replace(model, effects=tuple(e for i, e in enumerate(model.effects) if i not in dropped))
 
 
 def close(before: PhysicsModel, after: PhysicsModel, subject: Subject) -> bool:

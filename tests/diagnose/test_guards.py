@@ -28,7 +28,7 @@ def view_of(residual: np.ndarray, **effects: np.ndarray) -> View:
     constant = np.random.default_rng(1).normal(size=residual.shape)
     rows = np.stack([constant, *effects.values(), residual], axis=-1)
     entry = Entry(0, "k", None, "1", 0.0, 1.0, -np.inf, np.inf)
-    mass = Entry(-1, "mass", None, "kg", 1.0, 0.01, 0.97, 1.03)
+    mass = Entry(-1, "mass", None, "kg", 1.0, 0.01, 0.97, 1.03, stated=1.0)
     starts = tuple(
         Start(name, None, (entry,), (i + 1,), (-np.inf,), (np.inf,))  # type: ignore[arg-type]
         for i, name in enumerate(effects)
@@ -37,7 +37,7 @@ def view_of(residual: np.ndarray, **effects: np.ndarray) -> View:
     linear = Directions(None, None, (mass,), starts, nothing, nothing, (), (), (), ())  # type: ignore[arg-type]
     channel = np.arange(rows.shape[-1]), rows.reshape(-1, rows.shape[-1]).T
     normal = Normal((channel,), rows.shape[-1], np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
-    return View(linear, (), Subsets(linear, normal, {"mass": 1.0}), (), (), 0.0, frozenset())
+    return View(linear, (), Subsets(linear, normal), (), (), 0.0, frozenset(), ())
 
 
 @pytest.mark.parametrize(("gain", "named"), [(0.006, False), (0.03, True)])
@@ -88,7 +88,7 @@ def test_noise_that_buries_a_constant_is_not_followed_in_its_place() -> None:
     said = Term("input", "u", "force x")
     view = replace(view, linear=linear, dictionary=(said,), grams=grams, reach=(frozenset({0}),))
     assert [t.signal for t in verify.left_over(view)[0]] == ["input"]
-    buried = Subsets(linear, view.subsets.normal, {"mass": 1.0}, {0})
+    buried = Subsets(linear, view.subsets.normal, {0})
     assert verify.left_over(replace(view, subsets=buried))[1] < 1e-3 * view.floor
 
 
@@ -115,7 +115,7 @@ def test_a_coefficient_that_the_data_say_nothing_of_has_no_narrow_interval() -> 
     linear = replace(view.linear, own=own, starts=())
     for taken_off, width in ((0.0, 0.02), (2.0, 4.0)):
         normal = view.subsets.normal.less(np.diag([0.0, taken_off, 0.0])[None])
-        free = replace(view, linear=linear, subsets=Subsets(linear, normal, {"mass": 1.0}))
+        free = replace(view, linear=linear, subsets=Subsets(linear, normal))
         k = verify.estimates(free, free.subsets.fit())[1]
         assert k.high - k.low == pytest.approx(width, rel=0.2)
 
@@ -173,7 +173,7 @@ def test_a_widely_uncertain_constant_does_not_stand_in_for_an_effect_that_is_tak
         linear = search.look(model, broad=False).linear
         rows = linear.project(weak.TestFunctions.over(search.stack.logs, search.hop, [search.smoothing["speed"]]))
         normal = rows.normal()
-        misfits.append(Subsets(linear, normal, search.nominal).fit(drop=range(len(model.effects))).misfit)
+        misfits.append(Subsets(linear, normal).fit(drop=range(len(model.effects))).misfit)
     assert misfits[0] == pytest.approx(misfits[1], rel=1e-6)
 
 

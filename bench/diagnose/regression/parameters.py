@@ -1,7 +1,8 @@
 """The numbers of a model that may be fitted, as one vector: its constants within their uncertainty, its effects'."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,8 @@ from registry.dynamics import Effect, Parameter, PhysicsModel
 
 WITHIN = 3.0
 """A constant is calibrated within so many of its 1σ: one further off is a wrong constant, which is an effect."""
+FREE = 1.0
+"""Relative 1σ of a constant that was let go: up to twenty times more or less than stated."""
 _PROBE = 1e-3
 """Step of a one-sided difference, in scales of the parameter."""
 
@@ -34,11 +37,24 @@ class Entry:
     high: float
     neutral: float = 0.0
     """Of an effect's parameter: the value that makes it no effect."""
+    stated: float = 0.0
+    """Of a constant: the value that its uncertainty is about."""
 
     @property
     def constant(self) -> bool:
         """Whether it belongs to the base model, and so has a prior."""
         return self.owner < 0
+
+    def pull(self, value: float) -> tuple[float, float]:
+        """Precision of what is known of a step from ``value``, and the step to its centre; 0, 0 where nothing is.
+
+        Of a positive constant the logarithm is normal: it may as well be half as large as twice.
+        """
+        if not self.constant:
+            return 0.0, 0.0
+        if self.low > 0 and value > 0:
+            return (value * self.scale / self.stated) ** -2, value * math.log(self.stated / value)
+        return self.scale**-2, self.stated - value
 
     @property
     def label(self) -> str:
@@ -57,14 +73,12 @@ class Prior:
     high: np.ndarray
 
     @classmethod
-    def of(cls, own: Sequence[Entry], nominal: Mapping[str, float]) -> "Prior":
-        """Of the numbers ``own`` of a model; ``nominal`` has the stated value of a constant by its label."""
-        return cls(
-            np.array([e.scale**-2 if e.constant else 0.0 for e in own]),
-            np.array([nominal[e.label] - e.value if e.constant else 0.0 for e in own]),
-            np.array([e.low - e.value for e in own]),
-            np.array([e.high - e.value for e in own]),
-        )
+    def of(cls, own: Sequence[Entry], values: Sequence[float] | np.ndarray | None = None) -> "Prior":
+        """Of the numbers ``own`` of a model; ``values`` where they are now, default their own."""
+        at = np.array([e.value for e in own]) if values is None else np.asarray(values)
+        pulls = np.array([e.pull(v) for e, v in zip(own, at.tolist(), strict=True)]).reshape(-1, 2)
+        low, high = (np.array([getattr(e, side) for e in own]) for side in ("low", "high"))
+        return cls(pulls[:, 0], pulls[:, 1], low - at, high - at)
 
     def loosened(self, own: Sequence[Entry]) -> "Prior":
         """With bounds of constants that only keep their sign: noise of the inputs makes them seem far too small."""
@@ -94,11 +108,11 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
             if b != 0:
                 component, scale = None if np.ndim(p.value) == 0 else i, abs(b) * spread
                 low, high = _bounds(p)
-                least = b - WITHIN * scale
-                if least <= 0.0 <= low:  # it may be as many times smaller as it may be larger, but not nothing
-                    least = b / (1 + WITHIN * spread)
-                low, high = max(low, least), min(high, b + WITHIN * scale)
-                found.append(Entry(-1, p.name, component, p.unit, v, scale, low, high))
+                positive = b > 0 and low >= 0.0
+                ends = (b * math.exp(-WITHIN * spread), b * math.exp(WITHIN * spread))
+                least, most = ends if positive else (b - WITHIN * scale, b + WITHIN * scale)
+                low, high = max(low, least), min(high, most)
+                found.append(Entry(-1, p.name, component, p.unit, v, scale, low, high, stated=b))
     for i, effect in enumerate(model.effects):
         found += effect_entries(effect, i)
     return found

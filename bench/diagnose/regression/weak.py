@@ -142,12 +142,14 @@ def memories(model: PhysicsModel, stack: Stack) -> Tensor:
     for effect in narrowed(model).input_effects():
         memory, driving = effect.over(driving[..., 0, 0, :], driving, stack.dt, held)
         parts.append(memory)
-    return torch.cat(parts, dim=-1)
+    (out,) = _of_all(how_many(model), torch.cat(parts, dim=-1))
+    return out
 
 
 def _driven(model: PhysicsModel, stack: Stack) -> tuple[Tensor, Tensor, bool]:
     """What drives the model over each interval (…, L, N − 1, 3, m), its extras alike, and whether samples are held."""
-    many, before, after = how_many(model), stack.inputs[:, :-1], stack.inputs[:, 1:]
+    many = _most(_tensors(*model.input_effects()))  # models that differ in what comes after these are driven alike
+    before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
     held = model.input_hold == "previous"
     segments = torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
     if many is not None:
@@ -210,8 +212,11 @@ def _swing_rates(model: RigidBody, states: Tensor, middle: Tensor, slopes: Tenso
 
 def how_many(model: PhysicsModel) -> int | None:
     """How many models the parameters (B, 1, 1) stand for; None: numbers."""
-    sizes = [v.shape[0] for _, v in _tensors(model, *model.effects)]
-    return max(sizes) if sizes else None
+    return _most(_tensors(model, *model.effects))
+
+
+def _most(values: Sequence[tuple[str, Tensor]]) -> int | None:
+    return max((v.shape[0] for _, v in values), default=None)
 
 
 def _tensors(*owners: PhysicsModel | Effect) -> list[tuple[str, Tensor]]:

@@ -14,6 +14,7 @@ import torch
 from scipy.stats import t as student
 
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.parameters import Prior
 from bench.diagnose.select.discovery import Discovery, Found, Loser
 from bench.diagnose.select.search import admissible
 from bench.diagnose.select.subset import t_value
@@ -126,7 +127,7 @@ def fitted(
 def estimates(of: Simulated, windows: int) -> list[Estimate]:
     """Numbers with 95 % intervals; what is left counts as often as it is independent, less what was fitted."""
     free = max(independent(of) - len(of.where) - windows, 2.0)
-    prior = np.array([e.scale**-2 if e.constant else 0.0 for e in of.where])
+    prior = Prior.of(of.where).precision
     information = of.gram * free / float(of.loss.sum()) + np.diag(prior)
     half = float(student.ppf(0.975, free)) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0))
     pairs = zip(of.where, half, strict=True)

@@ -1,6 +1,7 @@
 """What a search for missing effects has learnt."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -72,6 +73,8 @@ class Discovery(Displayed):
     """Held-out errors equation by equation."""
     remarks: tuple[str, ...] = ()
     """Sentences about what is there and is not worth a term."""
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
+    """Relative 1σ of constants as stated, and of those that were let go; see `select.release`."""
 
     @property
     def verdict(self) -> str:

@@ -151,7 +151,7 @@ class _Regression:
         filters = [search.smoothing_of(self.model.measured_channels[c]) for c in self.linear.channels]
         self.tests = TestFunctions.over(self.stack.logs, hop_of(self.stack), filters)
         self.whitening = noise_filters(
-            self.linear.project(self.tests), Prior.of(self.linear.own, search.nominal).loosened(self.linear.own)
+            self.linear.project(self.tests), Prior.of(self.linear.own).loosened(self.linear.own)
         )
 
     def read(self, shift: float, noisy: bool = False) -> Stack:
@@ -186,7 +186,7 @@ def _precision(linear: Directions, count: int) -> np.ndarray:
     """1/σ² (``count``,) of every column: as known of constants, wide for effects, none for the shift."""
     out = np.zeros(count)
     for i, entry in enumerate(linear.own):
-        out[i] = entry.scale**-2 if entry.constant else 0.0
+        out[i], _ = entry.pull(entry.value)
     for start in linear.starts:
         for column, entry in zip(start.columns[len(start.columns) - len(start.entries) :], start.entries, strict=True):
             out[column] = (PRIOR * entry.scale) ** -2

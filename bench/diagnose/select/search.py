@@ -13,9 +13,9 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
 from bench.diagnose.regression.least_squares import Normal, regularised, shifted, whitening
 from bench.diagnose.regression.linearise import Directions, directions
-from bench.diagnose.regression.parameters import Prior, entries
+from bench.diagnose.regression.parameters import FREE, Prior, entries
 from bench.diagnose.regression.rows import Rows
-from bench.diagnose.regression.weak import Stack, TestFunctions
+from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
 from bench.diagnose.select.subset import Subsets
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Channel
@@ -53,6 +53,8 @@ class View:
     """Squared whitened residual that the effects of the model explain already."""
     doubtful: frozenset[int]
     """Channels in which the model's own numbers are buried in noise of the inputs."""
+    filters: tuple[np.ndarray, ...]
+    """Whitening filters, a channel each."""
 
     @property
     def floor(self) -> float:
@@ -98,7 +100,6 @@ class Search:
         noise = noise or noise_of(subject)
         filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
         self.smoothing = {c.group: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
-        self.nominal = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
         drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
         through = noise.input_smoothing.coarser(stride).kernel()
         sigma = input_noise(self.stack, drives, through)
@@ -111,6 +112,20 @@ class Search:
     def smoothing_of(self, channel: Channel) -> Smoothing:
         """What a measured channel went through."""
         return self.smoothing.get(channel.group, Smoothing())
+
+    def let_go(self, name: str | None) -> bool:
+        """Whether there is a constant of this name to let go; nothing stated holds it from now on."""
+        if name is None:
+            return False
+        stated = [e for e in entries(self.subject.model, self.subject.uncertainty) if e.constant and e.name == name]
+        text = ", ".join(f"{e.value:.3g}" for e in stated)
+        note = (
+            f"The stated {name.replace('_', ' ')} ({text} {stated[0].unit}) was let go: these recordings contradict it "
+            "by far more than its uncertainty. What they say of it stands among the constants."
+        )
+        uncertainty = {**self.subject.uncertainty, name: FREE}
+        self.subject = replace(self.subject, uncertainty=uncertainty, notes=(*self.subject.notes, note))
+        return True
 
     def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> Look:
         """Linearise ``model`` with every candidate.
@@ -136,11 +151,9 @@ class Search:
 
     def views(self, look: Look, explained: float = 0.0) -> list[View]:
         """Normal equations of a look through test functions: with the inputs' noise taken off, and as they are."""
-        linear = look.linear
-        filters_of = [self.smoothing_of(linear.model.measured_channels[c]) for c in linear.channels]
-        tests = TestFunctions.over(self.stack.logs, self.hop, filters_of)
+        linear, tests = look.linear, self._tests(look.linear)
         rows = linear.project(tests, look.dictionary)
-        filters = noise_filters(rows, Prior.of(linear.own, self.nominal).loosened(linear.own))
+        filters = noise_filters(rows, Prior.of(linear.own).loosened(linear.own))
         white = rows.whitened(filters)
         count, some = len(linear.columns), sum(white.counts())
         words = () if look.dictionary is None else look.dictionary.terms
@@ -162,11 +175,33 @@ class Search:
         reach = () if look.dictionary is None else look.dictionary.reach
 
         def view(normal: Normal, grams: list[np.ndarray]) -> View:
-            subsets = Subsets(linear, normal, self.nominal, buried)
-            return View(linear, tuple(words), subsets, tuple(grams), reach, explained, doubtful)
+            subsets = Subsets(linear, normal, buried)
+            return View(linear, tuple(words), subsets, tuple(grams), reach, explained, doubtful, tuple(filters))
 
         normal = mine.normal()
         return [view(normal, grams)] if noise is None else [view(normal.less(noise), cleaned), view(normal, grams)]
+
+    def as_known(self, view: View) -> View:
+        """The view with what is known of the constants now."""
+        now = entries(view.linear.model, self.subject.uncertainty, self.subject.model)
+        known = {e.label: e for e in now if e.constant}
+        own = tuple(known[e.label] if e.constant else e for e in view.linear.own)
+        linear = replace(view.linear, own=own)
+        return replace(view, linear=linear, subsets=Subsets(linear, view.subsets.normal, view.subsets.buried))
+
+    def _tests(self, linear: Directions) -> TestFunctions:
+        filters_of = [self.smoothing_of(linear.model.measured_channels[c]) for c in linear.channels]
+        return TestFunctions.over(self.stack.logs, self.hop, filters_of)
+
+    def loss(self, view: View, model: PhysicsModel) -> float:
+        """Squared residual that ``model`` leaves, whitened as in ``view``, and how far its constants lie from known."""
+        rates = mean_rates(model, self.stack).numpy()[..., list(view.linear.channels)]
+        if not np.isfinite(rates).all():
+            return float("inf")  # unstable at this sampling rate
+        bare = replace(view.linear, rates=rates, columns=view.linear.columns[:0])
+        left = bare.project(self._tests(view.linear)).whitened(view.filters).normal()
+        now = Prior.of(entries(model, self.subject.uncertainty, self.subject.model))
+        return float(left.total[-1, -1] + (now.precision * now.centre**2).sum())
 
 
 def _less(grams: Sequence[np.ndarray], columns: Sequence[int], noise: np.ndarray) -> list[np.ndarray]:

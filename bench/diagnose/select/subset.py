@@ -1,6 +1,7 @@
 """Which effects together explain a residual: best subsets on normal equations, judged on recordings not fitted."""
 
 from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -50,23 +51,20 @@ class Fit:
 class Subsets:
     """Fits of subsets of the starts of a linearised model."""
 
-    def __init__(
-        self, linear: Directions, normal: Normal, nominal: dict[str, float], buried: Collection[int] = ()
-    ) -> None:
+    def __init__(self, linear: Directions, normal: Normal, buried: Collection[int] = ()) -> None:
         """Prepare.
 
         Args:
             linear: the model and its rivals.
             normal: their normal equations.
-            nominal: by label of a constant, the value that its prior is about.
             buried: columns that are mostly noise of the inputs. A regression takes their coefficients too small, which
                 must not look like a weak motor: such a constant is left free here, and such an effect is not tried.
         """
-        self.linear, self.normal = linear, normal
+        self.linear, self.normal, self.buried = linear, normal, buried
         self.starts = tuple(s for s in linear.starts if not set(s.columns) & set(buried))
         own: tuple[Entry, ...] = linear.own
         self.own = list(range(len(own)))
-        known = Prior.of(own, nominal)
+        known = Prior.of(own)
         self.prior, self.centre, self.low, self.high = known.precision, known.centre, known.low, known.high
         self.anchor = self.prior.copy()
         """As the prior, and where that is none, weakly: what holds a constant of which some recordings say little."""
@@ -77,6 +75,15 @@ class Subsets:
                 self.low[i], self.high[i] = -0.9 * abs(own[i].value), 9.0 * abs(own[i].value)
         self.penalty = float(np.log(max(normal.rows, 2)))
         """What a further parameter costs (Schwarz's criterion)."""
+
+    def freed(self, places: Collection[int], spread: float) -> "Subsets":
+        """The same with only this relative 1σ known of the constants in these places, and their sign."""
+        out = copy(self)
+        out.prior, out.low, out.high = self.prior.copy(), self.low.copy(), self.high.copy()
+        for i in places:
+            size = abs(self.linear.own[i].value)
+            out.prior[i], out.low[i], out.high[i] = (spread * size) ** -2, -0.9 * size, 9.0 * size
+        return out
 
     def fit(
         self,

@@ -12,7 +12,7 @@ import torch
 
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.least_squares import bounded, equilibrium
-from bench.diagnose.regression.parameters import Entry, entries, probes, with_values
+from bench.diagnose.regression.parameters import Entry, Prior, entries, probes, with_values
 from bench.diagnose.simulate.free_run import Group, between, default_steps, free_run, groups, measured_windows, starts
 from registry.dynamics import PhysicsModel
 
@@ -48,11 +48,9 @@ def shoot(
     every = max(steps // 2, sum(map(len, logs)) // WINDOWS)
     at = [starts(log, steps, every) for log in logs]
     where = entries(model, subject.uncertainty, subject.model)
-    nominal = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
     judged = groups(model.state_channels, logs[0].measured)
     points = np.unique(np.linspace(0, steps, POINTS + 1).round().astype(int))[1:]
     measured = measured_windows(logs, at, steps)[:, points]
-    prior = np.array([e.scale**-2 if e.constant else 0.0 for e in where])
     first = _errors(free_run(model, logs, at, steps)[:, points], measured, judged)
     size = np.sqrt(np.mean(first**2, axis=0, keepdims=True)) + 1e-300  # (1, points, axes)
 
@@ -71,13 +69,12 @@ def shoot(
         errors = np.stack([_errors(r, measured, judged) for r in runs]) / size
         jacobian = ((errors[1:] - errors[0]) / widths[:, None, None, None]).reshape(len(widths), -1)
         scale = weight / jacobian.shape[1]
-        centre = np.array([nominal[e.label] - e.value if e.constant else 0.0 for e in current])
-        gram = jacobian @ jacobian.T * scale + np.diag(prior)
-        moment = -jacobian @ errors[0].ravel() * scale + prior * centre
+        prior = Prior.of(current)
+        gram = jacobian @ jacobian.T * scale + np.diag(prior.precision)
+        moment = -jacobian @ errors[0].ravel() * scale + prior.precision * prior.centre
         factor = equilibrium(np.diag(gram))
-        low, high = (np.array([getattr(e, side) - e.value for e in current]) for side in ("low", "high"))
         scaled = gram * np.outer(factor, factor) + 1e-9 * np.eye(len(factor))
-        step = bounded(scaled, moment * factor, low / factor, high / factor) * factor
+        step = bounded(scaled, moment * factor, prior.low / factor, prior.high / factor) * factor
         for shrink in (1.0, 0.3, 0.1):
             moved = with_values(best, current, np.array([e.value for e in current]) + shrink * step)
             now = cost(_errors(free_run(moved, logs, at, steps)[:, points], measured, judged))

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import bounded, equilibrium
-from bench.diagnose.regression.parameters import Entry, entries, with_values
+from bench.diagnose.regression.parameters import Entry, Prior, entries, with_values
 from bench.diagnose.regression.weak import Stack, memories, narrowed
 from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.dynamics import PhysicsModel
@@ -108,7 +108,6 @@ def fit(
     """
     models = [b.model for b in begins]
     where = [entries(m, subject.uncertainty, subject.model) for m in models]
-    nominal = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
     weights = np.ones((len(models), len(windows.log))) if weights is None else weights
     template, size = where[0], len(where[0])
     at, seen = hidden(windows.logs), [i for i, m in enumerate(windows.logs[0].measured) if m]
@@ -116,8 +115,6 @@ def fit(
     begun = np.stack([b.begun for b in begins])  # (Q, W, H)
     past = _past(with_values(models[0], template, torch.from_numpy(values)), windows).expand(len(models), -1, -1)
     low, high = (np.array([getattr(e, side) for e in template]) for side in ("low", "high"))
-    prior = np.array([e.scale**-2 if e.constant else 0.0 for e in template])
-    centre = np.array([nominal.get(e.label, 0.0) if e.constant else 0.0 for e in template])
     step_of = np.array([e.scale for e in template]) * 1e-4
     nudge = 1e-4 * (np.abs(begun).mean((0, 1)) + 1e-2)
 
@@ -168,11 +165,12 @@ def fit(
             # left weighs what is known of the constants.
             power = cost[q] / max(1.0, weights[q].sum())
             grams[q] = gram
-            gram = gram + np.diag(prior * power) + np.diag(np.diag(gram)) * damping[q]
-            moment = moment + prior * power * (centre - values[q])
+            prior = Prior.of(template, values[q])
+            gram = gram + np.diag(prior.precision * power) + np.diag(np.diag(gram)) * damping[q]
+            moment = moment + prior.precision * power * prior.centre
             factor = equilibrium(np.diag(gram))
             scaled = gram * np.outer(factor, factor) + 1e-9 * np.eye(size)
-            step = bounded(scaled, moment * factor, (low - values[q]) / factor, (high - values[q]) / factor) * factor
+            step = bounded(scaled, moment * factor, prior.low / factor, prior.high / factor) * factor
             new_values[q] = np.clip(values[q] + step, low, high)
             new_begun[q] = begun[q] - (onto @ (residual + jacobian @ step[:, None]))[..., 0]
         tried = run(new_values, new_begun)

@@ -1,0 +1,66 @@
+"""From a linearised model to the next one: a step is measured before it is believed.
+
+A linearisation promises what a model does only near by. Each step of the numbers is therefore tried whole, by half and
+by a quarter, and the one is taken that the recordings like best; effects are exchanged only where the misfit moves
+about as was promised.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from bench.diagnose.select.choose import updated
+from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.subset import Fit
+from bench.diagnose.select.verify import LEFT, neighbour
+from registry.dynamics import PhysicsModel
+
+SHARES = (1.0, 0.5, 0.25)
+"""Of a step of the model's own numbers, of which the best is taken."""
+KEPT = 0.5
+"""Share of a promised gain that an exchange of effects must keep when it is measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A model near a linearised one."""
+
+    model: PhysicsModel
+    loss: float
+    """Measured: squared whitened residual, and distance of the constants from what is known; infinite: unstable."""
+    exchanged: bool
+    """Whether it has other effects."""
+
+
+def advanced(search: Search, view: View, fit: Fit) -> Step:
+    """The model of a fit; one on the way there where that does not keep what was promised and fits worse."""
+    count, options = len(view.linear.own), list[Step]()
+    for share in SHARES:
+        beta = fit.beta.copy()
+        beta[:count] *= share
+        model = without(updated(view, replace(fit, beta=beta)), fit.dropped)
+        options.append(Step(model, search.loss(view, model), bool(fit.starts or fit.dropped)))
+        if options[-1].loss <= fit.loss + LEFT * view.floor:
+            break
+    return min(options, key=lambda s: s.loss)
+
+
+def next_step(search: Search, view: View, known: int) -> Step:
+    """The next model: with one effect more, less or exchanged where that is better, else with better numbers.
+
+    Args:
+        search: tells what a model leaves.
+        view: of the present model.
+        known: effects that the model had from the start, which stay.
+    """
+    here, changed = view.subsets.fit(), neighbour(view, known)
+    stay = advanced(search, view, here)
+    if changed is None:
+        return stay
+    other, promised = advanced(search, view, changed), here.loss - changed.loss
+    kept = stay.loss - other.loss >= min(promised, KEPT * promised) - LEFT * view.floor
+    return other if kept else stay
+
+
+def without(model: PhysicsModel, dropped: Sequence[int]) -> PhysicsModel:
+    """The model without the effects in these places."""
+    return replace(model, effects=tuple(e for i, e in enumerate(model.effects) if i not in dropped))
