@@ -1,0 +1,85 @@
+"""A stated constant that one equation contradicts must not bend those that it shares with another."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_compare import TRUE, flights, subject_of
+
+from bench.diagnose.regression.least_squares import Normal
+from bench.diagnose.regression.linearise import Directions
+from bench.diagnose.regression.parameters import Entry, Prior, entries
+from bench.diagnose.select.choose import updated
+from bench.diagnose.select.release import contradicted
+from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.step import advanced
+from bench.diagnose.select.subset import Subsets
+
+BLOCKS, ROWS = 40, 1000
+
+
+def constant(name: str, spread: float) -> Entry:
+    return Entry(-1, name, None, "1", 1.0, spread, np.exp(-3 * spread), np.exp(3 * spread), stated=1.0)
+
+
+def two_equations(wanted: float, *known: Entry) -> View:
+    """Forces, gain over mass, that are as stated; torques, gain over inertia, of which data want ``wanted`` less."""
+    signal, *noise = np.random.default_rng(0).normal(size=(3, BLOCKS * ROWS))
+    acting = {"gain": (1.0, 1.0), "mass": (-1.0, 0.0), "inertia": (0.0, -1.0)}
+    columns = np.array([[acting[e.name]] for e in known])[:, :, None]  # (c, 1, 1, channels)
+    linear = Directions(None, None, known, (), columns[0] * 0, columns, (0, 1), (), (), ())  # type: ignore[arg-type]
+    channels = []
+    for c, residual in enumerate((noise[0], noise[1] - wanted * signal)):
+        rows = [*(columns[j, 0, 0, c] * signal for j in range(len(known))), residual]
+        channels.append((np.arange(len(known) + 1), np.stack(rows)))
+    normal = Normal(tuple(channels), len(known) + 1, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
+    return View(linear, (), Subsets(linear, normal), (), (), 0.0, frozenset(), ())
+
+
+@pytest.mark.parametrize(
+    ("wanted", "known", "gone"),
+    [
+        (0.3, {"gain": 0.3, "mass": 0.25, "inertia": 0.3}, None),  # within what is known
+        (1.4, {"gain": 0.3, "mass": 0.03, "inertia": 0.3}, "inertia"),
+        (1.4, {"gain": 0.3, "mass": 0.25, "inertia": 0.3}, "inertia"),
+        (1.4, {"gain": 0.3, "mass": 0.25}, "gain"),  # less mass would only make room for the gain
+        (1.4, {"gain": 0.3, "mass": 0.03, "inertia": 0.02}, "gain"),  # inertia is well known: far off it is an effect
+    ],
+)
+def test_what_its_own_equation_contradicts_is_let_go(wanted: float, known: dict[str, float], gone: str | None) -> None:
+    view = two_equations(wanted, *(constant(n, s) for n, s in known.items()))
+    assert contradicted(view, view.subsets.fit()) == gone
+
+
+def test_a_rough_constant_may_as_well_be_half_as_twice_what_is_stated() -> None:
+    entry = constant("inertia", 0.3)
+    (half, to_one), (twice, back) = (entry.pull(v) for v in (0.5, 2.0))
+    assert half * to_one**2 == pytest.approx(twice * back**2) == pytest.approx((np.log(2) / 0.3) ** 2)
+    step = 1e-6  # the gradient of (log(v / stated) / spread)² / 2
+    slope = ((np.log(2 + step) / 0.3) ** 2 - (np.log(2 - step) / 0.3) ** 2) / (4 * step)
+    assert -twice * back == pytest.approx(slope, rel=1e-6)
+
+
+def test_a_step_that_goes_too_far_is_shortened() -> None:
+    states, force = flights(count=3, samples=2000)
+    seen = states + np.random.default_rng(1).normal(size=states.shape) * [1e-4, 1e-3]
+    off = replace(TRUE, stiffness=80.0)
+    search = Search(subject_of(off, seen, force, uncertainty={"stiffness": 0.3, "mass": 0.3}), [], lambda what: None)
+    view = search.views(search.look(off, broad=False))[-1]
+    fit = view.subsets.fit()
+    straight = advanced(search, view, fit)
+    assert straight.loss == pytest.approx(search.loss(view, updated(view, fit)))
+    far = replace(fit, beta=4 * fit.beta)
+    assert advanced(search, view, far).loss == pytest.approx(straight.loss)
+    assert search.loss(view, updated(view, far)) > 10 * straight.loss
+
+
+def test_a_constant_that_was_let_go_is_known_no_more_and_that_is_said() -> None:
+    states, force = flights(count=3, samples=2000)
+    search = Search(subject_of(TRUE, states, force, uncertainty={"stiffness": 0.3}), [], lambda what: None)
+    assert not search.let_go(None) and not search.subject.notes
+    assert search.let_go("stiffness")
+    assert "The stated stiffness (100 N/m) was let go" in search.subject.notes[-1]
+    known = {e.label: e for e in entries(search.subject.model, search.subject.uncertainty)}["stiffness"]
+    assert known.low < 10 < 1000 < known.high
+    assert Prior.of([known]).precision[0] == pytest.approx(100.0**-2)
