@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bench.diagnose.extend import Extension
     from bench.diagnose.logs.subject import Subject
     from bench.diagnose.result import NamedEffect
+    from bench.diagnose.select.discovery import Discovery
     from registry.dynamics import PhysicsModel
 
 
@@ -136,6 +137,27 @@ def say_written(console: Any, written: Sequence[Path]) -> None:
     console.print(f"\nWrote {', '.join(map(str, written))}{former}", highlight=False, markup=False, soft_wrap=True)
 
 
+def show_discovery(console: Any, found: "Discovery") -> None:
+    """Print the effects found with their fitted numbers, or what is left to say, and what the rest follows."""
+    from bench.diagnose.report import words
+    from bench.diagnose.summaries import parameter_estimates
+
+    for f in found.found:
+        console.print(f"[bold]{f.id}[/]  {escape(EFFECTS.get(f.id).equation)}", highlight=False)
+        for name, p in parameter_estimates(f.estimates).items():
+            console.print(f"    {name} = {words.estimate(name, p)}", highlight=False, markup=False)
+        if f.rivals:
+            console.print(f"    these data cannot tell it from {', '.join(f.rivals)}")
+    if not found.found:
+        console.print(
+            "Something systematic is missing that the catalogue does not have."
+            if found.verdict == "unknown_effect"
+            else "Nothing is missing."
+        )
+    for trace in found.traces[:3]:
+        console.print(f"  left in {trace.axis}: follows {trace.signal}", highlight=False, markup=False)
+
+
 def show_extension(console: Any, done: "Extension") -> None:
     """Print the held-out error, effect by effect, and the fitted numbers."""
     from bench.diagnose.report import words
@@ -178,11 +200,11 @@ def track_extension(
             track.log_extension(
                 uri,
                 subject.name,
-                (*held, *added[: i + 1]),
-                {step: chain[step] for step in sorted(chain)},
-                comparison.error("floor"),
-                parameters,
-                (model_file,) if last else (),
+                effects=(*held, *added[: i + 1]),
+                errors={step: chain[step] for step in sorted(chain)},
+                floor=comparison.error("floor"),
+                parameters=parameters,
+                files=(model_file,) if last else (),
             )
         except track.TrackingError as error:
             click.echo(f"bench: {error}", err=True)

@@ -162,14 +162,14 @@ def compare(
     draws = _draws(units, recording, len(logs) >= ENOUGH)
     lines = {name: _lines(e, judged, logs, recording, units, draws) for name, e in squared.items()}
     return Comparison(
-        tuple(log.name for log in logs),
-        tuple(float(k / rate) for k in ends),
-        tuple(judged),
-        lines,
-        len(recording),
-        every / rate,
-        basis,
-        noise,
+        recordings=tuple(log.name for log in logs),
+        horizon_s=tuple(float(k / rate) for k in ends),
+        groups=tuple(judged),
+        lines=lines,
+        starts=len(recording),
+        every_s=every / rate,
+        basis=basis,
+        noise=noise,
     )
 
 

@@ -70,44 +70,30 @@ def discover(
     calibrated = updated(view, view.subsets.fit())
     rounds = tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
     view = _settled(search, view, fit, fields)
-    names = [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
     tick("weigh")
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
     worthy, remarks, contradicted = _worthy(view, weighing, len(subject.model.effects))
     named, imitators = _understood(view, worthy, len(subject.model.effects))
     chosen = _Choice(view, tuple(sorted({*worthy.dropped, *imitators})))
-    savings = {i: _saved(weighing, chosen, i, worthy.model()) for i in named}
-    fit = chosen.fit
+    found = _found(weighing, chosen, named, worthy.model(), sure=not imitators)
     errors = () if weighing is None else weighing.errors(chosen.model())
     traces, total = left_over(view, chosen.dropped)
     unknown = total > LEFT * view.floor
     if unknown and errors and not contradicted and not any(e.unexplained >= SHARE for e in errors):
         unknown, remarks = False, (*remarks, faint_traces(traces))
-    numbers, model = estimates(view, fit), chosen.model()
-    found = tuple(
-        Found(
-            names[i],
-            next(e for e in model.effects if EFFECTS.name_of(type(e)) == names[i]),
-            tuple(x for x in numbers if x.entry.owner == i),
-            view.subsets.fit(drop=[*chosen.dropped, i]).misfit - fit.misfit,
-            () if imitators else _rivals(view, weighing, chosen, i, worthy.model()),
-            savings[i],
-        )
-        for i in named
-    )
     return Discovery(
-        calibrated,
-        model,
-        tuple(sorted(found, key=lambda f: (-f.share, -f.gain))),
-        rounds,
-        tuple(traces) if unknown else (),
-        tuple(x for x in numbers if x.entry.constant),
-        tuple(ratios(view, fit)),
-        tuple(names[i] for i in imitators),
-        tuple(t for t in traces if t.gain > FAINT),
-        (*subject.notes, *search.notes),
-        errors,
-        remarks,
+        calibrated=calibrated,
+        model=chosen.model(),
+        found=found,
+        rounds=rounds,
+        traces=tuple(traces) if unknown else (),
+        constants=tuple(x for x in estimates(view, chosen.fit) if x.entry.constant),
+        ratios=tuple(ratios(view, chosen.fit)),
+        imitators=tuple(_names(view)[i] for i in imitators),
+        faint=tuple(t for t in traces if t.gain > FAINT),
+        notes=(*subject.notes, *search.notes),
+        equations=errors,
+        remarks=remarks,
     )
 
 
@@ -130,6 +116,40 @@ class _Choice:
             return without(updated(self.view, self.fit), self.fit.dropped)
         fit = self.view.subsets.fit([] if start is None else [start], drop=[*self.dropped, *without_too])
         return without(updated(self.view, fit), fit.dropped)
+
+
+def _found(
+    weighing: Weighing | None, chosen: _Choice, named: Sequence[int], extended: PhysicsModel, sure: bool
+) -> tuple[Found, ...]:
+    """The effects in these places of the view's model, those that save most first.
+
+    Args:
+        weighing: the held-out recordings; None: there are none.
+        chosen: the model with these effects.
+        named: their places.
+        extended: the model that says what can be explained.
+        sure: whether nothing imitates them, so that it is worth asking what explains the recordings as well.
+    """
+    view, numbers = chosen.view, estimates(chosen.view, chosen.fit)
+    effects = {EFFECTS.name_of(type(e)): e for e in reversed(chosen.model().effects)}
+    names = _names(view)
+    found = [
+        Found(
+            id=names[i],
+            effect=effects[names[i]],
+            estimates=tuple(x for x in numbers if x.entry.owner == i),
+            gain=view.subsets.fit(drop=[*chosen.dropped, i]).misfit - chosen.fit.misfit,
+            rivals=_rivals(view, weighing, chosen, i, extended) if sure else (),
+            savings=_saved(weighing, chosen, i, extended),
+        )
+        for i in named
+    ]
+    return tuple(sorted(found, key=lambda f: (-f.share, -f.gain)))
+
+
+def _names(view: View) -> list[str]:
+    """Ids of the effects of a view's model, by place."""
+    return [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
 
 
 def _settled(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> View:
@@ -270,5 +290,6 @@ def _round(view: View, field: list[Fit], chosen: Fit) -> tuple[Loser, ...]:
         else:
             rest = max(f.misfit - view.floor, 0.0) / view.floor
             why = f"leaves {rest:.2g} times the noise unexplained (t = {t:.1f} against the best)"
-        out.append(Loser(" + ".join(f.ids), share, share - half / scale, share + half / scale, text, why))
+        low, high = share - half / scale, share + half / scale
+        out.append(Loser(id=" + ".join(f.ids), gain=share, low=low, high=high, text=text, why=why))
     return tuple(out)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,15 +72,15 @@ QUANTILES = np.linspace(0.05, 0.95, 19)
 class Location(Displayed):
     """Where the error is."""
 
-    regions: tuple[Region, ...]
+    regions: tuple[Region, ...] = ()
     """Best first; none where the error is at the floor, or is everywhere."""
-    residuals: tuple[ResidualMap, ...]
-    windows: tuple[Window, ...]
-    horizon_s: float
+    residuals: tuple[ResidualMap, ...] = ()
+    windows: tuple[Window, ...] = ()
+    horizon_s: float = math.nan
     """Of the free runs whose errors were located [s]."""
-    above_floor: dict[str, float]
+    above_floor: dict[str, float] = field(default_factory=dict)
     """By output group: squared error above the floor at that horizon, over the floor's."""
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def headline(self) -> str:
@@ -161,7 +161,7 @@ def locate(
             found = _regions(where, values, score, recording, [log.name for log in logs])
         regions = tuple(region for region, _ in found)
         named = {condition.name: region.region for region, condition in reversed(found)}
-        maps = residual_maps(model, after, stack, where, noise, steps, named)
+        maps = residual_maps(model, after, stack, where, noise, window=steps, regions=named)
         worst = judged[int(np.argmax(ratio.mean(0)))]
         shown = _worst(model, after, logs, worst, margin(logs, reach(noise.smoothing)))
     notes = []
@@ -301,15 +301,15 @@ def _worst(
 
     return tuple(
         Window(
-            logs[recording[w]].name,
-            float(first[w] * dt),
-            group.name,
-            channels[0].unit,
-            tuple(c.name for c in channels),
-            tuple((np.arange(steps + 1) * dt).tolist()),
-            rows(measured, w),
-            rows(nominal, w),
-            () if better is None else rows(better, w),
+            recording=logs[recording[w]].name,
+            start_s=float(first[w] * dt),
+            group=group.name,
+            unit=channels[0].unit,
+            channels=tuple(c.name for c in channels),
+            t=tuple((np.arange(steps + 1) * dt).tolist()),
+            measured=rows(measured, w),
+            nominal=rows(nominal, w),
+            extended=() if better is None else rows(better, w),
         )
         for w in chosen
     )

@@ -6,7 +6,7 @@ from dataclasses import replace
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.result import NamedEffect
+from bench.diagnose.result import NamedEffect, ParameterEstimate
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Saving
 from bench.diagnose.select.verify import Estimate
@@ -16,6 +16,11 @@ _NORMAL = 1.96
 """Half of a 95 % interval in standard deviations."""
 _NARROWED = 0.5
 """Width of an interval, relative to the stated one, below which the recordings determine a constant."""
+
+
+def parameter_estimates(found: Sequence[Estimate]) -> dict[str, ParameterEstimate]:
+    """By name, what was estimated of an effect."""
+    return {x.entry.label: ParameterEstimate(x.value, x.low, x.high, x.entry.unit) for x in found}
 
 
 def equation_results(found: Discovery, model: PhysicsModel, extended: bool) -> dict[str, EquationResult]:
@@ -30,14 +35,14 @@ def equation_results(found: Discovery, model: PhysicsModel, extended: bool) -> d
     longest = {e.equation: e for e in sorted(found.equations, key=lambda e: e.horizon_s)}
     return {
         name: EquationResult(
-            output.get(name, name),
-            e.horizon_s,
-            e.unit,
-            e.models["nominal"],
-            e.models["calibrated"],
-            e.models["extended" if extended else "calibrated"],
-            e.predictable,
-            e.floor,
+            output=output.get(name, name),
+            horizon_s=e.horizon_s,
+            unit=e.unit,
+            nominal=e.models["nominal"],
+            calibrated=e.models["calibrated"],
+            extended=e.models["extended" if extended else "calibrated"],
+            predictable=e.predictable,
+            floor=e.floor,
         )
         for name in dict.fromkeys(e.equation for e in found.equations)
         for e in [longest[name]]

@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.markup import escape
@@ -21,6 +20,7 @@ from bench.cli.diagnosing import (
     say_next,
     say_problems,
     say_written,
+    show_discovery,
     show_extension,
     table,
     track_extension,
@@ -28,7 +28,6 @@ from bench.cli.diagnosing import (
     write_model,
 )
 from bench.cli.progress import announcer
-from registry.core import EFFECTS
 
 Command = Callable[..., None]
 
@@ -192,41 +191,27 @@ def discover_command(
     subject, model = load(source, system, model_file)
 
     from bench.diagnose.discover import discover
-    from bench.diagnose.report import words
-    from bench.diagnose.result import ParameterEstimate
+    from bench.diagnose.summaries import parameter_estimates
 
     check_catalogue(subject, model or subject.model, catalogue)
     with announcer(options.console()) as tick:
         say_problems(subject)
         found = discover(subject if model is None else replace(subject, model=model), names, tick)
-    out = options.console()
-    effects = []
-    for f in found.found:
-        values: dict[str, dict[str, Any]] = {
-            x.entry.label: {"value": x.value, "low": x.low, "high": x.high, "unit": x.entry.unit} for x in f.estimates
+    show_discovery(options.console(), found)
+    effects = [
+        {
+            "id": f.id,
+            "parameters": {n: asdict(p) for n, p in parameter_estimates(f.estimates).items()},
+            "indistinguishable_from": list(f.rivals),
         }
-        effects.append({"id": f.id, "parameters": values, "indistinguishable_from": list(f.rivals)})
-        out.print(f"[bold]{f.id}[/]  {escape(EFFECTS.get(f.id).equation)}", highlight=False)
-        for name, p in values.items():
-            estimated = words.estimate(name, ParameterEstimate(**p))
-            out.print(f"    {name} = {estimated}", highlight=False, markup=False)
-        if f.rivals:
-            out.print(f"    these data cannot tell it from {', '.join(f.rivals)}")
-    if not found.found:
-        out.print(
-            "Something systematic is missing that the catalogue does not have."
-            if found.verdict == "unknown_effect"
-            else "Nothing is missing."
-        )
-    for trace in found.traces[:3]:
-        out.print(f"  left in {trace.axis}: follows {trace.signal}", highlight=False, markup=False)
+        for f in found.found
+    ]
     left = [{"axis": t.axis, "follows": t.signal} for t in found.traces]
     write_json(to_json, {"dataset": subject.name, "effects": effects, "unexplained": left})
+    start = f" --model {model_file}" if model_file else ""
     if found.found:
-        start = f" --model {model_file}" if model_file else ""
         say_next(f"bench extend {source}{start} --add {found.found[0].id}", "add it, and see the error fall")
     elif found.verdict == "unknown_effect":
-        start = f" --model {model_file}" if model_file else ""
         say_next(f"bench extend {source}{start} --add learned", "describe it by terms of its own")
 
 
