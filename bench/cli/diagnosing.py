@@ -105,7 +105,7 @@ def folder_for(source: str, out: Path | None) -> Path:
 def say_problems(subject: "Subject") -> None:
     """Say what is wrong with the data before a step that would take it for physics."""
     from bench.diagnose.checks.problems import problems
-    from bench.diagnose.report.words import gathered
+    from bench.diagnose.report.phrases import gathered
 
     found = gathered(problems(subject).problems)
     for line in found[:4]:
@@ -139,13 +139,13 @@ def say_written(console: Any, written: Sequence[Path]) -> None:
 
 def show_discovery(console: Any, found: "Discovery") -> None:
     """Print the effects found with their fitted numbers, or what is left to say, and what the rest follows."""
-    from bench.diagnose.report import words
+    from bench.diagnose.report import phrases
     from bench.diagnose.summaries import parameter_estimates
 
     for f in found.found:
         console.print(f"[bold]{f.id}[/]  {escape(EFFECTS.get(f.id).equation)}", highlight=False)
         for name, p in parameter_estimates(f.estimates).items():
-            console.print(f"    {name} = {words.estimate(name, p)}", highlight=False, markup=False)
+            console.print(f"    {name} = {phrases.estimate(name, p)}", highlight=False, markup=False)
         if f.rivals:
             console.print(f"    these data cannot tell it from {', '.join(f.rivals)}")
     if not found.found:
@@ -160,19 +160,19 @@ def show_discovery(console: Any, found: "Discovery") -> None:
 
 def show_extension(console: Any, done: "Extension") -> None:
     """Print the held-out error, effect by effect, and the fitted numbers."""
-    from bench.diagnose.report import words
+    from bench.diagnose.report import phrases
 
     groups, stages = done.comparison.groups, done.stages
-    units = [words.shown(g.unit, g.name, [s.error[g.name] for s in stages]) for g in groups]
-    heads = (f"{words.named(g.name)} [{unit}]" for g, (unit, _) in zip(groups, units, strict=True))
+    units = [phrases.shown(g.unit, g.name, [s.error[g.name] for s in stages]) for g in groups]
+    heads = (f"{phrases.named(g.name)} [{unit}]" for g, (unit, _) in zip(groups, units, strict=True))
     rows = table("held-out error", *map(escape, heads))
     for stage in stages:
         added = stage.name in {e.name for e in done.effects}
-        cells = (words.number(stage.error[g.name] * f) for g, (_, f) in zip(groups, units, strict=True))
+        cells = (phrases.number(stage.error[g.name] * f) for g, (_, f) in zip(groups, units, strict=True))
         rows.add_row(escape(f"+ {stage.name}" if added else stage.name), *cells)
     console.print(rows)
     for e in done.effects:
-        console.print(f"  {e.id}: {e.described or words.parameters(e)}", highlight=False, markup=False)
+        console.print(f"  {e.id}: {e.described or phrases.parameters(e)}", highlight=False, markup=False)
 
 
 def track_extension(

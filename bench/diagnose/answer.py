@@ -23,7 +23,7 @@ from bench.diagnose.result import (
 )
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.simulate.unmeasured import hidden
-from bench.diagnose.summaries import constant_estimates, effect_savings, equation_results, placed
+from bench.diagnose.summaries import constant_estimates, equation_results, placed
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,6 @@ def _evidence(steps: Steps) -> Evidence:
         hypothesis="" if extension.effects else _hypothesis(discovery),
         notes=_notes(steps),
         learned=steps.curves,
-        savings=effect_savings(discovery, extension.effects),
         flights=steps.flights,
     )
 

@@ -49,46 +49,46 @@ def equation_results(found: Discovery, model: PhysicsModel, extended: bool) -> d
     }
 
 
-def effect_savings(found: Discovery, effects: Sequence[NamedEffect]) -> dict[str, tuple[EffectSaving, ...]]:
-    """By the id of a named effect, what it saves in every equation at its longest horizon.
-
-    And along the axes that it is worth a term on, where it is not in the equation as a whole.
-    Without the effect the rest may be fitted to something worse than the calibrated model: no share is more than all.
-    """
-    by_id = {f.id: f for f in found.found}
-    out = {}
-    for e in effects:
-        if e.id not in by_id:
-            continue  # it was learned after the search
-        savings = by_id[e.id].savings
-        longest = {(s.equation, s.axis): s for s in sorted(savings, key=lambda s: s.horizon_s)}
-        worth = {s.equation for (_, axis), s in longest.items() if s.worth and not axis}
-        shown = [s for (equation, axis), s in longest.items() if not axis or equation not in worth]
-        if shown:
-            out[e.id] = tuple(
-                EffectSaving(_where(s), _most(s.share), _most(s.low), _most(s.high), s.matters) for s in shown
-            )
-    return out
-
-
 def placed(found: Discovery, effects: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
-    """The effects, each with the equation in which it saves most."""
+    """The effects, each with what it saves and the equation, or the axis of one, in which it saves most."""
     by_id = {f.id: f for f in found.found}
-    return tuple(replace(e, acts_on=_most_saved(by_id[e.id])) if e.id in by_id else e for e in effects)
+    return tuple(
+        replace(e, saves=_saves(by_id[e.id]), acts_on=_most_saved(by_id[e.id])) if e.id in by_id else e for e in effects
+    )
+
+
+def _saves(found: Found) -> tuple[EffectSaving, ...]:
+    """What an effect saves in every equation, and along the axes that it is worth a term on.
+
+    At the longest horizon at which it is worth a term; where it is at none, at the longest.
+    """
+    in_order = sorted(found.savings, key=lambda s: (s.worth, s.horizon_s))
+    chosen = {(s.equation, s.axis): s for s in in_order}
+    return tuple(_shown(chosen[place]) for place in dict.fromkeys((s.equation, s.axis) for s in found.savings))
 
 
 def _most_saved(found: Found) -> str:
-    whole_first = ((s.worth, not s.axis, _most(s.share), s) for s in found.savings if s.matters)
-    best = max(whole_first, key=lambda found: found[:3], default=None)
-    return _where(best[-1]) if best else ""
+    """Where an effect is worth a term and saves most; an equation as a whole comes before one of its axes."""
+    shown = [(s.worth, not s.axis, s.share, s.where) for s in map(_shown, found.savings) if s.matters]
+    return max(shown, key=lambda s: s[:3], default=(False, False, 0.0, ""))[3]
 
 
-def _where(saving: Saving) -> str:
-    return f"{saving.equation}: {saving.axis}" if saving.axis else saving.equation
+def _shown(s: Saving) -> EffectSaving:
+    """A saving as it is shown.
 
-
-def _most(share: float) -> float:
-    return min(1.0, float(share))
+    Without an effect the rest may be fitted to something worse than the calibrated model: no share is more than all.
+    """
+    share, low, high = (min(1.0, float(x)) for x in (s.share, s.low, s.high))
+    return EffectSaving(
+        equation=s.equation,
+        axis=s.axis,
+        horizon_s=s.horizon_s,
+        share=share,
+        low=low,
+        high=high,
+        matters=bool(s.matters),
+        worth=bool(s.worth),
+    )
 
 
 def constant_estimates(

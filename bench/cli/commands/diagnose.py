@@ -101,7 +101,7 @@ def compare_command(
 
     from bench.diagnose.compare import compare
     from bench.diagnose.extend import fitted
-    from bench.diagnose.report import words
+    from bench.diagnose.report import phrases
 
     with announcer(options.console()) as tick:
         say_problems(subject)
@@ -118,9 +118,9 @@ def compare_command(
         for k, seconds in enumerate(found.horizon_s):
             if k in (0, len(found.horizon_s) // 2, len(found.horizon_s) - 1):
                 errors = [of[group.name].rmse[k] for of in found.lines.values()]
-                unit, factor = words.shown(group.unit, group.name, errors)
-                cells = (words.number(e * factor) for e in errors)
-                label = escape(f"{words.named(group.name)} [{unit}]")
+                unit, factor = phrases.shown(group.unit, group.name, errors)
+                cells = (phrases.number(e * factor) for e in errors)
+                label = escape(f"{phrases.named(group.name)} [{unit}]")
                 rows.add_row(label, f"{seconds:.3g} s", *cells)
     out.print(rows)
     print_notes(out, found.notes)
@@ -296,7 +296,7 @@ def diagnose_command(
     exclude: tuple[str, ...],
     out: Path | None,
 ) -> None:
-    """All four steps: compare, locate, discover, extend; a story here, a page and a model to keep.
+    """All four steps: compare, locate, discover, extend; a summary here, a page and a model to keep.
 
     Writes diagnosis.html (one offline page), diagnosis.json and model.toml. Five honest answers: named effects, a tie,
     nothing, an unknown effect (described by learned terms), or a data problem, which stops the analysis: spikes, a
@@ -315,7 +315,7 @@ def diagnose_command(
 
     from bench.diagnose.diagnose import diagnose
     from bench.diagnose.logs.load import excluding
-    from bench.diagnose.report import story, together
+    from bench.diagnose.report import terminal_summary, together
 
     check_catalogue(subject, model or subject.model, catalogue)
     subject = excluding(subject if model is None else replace(subject, model=model), exclude)
@@ -323,7 +323,7 @@ def diagnose_command(
         found, extended = diagnose(subject, tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
     found = replace(found, evidence=replace(found.evidence, source=source))
     console = options.console()
-    story.tell(found, console)
+    terminal_summary.print_summary(found, console)
     if found.verdict == "data_problem":
         kinds = dict.fromkeys(p.kind for p in found.data_problems)
         again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.report import page_figures as figures
-from bench.diagnose.report import words
+from bench.diagnose.report import phrases
 from bench.diagnose.result import Diagnosis
 from bench.reporting import page
 
@@ -18,7 +18,7 @@ def section(d: Diagnosis) -> str:
     if not d.evidence.learned:
         return ""
     panels = [
-        page.panel(f"{words.named(c.y_quantity)} against {words.named(c.x_signal)}", "", shape(c))
+        page.panel(f"{phrases.named(c.y_quantity)} against {phrases.named(c.x_signal)}", "", shape(c))
         for c in d.evidence.learned
     ]
     return (
@@ -32,8 +32,8 @@ def section(d: Diagnosis) -> str:
 
 def shape(c: LearnedCurve) -> str:
     """SVG: a learned term against its signal, with its band, over the data."""
-    x_unit, x_factor = words.shown(c.x_unit, c.x_signal, c.x)
-    y_unit, y_factor = words.shown(c.y_unit, c.y_quantity, (*c.low, *c.high))
+    x_unit, x_factor = phrases.shown(c.x_unit, c.x_signal, c.x)
+    y_unit, y_factor = phrases.shown(c.y_unit, c.y_quantity, (*c.low, *c.high))
 
     def draw(axes: Axes) -> None:
         x, dots_x = x_factor * np.array(c.x), x_factor * np.array(c.dots_x)
@@ -51,8 +51,8 @@ def shape(c: LearnedCurve) -> str:
         axes.set(
             xlim=(x[0], x[-1]),
             ylim=(bottom - room, top + room),
-            xlabel=figures._axis(words.named(c.x_signal), x_unit),
-            ylabel=figures._axis(words.named(c.y_quantity), y_unit),
+            xlabel=figures._axis(phrases.named(c.x_signal), x_unit),
+            ylabel=figures._axis(phrases.named(c.y_quantity), y_unit),
         )
 
-    return figures._svg(draw, f"{words.named(c.y_quantity)} against {words.named(c.x_signal)}")
+    return figures._svg(draw, f"{phrases.named(c.y_quantity)} against {phrases.named(c.x_signal)}")

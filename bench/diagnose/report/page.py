@@ -5,7 +5,7 @@ from html import escape
 from pathlib import Path
 
 from bench.diagnose.report import page_parts as parts
-from bench.diagnose.report import words
+from bench.diagnose.report import phrases, sentences
 from bench.diagnose.report.page_flights import script
 from bench.diagnose.report.page_sections import SECTIONS
 from bench.diagnose.result import Diagnosis, NamedEffect, write_text
@@ -51,11 +51,11 @@ def _head(d: Diagnosis) -> str:
     facts = [f"{e.recordings} recordings" if e.recordings else "", f"{e.seconds:.0f} s in all" if e.seconds else ""]
     facts.append(f"{len(e.held_out)} held out" if e.held_out else "")
     over = "".join(f"<span>{f}</span>" for f in facts if f)
-    cards, falls = "".join(map(_effect_card, d.effects)), "".join(map(_fall, words.falls(d)))
+    cards, falls = "".join(map(_effect_card, d.effects)), "".join(map(_fall, sentences.falls(d)))
     return (
         f'<header class="{d.verdict}"><p class="over"><span class="badge">{_BADGES[d.verdict]}</span>'
-        f"<span><b>{escape(d.dataset)}</b></span><span>{escape(words.named(d.system))}</span>{over}</p>"
-        f"<h1>{escape(words.headline(d))}</h1>"
+        f"<span><b>{escape(d.dataset)}</b></span><span>{escape(phrases.named(d.system))}</span>{over}</p>"
+        f"<h1>{escape(sentences.headline(d))}</h1>"
         f"{_sentences(d)}"
         + (f'<div class="falls">{falls}</div>' if falls else "")
         + (f'<div class="cards">{cards}</div>' if cards else "")
@@ -67,11 +67,11 @@ def _sentences(d: Diagnosis) -> str:
     """What was found stands first and large, what is left of it and of the constants below."""
     kinds = ["lead", "quiet", "quiet"]
     return "".join(
-        f'<p class="{kind}">{escape(said)}</p>' for kind, said in zip(kinds, words.sentences(d), strict=False)
+        f'<p class="{kind}">{escape(said)}</p>' for kind, said in zip(kinds, sentences.paragraphs(d), strict=False)
     )
 
 
-def _fall(fall: words.Fall) -> str:
+def _fall(fall: sentences.Fall) -> str:
     """Before → after of one output group, with a bar on which the floor is a mark."""
     after = fall.after
     top = max((e for e in fall.errors.values() if math.isfinite(e)), default=0.0)
@@ -83,7 +83,7 @@ def _fall(fall: words.Fall) -> str:
     others = [f"calibrated {fall.text('calibrated')}"] if after == "extended" else []
     others += [f"floor {fall.text('floor')}"]
     return (
-        f'<div class="fall"><h3>{escape(words.named(fall.group))} <small>after {fall.horizon}</small></h3>'
+        f'<div class="fall"><h3>{escape(phrases.named(fall.group))} <small>after {fall.horizon}</small></h3>'
         f'<p class="big"><span class="nominal">{fall.text("nominal")}</span> → '
         f'<span class="{after}">{fall.text(after)}</span> <small>{escape(fall.unit)}</small></p>'
         f'<div class="track"><i class="nominal" style="width:{at("nominal")}"></i>'
@@ -93,18 +93,24 @@ def _fall(fall: words.Fall) -> str:
 
 
 def _effect_card(effect: NamedEffect) -> str:
-    about, equation = words.about(effect.id) if effect.term is None else (effect.term.described, effect.term.formula)
+    about, equation = phrases.about(effect.id) if effect.term is None else (effect.term.described, effect.term.formula)
     tied = effect.indistinguishable_from
     values = []
     for name, p in effect.parameters.items():
-        value, low, high, unit = words.estimate_parts(name, p)
-        between = f" <small>{low} to {high}</small>" if low != words.NOTHING else ""
-        values.append(f"<p><code>{escape(name)}</code> = <b>{escape(words.united(value, unit))}</b>{between}</p>")
+        value, low, high, unit = phrases.estimate_parts(name, p)
+        between = f" <small>{low} to {high}</small>" if low != phrases.NOTHING else ""
+        values.append(f"<p><code>{escape(name)}</code> = <b>{escape(phrases.united(value, unit))}</b>{between}</p>")
+    main = effect.main
+    if main is None:
+        share, of, more = effect.share_explained, "of the error of free runs", ""
+    else:
+        share, of = main.share, f"of the explainable error of {sentences.acts(main)}"
+        more = "".join(f"<p class='quiet'>{escape(said)}</p>" for said in sentences.beside(effect))
     return (
-        f'<div class="card"><div class="share">{words.percent(effect.share_explained)}<small>explained</small></div>'
-        f"<h3>{escape(words.named(effect.name))}</h3>"
+        f'<div class="card"><div class="share">{phrases.percent(share)}<small>{escape(of)}</small></div>'
+        f"<h3>{escape(phrases.named(effect.name))}</h3>"
         + (f"<p class='quiet'>{escape(about)}</p>" if about else "")
         + parts.equation(equation)
-        + (f"<p class='quiet'>Or {escape(words.listed(map(words.named, tied), 'or'))}.</p>" if tied else "")
-        + f'<div class="values">{"".join(values)}</div></div>'
+        + (f"<p class='quiet'>Or {escape(phrases.listed(map(phrases.named, tied), 'or'))}.</p>" if tied else "")
+        + f'<div class="values">{"".join(values)}</div>{more}</div>'
     )

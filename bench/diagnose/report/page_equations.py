@@ -5,7 +5,7 @@ from html import escape
 
 from bench.diagnose.flight import AFTER, Signal
 from bench.diagnose.report import page_figures as figures
-from bench.diagnose.report import words
+from bench.diagnose.report import phrases, sentences
 from bench.diagnose.report.alone import Alone, alone
 from bench.diagnose.result import Diagnosis
 from bench.reporting import page
@@ -31,7 +31,7 @@ def equation_by_equation(d: Diagnosis) -> str:
 
 def _equation(d: Diagnosis, name: str, a: Alone) -> str:
     panel = page.panel(a.output, f"after {a.horizon}", _bars(d, name, a))
-    fall = f"{a.output} {words.number(a.nominal)} → {words.united(words.number(a.extended), a.unit)}"
+    fall = f"{a.output} {phrases.number(a.nominal)} → {phrases.united(phrases.number(a.extended), a.unit)}"
     beside = _savings(d, name) + _axes(d, d.by_equation[name].output)
     return (
         f'<div class="equation-alone"><h3>{escape(a.equation.capitalize())} <small>{escape(fall)}</small>'
@@ -42,15 +42,15 @@ def _equation(d: Diagnosis, name: str, a: Alone) -> str:
 
 def _said(d: Diagnosis, name: str, a: Alone) -> str:
     """What acts in the equation, and how much of its error can still be explained."""
-    here = [words.named(e.id) for e in d.effects if e.acts_on == name]
-    acts = f"Named here: {words.listed(here)}." if here else "No effect was named here."
+    here = [phrases.named(e.id) for e in d.effects if e.acts_on == name or (e.main and e.main.equation == name)]
+    acts = f"Named here: {phrases.listed(here)}." if here else "No effect was named here."
     left, best = a.extended**2, a.predictable**2
     if not all(map(math.isfinite, (left, best))) or not left:
         return acts
     more = 1 - best / left
-    if more < words.LITTLE:
+    if more < sentences.LITTLE:
         return f"{acts} What is left, the measured signals do not predict."
-    return f"{acts} Of the squared error that is left, the measured signals would predict {words.percent(more)} more."
+    return f"{acts} Of the squared error that is left, the measured signals would predict {phrases.percent(more)} more."
 
 
 def _bars(d: Diagnosis, name: str, a: Alone) -> str:
@@ -65,14 +65,14 @@ def _savings(d: Diagnosis, name: str) -> str:
     """What each named effect saves in this equation."""
     rows = []
     for effect in d.effects:
-        for s in d.evidence.savings.get(effect.id, ()):
+        for s in effect.saves:
             if s.equation != name:
                 continue
-            share = words.percent(s.share) if s.matters else words.NOTHING
-            between = f"{words.percent(s.low)} to {words.percent(s.high)}" if s.matters else "too little to explain"
-            bar = figures.interval_bar(s.share, s.low, s.high, s.equation == effect.acts_on) if s.matters else ""
+            share = phrases.percent(s.share) if s.matters else phrases.NOTHING
+            between = f"{phrases.percent(s.low)} to {phrases.percent(s.high)}" if s.matters else "too little to explain"
+            bar = figures.interval_bar(s.share, s.low, s.high, s.where == effect.acts_on) if s.matters else ""
             rows.append(
-                f"<tr><td>{escape(words.named(effect.id))}</td>"
+                f"<tr><td>{escape(phrases.named(effect.id))}{f', {escape(sentences.acts(s))}' if s.axis else ''}</td>"
                 f'<td class="number" data-label="saves">{share}</td><td data-label="">{bar}</td>'
                 f'<td data-label="95 % interval">{between}</td></tr>'
             )
@@ -90,11 +90,11 @@ def _axes(d: Diagnosis, output: str) -> str:
     found = [s for f in d.evidence.flights for s in f.signals if s.sensed and s.name == output and f.held_out]
     if not found:
         return ""
-    unit, factor = words.shown(found[0].unit, output)
+    unit, factor = phrases.shown(found[0].unit, output)
     rows = [
         f"<tr><td>{escape(trace.channel.rpartition('.')[2])}</td>"
-        f'<td class="number" data-label="before">{words.number(_mean(found, c, "nominal") * factor)}</td>'
-        f'<td class="number" data-label="after">{words.number(_mean(found, c, AFTER) * factor)}</td></tr>'
+        f'<td class="number" data-label="before">{phrases.number(_mean(found, c, "nominal") * factor)}</td>'
+        f'<td class="number" data-label="after">{phrases.number(_mean(found, c, AFTER) * factor)}</td></tr>'
         for c, trace in enumerate(found[0].traces)
     ]
     heads = ["axis", f"before [{escape(unit)}]", f"after [{escape(unit)}]"]

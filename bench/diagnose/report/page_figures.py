@@ -13,7 +13,7 @@ import seaborn as sns
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.diagnose.report.words import named, number, shown
+from bench.diagnose.report.phrases import named, number, shown
 from bench.diagnose.result import Curves, Line, ResidualMap, Window
 
 # A stand-in for each colour of the page, put in its place so that a panel follows the page into the dark.

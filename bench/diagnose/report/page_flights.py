@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.diagnose.flight import AFTER, RUNS, Flight, Signal, Trace
 from bench.diagnose.flight import Path as Track
-from bench.diagnose.report import words
+from bench.diagnose.report import phrases
 from bench.diagnose.result import Diagnosis
 from bench.reporting.drawing import Look, Panel, Scale, align, around, legend, swatch
 
@@ -43,7 +43,7 @@ def over_time(d: Diagnosis) -> str:
         figures += [_figure(flight, i, s, signals.index(s.name), looks) for s in flight.signals]
         if flight.path is not None:
             figures.append(_from_above(flight, flight.path, i, len(signals), names))
-    seen = [*map(words.named, signals), *(["seen from above"] if any(f.path for f in flights) else [])]
+    seen = [*map(phrases.named, signals), *(["seen from above"] if any(f.path for f in flights) else [])]
     recordings = [f"{f.recording}{'' if f.held_out else ' (fitted)'}" for f in flights]
     more = d.evidence.recordings - len(flights)
     rest = f" {more} of {d.evidence.recordings} recordings are left out to keep this page small." if more > 0 else ""
@@ -108,7 +108,7 @@ def _rules(recordings: int, signals: int, above: bool) -> str:
 def _figure(flight: Flight, i: int, signal: Signal, j: int, looks: dict[str, Look]) -> str:
     seconds = (flight.samples - 1) * flight.dt
     finite = [v for t in signal.traces for v in _ends(t.lines.get("measured", ()))]
-    unit, factor = words.shown(signal.unit, signal.name, finite)
+    unit, factor = phrases.shown(signal.unit, signal.name, finite)
     panels = [_panel(flight, t, unit, factor, looks, seconds, last=t is signal.traces[-1]) for t in signal.traces]
     align(panels)
     drawn = ""
@@ -116,8 +116,8 @@ def _figure(flight: Flight, i: int, signal: Signal, j: int, looks: dict[str, Loo
         for run, look in looks.items():
             pieces = [(x, y * factor) for x, y in trace.lines.get(run, ())]
             panel.trace(pieces, flight.dt, look, run)
-        drawn += panel.svg(f"{words.named(trace.channel)} of {flight.recording} over time: {panel.y_name}")
-    name = f"{words.named(signal.name)} of {flight.recording}"
+        drawn += panel.svg(f"{phrases.named(trace.channel)} of {flight.recording} over time: {panel.y_name}")
+    name = f"{phrases.named(signal.name)} of {flight.recording}"
     how = "Each model at the measured states, without the sensor's offset." if signal.sensed else ""
     thin = ""
     if flight.samples < flight.whole:
@@ -138,7 +138,7 @@ def _panel(
     """The empty frame of one channel; the lowest names the time."""
     alone = trace.channel.rpartition(".")[2].replace("_", " ")
     errors = [trace.rms[n] * factor for n in RUNS if n in trace.rms]
-    error = " → ".join("diverged" if math.isnan(e) else words.number(e, 2) for e in errors)
+    error = " → ".join("diverged" if math.isnan(e) else phrases.number(e, 2) for e in errors)
     said = f"{_short(alone)}{'' if unit == '1' else f' [{_short(unit)}]'}" + (f", rms error {error}" if errors else "")
     time = Scale(0.0, seconds or 1.0)
     return Panel(time, _scale(trace, factor), "time [s]" if last else "", said, WIDE, 176 if last else 160)
@@ -172,7 +172,7 @@ def _short(text: str) -> str:
 def _from_above(flight: Flight, path: Track, i: int, j: int, names: dict[str, str]) -> str:
     """The path as often as there are models, coloured by each one's error, both on one scale of colours."""
     finite = np.concatenate([e[np.isfinite(e)] for e in path.errors.values()])
-    unit, factor = words.shown(path.unit, path.group, finite)
+    unit, factor = phrases.shown(path.unit, path.group, finite)
     steps = _steps(finite * factor)
     x, y = _frame(np.concatenate(path.stretches))
     drawings = []
@@ -185,10 +185,10 @@ def _from_above(flight: Flight, path: Track, i: int, j: int, names: dict[str, st
             own = [stretch for stretch, h in zip(path.stretches, heats, strict=True) if h == heat]
             broken = np.concatenate([np.vstack([s, [[math.nan] * 2]]) for s in own] or [np.empty((0, 2))])
             panel.line(broken[:, 0], broken[:, 1], look)
-        said = f"{flight.recording} from above, coloured by the {words.named(path.group)} error: {names[name]}"
+        said = f"{flight.recording} from above, coloured by the {phrases.named(path.group)} error: {names[name]}"
         drawings.append(f"<div><h4>{escape(names[name])}</h4>{panel.svg(said)}</div>")
     title = f"{flight.recording} seen from above"
-    what = f"Colour and width: rms error of {words.named(path.group)} in each free run of {flight.restart_s:g} s."
+    what = f"Colour and width: rms error of {phrases.named(path.group)} in each free run of {flight.restart_s:g} s."
     return (
         f'<figure class="wide of-{i}-{j}"><figcaption>{escape(title)} <small>{escape(what)}</small></figcaption>'
         f'{_heat_legend(steps, unit)}<div class="plans">{"".join(drawings)}</div></figure>'
@@ -216,10 +216,10 @@ def _frame(points: np.ndarray) -> tuple[Scale, Scale]:
 
 
 def _heat_legend(steps: np.ndarray, unit: str) -> str:
-    ends = [words.number(s, 2) for s in steps]
+    ends = [phrases.number(s, 2) for s in steps]
     said = [f"below {ends[0]}", *(f"{a} to {b}" for a, b in pairwise(ends)), f"above {ends[-1]}"]
     items = "".join(
-        f"<li>{swatch(Look(f'var(--heat-{i})', width=1.6 + 0.7 * i))}{escape(words.united(text, unit))}</li>"
+        f"<li>{swatch(Look(f'var(--heat-{i})', width=1.6 + 0.7 * i))}{escape(phrases.united(text, unit))}</li>"
         for i, text in enumerate(said)
     )
     return f'<ul class="legend">{items}</ul>'

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from html import escape
 
-from bench.diagnose.report import learned_page, words
+from bench.diagnose.report import learned_page, phrases, sentences
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import page_parts as parts
 from bench.diagnose.report.page_equations import equation_by_equation
@@ -35,14 +35,14 @@ def _waterfall(d: Diagnosis) -> str:
     keys = {"nominal": "nominal", "calibrated": "calibrated"}
     panels = []
     for group in stages[0].error:
-        labels = [words.named(s.name) if s.name in keys else f"+ {words.named(s.name)}" for s in stages]
+        labels = [phrases.named(s.name) if s.name in keys else f"+ {phrases.named(s.name)}" for s in stages]
         bars = [
             (label, keys.get(s.name, "extended"), s.error.get(group, math.nan))
             for label, s in zip(labels, stages, strict=True)
         ]
         known = d.error.nominal.get(group)
         drawn = figures.waterfall(group, bars, floors.get(group, math.nan), known.unit if known else "")
-        panels.append(page.panel(words.named(group), f"after {known.horizon_s:g} s" if known else "", drawn))
+        panels.append(page.panel(phrases.named(group), f"after {known.horizon_s:g} s" if known else "", drawn))
     return (
         "<p>The bar is the error that remains; its pale part is what the stage took away. The dotted line is the noise "
         f"floor: what noise alone would leave, as estimated.</p>{page.grid(panels)}"
@@ -54,7 +54,7 @@ def _curves(d: Diagnosis) -> str:
     if not curves:
         return ""
     present = [n for n in LINES if any(n in c.lines for c in curves.values())]
-    panels = [page.panel(words.named(group), "", figures.error_curves(group, c)) for group, c in curves.items()]
+    panels = [page.panel(phrases.named(group), "", figures.error_curves(group, c)) for group, c in curves.items()]
     return (
         "<p>Free runs from many starts of the held-out recordings; bands are 95 % intervals over recordings.</p>"
         f"{parts.legend(present)}{page.grid(panels)}{_by_recording(d)}"
@@ -66,13 +66,11 @@ def _by_recording(d: Diagnosis) -> str:
     rows = []
     for group, c in d.evidence.curves.items():
         ends = {(n, r): errors[-1] for n, line in c.lines.items() for r, errors in line.recordings.items()}
-        unit, factor = words.shown(c.unit, group, ends.values())
+        unit, factor = phrases.shown(c.unit, group, ends.values())
         for recording in dict.fromkeys(r for _, r in ends):
-            cells = "".join(
-                f'<td class="number" data-label="{n}">{words.number(ends.get((n, recording), math.nan) * factor)}</td>'
-                for n in LINES
-            )
-            what = f"{escape(words.named(group))} after {c.horizon_s[-1]:g} s [{escape(unit)}]"
+            errors = [phrases.number(ends.get((n, recording), math.nan) * factor) for n in LINES]
+            cells = "".join(f'<td class="number" data-label="{n}">{e}</td>' for n, e in zip(LINES, errors, strict=True))
+            what = f"{escape(phrases.named(group))} after {c.horizon_s[-1]:g} s [{escape(unit)}]"
             rows.append(f'<tr><td>{escape(recording)}</td><td data-label="">{what}</td>{cells}</tr>')
     if not rows:
         return ""
@@ -83,14 +81,14 @@ def _by_recording(d: Diagnosis) -> str:
 def _where(d: Diagnosis) -> str:
     rows = []
     for r in d.where:
-        error = f"{parts.bar(r.share_of_error, '')}<span>{words.percent(r.share_of_error)} of the error</span>"
-        time = f"{parts.bar(r.share_of_time, 'time')}<span>{words.percent(r.share_of_time)} of the time</span>"
+        error = f"{parts.bar(r.share_of_error, '')}<span>{phrases.percent(r.share_of_error)} of the error</span>"
+        time = f"{parts.bar(r.share_of_time, 'time')}<span>{phrases.percent(r.share_of_time)} of the time</span>"
         bars = f'<div class="bars">{error}{time}</div>'
         seen = f'<span title="{escape(", ".join(r.recordings))}">{len(r.recordings)} recordings</span>'
         rows.append(f"<tr><td>{escape(r.region)}</td><td>{bars}</td><td>{seen}</td></tr>")
     panels = [
         page.panel(
-            f"{words.named(m.y_quantity)} against {words.named(m.x_signal)}",
+            f"{phrases.named(m.y_quantity)} against {phrases.named(m.x_signal)}",
             f"region {m.region}" if m.region else "",
             figures.residual_map(m),
         )
@@ -123,7 +121,7 @@ def _ranking(d: Diagnosis) -> str:
     for i, candidates in enumerate(rounds, start=1):
         ahead = next((c.id for c in candidates if not c.why), None)
         end = "taken" if ahead and named.issuperset(ahead.split(" + ")) else "ahead, and given up later"
-        title = f"Round {i}: {words.named(ahead)} is {end}" if ahead else f"Round {i}: none is taken"
+        title = f"Round {i}: {phrases.named(ahead)} is {end}" if ahead else f"Round {i}: none is taken"
         title = title.partition(": ")[2].capitalize() if len(rounds) == 1 else title
         rows = [_candidate(c, end) for c in candidates]
         table = page.table(["effect", "explains", "", "fitted", "why not"], rows, (1,), "rank")
@@ -133,11 +131,11 @@ def _ranking(d: Diagnosis) -> str:
 
 def _candidate(c: Candidate, end: str) -> str:
     bar = figures.interval_bar(c.gain, c.low, c.high, taken=not c.why)
-    why = escape(words.typeset(c.why or end))
+    why = escape(phrases.typeset(c.why or end))
     return (
-        f"<tr{'' if c.why else ' class=taken'}><td>{escape(words.named(c.id))}</td>"
-        f'<td class="number" data-label="explains">{words.percent(c.gain)}</td><td data-label="">{bar}</td>'
-        f'<td data-label="fitted">{escape(words.typeset(c.parameters))}</td><td data-label="">{why}</td></tr>'
+        f"<tr{'' if c.why else ' class=taken'}><td>{escape(phrases.named(c.id))}</td>"
+        f'<td class="number" data-label="explains">{phrases.percent(c.gain)}</td><td data-label="">{bar}</td>'
+        f'<td data-label="fitted">{escape(phrases.typeset(c.parameters))}</td><td data-label="">{why}</td></tr>'
     )
 
 
@@ -146,8 +144,8 @@ def _ties(d: Diagnosis) -> str:
     for effect in d.effects:
         if effect.indistinguishable_from:
             names = "".join(
-                f"<h3>{escape(words.named(i))}</h3><p class='quiet'>{escape(words.about(i)[0])}</p>"
-                f"{parts.equation(words.about(i)[1])}"
+                f"<h3>{escape(phrases.named(i))}</h3><p class='quiet'>{escape(phrases.about(i)[0])}</p>"
+                f"{parts.equation(phrases.about(i)[1])}"
                 for i in (effect.id, *effect.indistinguishable_from)
             )
             advice = f"<p><b>To separate them:</b> {escape(effect.separate_by)}</p>" if effect.separate_by else ""
@@ -164,8 +162,8 @@ def _data_problems(d: Diagnosis) -> str:
     if not d.data_problems:
         return "<p>No spikes, frozen sensors, time shifts, swapped signs or clock errors were found.</p>"
     rows = [
-        f"<tr><td>{escape(p.recording)}</td><td data-label='signal'>{escape(words.named(p.signal))}</td>"
-        f"<td data-label='problem'>{escape(p.kind)}</td><td data-label='where'>{words.rows(p)}</td>"
+        f"<tr><td>{escape(p.recording)}</td><td data-label='signal'>{escape(phrases.named(p.signal))}</td>"
+        f"<td data-label='problem'>{escape(p.kind)}</td><td data-label='where'>{phrases.rows(p)}</td>"
         f"<td data-label=''>{escape(p.detail)}</td></tr>"
         for p in d.data_problems
     ]
@@ -180,7 +178,7 @@ def _data_problems(d: Diagnosis) -> str:
 def _left(d: Diagnosis) -> str:
     if d.verdict == "data_problem":
         return ""
-    sentence = words.remainder(d) or "Nothing systematic is left above the noise floor."
+    sentence = sentences.remainder(d) or "Nothing systematic is left above the noise floor."
     hypothesis = ""
     if d.evidence.hypothesis:
         hypothesis = (
@@ -195,7 +193,7 @@ def _windows(d: Diagnosis) -> str:
     if not d.evidence.windows:
         return ""
     panels = [
-        page.panel(f"{words.named(w.group)}, {w.recording}", f"from {w.start_s:.2f} s", figures.window(w))
+        page.panel(f"{phrases.named(w.group)}, {w.recording}", f"from {w.start_s:.2f} s", figures.window(w))
         for w in d.evidence.windows
     ]
     extended = any(w.extended for w in d.evidence.windows)
@@ -207,17 +205,17 @@ def _windows(d: Diagnosis) -> str:
 def _calibration(d: Diagnosis) -> str:
     rows = []
     for c in d.evidence.calibration:
-        unit, factor = words.shown(c.unit, c.constant, [c.nominal, c.calibrated])
-        off = ' class="off"' if abs(c.sigma) > words.OFF else ""
-        change = words.percent(c.calibrated / c.nominal - 1) if c.nominal else words.NOTHING
+        unit, factor = phrases.shown(c.unit, c.constant, [c.nominal, c.calibrated])
+        off = ' class="off"' if abs(c.sigma) > sentences.OFF else ""
+        change = phrases.percent(c.calibrated / c.nominal - 1) if c.nominal else phrases.NOTHING
         rows.append(
-            f"<tr><td>{escape(words.named(c.constant))}</td>"
-            f'<td class="number" data-label="stated">{words.number(c.nominal * factor, 4)}</td>'
-            f'<td class="number" data-label="calibrated">{words.number(c.calibrated * factor, 4)}</td>'
-            f'<td class="number" data-label="low">{words.number(c.low * factor, 4)}</td>'
-            f'<td class="number" data-label="high">{words.number(c.high * factor, 4)}</td>'
+            f"<tr><td>{escape(phrases.named(c.constant))}</td>"
+            f'<td class="number" data-label="stated">{phrases.number(c.nominal * factor, 4)}</td>'
+            f'<td class="number" data-label="calibrated">{phrases.number(c.calibrated * factor, 4)}</td>'
+            f'<td class="number" data-label="low">{phrases.number(c.low * factor, 4)}</td>'
+            f'<td class="number" data-label="high">{phrases.number(c.high * factor, 4)}</td>'
             f'<td data-label="unit">{escape(unit)}</td><td class="number" data-label="change">{change}</td>'
-            f'<td class="number" data-label="moved by"><span{off}>{words.number(c.sigma, 2)} σ</span></td></tr>'
+            f'<td class="number" data-label="moved by"><span{off}>{phrases.number(c.sigma, 2)} σ</span></td></tr>'
         )
     if not rows:
         return ""
@@ -243,7 +241,7 @@ def _method(d: Diagnosis) -> str:
     return (
         f"{steps}{held}"
         + (f"<h3>Noted on the way</h3><ul class='notes'>{notes}</ul>" if notes else "")
-        + f"<h3>To repeat it</h3><pre>{escape(chr(10).join(words.commands(d)))}</pre>"
+        + f"<h3>To repeat it</h3><pre>{escape(chr(10).join(sentences.commands(d)))}</pre>"
     )
 
 
