@@ -173,21 +173,17 @@ def acts(saving: EffectSaving) -> str:
     return f"{named(saving.equation)} {how} {letter}" if how else f"{named(saving.equation)}, {named(saving.axis)}"
 
 
+def savings(effect: NamedEffect) -> list[EffectSaving]:
+    """What an effect is worth a term for: an equation as a whole, or the axes of one that it is not."""
+    whole = {s.equation for s in effect.saves if s.worth and not s.axis}
+    return [s for s in effect.saves if s is effect.main or (s.worth and (not s.axis or s.equation not in whole))]
+
+
 def explains(effect: NamedEffect) -> str:
     """Such as "explains 98 % in torques about z, 1 % in free runs": where it saves most, then of free runs."""
     free = f"{percent(effect.share_explained)} in free runs"
     main = effect.main
     return f"explains {free}" if main is None else f"explains {percent(main.share)} in {acts(main)}, {free}"
-
-
-def beside(effect: NamedEffect) -> list[str]:
-    """What an effect saves elsewhere than where it saves most, then of the error of free runs; sentences."""
-    others = [s for s in effect.saves if s.worth and s is not effect.main]
-    said = [f"Of the explainable error of {listed(f'{acts(s)} {percent(s.share)}' for s in others)}."] if others else []
-    return [
-        *said,
-        f"Of the error of free runs above the noise floor, all outputs pooled: {percent(effect.share_explained)}.",
-    ]
 
 
 @dataclass(frozen=True)
@@ -206,6 +202,11 @@ class Fall:
         """The error of a model."""
         error = self.errors[model]
         return "diverged" if math.isinf(error) else number(error)
+
+    def width(self, model: str) -> str:
+        """The error of a model as the length of a bar, of the largest."""
+        error, top = self.errors[model], max((e for e in self.errors.values() if math.isfinite(e)), default=0.0)
+        return f"{100 * (min(error, top) / top if top and not math.isnan(error) else 0):.1f}%"
 
 
 def falls(diagnosis: Diagnosis) -> list[Fall]:

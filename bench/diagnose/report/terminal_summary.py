@@ -5,7 +5,7 @@ from typing import Any
 from bench.diagnose.report import alone, phrases, sentences
 from bench.diagnose.result import Diagnosis, NamedEffect
 
-LINES = 15
+LINES = 20
 """The most lines of it on a terminal of 100 columns."""
 _STYLES = {"named": "cyan", "tie": "yellow", "nothing": "green", "unknown_effect": "yellow", "data_problem": "red"}
 
