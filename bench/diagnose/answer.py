@@ -22,6 +22,7 @@ from bench.diagnose.result import (
     Unexplained,
 )
 from bench.diagnose.select.discovery import Discovery
+from bench.diagnose.settings import DECIDING
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.diagnose.summaries import constant_estimates, equation_results, placed
 
@@ -125,13 +126,12 @@ def _unexplained(steps: Steps) -> Unexplained:
     scale = {g: max(e.rmse, 1e-300) for g, e in nominal.items()}
     above = max(pooled(nominal, scale), pooled(after, scale)) - pooled(floor, scale)
     share = max(0.0, (pooled(after, scale) - pooled(floor, scale)) / above) if above > 0 else float("nan")
-    # The traces that make nine tenths of what is left.
     left = sum(t.gain for t in steps.discovery.traces)
     axes: list[str] = []
     signals: list[str] = []
     so_far = 0.0
     for trace in steps.discovery.traces:
-        if so_far > 0.9 * left:
+        if so_far > DECIDING.traces_shown * left:
             break
         so_far += trace.gain
         axes.append(trace.axis)
@@ -180,7 +180,7 @@ def _hypothesis(found: Discovery) -> str:
     """The first terms of what is left, as a formula offered for thought."""
     if not found.traces:
         return ""
-    first = [t for t in found.traces if t.gain > 0.1 * found.traces[0].gain][:3]
+    first = [t for t in found.traces if t.gain > DECIDING.hypothesis_term * found.traces[0].gain][:3]
     said = "; ".join(f"{t.axis} goes with {t.text}" for t in first)
     alike = f" The catalogue's nearest imitation is {', '.join(found.imitators)}." if found.imitators else ""
     return f"{said}.{alike}"

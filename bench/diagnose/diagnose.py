@@ -19,14 +19,10 @@ from bench.diagnose.result import Diagnosis
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import NEAR
+from bench.diagnose.settings import DECIDING
 from bench.diagnose.simulate.flights import flights
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
-
-HIGH = 2.0
-"""Squared error over the noise floor's from which something is missing although it follows no signal."""
-NOTHING = 1e-6
-"""Share of the squared error that an effect must explain in free runs: what is less follows how rates are computed."""
 
 Tick = Callable[[str], None]
 
@@ -84,7 +80,7 @@ def diagnose(
         extension = _calibrated_only(run, found)
     excess = _excess(extension)
     verdict, found = _verdict(found, excess, refuted)
-    high = [group for group, ratio in excess.items() if ratio > HIGH]
+    high = [group for group, ratio in excess.items() if ratio > DECIDING.high_excess]
     terms = _learned(run, found, extension, verdict) if verdict == "unknown_effect" or high else None
     if terms is not None:
         extension, found = terms, judged(subject, noise, found, terms)
@@ -137,7 +133,7 @@ def _confirmed(run: _Run, found: Discovery) -> tuple[Discovery, Extension | None
     """
     extension = _added(run, found)
     if extension is not None:
-        vanished = [e.id for e in extension.effects if abs(e.share_explained) < NOTHING]
+        vanished = [e.id for e in extension.effects if abs(e.share_explained) < DECIDING.least_share]
         if vanished:
             found = _unnamed(found, vanished)
             extension = _added(run, found)
@@ -194,7 +190,7 @@ def _verdict(found: Discovery, excess: dict[str, float], refuted: bool) -> tuple
     if not found.found and not refuted and most <= NEAR**2:
         found = _remarked(found, most)
     # Where no equation could be judged by itself, what follows no signal at all shows in the free runs only.
-    alone = found.verdict == "nothing" and not found.equations and most > HIGH
+    alone = found.verdict == "nothing" and not found.equations and most > DECIDING.high_excess
     verdict = "unknown_effect" if refuted or alone else found.verdict
     if verdict == "unknown_effect" and not found.traces:
         # Free runs show what windows hardly do, such as a slow swing: the signals that are nearest to it are said.

@@ -35,14 +35,10 @@ from bench.diagnose.select.verify import (
     rivals,
     understood,
 )
+from bench.diagnose.settings import DISCOVERING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
-
-STEPS = 4
-"""Exchanges of one effect at most, once a set was chosen."""
-FAINT = 0.002
-"""Share of what noise leaves that a signal must explain on recordings not fitted; noise alone reaches 0.0001."""
 
 
 def discover(
@@ -90,7 +86,7 @@ def discover(
         constants=tuple(x for x in estimates(view, chosen.fit) if x.entry.constant),
         ratios=tuple(ratios(view, chosen.fit)),
         imitators=tuple(_names(view)[i] for i in imitators),
-        faint=tuple(t for t in traces if t.gain > FAINT),
+        faint=tuple(t for t in traces if t.gain > DISCOVERING.faint_trace),
         notes=(*subject.notes, *search.notes),
         equations=errors,
         remarks=remarks,
@@ -158,7 +154,7 @@ def _settled(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> V
     everything = view.subsets.fit().misfit - view.floor
     shortlist = {i for field in fields[1:] for f in field[:8] for i in f.ids}
     model, known = updated(view, fit), len(subject.model.effects)
-    for _ in range(STEPS):
+    for _ in range(DISCOVERING.exchanges):
         search.tick("what is left")
         views = search.views(search.look(model, shortlist), everything)
         view = min(views, key=lambda v: v.subsets.fit().prior)

@@ -23,6 +23,7 @@ from bench.diagnose.select.choose import updated
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.verify import Estimate, estimates
+from bench.diagnose.settings import EXTENDING
 from bench.diagnose.simulate.shoot import Shot, shoot
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.diagnose.summaries import parameter_estimates
@@ -33,9 +34,6 @@ from registry.errors import BenchError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-WORTH = 0.97
-"""Mean squared error of the free runs, relative, below which shooting's fit is taken for the weak form's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +109,7 @@ def fitted(
         return model, found
     tick("shooting")
     shot = shoot(model, subject, subject.training, tick)
-    return (shot.model, _moved(found, shot)) if shot.after < WORTH * shot.before else (model, found)
+    return (shot.model, _moved(found, shot)) if shot.after < EXTENDING.shooting_gain * shot.before else (model, found)
 
 
 def _moved(found: Sequence[Estimate], shot: Shot) -> list[Estimate]:
@@ -124,7 +122,7 @@ def _moved(found: Sequence[Estimate], shot: Shot) -> list[Estimate]:
         key = (x.entry.owner, x.entry.label)
         value = by_name.get(key, x.value)
         # Two estimates that differ are worth no more than their difference.
-        half = max((x.high - x.low) / 2, 1.96 * spread.get(key, 0.0), abs(value - x.value))
+        half = max((x.high - x.low) / 2, EXTENDING.interval * spread.get(key, 0.0), abs(value - x.value))
         moved.append(replace(x, value=value, low=max(value - half, x.entry.low), high=min(value + half, x.entry.high)))
     return moved
 

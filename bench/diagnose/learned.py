@@ -13,11 +13,9 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Weighing
+from bench.diagnose.settings import EXTENDING
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
-
-IMITATED = 0.02
-"""Share of the squared error above the floor that terms must leave of what named effects left, to give those up."""
 
 
 def learned(
@@ -77,7 +75,7 @@ def _beyond(done: Extension) -> bool:
     before, after, floor = named[-1].error_after, done.comparison.error("extended"), done.comparison.error("floor")
     above = [g for g in before if before[g].rmse > 1.5 * floor[g].rmse]
     left = ((e[g].rmse ** 2 - floor[g].rmse ** 2 for e in (after, before)) for g in above)
-    return bool(above) and all(now < IMITATED * then for now, then in left)
+    return bool(above) and all(now < EXTENDING.given_up * then for now, then in left)
 
 
 def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extension) -> Discovery:

@@ -10,12 +10,8 @@ from bench.diagnose.result import NamedEffect, ParameterEstimate
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Saving
 from bench.diagnose.select.verify import Estimate
+from bench.diagnose.settings import EXTENDING
 from registry.dynamics import PhysicsModel
-
-_NORMAL = 1.96
-"""Half of a 95 % interval in standard deviations."""
-_NARROWED = 0.5
-"""Width of an interval, relative to the stated one, below which the recordings determine a constant."""
 
 
 def parameter_estimates(found: Sequence[Estimate]) -> dict[str, ParameterEstimate]:
@@ -113,6 +109,6 @@ def constant_estimates(
         if abs(value - x.value) > 1e-9 * prior.scale:  # two estimates that differ are worth no more than that
             half = float(max((high - low) / 2, abs(value - x.value)))
             low, high = max(value - half, x.entry.low), min(value + half, x.entry.high)
-        determined = high - low < _NARROWED * 2 * _NORMAL * prior.scale
+        determined = high - low < EXTENDING.determined * 2 * EXTENDING.interval * prior.scale
         out[label] = ConstantEstimate(prior.value, value, low, high, x.entry.unit, determined)
     return out

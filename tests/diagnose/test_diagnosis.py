@@ -33,6 +33,7 @@ from bench.diagnose.result import (
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate
+from bench.diagnose.settings import TELLING
 from bench.diagnose.simulate.free_run import Group
 from bench.diagnose.summaries import constant_estimates, equation_results, placed
 from registry.errors import BenchError
@@ -202,7 +203,7 @@ def test_a_file_that_cannot_be_written_is_one_sentence_and_leaves_nothing(tmp_pa
 def test_the_story_is_short_and_says_the_verdict(verdict: str) -> None:
     diagnosis = samples.ALL[verdict]()
     text = told(diagnosis)
-    assert len(text.splitlines()) <= terminal_summary.LINES and all(len(line) <= 100 for line in text.splitlines())
+    assert len(text.splitlines()) <= TELLING.lines and all(len(line) <= 100 for line in text.splitlines())
     flat = " ".join(text.split())
     for said in {
         "named": ["rotor drag and rotor reaction torque", "1.152×10⁻⁴ to 1.224×10⁻⁴", "81.0 → 9.40 mm", "96 %"],
@@ -238,7 +239,7 @@ def test_every_tie_is_said_by_itself() -> None:
 def test_the_story_stays_short_when_there_is_much_to_say() -> None:
     d = samples.named()
     many = replace(d, effects=d.effects * 5, where=d.where * 5, data_problems=d.data_problems * 9)
-    assert len(told(many, width=60).splitlines()) <= terminal_summary.LINES
+    assert len(told(many, width=60).splitlines()) <= TELLING.lines
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, 9.995, 0.00099951, 99999.0, -2.5e-7, 1.234e-4, 123456.0, 0.1, -0.0314])

@@ -9,9 +9,10 @@ from markupsafe import Markup
 from bench.diagnose.by_equation import EffectSaving
 from bench.diagnose.flight import AFTER, Signal
 from bench.diagnose.report import page_figures as figures
-from bench.diagnose.report import phrases, sentences
+from bench.diagnose.report import phrases
 from bench.diagnose.report.alone import Alone, alone
 from bench.diagnose.result import Diagnosis, NamedEffect
+from bench.diagnose.settings import TELLING
 from bench.reporting.page import Drawing
 
 
@@ -74,7 +75,7 @@ def _said(d: Diagnosis, name: str, a: Alone) -> str:
     if not all(map(math.isfinite, (left, best))) or not left:
         return acts
     more = 1 - best / left
-    if more < sentences.LITTLE:
+    if more < TELLING.little_left:
         return f"{acts} What is left cannot be predicted from the measured signals."
     return (
         f"{acts} The measured signals would predict another {phrases.percent(more)} of the squared error that is left."

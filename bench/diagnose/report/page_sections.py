@@ -10,6 +10,7 @@ from bench.diagnose.report import phrases, sentences
 from bench.diagnose.report.page_equations import equation_by_equation
 from bench.diagnose.report.page_flights import over_time
 from bench.diagnose.result import LINES, Candidate, Diagnosis, NamedEffect, Region
+from bench.diagnose.settings import TELLING
 from bench.reporting.page import Drawing, Section
 
 
@@ -152,7 +153,7 @@ def _constants(d: Diagnosis) -> list[_Constant]:
                 unit=unit,
                 change=phrases.percent(c.calibrated / c.nominal - 1) if c.nominal else phrases.NOTHING,
                 sigma=phrases.number(c.sigma, 2),
-                off=abs(c.sigma) > sentences.OFF,
+                off=abs(c.sigma) > TELLING.constant_off,
             )
         )
     return rows

@@ -8,15 +8,8 @@ from dataclasses import dataclass
 from bench.diagnose.by_equation import EffectSaving
 from bench.diagnose.report.phrases import listed, named, number, percent, shown
 from bench.diagnose.result import LINES, ByGroup, Calibration, Diagnosis, NamedEffect
+from bench.diagnose.settings import TELLING
 
-LITTLE = 0.02
-"""Share of the squared error above the floor below which a reader need not know what it follows."""
-OFF = 2.0
-"""Stated uncertainties beyond which a calibrated constant is marked."""
-SLIGHTLY = 0.1
-"""Stated uncertainties below which nobody is told that a constant moved, however sure it is."""
-MENTIONED = 2
-"""Constants, and ratios of them, that are said to be off; the page has them all."""
 _FREE = "of the squared error of free runs above the noise floor"
 
 
@@ -109,7 +102,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
 def _constants_first(diagnosis: Diagnosis) -> str:
     """What the calibration of constants took before any effect, where that is worth a clause."""
     before = diagnosis.evidence.calibrated
-    return f"; the constants, calibrated first, explain {percent(before)}" if before >= LITTLE else ""
+    return f"; the constants, calibrated first, explain {percent(before)}" if before >= TELLING.little_left else ""
 
 
 def remainder(diagnosis: Diagnosis) -> str:
@@ -118,7 +111,7 @@ def remainder(diagnosis: Diagnosis) -> str:
     if not left.axes:
         return ""
     axes, share = listed(map(named, left.axes)), percent(left.share)
-    if left.share < LITTLE:
+    if left.share < TELLING.little_left:
         return f"Something systematic is left in {axes}; it makes {share} {_FREE}."
     size = f": {share} {_FREE}" if math.isfinite(left.share) else ""
     follows = f" It follows {listed(map(named, left.follows))}." if left.follows else ""
@@ -127,7 +120,7 @@ def remainder(diagnosis: Diagnosis) -> str:
 
 def miscalibrated(diagnosis: Diagnosis) -> str:
     """A sentence about base constants whose intervals exclude what was stated, and ratios of them that do."""
-    moved = [c for c in diagnosis.evidence.calibration if c.moved and abs(c.sigma) >= SLIGHTLY]
+    moved = [c for c in diagnosis.evidence.calibration if c.moved and abs(c.sigma) >= TELLING.constant_moved]
     alone, ratios = ([c for c in moved if (" / " in c.constant) is both] for both in (False, True))
     if not moved:
         return ""
@@ -139,7 +132,7 @@ def miscalibrated(diagnosis: Diagnosis) -> str:
 
 def _first(moved: Sequence[Calibration]) -> str:
     """The constants that moved most by their stated uncertainties, and how many others did."""
-    first = sorted(moved, key=lambda c: -abs(c.sigma))[:MENTIONED]
+    first = sorted(moved, key=lambda c: -abs(c.sigma))[: TELLING.constants]
     more = [f"{len(moved) - len(first)} more"] if len(moved) > len(first) else []
     return listed([*map(change, first), *more])
 

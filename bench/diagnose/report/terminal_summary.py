@@ -4,14 +4,13 @@ from typing import Any
 
 from bench.diagnose.report import alone, phrases, sentences
 from bench.diagnose.result import Diagnosis, NamedEffect
+from bench.diagnose.settings import TELLING
 
-LINES = 20
-"""The most lines of it on a terminal of 100 columns."""
 _STYLES = {"named": "cyan", "tie": "yellow", "nothing": "green", "unknown_effect": "yellow", "data_problem": "red"}
 
 
 def print_summary(diagnosis: Diagnosis, console: Any) -> None:
-    """Print the verdict, the falling error, the effects and where the error is, in at most `LINES` lines.
+    """Print the verdict, the falling error, the effects and where the error is, in at most `TELLING.lines` lines.
 
     Args:
         diagnosis: what was found.
@@ -26,7 +25,7 @@ def print_summary(diagnosis: Diagnosis, console: Any) -> None:
         first = [*_effects(diagnosis), *_errors(diagnosis), *alone.lines(diagnosis)]
         last = [*_regions(diagnosis), *_problems(diagnosis)]
     texts = [verdict, *map(Text, [sentences.explanation(diagnosis), *first, *last])]
-    for line in [line for text in texts for line in text.wrap(console, console.width)][:LINES]:
+    for line in [line for text in texts for line in text.wrap(console, console.width)][: TELLING.lines]:
         line.rstrip()
         console.print(line, highlight=False, no_wrap=True)
 
