@@ -80,7 +80,7 @@ def cli() -> None:
 
     \b
     bench data init flights/                     describe a folder of logs (`bench data import` reads ULog and bags)
-    bench diagnose flights/                      all four steps: a story, a page, a better model
+    bench diagnose flights/                      all four steps: a summary, a page, a better model
     bench compare flights/                       1  how far is the model off, beside the noise floor?
     bench locate flights/                        2  where?
     bench discover flights/                      3  which effect is missing?

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bench.diagnose.extend import Extension
     from bench.diagnose.logs.subject import Subject
     from bench.diagnose.result import NamedEffect
+    from bench.diagnose.select.discovery import Discovery
     from registry.dynamics import PhysicsModel
 
 
@@ -104,7 +105,7 @@ def folder_for(source: str, out: Path | None) -> Path:
 def say_problems(subject: "Subject") -> None:
     """Say what is wrong with the data before a step that would take it for physics."""
     from bench.diagnose.checks.problems import problems
-    from bench.diagnose.report.words import gathered
+    from bench.diagnose.report.phrases import gathered
 
     found = gathered(problems(subject).problems)
     for line in found[:4]:
@@ -136,21 +137,42 @@ def say_written(console: Any, written: Sequence[Path]) -> None:
     console.print(f"\nWrote {', '.join(map(str, written))}{former}", highlight=False, markup=False, soft_wrap=True)
 
 
+def show_discovery(console: Any, found: "Discovery") -> None:
+    """Print the effects found with their fitted numbers, or what is left to say, and what the rest follows."""
+    from bench.diagnose.report import phrases
+    from bench.diagnose.summaries import parameter_estimates
+
+    for f in found.found:
+        console.print(f"[bold]{f.id}[/]  {escape(EFFECTS.get(f.id).equation)}", highlight=False)
+        for name, p in parameter_estimates(f.estimates).items():
+            console.print(f"    {name} = {phrases.estimate(name, p)}", highlight=False, markup=False)
+        if f.rivals:
+            console.print(f"    these data cannot tell it from {', '.join(f.rivals)}")
+    if not found.found:
+        console.print(
+            "Something systematic is missing that the catalogue does not have."
+            if found.verdict == "unknown_effect"
+            else "Nothing is missing."
+        )
+    for trace in found.traces[:3]:
+        console.print(f"  left in {trace.axis}: follows {trace.signal}", highlight=False, markup=False)
+
+
 def show_extension(console: Any, done: "Extension") -> None:
     """Print the held-out error, effect by effect, and the fitted numbers."""
-    from bench.diagnose.report import words
+    from bench.diagnose.report import phrases
 
     groups, stages = done.comparison.groups, done.stages
-    units = [words.shown(g.unit, g.name, [s.error[g.name] for s in stages]) for g in groups]
-    heads = (f"{words.named(g.name)} [{unit}]" for g, (unit, _) in zip(groups, units, strict=True))
+    units = [phrases.shown(g.unit, g.name, [s.error[g.name] for s in stages]) for g in groups]
+    heads = (f"{phrases.named(g.name)} [{unit}]" for g, (unit, _) in zip(groups, units, strict=True))
     rows = table("held-out error", *map(escape, heads))
     for stage in stages:
         added = stage.name in {e.name for e in done.effects}
-        cells = (words.number(stage.error[g.name] * f) for g, (_, f) in zip(groups, units, strict=True))
+        cells = (phrases.number(stage.error[g.name] * f) for g, (_, f) in zip(groups, units, strict=True))
         rows.add_row(escape(f"+ {stage.name}" if added else stage.name), *cells)
     console.print(rows)
     for e in done.effects:
-        console.print(f"  {e.id}: {e.described or words.parameters(e)}", highlight=False, markup=False)
+        console.print(f"  {e.id}: {e.described or phrases.parameters(e)}", highlight=False, markup=False)
 
 
 def track_extension(
@@ -178,11 +200,11 @@ def track_extension(
             track.log_extension(
                 uri,
                 subject.name,
-                (*held, *added[: i + 1]),
-                {step: chain[step] for step in sorted(chain)},
-                comparison.error("floor"),
-                parameters,
-                (model_file,) if last else (),
+                effects=(*held, *added[: i + 1]),
+                errors={step: chain[step] for step in sorted(chain)},
+                floor=comparison.error("floor"),
+                parameters=parameters,
+                files=(model_file,) if last else (),
             )
         except track.TrackingError as error:
             click.echo(f"bench: {error}", err=True)

@@ -23,15 +23,29 @@ class EquationResult:
 
 @dataclass(frozen=True)
 class EffectSaving:
-    """What an effect saves of one equation's squared error on held-out recordings."""
+    """What an effect saves of one equation's squared error, along one axis of it or as a whole, on held-out recordings.
+
+    All else is fitted anew without the effect. Shares are of the explainable error: the squared error of the calibrated
+    model less that of the best predictor.
+    """
 
     equation: str
+    axis: str
+    """Such as "torque z"; empty: the equation as a whole."""
+    horizon_s: float
     share: float
-    """Of what can be explained there, at most 1, with its 95 % interval over blocks of recordings."""
+    """At most 1, with its 95 % interval over blocks of recordings."""
     low: float
     high: float
     matters: bool = True
-    """Whether enough can be explained in this equation that anything is worth a term."""
+    """Whether the explainable error is large enough that anything is worth a term."""
+    worth: bool = False
+    """Whether the share is large enough, and sure, to name the effect for it."""
+
+    @property
+    def where(self) -> str:
+        """Equation and axis, as `NamedEffect.acts_on` has them."""
+        return f"{self.equation}: {self.axis}" if self.axis else self.equation
 
 
 @dataclass(frozen=True)

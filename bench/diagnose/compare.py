@@ -17,6 +17,7 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import LINES as DRAWN
 from bench.diagnose.result import ByGroup, Curves, GroupError, Line, plot_curves
 from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.settings import COMPARING
 from bench.diagnose.simulate.floor import floor, reach
 from bench.diagnose.simulate.free_run import (
     Group,
@@ -33,13 +34,6 @@ from registry.errors import BenchError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-WINDOWS = 500
-"""Free runs a model, about: the mean is then known far better than recordings differ."""
-HORIZONS = 10
-"""Points of a curve."""
-DRAWS = 1000
-"""Of the bootstrap."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +131,7 @@ def compare(
     rate = logs[0].rate if logs else math.nan
     steps = default_steps(logs) if horizon_s is None else max(1, round(horizon_s * rate))
     clear = margin(logs, reach(noise.smoothing))
-    every = max(1, sum(map(len, logs)) // WINDOWS)
+    every = max(1, sum(map(len, logs)) // COMPARING.free_runs)
     found = [starts(log, steps + 2 * clear, every) + clear for log in logs]
     kept = [(log, at) for log, at in zip(logs, found, strict=True) if len(at)]
     if not kept:
@@ -147,7 +141,7 @@ def compare(
         )
     logs, at = tuple(log for log, _ in kept), [a for _, a in kept]
     judged = groups(subject.model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
-    ends = np.unique(np.round(np.linspace(0, steps, HORIZONS + 1)[1:]).astype(int))
+    ends = np.unique(np.round(np.linspace(0, steps, COMPARING.horizons + 1)[1:]).astype(int))
     squared = {}
     with torch.no_grad():
         measured = measured_windows(logs, at, steps)
@@ -162,14 +156,14 @@ def compare(
     draws = _draws(units, recording, len(logs) >= ENOUGH)
     lines = {name: _lines(e, judged, logs, recording, units, draws) for name, e in squared.items()}
     return Comparison(
-        tuple(log.name for log in logs),
-        tuple(float(k / rate) for k in ends),
-        tuple(judged),
-        lines,
-        len(recording),
-        every / rate,
-        basis,
-        noise,
+        recordings=tuple(log.name for log in logs),
+        horizon_s=tuple(float(k / rate) for k in ends),
+        groups=tuple(judged),
+        lines=lines,
+        starts=len(recording),
+        every_s=every / rate,
+        basis=basis,
+        noise=noise,
     )
 
 
@@ -208,14 +202,14 @@ def _alike(squared: np.ndarray, recording: np.ndarray) -> int:
 
 
 def _draws(unit: np.ndarray, recording: np.ndarray, over_recordings: bool) -> np.ndarray:
-    """How often each unit is drawn (DRAWS, units): within its recording, or of all where recordings are the units."""
+    """How often each unit is drawn (draws, units): within its recording, or of all where recordings are the units."""
     generator, count = np.random.default_rng(0), int(unit.max()) + 1
     of = np.zeros(count, dtype=int)
     of[unit] = 0 if over_recordings else recording
-    out = np.zeros((DRAWS, count))
+    out = np.zeros((COMPARING.draws, count))
     for stratum in np.unique(of):
         among = np.flatnonzero(of == stratum)
-        out[:, among] = generator.multinomial(len(among), np.full(len(among), 1 / len(among)), size=DRAWS)
+        out[:, among] = generator.multinomial(len(among), np.full(len(among), 1 / len(among)), size=COMPARING.draws)
     return out
 
 

@@ -34,14 +34,10 @@ from bench.diagnose.select.verify import (
     rivals,
     understood,
 )
+from bench.diagnose.settings import DISCOVERING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
-
-STEPS = 4
-"""Exchanges of one effect at most, once a set was chosen."""
-FAINT = 0.002
-"""Share of what noise leaves that a signal must explain on recordings not fitted; noise alone reaches 0.0001."""
 
 
 def discover(
@@ -70,45 +66,31 @@ def discover(
     rounds = tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
     view = _settled(search, view, fit, fields)
     subject = search.subject
-    names = [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
     tick("weigh")
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
     worthy, remarks, contradicted = _worthy(search, view, weighing)
     named, imitators = _understood(view, worthy, len(subject.model.effects))
     chosen = _Choice(search, view, tuple(sorted({*worthy.dropped, *imitators})))
-    savings = {i: _saved(weighing, chosen, i, worthy.model()) for i in named}
-    fit = chosen.fit
+    found = _found(weighing, chosen, named, worthy.model(), sure=not imitators)
     errors = () if weighing is None else weighing.errors(chosen.model())
     traces, total = left_over(view, chosen.dropped)
     unknown = total > LEFT * view.floor
     if unknown and errors and not contradicted and not any(e.unexplained >= SHARE for e in errors):
         unknown, remarks = False, (*remarks, faint_traces(traces))
-    numbers, model = estimates(view, fit), chosen.model()
-    found = tuple(
-        Found(
-            names[i],
-            next(e for e in model.effects if EFFECTS.name_of(type(e)) == names[i]),
-            tuple(x for x in numbers if x.entry.owner == i),
-            view.subsets.fit(drop=[*chosen.dropped, i]).misfit - fit.misfit,
-            () if imitators else _rivals(view, weighing, chosen, i, worthy.model()),
-            savings[i],
-        )
-        for i in named
-    )
     return Discovery(
-        calibrated,
-        model,
-        tuple(sorted(found, key=lambda f: (-f.share, -f.gain))),
-        rounds,
-        tuple(traces) if unknown else (),
-        tuple(x for x in numbers if x.entry.constant),
-        tuple(ratios(view, fit)),
-        tuple(names[i] for i in imitators),
-        tuple(t for t in traces if t.gain > FAINT),
-        (*subject.notes, *search.notes),
-        errors,
-        remarks,
-        subject.uncertainty,
+        calibrated=calibrated,
+        model=chosen.model(),
+        found=found,
+        rounds=rounds,
+        traces=tuple(traces) if unknown else (),
+        constants=tuple(x for x in estimates(view, chosen.fit) if x.entry.constant),
+        ratios=tuple(ratios(view, chosen.fit)),
+        imitators=tuple(_names(view)[i] for i in imitators),
+        faint=tuple(t for t in traces if t.gain > DISCOVERING.faint_trace),
+        notes=(*subject.notes, *search.notes),
+        equations=errors,
+        remarks=remarks,
+        uncertainty=subject.uncertainty,
     )
 
 
@@ -144,13 +126,47 @@ def _first(search: Search) -> tuple[View, Fit, list[list[Fit]]]:
     return view, fit, fields
 
 
+def _found(
+    weighing: Weighing | None, chosen: _Choice, named: Sequence[int], extended: PhysicsModel, sure: bool
+) -> tuple[Found, ...]:
+    """The effects in these places of the view's model, those that save most first.
+
+    Args:
+        weighing: the held-out recordings; None: there are none.
+        chosen: the model with these effects.
+        named: their places.
+        extended: the model that says what can be explained.
+        sure: whether nothing imitates them, so that it is worth asking what explains the recordings as well.
+    """
+    view, numbers = chosen.view, estimates(chosen.view, chosen.fit)
+    effects = {EFFECTS.name_of(type(e)): e for e in reversed(chosen.model().effects)}
+    names = _names(view)
+    found = [
+        Found(
+            id=names[i],
+            effect=effects[names[i]],
+            estimates=tuple(x for x in numbers if x.entry.owner == i),
+            gain=view.subsets.fit(drop=[*chosen.dropped, i]).misfit - chosen.fit.misfit,
+            rivals=_rivals(view, weighing, chosen, i, extended) if sure else (),
+            savings=_saved(weighing, chosen, i, extended),
+        )
+        for i in named
+    ]
+    return tuple(sorted(found, key=lambda f: (-f.share, -f.gain)))
+
+
+def _names(view: View) -> list[str]:
+    """Ids of the effects of a view's model, by place."""
+    return [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
+
+
 def _settled(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> View:
     """The view of the chosen effects, exchanged, added and dropped one by one until nothing changes."""
     subject = search.subject
     everything = view.subsets.fit().misfit - view.floor
     shortlist = {i for field in fields[1:] for f in field[:8] for i in f.ids}
     model, known = advanced(search, view, fit).model, len(subject.model.effects)
-    for _ in range(STEPS):
+    for _ in range(DISCOVERING.exchanges):
         search.tick("what is left")
         view = min(search.views(search.look(model, shortlist), everything), key=lambda v: v.subsets.fit().prior)
         while search.let_go(contradicted(view, view.subsets.fit())):
@@ -277,5 +293,6 @@ def _round(view: View, field: list[Fit], chosen: Fit) -> tuple[Loser, ...]:
         else:
             rest = max(f.misfit - view.floor, 0.0) / view.floor
             why = f"leaves {rest:.2g} times the noise unexplained (t = {t:.1f} against the best)"
-        out.append(Loser(" + ".join(f.ids), share, share - half / scale, share + half / scale, text, why))
+        low, high = share - half / scale, share + half / scale
+        out.append(Loser(id=" + ".join(f.ids), gain=share, low=low, high=high, text=text, why=why))
     return tuple(out)

@@ -17,14 +17,16 @@ from bench.diagnose.learn.request import is_request, parsed
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.report.learned_words import described
-from bench.diagnose.result import ByGroup, NamedEffect, ParameterEstimate, Stage
+from bench.diagnose.result import ByGroup, NamedEffect, Stage
 from bench.diagnose.select import by_simulation
 from bench.diagnose.select.choose import updated
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.verify import Estimate, estimates
-from bench.diagnose.simulate.shoot import shoot
+from bench.diagnose.settings import EXTENDING
+from bench.diagnose.simulate.shoot import Shot, shoot
 from bench.diagnose.simulate.unmeasured import hidden
+from bench.diagnose.summaries import parameter_estimates
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel, unsuited
 from registry.effects.learned_term import LearnedTerm
@@ -32,9 +34,6 @@ from registry.errors import BenchError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-WORTH = 0.97
-"""Mean squared error of the free runs, relative, below which shooting's fit is taken for the weak form's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +49,11 @@ class Extension(Displayed):
     constants: tuple[Estimate, ...]
     calibrated: float
     """Share of the squared error above the floor that calibration takes before any effect."""
+
+    @property
+    def last(self) -> ByGroup:
+        """Error of ``model``."""
+        return self.comparison.error("extended" if self.effects else "calibrated")
 
     @property
     def headline(self) -> str:
@@ -105,21 +109,22 @@ def fitted(
         return model, found
     tick("shooting")
     shot = shoot(model, subject, subject.training, tick)
-    if shot.after < WORTH * shot.before:
-        by_name = {(e.owner, e.label): e.value for e in shot.free}
-        sigma = np.sqrt(np.maximum(np.diag(shot.covariance), 0.0))
-        spread = {(e.owner, e.label): s for e, s in zip(shot.free, sigma, strict=True)}
-        moved = []
-        for x in found:
-            key = (x.entry.owner, x.entry.label)
-            value = by_name.get(key, x.value)
-            # Two estimates that differ are worth no more than their difference.
-            half = max((x.high - x.low) / 2, 1.96 * spread.get(key, 0.0), abs(value - x.value))
-            moved.append(
-                replace(x, value=value, low=max(value - half, x.entry.low), high=min(value + half, x.entry.high))
-            )
-        return shot.model, moved
-    return model, found
+    return (shot.model, _moved(found, shot)) if shot.after < EXTENDING.shooting_gain * shot.before else (model, found)
+
+
+def _moved(found: Sequence[Estimate], shot: Shot) -> list[Estimate]:
+    """Estimates of the weak form, moved to where shooting has them."""
+    by_name = {(e.owner, e.label): e.value for e in shot.free}
+    sigma = np.sqrt(np.maximum(np.diag(shot.covariance), 0.0))
+    spread = {(e.owner, e.label): s for e, s in zip(shot.free, sigma, strict=True)}
+    moved = []
+    for x in found:
+        key = (x.entry.owner, x.entry.label)
+        value = by_name.get(key, x.value)
+        # Two estimates that differ are worth no more than their difference.
+        half = max((x.high - x.low) / 2, EXTENDING.interval * spread.get(key, 0.0), abs(value - x.value))
+        moved.append(replace(x, value=value, low=max(value - half, x.entry.low), high=min(value + half, x.entry.high)))
+    return moved
 
 
 def extend(
@@ -149,6 +154,44 @@ def extend(
             a term that cannot be learned.
     """
     subject, noise = prepared(subject, noise, tick)
+    _check_added(subject, model, add)
+    chain = _Chain(*fitted(subject, model, noise, tick, through_simulator=not add))
+    for i, item in enumerate(add):
+        starts = _starts(subject, chain.model, item, noise, tick, known or {})
+        for j, start in enumerate(starts):
+            last = i == len(add) - 1 and j == len(starts) - 1
+            grown = replace(chain.model, effects=(*chain.model.effects, start))
+            chain.append(*fitted(subject, grown, noise, tick, through_simulator=last))
+    comparison = compare(subject, chain.lines(), noise=noise, horizon_s=horizon_s)
+    return _extension(subject, chain, comparison, len(model.effects), rivals or {})
+
+
+class _Chain:
+    """A model as it grows, effect by effect."""
+
+    def __init__(self, calibrated: PhysicsModel, numbers: list[Estimate]) -> None:
+        self.models, self.numbers = [calibrated], numbers
+
+    @property
+    def model(self) -> PhysicsModel:
+        """The last one."""
+        return self.models[-1]
+
+    def append(self, model: PhysicsModel, numbers: list[Estimate]) -> None:
+        """Add the model with one effect more, and what was estimated of it."""
+        self.models.append(model)
+        self.numbers = numbers
+
+    def lines(self) -> dict[str, PhysicsModel]:
+        """By the name of its line in a comparison."""
+        names = ["calibrated", *(f"+ {i}" for i in range(1, len(self.models)))]
+        if len(names) > 1:
+            names[-1] = "extended"
+        return dict(zip(names, self.models, strict=True))
+
+
+def _check_added(subject: Subject, model: PhysicsModel, add: Sequence[str | LearnedTerm]) -> None:
+    """Raise `BenchError` for what cannot be added to ``model``."""
     held = [EFFECTS.name_of(type(e)) for e in model.effects]
     for name in add:
         if isinstance(name, LearnedTerm):
@@ -163,31 +206,37 @@ def extend(
         kind = EFFECTS.get(name)
         if not kind.suits(type(subject.model)):
             raise BenchError(unsuited(name, kind, type(subject.model)))
-    calibrated, found = fitted(subject, model, noise, tick, through_simulator=not add)
-    chain, lines = [calibrated], {"calibrated": calibrated}
-    for i, item in enumerate(add):
-        starts = _starts(subject, chain[-1], item, noise, tick, known or {})
-        for j, start in enumerate(starts):
-            last = i == len(add) - 1 and j == len(starts) - 1
-            grown = replace(chain[-1], effects=(*chain[-1].effects, start))
-            done, found = fitted(subject, grown, noise, tick, through_simulator=last)
-            chain.append(done)
-            lines["extended" if last else f"+ {len(chain) - 1}"] = done
-    comparison = compare(subject, lines, noise=noise, horizon_s=horizon_s)
-    order = ["calibrated", *(n for n in lines if n != "calibrated")]
-    scale = _scales(subject, comparison)
+
+
+def _extension(
+    subject: Subject, chain: _Chain, comparison: Comparison, first: int, rivals: Mapping[str, tuple[str, ...]]
+) -> Extension:
+    """What each effect from the ``first`` on takes of the error, in the order in which they were added."""
+    order, scale = list(chain.lines()), _scales(subject, comparison)
     squared = {n: pooled(comparison.error(n), scale) for n in comparison.lines}
     taken, *shares = shares_of([squared[n] for n in ("nominal", *order)], squared["floor"])
-    effects, stages = [], [_stage("nominal", comparison.error("nominal"))]
-    stages.append(_stage("calibrated", comparison.error("calibrated")))
-    for i, effect in enumerate(chain[-1].effects[len(model.effects) :]):
-        before, after = comparison.error(order[i]), comparison.error(order[i + 1])
-        of = [x for x in found if x.entry.owner == len(model.effects) + i]
-        effects.append(_named(effect, chain[-1], of, shares[i], before, after, rivals or {}))
-        stages.append(_stage(effects[-1].name, after))
-    stages.append(_stage("floor", comparison.error("floor")))
-    constants = tuple(x for x in found if x.entry.constant)
-    return Extension(chain[-1], tuple(effects), comparison, tuple(stages), constants, taken)
+    effects = tuple(
+        _named(
+            effect,
+            chain.model,
+            [x for x in chain.numbers if x.entry.owner == first + i],
+            share=share,
+            before=comparison.error(order[i]),
+            after=comparison.error(order[i + 1]),
+            rivals=rivals,
+        )
+        for i, (effect, share) in enumerate(zip(chain.model.effects[first:], shares, strict=True))
+    )
+    stages = [stage(n, comparison.error(n)) for n in ("nominal", "calibrated")]
+    stages += [stage(e.name, e.error_after) for e in effects]
+    return Extension(
+        model=chain.model,
+        effects=effects,
+        comparison=comparison,
+        stages=(*stages, stage("floor", comparison.error("floor"))),
+        constants=tuple(x for x in chain.numbers if x.entry.constant),
+        calibrated=taken,
+    )
 
 
 def _starts(
@@ -221,14 +270,16 @@ def _named(
 ) -> NamedEffect:
     """An effect that was added to ``model``, with what was estimated of it."""
     name = EFFECTS.name_of(type(effect))
+    numbers = parameter_estimates(found)
     if isinstance(effect, LearnedTerm):
-        term, numbers = described(
-            effect, model, [ParameterEstimate(x.value, x.low, x.high, x.entry.unit) for x in found]
+        term, numbers = described(effect, model, list(numbers.values()))
+        return NamedEffect(
+            name, numbers, share, before, after, acts_on=equation_of(model, effect.axis), learned=True, term=term
         )
-        return NamedEffect(name, numbers, share, before, after, (), "", equation_of(model, effect.axis), True, term)
-    numbers = {x.entry.label: ParameterEstimate(x.value, x.low, x.high, x.entry.unit) for x in found}
     alike = rivals.get(name, ())
-    return NamedEffect(name, numbers, share, before, after, alike, _separate(name, alike))
+    return NamedEffect(
+        name, numbers, share, before, after, indistinguishable_from=alike, separate_by=_separate(name, alike)
+    )
 
 
 def _starting_point(
@@ -275,7 +326,8 @@ def _scales(subject: Subject, comparison: Comparison) -> dict[str, float]:
     return out
 
 
-def _stage(name: str, error: ByGroup) -> Stage:
+def stage(name: str, error: ByGroup) -> Stage:
+    """A step of the waterfall."""
     return Stage(name, {g: e.rmse for g, e in error.items()})
 
 

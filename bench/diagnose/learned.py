@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from bench.diagnose.extend import Extension, extend
 from bench.diagnose.learn.curve import curve
@@ -12,20 +13,19 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Weighing
+from bench.diagnose.settings import EXTENDING
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
-
-IMITATED = 0.02
-"""Share of the squared error above the floor that terms must leave of what named effects left, to give those up."""
 
 
 def learned(
     subject: Subject,
     model: PhysicsModel,
     noise: Noise,
+    *,
+    found: Sequence[Found],
     tick: Callable[[str], None],
     horizon_s: float | None,
-    found: Sequence[Found],
     doubtful: bool,
 ) -> Extension | None:
     """The model with the terms that held-out recordings confirm; None: there are none, or free runs do not gain.
@@ -34,22 +34,31 @@ def learned(
         subject: measurements, and the nominal model.
         model: calibrated, with the effects of the catalogue that were found.
         noise: of the measurements.
+        found: these effects; terms are added after them.
         tick: called with what is being done.
         horizon_s: longest horizon of the comparison [s].
-        found: these effects; terms are added after them.
         doubtful: whether the search for effects did not say that something is left.
     """
     terms = learn(subject, model, noise, tick, doubtful=doubtful)
     if not terms:
         return None
-    rivals, known = {f.id: f.rivals for f in found}, {f.id: f.effect for f in found}
-    done = extend(subject, subject.model, [*known, *terms], tick, noise, rivals, known, horizon_s)
+    known = {f.id: f.effect for f in found}
+    beside = partial(
+        extend,
+        subject,
+        subject.model,
+        tick=tick,
+        noise=noise,
+        rivals={f.id: f.rivals for f in found},
+        known=known,
+        horizon_s=horizon_s,
+    )
+    done = beside([*known, *terms])
     idle = {e.id for e in done.effects if not e.learned and _idle(e)}
     if idle and not _beyond(done):
         return None  # the terms only say in other words what a named effect says
     if idle:  # they imitated what is learned now
-        kept = [n for n in known if n not in idle]
-        done = extend(subject, subject.model, [*kept, *terms], tick, noise, rivals, known, horizon_s)
+        done = beside([*(n for n in known if n not in idle), *terms])
     # A share that is no number is one of nothing: there was no error to take.
     return done if sum(e.share_explained for e in done.effects if e.learned) > 0 else None
 
@@ -66,7 +75,7 @@ def _beyond(done: Extension) -> bool:
     before, after, floor = named[-1].error_after, done.comparison.error("extended"), done.comparison.error("floor")
     above = [g for g in before if before[g].rmse > 1.5 * floor[g].rmse]
     left = ((e[g].rmse ** 2 - floor[g].rmse ** 2 for e in (after, before)) for g in above)
-    return bool(above) and all(now < IMITATED * then for now, then in left)
+    return bool(above) and all(now < EXTENDING.given_up * then for now, then in left)
 
 
 def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extension) -> Discovery:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +17,7 @@ from bench.diagnose.regression.residuals import residual_maps
 from bench.diagnose.regression.weak import Stack
 from bench.diagnose.result import Region, ResidualMap, Window
 from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.settings import LOCATING
 from bench.diagnose.simulate.floor import floor, reach
 from bench.diagnose.simulate.free_run import (
     Group,
@@ -37,50 +38,20 @@ from registry.units import display
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SHORT = 0.4
-"""Share of the default horizon over which errors are located: long enough to stand out, short enough to be local."""
-WINDOWS = 4000
-"""Free runs, about."""
-OVERLAP = 4
-"""Windows that hold the same sample, at most."""
-VISIBLE = 0.1
-"""Squared error above the floor, as a share of the floor's, from which it is located."""
-SIGNIFICANT = 4.0
-"""And how many standard errors of the floor it must be above it."""
-APART = 0.1
-"""Least difference between a region's share of error and of time."""
-EXACT = 1e-4
-"""Of a signal's standard deviation: errors below it are not looked at, where there is no noise."""
-FAVOUR = 1.3
-"""By what factor an interval must tell more than one threshold."""
-RATIO = 1.25
-"""Least ratio of them."""
-NEW = 0.1
-"""Least share of the error that a region holds and no better one does."""
-MOST = 6
-"""Regions."""
-FEWEST = 5
-"""Windows of a recording from which a region is met in it."""
-ALSO = 0.1
-"""Of the mean error in a region: what a recording must have there to count, so that one spike is no region."""
-WORST = 3
-"""Windows shown."""
-QUANTILES = np.linspace(0.05, 0.95, 19)
-
 
 @dataclass(frozen=True, eq=False)
 class Location(Displayed):
     """Where the error is."""
 
-    regions: tuple[Region, ...]
+    regions: tuple[Region, ...] = ()
     """Best first; none where the error is at the floor, or is everywhere."""
-    residuals: tuple[ResidualMap, ...]
-    windows: tuple[Window, ...]
-    horizon_s: float
+    residuals: tuple[ResidualMap, ...] = ()
+    windows: tuple[Window, ...] = ()
+    horizon_s: float = math.nan
     """Of the free runs whose errors were located [s]."""
-    above_floor: dict[str, float]
+    above_floor: dict[str, float] = field(default_factory=dict)
     """By output group: squared error above the floor at that horizon, over the floor's."""
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def headline(self) -> str:
@@ -136,22 +107,22 @@ def locate(
     stack = Stack.of(logs)
     if hidden(logs):
         stack = replace(stack, states=completed(after or model, stack))
-    steps = max(1, round(SHORT * default_steps(logs)))
+    steps = max(1, round(LOCATING.horizon_share * default_steps(logs)))
     judged, variance = _judged(model, logs)
     with torch.no_grad():
-        at = _starts(logs, steps, margin(logs, reach(noise.smoothing)), WINDOWS)
+        at = _starts(logs, steps, margin(logs, reach(noise.smoothing)), LOCATING.free_runs)
         squared = errors(free_run(model, logs, at, steps), measured_windows(logs, at, steps), judged)[:, -1].numpy()
         chance = floor(model, logs, at, steps, noise, judged)[:, :, -1].flatten(0, 1).numpy()
         diverged = 1e3 * float(squared[np.isfinite(squared)].max(initial=1.0))
         squared = np.nan_to_num(squared, nan=diverged, posinf=diverged)
         chance = np.where(np.isfinite(chance), chance, 0.0)
         # Beside its floor every group counts alike: a pose is known to millimetres, a velocity is not.
-        least = np.maximum(chance.mean(0), EXACT**2 * variance)
+        least = np.maximum(chance.mean(0), LOCATING.least_error**2 * variance)
         ratio = (squared - chance.mean(0)) / least
         above = {g.name: float(ratio[:, i].mean()) for i, g in enumerate(judged)}
         # Both means vary; windows that overlap count once.
-        error = np.sqrt(2 * OVERLAP / len(squared)) * chance.std(0) / least
-        visible = ratio.mean(0) > np.maximum(VISIBLE, SIGNIFICANT * error)
+        error = np.sqrt(2 * LOCATING.overlap / len(squared)) * chance.std(0) / least
+        visible = ratio.mean(0) > np.maximum(LOCATING.least_excess, LOCATING.least_deviations * error)
         recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
         found: list[tuple[Region, Condition]] = []
         where = conditions(model, stack)
@@ -161,7 +132,7 @@ def locate(
             found = _regions(where, values, score, recording, [log.name for log in logs])
         regions = tuple(region for region, _ in found)
         named = {condition.name: region.region for region, condition in reversed(found)}
-        maps = residual_maps(model, after, stack, where, noise, steps, named)
+        maps = residual_maps(model, after, stack, where, noise, window=steps, regions=named)
         worst = judged[int(np.argmax(ratio.mean(0)))]
         shown = _worst(model, after, logs, worst, margin(logs, reach(noise.smoothing)))
     notes = []
@@ -184,7 +155,7 @@ def _judged(model: PhysicsModel, logs: Sequence[Log]) -> tuple[list[Group], np.n
 
 
 def _starts(logs: Sequence[Log], steps: int, clear: int, count: int) -> list[np.ndarray]:
-    every = max(1, steps // OVERLAP, sum(map(len, logs)) // count)
+    every = max(1, steps // LOCATING.overlap, sum(map(len, logs)) // count)
     at = [starts(log, steps + 2 * clear, every) + clear for log in logs]
     if not any(map(len, at)):
         raise BenchError(
@@ -213,13 +184,13 @@ def _regions(
     chosen: list[tuple[Region, Condition]] = []
     taken = np.zeros(len(score), dtype=bool)
     for _, text, inside, met, condition in candidates:
-        if score[inside & ~taken].sum() < NEW * score.sum():
+        if score[inside & ~taken].sum() < LOCATING.least_new * score.sum():
             continue
         share = min(1.0, float(score[inside].sum() / score.sum()))
         recordings = tuple(names[i] for i in met)
         chosen.append((Region(text, share, float(inside.mean()), recordings), condition))
         taken |= inside
-        if len(chosen) == MOST:
+        if len(chosen) == LOCATING.regions:
             break
     return chosen
 
@@ -235,7 +206,7 @@ def _best(condition: Condition, x: np.ndarray, score: np.ndarray) -> tuple[float
     if not spread > 0:
         return None
     step = 10 ** math.floor(math.log10(spread / 10))  # as many digits as anyone would say
-    cuts = np.unique(np.round(np.quantile(shown, QUANTILES) / step) * step)
+    cuts = np.unique(np.round(np.quantile(shown, np.linspace(0.05, 0.95, LOCATING.cuts)) / step) * step)
     order = np.argsort(shown)
     place = np.concatenate([[0], np.searchsorted(shown[order], cuts), [len(x)]])
     error = (np.concatenate([[0.0], np.cumsum(score[order])]) / score.sum())[place]
@@ -244,7 +215,9 @@ def _best(condition: Condition, x: np.ndarray, score: np.ndarray) -> tuple[float
     s, t = np.clip(share, 1e-9, 1 - 1e-9), np.clip(time, 1e-9, 1 - 1e-9)
     told = s * np.log(s / t) + (1 - s) * np.log((1 - s) / (1 - t))
     interval = (low > 0) & (high < len(place) - 1)
-    told = np.where((share - time > APART) & (share > RATIO * time), told, 0.0) / np.where(interval, FAVOUR, 1.0)
+    told = np.where(
+        (share - time > LOCATING.least_difference) & (share > LOCATING.least_ratio * time), told, 0.0
+    ) / np.where(interval, LOCATING.interval_handicap, 1.0)
     best = int(np.argmax(told))
     if not told[best] > 0:
         return None
@@ -266,7 +239,7 @@ def _met(inside: np.ndarray, score: np.ndarray, recording: np.ndarray) -> list[i
     for r in np.unique(recording):
         own = recording == r
         here, total = own & inside, score[own].sum()
-        if here.sum() < FEWEST or score[here].mean() < ALSO * usual:
+        if here.sum() < LOCATING.least_windows or score[here].mean() < LOCATING.least_recording * usual:
             continue
         if score[here].sum() > total * here.sum() / own.sum():
             met.append(int(r))
@@ -292,7 +265,7 @@ def _worst(
     for once_each in (True, False):
         for w in np.argsort(-squared):
             apart = all(recording[w] != recording[c] or (not once_each and abs(w - c) > 2) for c in chosen)
-            if apart and len(chosen) < WORST and int(w) not in chosen:
+            if apart and len(chosen) < LOCATING.worst_windows and int(w) not in chosen:
                 chosen.append(int(w))
     channels, dt = [model.state_channels[i] for i in group.at], logs[0].dt
 
@@ -301,15 +274,15 @@ def _worst(
 
     return tuple(
         Window(
-            logs[recording[w]].name,
-            float(first[w] * dt),
-            group.name,
-            channels[0].unit,
-            tuple(c.name for c in channels),
-            tuple((np.arange(steps + 1) * dt).tolist()),
-            rows(measured, w),
-            rows(nominal, w),
-            () if better is None else rows(better, w),
+            recording=logs[recording[w]].name,
+            start_s=float(first[w] * dt),
+            group=group.name,
+            unit=channels[0].unit,
+            channels=tuple(c.name for c in channels),
+            t=tuple((np.arange(steps + 1) * dt).tolist()),
+            measured=rows(measured, w),
+            nominal=rows(nominal, w),
+            extended=() if better is None else rows(better, w),
         )
         for w in chosen
     )

@@ -76,11 +76,18 @@ class NamedEffect:
     separate_by: str = ""
     """A sentence: the manoeuvre that would separate them."""
     acts_on: str = ""
-    """The equation in which it saves most; empty: no equation was judged by itself."""
+    """The `EffectSaving.where` in which it saves most; empty: no equation was judged by itself."""
     learned: bool = False
     """Whether it is in no catalogue and was learned from what the catalogue leaves."""
     term: LearnedShape | None = None
     """Of a learned one: where it acts, what it follows and how."""
+    saves: tuple[EffectSaving, ...] = ()
+    """What it saves where it acts: in every equation by itself and along its axes; empty: none was judged."""
+
+    @property
+    def main(self) -> EffectSaving | None:
+        """What it saves where it saves most; None: no equation was judged by itself."""
+        return next((s for s in self.saves if s.where == self.acts_on), None)
 
     @property
     def name(self) -> str:
@@ -279,8 +286,6 @@ class Evidence:
     """Sentences: what was estimated, what was assumed, what the data cannot show."""
     learned: tuple[LearnedCurve, ...] = ()
     """The shapes of learned terms."""
-    savings: dict[str, tuple[EffectSaving, ...]] = field(default_factory=dict)
-    """By the id of a named effect, what it saves in every equation."""
     flights: tuple[Flight, ...] = ()
     """Whole recordings, held-out ones first."""
 

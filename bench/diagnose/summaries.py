@@ -6,16 +6,17 @@ from dataclasses import replace
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.result import NamedEffect
+from bench.diagnose.result import NamedEffect, ParameterEstimate
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Saving
 from bench.diagnose.select.verify import Estimate
+from bench.diagnose.settings import EXTENDING
 from registry.dynamics import PhysicsModel
 
-_NORMAL = 1.96
-"""Half of a 95 % interval in standard deviations."""
-_NARROWED = 0.5
-"""Width of an interval, relative to the stated one, below which the recordings determine a constant."""
+
+def parameter_estimates(found: Sequence[Estimate]) -> dict[str, ParameterEstimate]:
+    """By name, what was estimated of an effect."""
+    return {x.entry.label: ParameterEstimate(x.value, x.low, x.high, x.entry.unit) for x in found}
 
 
 def equation_results(found: Discovery, model: PhysicsModel, extended: bool) -> dict[str, EquationResult]:
@@ -30,60 +31,60 @@ def equation_results(found: Discovery, model: PhysicsModel, extended: bool) -> d
     longest = {e.equation: e for e in sorted(found.equations, key=lambda e: e.horizon_s)}
     return {
         name: EquationResult(
-            output.get(name, name),
-            e.horizon_s,
-            e.unit,
-            e.models["nominal"],
-            e.models["calibrated"],
-            e.models["extended" if extended else "calibrated"],
-            e.predictable,
-            e.floor,
+            output=output.get(name, name),
+            horizon_s=e.horizon_s,
+            unit=e.unit,
+            nominal=e.models["nominal"],
+            calibrated=e.models["calibrated"],
+            extended=e.models["extended" if extended else "calibrated"],
+            predictable=e.predictable,
+            floor=e.floor,
         )
         for name in dict.fromkeys(e.equation for e in found.equations)
         for e in [longest[name]]
     }
 
 
-def effect_savings(found: Discovery, effects: Sequence[NamedEffect]) -> dict[str, tuple[EffectSaving, ...]]:
-    """By the id of a named effect, what it saves in every equation at its longest horizon.
-
-    And along the axes that it is worth a term on, where it is not in the equation as a whole.
-    Without the effect the rest may be fitted to something worse than the calibrated model: no share is more than all.
-    """
-    by_id = {f.id: f for f in found.found}
-    out = {}
-    for e in effects:
-        if e.id not in by_id:
-            continue  # it was learned after the search
-        savings = by_id[e.id].savings
-        longest = {(s.equation, s.axis): s for s in sorted(savings, key=lambda s: s.horizon_s)}
-        worth = {s.equation for (_, axis), s in longest.items() if s.worth and not axis}
-        shown = [s for (equation, axis), s in longest.items() if not axis or equation not in worth]
-        if shown:
-            out[e.id] = tuple(
-                EffectSaving(_where(s), _most(s.share), _most(s.low), _most(s.high), s.matters) for s in shown
-            )
-    return out
-
-
 def placed(found: Discovery, effects: Sequence[NamedEffect]) -> tuple[NamedEffect, ...]:
-    """The effects, each with the equation in which it saves most."""
+    """The effects, each with what it saves and the equation, or the axis of one, in which it saves most."""
     by_id = {f.id: f for f in found.found}
-    return tuple(replace(e, acts_on=_most_saved(by_id[e.id])) if e.id in by_id else e for e in effects)
+    return tuple(
+        replace(e, saves=_saves(by_id[e.id]), acts_on=_most_saved(by_id[e.id])) if e.id in by_id else e for e in effects
+    )
+
+
+def _saves(found: Found) -> tuple[EffectSaving, ...]:
+    """What an effect saves in every equation, and along the axes that it is worth a term on.
+
+    At the longest horizon at which it is worth a term; where it is at none, at the longest.
+    """
+    in_order = sorted(found.savings, key=lambda s: (s.worth, s.horizon_s))
+    chosen = {(s.equation, s.axis): s for s in in_order}
+    return tuple(_shown(chosen[place]) for place in dict.fromkeys((s.equation, s.axis) for s in found.savings))
 
 
 def _most_saved(found: Found) -> str:
-    whole_first = ((s.worth, not s.axis, _most(s.share), s) for s in found.savings if s.matters)
-    best = max(whole_first, key=lambda found: found[:3], default=None)
-    return _where(best[-1]) if best else ""
+    """Where an effect is worth a term and saves most; an equation as a whole comes before one of its axes."""
+    shown = [(s.worth, not s.axis, s.share, s.where) for s in map(_shown, found.savings) if s.matters]
+    return max(shown, key=lambda s: s[:3], default=(False, False, 0.0, ""))[3]
 
 
-def _where(saving: Saving) -> str:
-    return f"{saving.equation}: {saving.axis}" if saving.axis else saving.equation
+def _shown(s: Saving) -> EffectSaving:
+    """A saving as it is shown.
 
-
-def _most(share: float) -> float:
-    return min(1.0, float(share))
+    Without an effect the rest may be fitted to something worse than the calibrated model: no share is more than all.
+    """
+    share, low, high = (min(1.0, float(x)) for x in (s.share, s.low, s.high))
+    return EffectSaving(
+        equation=s.equation,
+        axis=s.axis,
+        horizon_s=s.horizon_s,
+        share=share,
+        low=low,
+        high=high,
+        matters=bool(s.matters),
+        worth=bool(s.worth),
+    )
 
 
 def constant_estimates(
@@ -108,6 +109,6 @@ def constant_estimates(
         if abs(value - x.value) > 1e-9 * prior.scale:  # two estimates that differ are worth no more than that
             half = float(max((high - low) / 2, abs(value - x.value)))
             low, high = max(value - half, x.entry.low), min(value + half, x.entry.high)
-        determined = high - low < _NARROWED * 2 * _NORMAL * prior.scale
+        determined = high - low < EXTENDING.determined * 2 * EXTENDING.interval * prior.scale
         out[label] = ConstantEstimate(prior.value, value, low, high, x.entry.unit, determined)
     return out

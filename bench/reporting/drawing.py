@@ -6,9 +6,9 @@ Text stays text and colours follow the page, a drawing takes a few kilobytes, an
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from html import escape
 
 import numpy as np
+from markupsafe import Markup, escape
 from matplotlib.ticker import MaxNLocator
 
 Values = Sequence[float] | np.ndarray
@@ -237,7 +237,7 @@ class Panel:
                 f'<text class="label" x="{self.wide + 12:.1f}" y="{spot + 4:.1f}">{escape(label)}</text>'
             )
 
-    def svg(self, title: str) -> str:
+    def svg(self, title: str) -> Markup:
         """The drawing as an inline SVG element; ``title`` is read to those who cannot see it."""
 
         def text(kind: str, x: float, y: float, said: str, anchor: str = "middle") -> str:
@@ -257,7 +257,7 @@ class Panel:
         frame.append(text("name", self.left + self.wide / 2, self.height - 3, self.x_name))
         place = f'x="{self.left:.1f}" y="{self.top:.1f}" width="{self.wide:.1f}" height="{self.high:.1f}"'
         over = f'<g transform="translate({self.left:.1f} {self.top:.1f})">{"".join(self.outside)}</g>'
-        return (
+        return Markup(
             f'<svg class="panel drawn" viewBox="0 0 {self.width:g} {self.height:g}" role="img" '
             f'aria-label="{escape(title)}">{"".join(frame)}<svg {place}>{"".join(self.marks)}</svg>'
             f"{over if self.outside else ''}</svg>"
@@ -271,20 +271,15 @@ def align(panels: Sequence[Panel]) -> None:
         p.left, p.wide = left, p.width - left - p.right
 
 
-def swatch(look: Look) -> str:
+def swatch(look: Look) -> Markup:
     """A line as a legend shows it."""
-    return (
+    return Markup(
         '<svg class="swatch" viewBox="0 0 34 10" aria-hidden="true">'
         f'<path d="M0 5h34" fill="none" {look.stroke}/></svg>'
     )
 
 
-def legend(entries: Sequence[tuple[Look, str]]) -> str:
-    """What the lines of the drawings below mean."""
-    return f'<ul class="legend">{"".join(f"<li>{swatch(look)}{escape(name)}</li>" for look, name in entries)}</ul>'
-
-
-def interval(ratio: float, low: float, high: float, band: tuple[float, float], scale: Scale, tone: str) -> str:
+def interval(ratio: float, low: float, high: float, band: tuple[float, float], scale: Scale, tone: str) -> Markup:
     """A ratio with its interval on a log scale; the pale band is what counts as alike, the line is 1."""
 
     def at(value: float) -> float:
@@ -298,4 +293,4 @@ def interval(ratio: float, low: float, high: float, band: tuple[float, float], s
         marks += f'<path class="span {tone}" d="M{at(low):.1f} 8H{at(high):.1f}"/>'
     if math.isfinite(ratio):
         marks += f'<circle class="dot {tone}" cx="{at(ratio):.1f}" cy="8" r="4"/>'
-    return f'<svg class="ratio" viewBox="0 0 120 16" aria-hidden="true">{marks}</svg>'
+    return Markup(f'<svg class="ratio" viewBox="0 0 120 16" aria-hidden="true">{marks}</svg>')

@@ -1,61 +1,92 @@
-"""An HTML page that needs no network: its frame and the parts that all pages have. Titles and cells come escaped."""
+"""HTML pages that need no network, from templates that escape whatever comes from data."""
 
 import base64
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
-from html import escape
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from bench.reporting.drawing import swatch
+
+SHARED = Path(__file__).with_name("templates")
+"""The layout, its style, and the parts that all pages have."""
 
 
-def document(title: str, head: str, sections: Mapping[str, str], footer: str, style: Path, script: str = "") -> str:
-    """The page as text, without external addresses; the browser is told to load nothing and to run one script at most.
+@dataclass(frozen=True)
+class Drawing:
+    """A drawing with its title."""
+
+    title: str
+    note: str
+    """Small, beside the title."""
+    svg: Markup
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page with a heading and an address."""
+
+    title: str
+    part: str
+    """The macro that shows it."""
+    content: Any
+    """What that is given; a section without any is not shown."""
+
+    @property
+    def anchor(self) -> str:
+        """Its address within the page."""
+        return self.title.lower().replace(" ", "-")
+
+
+def templates(folder: Path, **filters: Callable[..., Any]) -> Environment:
+    """The templates in a folder beside the shared ones; everything is escaped but `Markup`.
 
     Args:
-        title: plain text.
-        head: HTML of the header element.
-        sections: title → HTML, in order.
-        footer: HTML, after the name of this package.
-        style: rules beyond those of every page.
-        script: the only one that runs, at the end of the page; it may hold nothing that comes from data.
+        folder: of ``*.html.j2`` files.
+        filters: functions that templates may call, by name.
     """
-    links = "".join(f'<a href="#{anchor(name)}">{name}</a>' for name in sections)
-    nav = f"<nav>{links}</nav>" if len(sections) > 1 else ""
-    body = "".join(f'<section id="{anchor(name)}"><h2>{name}</h2>{made}</section>' for name, made in sections.items())
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    allowed = f"; script-src 'sha256-{digest}'" if script else ""
-    css = "".join(path.read_text(encoding="utf-8") for path in (Path(__file__).with_name("page.css"), style))
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
-        f"style-src 'unsafe-inline'{allowed}\">"
-        f"<title>{escape(title)}</title><style>\n{css}</style></head><body>"
-        f"{head}<main>{nav}{body}</main>"
-        f"<footer>multistep-bench {escape(version('multistep-bench'))}. {footer}</footer>"
-        f"{f'<script>{script}</script>' if script else ''}</body></html>\n"
+    found = Environment(
+        loader=FileSystemLoader([folder, SHARED]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
     )
+    found.filters |= {"swatch": swatch, **filters}
+    return found
 
 
-def table(heads: Sequence[str], rows: Iterable[str], numbers: Iterable[int] = (), kind: str = "") -> str:
-    """A table of ready rows; ``numbers`` are the columns that are right-aligned. Narrow pages stack its cells."""
-    right = set(numbers)
-    cells = "".join(f'<th class="number">{h}</th>' if i in right else f"<th>{h}</th>" for i, h in enumerate(heads))
-    head, body = f"<thead><tr>{cells}</tr></thead>", f"<tbody>{''.join(rows)}</tbody>"
-    return f'<div class="scroll"><table class="{kind}">{head}{body}</table></div>'
+@lru_cache(maxsize=1)
+def shared() -> Environment:
+    """The templates of this room."""
+    return templates(SHARED)
 
 
-def panel(title: str, note: str, svg: str) -> str:
-    """A drawing with its title."""
-    small = f" <small>{escape(note)}</small>" if note else ""
-    return f"<figure><figcaption>{escape(title)}{small}</figcaption>{svg}</figure>"
+def render(
+    pages: Environment, name: str, title: str, sections: Sequence[Section], script: str = "", **content: Any
+) -> str:
+    """A page as text, without external addresses.
 
-
-def grid(panels: Sequence[str], kind: str = "") -> str:
-    """Drawings side by side, as many as the page is wide."""
-    return f'<div class="{f"grid {kind}".strip()}">{"".join(panels)}</div>'
-
-
-def anchor(title: str) -> str:
-    """The address of a section within the page."""
-    return title.lower().replace(" ", "-")
+    Args:
+        pages: templates, of which ``name`` extends the shared layout.
+        name: of the template.
+        title: of the browser's window.
+        sections: in order; those without content are left out.
+        script: the only one that runs, at the end of the page; it may hold nothing that comes from data.
+        content: what the template shows beside its sections.
+    """
+    return pages.get_template(name).render(
+        title=title,
+        sections=[s for s in sections if s.content],
+        script=Markup(script),
+        script_digest=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        version=version("multistep-bench"),
+        **content,
+    )

@@ -1,17 +1,26 @@
 """One run as an HTML page that needs no network: its error at every prediction step."""
 
-from html import escape
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import pandas as pd
 
 from bench.analysis.tables import named
 from bench.records.record import RunRecord
-from bench.reporting.drawing import Look, Panel, Scale, around, legend
-from bench.reporting.page import document, grid, panel
+from bench.reporting import page
+from bench.reporting.drawing import Look, Panel, Scale, around
+from bench.reporting.page import Drawing, Section
 
 MEAN, Q95 = Look("#0072B2", (), 2.0), Look("#0072B2", (4, 2), 1.2)
 LINES = ((MEAN, "mean"), (Look("#0072B2", (), 9.0, 0.14), "25 % to 75 %"), (Q95, "95 %"))
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Drawings, and what their lines mean."""
+
+    legend: Sequence[tuple[Look, str]]
+    drawings: Sequence[Drawing]
 
 
 def distinct(steps: pd.DataFrame) -> pd.DataFrame:
@@ -34,13 +43,12 @@ def render(record: RunRecord) -> str:
         made.line(time, by["mean"], MEAN)
         made.line(time, by["q95"], Q95)
         name, note = named(str(quantity)), "" if norm == "axis" else f"{norm} norm"
-        drawn.append(panel(name, note, made.svg(f"Error of {name} at every step")))
-    title = f"{s['spec']}, {s['dataset']}"
-    return document(
-        title,
-        f'<header><p class="over"><span class="badge">run</span><span>T = {s["horizon"]}, seed {s["seed"]}, '
-        f"{s['windows']['test']} test windows</span></p><h1>{escape(title)}</h1></header>",
-        {"Error of every prediction step": legend(LINES) + grid(drawn)},
-        f"Run {escape(record.key)}.",
-        Path(__file__).with_name("study_page.css"),
+        drawn.append(Drawing(name, note, made.svg(f"Error of {name} at every step")))
+    return page.render(
+        page.shared(),
+        "run.html.j2",
+        f"{s['spec']}, {s['dataset']}",
+        [Section("Error of every prediction step", "steps", Drawn(LINES, drawn))],
+        facts=f"T = {s['horizon']}, seed {s['seed']}, {s['windows']['test']} test windows",
+        key=record.key,
     )

@@ -1,15 +1,15 @@
 """A finished study as one HTML file that needs no network: what was asked, what came out, and how to make it again."""
 
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 
 from bench.experiment.study import Study
 from bench.records.record import RunRecord
-from bench.reporting.page import document
+from bench.reporting import page
+from bench.reporting.page import Section
 from bench.reporting.study_page_content import Content
 from bench.reporting.study_page_sections import SECTIONS
-from bench.reporting.study_page_training import provenance, training
+from bench.reporting.study_page_training import LAST_SECTIONS
 from registry.errors import BenchError
 
 
@@ -26,9 +26,9 @@ def write(path: Path, records: Sequence[RunRecord], title: str, study: Study | N
     Raises:
         BenchError: the file cannot be written, or a record is damaged.
     """
-    page = render(records, title, study, command)
+    text = render(records, title, study, command)
     try:
-        path.write_text(page, encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise BenchError(f"The report {path} cannot be written: {error.strerror or error}.") from error
 
@@ -36,28 +36,25 @@ def write(path: Path, records: Sequence[RunRecord], title: str, study: Study | N
 def render(records: Sequence[RunRecord], title: str, study: Study | None, command: str) -> str:
     """The page as text; arguments as for `write`."""
     content = Content(records, title, study, command)
-    sections = SECTIONS | {"Training": training, "Provenance": provenance}
-    made = {name: body for name, section in sections.items() if (body := section(content))}
-    return document(
+    what = study.title if study else title
+    return page.render(
+        page.shared(),
+        "study.html.j2",
         title,
-        _head(content),
-        made,
-        "Intervals are 95 %. Errors are those of free runs on test recordings, unless said otherwise.",
-        Path(__file__).with_name("study_page.css"),
+        [Section(name, part, of(content)) for name, part, of in (*SECTIONS, *LAST_SECTIONS)],
+        badge=title if study else "",
+        facts=_facts(content),
+        heading=what[:1].upper() + what[1:],
+        # Without words on the figure, the question stands where they would.
+        asked=study.question if study and study.paper_says else "",
     )
 
 
-def _head(c: Content) -> str:
+def _facts(c: Content) -> list[str]:
     lost = len(c.lost())
-    facts = [
+    return [
         f"{len(c.specs)} configurations",
         f"{len(c.records)} runs",
         f"{lost} diverged" if lost else "none diverged",
         " and ".join(c.duration(h) for h in c.horizons),
     ]
-    over = "".join(f"<span>{escape(f)}</span>" for f in facts)
-    # Without words on the figure, the question stands where they would.
-    asked = f'<p class="lead">{escape(c.study.question)}</p>' if c.study and c.study.paper_says else ""
-    what = c.study.title if c.study else c.title
-    badge = f'<span class="badge">{escape(c.title)}</span>' if c.study else ""
-    return f'<header><p class="over">{badge}{over}</p><h1>{escape(what[:1].upper() + what[1:])}</h1>{asked}</header>'

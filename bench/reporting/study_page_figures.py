@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
+from markupsafe import Markup
 
 from bench.analysis import tables
 from bench.records.record import RunRecord
 from bench.reporting import figures
 from bench.reporting.drawing import CHARACTER, Look, Panel, Scale, around
-from bench.reporting.page import panel
+from bench.reporting.page import Drawing
 from bench.reporting.study_page_content import QUANTILES, Content
 
 BOXES = 20
@@ -16,11 +17,11 @@ BOXES = 20
 TIME = "time after k0 [s]"
 
 
-def curves(c: Content, quantity: str, horizon: int) -> str:
+def curves(c: Content, quantity: str, horizon: int) -> Drawing:
     """Mean error of every step, a line a configuration; its band runs from the best to the worst seed."""
     found = {s: curve for s in c.specs if (curve := c.curve(s, quantity, horizon))}
     if not found:
-        return panel(figures.title(quantity), "no finished run", "")
+        return Drawing(figures.title(quantity), "no finished run", Markup())
     top = c.ceiling({s: float(curve.mean.max()) for s, curve in found.items()})
     end = max(curve.time[-1] for curve in found.values())
     drawn = Panel(Scale(0, end), Scale(0, top), TIME, f"mean |error| [{c.unit(quantity)}]", 340, 215)
@@ -31,10 +32,10 @@ def curves(c: Content, quantity: str, horizon: int) -> str:
         drawn.line(curve.time, curve.mean, c.looks[spec])
     above = [s for s, curve in found.items() if curve.mean.max() > top]
     note = f"{', '.join(above)} {'leaves' if len(above) == 1 else 'leave'} the axis" if above else ""
-    return panel(figures.title(quantity), note, drawn.svg(f"Mean error of {figures.title(quantity)} of every step"))
+    return Drawing(figures.title(quantity), note, drawn.svg(f"Mean error of {figures.title(quantity)} of every step"))
 
 
-def boxes(c: Content, quantity: str, horizon: int) -> list[str]:
+def boxes(c: Content, quantity: str, horizon: int) -> list[Drawing]:
     """Distribution of the error at every step, a drawing a configuration, all on one axis."""
     found = {s: q for s in c.specs if (q := c.quantiles(s, quantity, horizon))}
     top = c.ceiling({s: float(q["q95"].max()) for s, q in found.items()})
@@ -50,11 +51,11 @@ def boxes(c: Content, quantity: str, horizon: int) -> list[str]:
             low, box_low, median, box_high, high = (float(quantiles[q][i]) for q in QUANTILES)
             drawn.box(float(curve.time[i]), 0.62 * pitch, (low, high), (box_low, box_high), median)
         note = "leaves the axis" if quantiles["q95"].max() > top else ""
-        made.append(panel(spec, note, drawn.svg(f"Distribution of the error of {figures.title(quantity)}, {spec}")))
+        made.append(Drawing(spec, note, drawn.svg(f"Distribution of the error of {figures.title(quantity)}, {spec}")))
     return made
 
 
-def within(c: Content, a: str, b: str, horizon: int) -> list[str]:
+def within(c: Content, a: str, b: str, horizon: int) -> list[Drawing]:
     """Mean error of two quantities of one network, a drawing a configuration, all on one axis."""
     found = {}
     for spec in c.specs:
@@ -76,7 +77,7 @@ def within(c: Content, a: str, b: str, horizon: int) -> list[str]:
                 drawn.band(curve.time, curve.low, curve.high, look.colour)
             drawn.line(curve.time, curve.mean, look)
         assert drawn is not None
-        made.append(panel(spec, "", drawn.svg(f"{figures.title(a)} and {figures.title(b)}, {spec}")))
+        made.append(Drawing(spec, "", drawn.svg(f"{figures.title(a)} and {figures.title(b)}, {spec}")))
     return made
 
 
@@ -85,7 +86,7 @@ WITHIN = (Look("#0072B2", (), 2.0), Look("#D55E00", (5, 1.6), 2.0))
 MEASURED, PREDICTED = Look("var(--ink)", (), 4.5, 0.25), Look("#D55E00", (), 1.7)
 
 
-def size(c: Content, quantity: str, horizon: int) -> str:
+def size(c: Content, quantity: str, horizon: int) -> Drawing:
     """RMSSE against the number of weights, a labelled point a network."""
     t = c.table
     t = t[(t.horizon == horizon) & (t.output == quantity) & t.rmsse.notna()]
@@ -104,10 +105,10 @@ def size(c: Content, quantity: str, horizon: int) -> str:
         right=20 + CHARACTER * max(len(r.spec) for r in rows),
     )
     drawn.points([(r.weights, r.rmsse, r.rmsse_low, r.rmsse_high, c.looks[r.spec].colour, r.spec) for r in rows])
-    return panel(figures.title(quantity), "", drawn.svg(f"RMSSE of {figures.title(quantity)} against weights"))
+    return Drawing(figures.title(quantity), "", drawn.svg(f"RMSSE of {figures.title(quantity)} against weights"))
 
 
-def worst(c: Content, quantity: str, horizon: int) -> list[str]:
+def worst(c: Content, quantity: str, horizon: int) -> list[Drawing]:
     """The worst example window of every configuration beside the measurement, each on an axis of its own."""
     found = {s: w for s in c.specs if (w := c.worst_window(s, quantity, horizon))}
     made = []
@@ -120,16 +121,16 @@ def worst(c: Content, quantity: str, horizon: int) -> list[str]:
         )
         drawn.line(window.time, window.measured, MEASURED)
         drawn.line(window.time, window.predicted, PREDICTED)
-        made.append(panel(spec, f"{window.recording}, seed {window.seed}", drawn.svg(f"Worst window of {spec}")))
+        made.append(Drawing(spec, f"{window.recording}, seed {window.seed}", drawn.svg(f"Worst window of {spec}")))
     return made
 
 
-def learning(c: Content, name: str, runs: Sequence[RunRecord]) -> str:
+def learning(c: Content, name: str, runs: Sequence[RunRecord]) -> Drawing | None:
     """Validation cost of every run against updates."""
     found = [(r, r.curve) for r in runs if len(r.curve) > 1]
     costs = [v for _, t in found for v in t["validation_loss"] if np.isfinite(v) and v > 0]
     if not costs:
-        return ""
+        return None
     last = max(int(t["update"].max()) for _, t in found)
     # A cost that has run away would press all others flat against the axis.
     drawn = Panel(
@@ -143,4 +144,4 @@ def learning(c: Content, name: str, runs: Sequence[RunRecord]) -> str:
     for run, t in found:
         look = c.looks[run.summary["spec"]]
         drawn.line(t["update"].tolist(), t["validation_loss"].tolist(), Look(look.colour, look.dashes, 1.3))
-    return panel(name, "", drawn.svg(f"Learning curves, {name}"))
+    return Drawing(name, "", drawn.svg(f"Learning curves, {name}"))

@@ -1,8 +1,8 @@
 """The last sections of a study's page: how training went, which runs were lost, and where the numbers come from."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,8 @@ from bench.analysis import tables
 from bench.records.record import RunRecord
 from bench.reporting import figures, report
 from bench.reporting import study_page_figures as drawings
-from bench.reporting.page import grid, table
 from bench.reporting.study_page_content import Content
-from bench.reporting.study_page_sections import looks
+from bench.reporting.study_page_sections import Legend, Plain, Titled, looks
 
 
 def _predicted(record: RunRecord) -> str:
@@ -22,10 +21,26 @@ def _predicted(record: RunRecord) -> str:
     return ", ".join(figures.title(n) for n in figures.principal(names))
 
 
-def training(c: Content) -> str:
+@dataclass(frozen=True)
+class _Training:
+    legend: Legend
+    horizons: Titled
+    times: Plain
+    lost: Sequence[Sequence[str]]
+    runs: int
+
+
+@dataclass(frozen=True)
+class _Provenance:
+    facts: dict[str, Sequence[str]]
+    """By name; alike ones once."""
+    runs: Sequence[Sequence[str]]
+    command: str
+
+
+def training(c: Content) -> _Training:
     """Learning curves, times, and runs that diverged."""
-    body = "<p>One line a run; the network kept is that of the lowest validation cost.</p>"
-    body += looks(c, baselines=False)
+    found = []
     for horizon in c.horizons:
         groups: dict[str, list[RunRecord]] = {}
         for r in c.records:
@@ -33,11 +48,11 @@ def training(c: Content) -> str:
                 groups.setdefault(_predicted(r), []).append(r)
         drawn = [d for name, runs in groups.items() if (d := drawings.learning(c, name, runs))]
         if drawn:
-            body += f"<h3>{escape(c.duration(horizon))}</h3>{grid(drawn)}"
-    return f"{body}<h3>Time</h3>{_times(c)}{_lost(c)}"
+            found.append((c.duration(horizon), drawn))
+    return _Training(looks(c, baselines=False), found, _times(c), _lost(c), len(c.records))
 
 
-def _times(c: Content) -> str:
+def _times(c: Content) -> Plain:
     heads = ["configuration", "T", "runs", "updates", "best update", "time a run [s]", "ms an update", "diverged"]
     rows = []
     for spec in (s for s in c.specs if not tables.is_baseline(s)):
@@ -48,41 +63,31 @@ def _times(c: Content) -> str:
             seconds = [r.provenance["seconds"] for r in runs]
             updates = [r.summary["updates"] for r in runs]
             best = [r.summary["best_update"] for r in runs if r.summary["best_update"] is not None]
-            cells = [
-                str(horizon),
-                str(len(runs)),
-                f"{np.mean(updates):.0f}",
-                f"{np.mean(best):.0f}" if best else "–",
-                report.number(float(np.mean(seconds))),
-                report.number(1000 * sum(seconds) / sum(updates)) if sum(updates) else "–",
-                str(sum(not tables.sound(r) for r in runs)),
-            ]
-            shown = "".join(
-                f'<td class="number" data-label="{h}">{v}</td>' for h, v in zip(heads[1:], cells, strict=True)
+            rows.append(
+                [
+                    spec,
+                    str(horizon),
+                    str(len(runs)),
+                    f"{np.mean(updates):.0f}",
+                    f"{np.mean(best):.0f}" if best else "–",
+                    report.number(float(np.mean(seconds))),
+                    report.number(1000 * sum(seconds) / sum(updates)) if sum(updates) else "–",
+                    str(sum(not tables.sound(r) for r in runs)),
+                ]
             )
-            rows.append(f"<tr><td>{escape(spec)}</td>{shown}</tr>")
-    note = (
-        '<p class="quiet">Means over runs, on one thread each, test included. Networks of one shape are trained side '
-        "by side; a run's time is its share of theirs.</p>"
-    )
-    return note + table(heads, rows, range(1, len(heads)))
+    return Plain(heads, rows)
 
 
-def _lost(c: Content) -> str:
-    lost = c.lost()
-    if not lost:
-        return '<p class="after">No run diverged.</p>'
+def _lost(c: Content) -> list[list[str]]:
     rows = []
-    for r in lost:
+    for r in c.lost():
         s = r.summary
         when = f"at update {s['diverged_at']}" if not r.finished else "its test errors are not finite"
-        cells = [s["spec"], _predicted(r), str(s["horizon"]), str(s["seed"]), when]
-        rows.append("<tr>" + "".join(f"<td>{escape(t)}</td>" for t in cells) + "</tr>")
-    many = f"{len(lost)} of {len(c.records)} runs diverged"
-    return f"<h3>{many}</h3>{table(['configuration', 'outputs', 'T', 'seed', 'when'], rows)}"
+        rows.append([s["spec"], _predicted(r), str(s["horizon"]), str(s["seed"]), when])
+    return rows
 
 
-def provenance(c: Content) -> str:
+def provenance(c: Content) -> _Provenance:
     """Data, code, machine, and the command that makes all of it again."""
     seconds = sum(r.provenance["seconds"] for r in c.records)
     starts = [r.provenance["started_ms"] for r in c.records]
@@ -107,13 +112,7 @@ def provenance(c: Content) -> str:
         "Numerics": [pairs(r.summary["environment"]) for r in c.records],
         "Made": [f"{' to '.join(sorted(dates))} (UTC), {seconds:.0f} s of training and test in {len(c.records)} runs"],
     }
-    rows = [
-        f"<tr><td>{name}</td><td>{'<br>'.join(map(escape, dict.fromkeys(said)))}</td></tr>"
-        for name, said in facts.items()
-        if said
-    ]
-    again = f"<h3>To make it again</h3><pre>{escape(c.command)}</pre>"
-    return f"{table(['', ''], rows, kind='facts')}{_runs(c.records)}{again}"
+    return _Provenance({n: list(dict.fromkeys(said)) for n, said in facts.items()}, _runs(c.records), c.command)
 
 
 def _recordings(parts: dict[str, list[str]]) -> str:
@@ -123,11 +122,18 @@ def _recordings(parts: dict[str, list[str]]) -> str:
     return f"{counts}; {len(test)} test: {', '.join(test)}".lstrip("; ")
 
 
-def _runs(records: Iterable[RunRecord]) -> str:
-    def row(r: RunRecord) -> str:
-        s: dict[str, Any] = r.summary
-        cells = [s["key"], s["spec"], _predicted(r), str(s["horizon"]), str(s["seed"]), s["status"]]
-        return "<tr>" + "".join(f"<td>{escape(t)}</td>" for t in cells) + "</tr>"
+def _runs(records: Iterable[RunRecord]) -> list[list[str]]:
+    return [
+        [str(s[name]) for name in ("key", "spec")]
+        + [_predicted(r)]
+        + [str(s[name]) for name in ("horizon", "seed", "status")]
+        for r in records
+        for s in [r.summary]
+    ]
 
-    listed = table(["key", "configuration", "outputs", "T", "seed", "status"], map(row, records))
-    return f"<details><summary>All runs</summary>{listed}</details>"
+
+LAST_SECTIONS: tuple[tuple[str, str, Callable[[Content], Any]], ...] = (
+    ("Training", "training", training),
+    ("Provenance", "provenance", provenance),
+)
+"""As `study_page_sections.SECTIONS`."""

@@ -1,87 +1,103 @@
 """A sweep as one HTML file that needs no network: was it worth it, how the search went, what mattered."""
 
 from collections.abc import Sequence
-from html import escape
+from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment
 
 from bench.analysis import stats, tables
-from bench.reporting import figures, report
-from bench.reporting.page import document, table
+from bench.reporting import figures, page, report
+from bench.reporting.page import Section
 from bench.sweep import journal as sweeps
 from bench.sweep.finalists import Verdict
-from bench.sweep.page_search import Content, front, history, importances, shown, slices, trials_table
+from bench.sweep.page_search import Content, front, history, importances, shown, slices, trials
 from bench.sweep.space import SPEC, options, said
 from registry.errors import BenchError
 
+Cell = tuple[str, str]
+"""A value and its interval; empty: there is none."""
 
-def result(c: Content) -> str:
+
+@dataclass(frozen=True)
+class _Result:
+    verdicts: Sequence[tuple[str, str]]
+    """Tone and sentence; none where the default is the best."""
+    seeds: int
+    heads: Sequence[str]
+    sides: Sequence[tuple[str, Sequence[Cell]]]
+    """The best and the default: name and cells."""
+    best: int
+    """Number of the best trial."""
+    options: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True)
+class _Provenance:
+    facts: dict[str, str]
+    command: str
+
+
+def result(c: Content) -> _Result:
     """Whether the best beats the default, and with which options."""
-    if not c.verdicts:
-        body = "<p>No trial was better than the default configuration, so there is nothing to compare.</p>"
-    else:
-        body = "".join(f'<p class="lead {_tone(v)}">{escape(v.sentence)}</p>' for v in c.verdicts) + (
-            f'<p class="quiet">Both were trained from {len(c.best_records)} seeds that the sweep had not used. The '
-            "sweep chose by the validation part, which therefore flatters its choice; the test part was looked at "
-            "once, now. Errors are in standard deviations of each output over the training part: 1 is as bad as the "
-            "mean.</p>"
-        )
-    return body + _side_by_side(c) + _options_table(c)
+    heads, sides = _side_by_side(c)
+    return _Result(
+        verdicts=[(_tone(v), v.sentence) for v in c.verdicts],
+        seeds=len(c.best_records),
+        heads=heads,
+        sides=sides,
+        best=c.best.number,
+        options=_options(c),
+    )
 
 
 def _tone(v: Verdict) -> str:
     return {"better": "better", "worse": "worse"}.get(v.comparison.verdict, "open")
 
 
-def _side_by_side(c: Content) -> str:
+def _side_by_side(c: Content) -> tuple[list[str], list[tuple[str, list[Cell]]]]:
     """Errors of both, mean over seeds, on both parts; and in the units of each output on the test part."""
-    sides = {"best": c.best_records, "default": c.default_records}
-    rows, heads = [], ["configuration", "weights"]
-    heads += [f"{v.part} RMSSE [std. dev.]" for v in c.verdicts]
-    made: dict[str, Any] = {name: tables.study_table(list(runs)) for name, runs in sides.items() if runs}
+    records = {"best": c.best_records, "default": c.default_records}
+    made: dict[str, Any] = {name: tables.study_table(list(runs)) for name, runs in records.items() if runs}
     every = tables.quantities(c.best_records)
     whole = tables.whole_signals(every)  # they say enough of their axes
     quantities = [q for q in every if q in whole or q.partition(".")[0] not in whole]
     units = {row.output: row.unit for row in made["best"].itertuples()}
-    heads += [f"test RMSSE, {escape(figures.title(q))} [{escape(units[q])}]" for q in quantities]
+    heads = ["configuration", "weights", *(f"{v.part} RMSSE [std. dev.]" for v in c.verdicts)]
+    heads += [f"test RMSSE, {figures.title(q)} [{units[q]}]" for q in quantities]
+    sides = []
     for name, found in made.items():
-        cells = [str(sides[name][0].summary["weights"])]
-        for v in c.verdicts:
-            per_seed = [float(np.mean(seed)) for seed in (v.best if name == "best" else v.default)]
-            cells.append(_mean(per_seed))
+        first = records[name][0].summary
         by = {row.output: row for row in found.itertuples()}
-        cells += [report.with_interval(by[q]) for q in quantities]
-        shown = "".join(f'<td class="number" data-label="{h}">{v}</td>' for h, v in zip(heads[1:], cells, strict=True))
-        rows.append(f"<tr><td>{name}: {escape(sides[name][0].summary['spec'])}</td>{shown}</tr>")
-    return table(heads, rows, range(1, len(heads)), "errors")
+        cells: list[Cell] = [(str(first["weights"]), "")]
+        for v in c.verdicts:
+            cells.append(_mean([float(np.mean(seed)) for seed in (v.best if name == "best" else v.default)]))
+        cells += [(report.with_interval(by[q]), "") for q in quantities]
+        sides.append((f"{name}: {first['spec']}", cells))
+    return heads, sides
 
 
-def _mean(values: Sequence[float]) -> str:
+def _mean(values: Sequence[float]) -> Cell:
     if not values:
-        return "–"
+        return "–", ""
     limits = stats.interval(values)
     text = report.number(float(np.mean(values)))
-    return text + (f" <small>({report.number(limits[0])} to {report.number(limits[1])})</small>" if limits else "")
+    return text, f"{report.number(limits[0])} to {report.number(limits[1])}" if limits else ""
 
 
-def _options_table(c: Content) -> str:
+def _options(c: Content) -> list[list[str]]:
     have = {path: value for path, _, value in options(c.sweep.default)} | {SPEC: c.sweep.default.spec}
-    rows = []
-    for path, distribution in c.sweep.space.items():
-        cells = (shown(c.best.params[path]), shown(have[path]), said(path, distribution).removeprefix(path).strip())
-        rows.append(f"<tr><td>{escape(path)}</td>" + "".join(f"<td>{escape(x)}</td>" for x in cells) + "</tr>")
-    return f"<h3>Options</h3>{table(['option', f'best (trial {c.best.number})', 'default', 'searched'], rows)}"
+    return [
+        [path, shown(c.best.params[path]), shown(have[path]), said(path, distribution).removeprefix(path).strip()]
+        for path, distribution in c.sweep.space.items()
+    ]
 
 
-def trials(c: Content) -> str:
-    """Every trial, folded away."""
-    return f"<details><summary>All {len(c.told)} trials</summary>{trials_table(c, c.told)}</details>"
-
-
-def provenance(c: Content) -> str:
+def provenance(c: Content) -> _Provenance:
     """Data, code, and the command."""
     record = c.best_records[0]
     s, p = record.summary, record.provenance
@@ -96,31 +112,35 @@ def provenance(c: Content) -> str:
         "Versions": ", ".join(f"{name} {v}" for name, v in p["versions"].items()),
         "Finalists": ", ".join(r.key for r in (*c.best_records, *c.default_records)),
     }
-    rows = [f"<tr><td>{name}</td><td>{escape(text)}</td></tr>" for name, text in facts.items()]
-    return f"{table(['', ''], rows, kind='facts')}<h3>To make it again</h3><pre>{escape(c.sweep.command)}</pre>"
+    return _Provenance(facts, c.sweep.command)
+
+
+SECTIONS = (
+    ("Result", "result", result),
+    ("Search", "history", history),
+    ("What mattered", "importances", importances),
+    ("Error against each option", "slices", slices),
+    ("Pareto front", "front", front),
+    ("Trials", "trials", lambda c: trials(c, c.told)),
+    ("Provenance", "provenance", provenance),
+)
+"""Title, macro of ``sweep_sections.html.j2``, and what that is given."""
+
+
+@lru_cache(maxsize=1)
+def _templates() -> Environment:
+    return page.templates(Path(__file__).with_name("templates"))
 
 
 def render(c: Content) -> str:
     """The page as text."""
-    sections = {
-        "Result": result(c),
-        "Search": history(c),
-        "What mattered": importances(c),
-        "Error against each option": slices(c),
-        "Pareto front": front(c),
-        "Trials": trials(c),
-        "Provenance": provenance(c),
-    }
-    head = (
-        f'<header><p class="over"><span class="badge">sweep</span><span>{len(c.told)} trials</span></p>'
-        f"<h1>{escape(c.sweep.title[:1].upper() + c.sweep.title[1:])}</h1></header>"
-    )
-    return document(
+    return page.render(
+        _templates(),
+        "sweep.html.j2",
         c.sweep.title,
-        head,
-        {name: body for name, body in sections.items() if body},
-        "Intervals are 95 %.",
-        Path(__file__).parent.with_name("reporting") / "study_page.css",
+        [Section(title, part, content(c)) for title, part, content in SECTIONS],
+        trials=len(c.told),
+        heading=c.sweep.title[:1].upper() + c.sweep.title[1:],
     )
 
 
@@ -130,8 +150,8 @@ def write(path: Path, c: Content) -> None:
     Raises:
         BenchError: the file cannot be written, or a record is damaged.
     """
-    page = render(c)
+    text = render(c)
     try:
-        path.write_text(page, encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise BenchError(f"The report {path} cannot be written: {error.strerror or error}.") from error

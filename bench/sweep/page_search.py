@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,8 @@ from optuna.trial import FrozenTrial, TrialState
 
 from bench.records.record import RunRecord
 from bench.reporting import report
-from bench.reporting.drawing import Look, Panel, Scale, around, legend
-from bench.reporting.page import grid, panel, table
+from bench.reporting.drawing import Look, Panel, Scale, around
+from bench.reporting.page import Drawing
 from bench.sweep import journal as sweeps
 from bench.sweep.finalists import Verdict
 from bench.sweep.space import default_params, options
@@ -84,6 +83,43 @@ class Content:
                 drawn.dots([x], [t.values[0]], look.colour, radius=5)
 
 
+@dataclass(frozen=True)
+class _History:
+    summary: str
+    legend: Sequence[tuple[Look, str]]
+    drawings: Sequence[Drawing]
+
+
+@dataclass(frozen=True)
+class _Importances:
+    complete: int
+    """Trials trained to the end."""
+    objectives: int
+    shares: Sequence[tuple[str, float]]
+    colour: str = TOLD.colour
+
+
+@dataclass(frozen=True)
+class _Table:
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class _Slices:
+    legend: Sequence[tuple[Look, str]]
+    drawings: Sequence[Drawing]
+    choices: Sequence[_Table]
+    """Of options that are no numbers."""
+
+
+@dataclass(frozen=True)
+class _Front:
+    drawings: Sequence[Drawing]
+    chosen: _Table
+
+
 def _curve(t: FrozenTrial) -> list[tuple[int, float]]:
     return [(int(u), float(v)) for u, v in t.user_attrs.get("curve", [])]
 
@@ -93,7 +129,7 @@ def _last(t: FrozenTrial) -> float:
     return curve[-1][1] if curve else math.nan
 
 
-def history(c: Content) -> str:
+def history(c: Content) -> _History:
     """The error of every trial, and the best so far."""
     drawn = Panel(Scale(-0.5, max(1, len(c.told)) - 0.5, whole=True), c.errors, "trial [number]", RMSSE, 520, 260)
     places = {t.number: i for i, t in enumerate(c.told)}
@@ -110,63 +146,44 @@ def history(c: Content) -> str:
     cut = sum(t.state == TrialState.PRUNED for t in c.told)
     lost = len(c.told) - len(c.complete) - cut
     seconds = sum(t.user_attrs.get("seconds", 0.0) for t in c.told)
-    text = (
-        f"<p>{len(c.told)} trials: {len(c.complete)} trained to the end, {cut} stopped early, {lost} failed; "
-        f"{seconds:.0f} s of training.</p>"
+    summary = (
+        f"{len(c.told)} trials: {len(c.complete)} trained to the end, {cut} stopped early, {lost} failed; "
+        f"{seconds:.0f} s of training."
     )
-    return (
-        text
-        + legend(c.marks)
-        + grid([panel("Error of every trial", "", drawn.svg("Error of every trial")), _curves(c)], "wide")
-    )
+    every = Drawing("Error of every trial", "", drawn.svg("Error of every trial"))
+    return _History(summary, c.marks, [every, *_curves(c)])
 
 
-def _curves(c: Content) -> str:
+def _curves(c: Content) -> list[Drawing]:
     """Learning curves of all trials."""
     curves = [(t, curve) for t in c.told if len(curve := _curve(t)) > 1]
     if not curves:
-        return ""
+        return []
     drawn = Panel(Scale(0, max(curve[-1][0] for _, curve in curves)), c.errors, "updates [count]", RMSSE, 520, 260)
     thick = {c.default: DEFAULT, c.best.number: BEST}
     for t, curve in sorted(curves, key=lambda pair: pair[0].number in thick):  # those above all others
         thin = Look(TOLD.colour, (), 1.0, 0.45) if t.state == TrialState.COMPLETE else Look(PRUNED.colour, (), 1.0, 0.6)
         drawn.line([u for u, _ in curve], [v for _, v in curve], thick.get(t.number, thin))
-    return panel("While training", "grey: stopped early", drawn.svg("Validation error of all trials while they train"))
+    title = "Validation error of all trials while they train"
+    return [Drawing("While training", "grey: stopped early", drawn.svg(title))]
 
 
-def importances(c: Content) -> str:
-    """Which options mattered."""
+def importances(c: Content) -> _Importances | None:
+    """Which options mattered; None where there are too few to tell."""
     if len(c.complete) < 2 or len(c.sweep.space) < 2:
-        return ""
+        return None
     found = optuna.importance.get_param_importances(c.study)
-    bars = "".join(
-        f'<tr><td>{escape(path)}</td><td>{_bar(share)}</td><td class="number">{share:.2f}</td></tr>'
-        for path, share in found.items()
-    )
-    few = " With so few it is a hint at most." if len(c.complete) < 50 else ""
-    together = ", in all objectives together" if len(c.sweep.objectives) > 1 else ""
-    text = (
-        f"Share of each option in what sets the best tenth of the {len(c.complete)} trials trained to the end apart"
-        f"{together} (PED-ANOVA, Watanabe et al. 2023); shares add up to 1.{few}"
-    )
-    return f"<p>{text}</p>{table(['option', '', 'share'], [bars], [2])}"
+    return _Importances(len(c.complete), len(c.sweep.objectives), list(found.items()))
 
 
-def _bar(share: float) -> str:
-    return (
-        '<svg viewBox="0 0 200 12" width="200" height="12" aria-hidden="true">'
-        f'<rect width="{200 * share:.1f}" height="12" fill="{TOLD.colour}"/></svg>'
-    )
-
-
-def slices(c: Content) -> str:
+def slices(c: Content) -> _Slices:
     """The error against each option."""
     fields = {path: field for path, field, _ in options(c.sweep.default)}
-    drawn, listed = [], ""
+    drawn, choices = [], []
     for path, distribution in c.sweep.space.items():
         have = [t for t in c.told if path in t.params]
         if isinstance(distribution, CategoricalDistribution):
-            listed += _choices(path, distribution, have)
+            choices.append(_choices(path, distribution, have))
             continue
         low, high, log = (getattr(distribution, name) for name in ("low", "high", "log"))
         whole = isinstance(distribution, IntDistribution)
@@ -174,30 +191,28 @@ def slices(c: Content) -> str:
         scale = replace(around([low, high], log, room=0.04), whole=whole)
         made = Panel(scale, c.errors, f"{path.rpartition('.')[2].replace('_', ' ')} [{unit}]", RMSSE, 340, 215)
         c.mark(made, [(t, t.params[path]) for t in have])
-        drawn.append(panel(path, fields[path].metadata.get("help", ""), made.svg(f"Error against {path}")))
-    return legend(c.marks) + grid(drawn) + listed
+        drawn.append(Drawing(path, fields[path].metadata.get("help", ""), made.svg(f"Error against {path}")))
+    return _Slices(c.marks, drawn, choices)
 
 
-def _choices(path: str, distribution: CategoricalDistribution, trials: Sequence[FrozenTrial]) -> str:
+def _choices(path: str, distribution: CategoricalDistribution, trials: Sequence[FrozenTrial]) -> _Table:
     """A row a choice."""
     rows = []
     for choice in distribution.choices:
         of = [t for t in trials if t.params[path] == choice]
         ends = sorted(t.values[0] for t in of if t.state == TrialState.COMPLETE)
-        cells = [str(len(of)), str(len(ends)), *(report.number(v) for v in (ends[:1] or [math.nan]))]
-        cells.append(report.number(float(np.median(ends))) if ends else "–")
-        shown = "".join(f'<td class="number">{x}</td>' for x in cells)
-        rows.append(f"<tr><td>{escape(str(choice))}</td>{shown}</tr>")
-    heads = [escape(path), "trials", "trained to the end", f"best {RMSSE}", "median"]
-    return f"<h3>{escape(path)}</h3>{table(heads, rows, range(1, 5))}"
+        best = report.number(ends[0] if ends else math.nan)
+        rows.append(
+            [str(choice), str(len(of)), str(len(ends)), best, report.number(float(np.median(ends))) if ends else "–"]
+        )
+    return _Table([path, "trials", "trained to the end", f"best {RMSSE}", "median"], rows, path)
 
 
-def front(c: Content) -> str:
+def front(c: Content) -> _Front | None:
     """What cannot be made smaller in one objective without a loss in another."""
     if len(c.sweep.objectives) == 1:
-        return ""
+        return None
     numbers = {t.number for t in c.study.best_trials}
-    body = "<p>No trial is better in all objectives than one of the orange ones.</p>"
     drawn = []
     for i, name in enumerate(c.sweep.objectives[1:], 1):
         values = [t.values[i] for t in c.complete]
@@ -206,12 +221,12 @@ def front(c: Content) -> str:
         for on_it, colour in ((False, TOLD.colour), (True, BEST.colour)):
             some = [t for t in c.complete if (t.number in numbers) is on_it]
             made.dots([t.values[i] for t in some], [t.values[0] for t in some], colour, radius=4 if on_it else 3)
-        drawn.append(panel(f"RMSSE against {name}", "", made.svg(f"RMSSE against {name}")))
+        drawn.append(Drawing(f"RMSSE against {name}", "", made.svg(f"RMSSE against {name}")))
     chosen = sorted((t for t in c.complete if t.number in numbers), key=lambda t: t.values[0])
-    return body + grid(drawn, "wide") + trials_table(c, chosen)
+    return _Front(drawn, trials(c, chosen))
 
 
-def trials_table(c: Content, some: Sequence[FrozenTrial]) -> str:
+def trials(c: Content, some: Sequence[FrozenTrial]) -> _Table:
     """A row a trial."""
     heads = ["trial", "state", *c.sweep.objectives, *c.sweep.space, "updates", "time [s]"]
     rows = []
@@ -221,8 +236,8 @@ def trials_table(c: Content, some: Sequence[FrozenTrial]) -> str:
         cells = [str(t.number), state, *(report.number(v) for v in values)]
         cells += [shown(t.params.get(path, "–")) for path in c.sweep.space]
         cells += [str(t.user_attrs.get("updates", "–")), f"{t.user_attrs.get('seconds', math.nan):.1f}"]
-        rows.append("<tr>" + "".join(f"<td>{escape(x)}</td>" for x in cells) + "</tr>")
-    return table([escape(h) for h in heads], rows, kind="errors")
+        rows.append(cells)
+    return _Table(heads, rows)
 
 
 def shown(value: Any) -> str:

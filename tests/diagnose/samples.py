@@ -133,6 +133,10 @@ DRAG = NamedEffect(
     errors(CALIBRATED),
     errors(FIRST),
     acts_on="forces",
+    saves=(
+        EffectSaving("forces", "", 0.5, 0.93, 0.89, 0.97, worth=True),
+        EffectSaving("torques", "", 0.5, 0.013, -0.02, 0.05),
+    ),
 )
 REACTION = NamedEffect(
     "rotor_reaction_torque",
@@ -141,14 +145,15 @@ REACTION = NamedEffect(
     errors(FIRST),
     errors(EXTENDED),
     acts_on="torques",
+    saves=(
+        EffectSaving("forces", "", 0.5, 0.0, 0.0, 0.0, matters=False),
+        EffectSaving("torques", "", 0.5, 0.84, 0.71, 0.96, worth=True),
+        EffectSaving("torques", "torque z", 0.5, 0.97, 0.91, 1.0, worth=True),
+    ),
 )
 EQUATIONS = {
     "forces": EquationResult("velocity", 0.5, "m/s", 0.32, 0.30, 0.034, 0.033, 0.0012),
     "torques": EquationResult("body_rates", 0.5, "rad/s", 0.28, 0.26, 0.052, 0.047, 0.011),
-}
-SAVINGS = {
-    "rotor_drag": (EffectSaving("forces", 0.93, 0.89, 0.97), EffectSaving("torques", 0.013, -0.02, 0.05)),
-    "rotor_reaction_torque": (EffectSaving("forces", 0.0, 0.0, 0.0, False), EffectSaving("torques", 0.84, 0.71, 0.96)),
 }
 CONSTANTS = {
     "mass": ConstantEstimate(0.5, 0.5062, 0.4995, 0.5129, "kg", False),
@@ -248,7 +253,6 @@ def named() -> Diagnosis:
                 _window("flight_11", 4.07, "body_rates", "pqr", 0.1),
             ),
             notes=NOTES,
-            savings=SAVINGS,
             flights=tuple(map(_flight, HELD_OUT)),
         ),
         EQUATIONS,

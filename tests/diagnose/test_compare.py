@@ -14,6 +14,7 @@ from bench.diagnose.logs.differences import centred
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.settings import COMPARING
 from bench.diagnose.simulate.floor import floor
 from bench.diagnose.simulate.free_run import groups
 from registry.datasets.signals import recording
@@ -81,9 +82,8 @@ def test_the_floor_of_a_linear_system_is_the_closed_form() -> None:
 def test_noise_and_filter_are_found_in_the_data_and_the_floor_is_the_error_of_the_true_model(
     how: Smoothing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        sys.modules["bench.diagnose.compare"], "WINDOWS", 10**6
-    )  # from every sample, for a sharp figure
+    every_sample = replace(COMPARING, free_runs=10**6)  # for a sharp figure
+    monkeypatch.setattr(sys.modules["bench.diagnose.compare"], "COMPARING", every_sample)
     states, force = flights()
     if how.derived:
         seen = smoothed(states, 0.004, how)[:, 10:-10]

@@ -1,4 +1,4 @@
-"""The JSON of a diagnosis against its schema, and the story on the terminal."""
+"""The JSON of a diagnosis against its schema, and the summary on the terminal."""
 
 import io
 import json
@@ -19,8 +19,8 @@ from bench.cli.diagnosing import show_extension
 from bench.diagnose.by_equation import ConstantEstimate
 from bench.diagnose.extend import shares_of
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.report import story, words
-from bench.diagnose.report.words import gathered
+from bench.diagnose.report import phrases, sentences, terminal_summary
+from bench.diagnose.report.phrases import gathered
 from bench.diagnose.result import (
     Calibration,
     DataProblem,
@@ -33,8 +33,9 @@ from bench.diagnose.result import (
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate
+from bench.diagnose.settings import TELLING
 from bench.diagnose.simulate.free_run import Group
-from bench.diagnose.summaries import constant_estimates, effect_savings, equation_results, placed
+from bench.diagnose.summaries import constant_estimates, equation_results, placed
 from registry.errors import BenchError
 from registry.physics.quadrotor import Quadrotor
 
@@ -43,7 +44,7 @@ VALIDATOR = jsonschema.Draft202012Validator(schema())
 
 def told(diagnosis: Diagnosis, width: int = 100) -> str:
     out = io.StringIO()
-    story.tell(diagnosis, Console(file=out, width=width, highlight=False))
+    terminal_summary.print_summary(diagnosis, Console(file=out, width=width, highlight=False))
     return out.getvalue()
 
 
@@ -106,14 +107,35 @@ def test_each_equation_is_summed_up_at_its_longest_horizon_and_an_effect_acts_wh
         "torques": ("body_rates", 0.5, 1.0),
     }
     assert equation_results(found, model, extended=False)["forces"].extended == 1.5  # the effects were given up
-    (effect,) = placed(found, [replace(samples.DRAG, acts_on="")])
-    assert effect.acts_on == "forces"
-    said = effect_savings(found, [effect])["rotor_drag"]
-    assert [(s.equation, s.share, s.matters) for s in said] == [
-        ("forces", 0.2, True),
-        ("torques", 1.0, False),
-        ("torques: torque z", 0.6, True),
+    (effect,) = placed(found, [replace(samples.DRAG, acts_on="", saves=())])
+    assert effect.acts_on == "forces" and effect.main == effect.saves[0]
+    assert [(s.equation, s.axis, s.horizon_s, s.share, s.worth) for s in effect.saves] == [
+        ("forces", "", 0.5, 0.2, True),
+        ("torques", "", 0.1, 1.0, True),  # at its longest horizon there is next to nothing to save
+        ("forces", "force x", 0.5, 0.9, True),
+        ("torques", "torque z", 0.1, 0.6, True),
     ]
+
+
+def test_an_effect_of_one_axis_is_told_by_what_it_saves_there() -> None:
+    """Yaw makes little of the error of all torques, and less of a free run that tumbles."""
+    savings = (
+        Saving("torques", 0.5, -0.01, -0.02, -0.005, True),
+        Saving("torques", 0.5, 0.98, 0.9, 1.05, True, axis="torque z"),
+    )
+    reaction = Found("rotor_reaction_torque", samples.REACTION, (), 1.0, (), savings)  # type: ignore[arg-type]
+    model = Quadrotor()
+    found = Discovery(model, model, (reaction,), (), (), ())
+    d = samples.named()
+    (yaw,) = placed(found, [replace(samples.REACTION, share_explained=-0.0005)])
+    assert yaw.acts_on == "torques: torque z" and yaw.main is not None and yaw.main.share == 0.98
+    assert "rotor_reaction_torque  explains 98 % in torques about z, −0.05 % in free runs: rotor_inertia" in told(
+        replace(d, effects=(yaw,))
+    )
+    read = replace(d, effects=(yaw,)).to_json()
+    VALIDATOR.validate(read)
+    whole, axis = read["effects"][0]["saves"]
+    assert (whole["axis"], whole["worth"], axis["axis"], axis["worth"]) == ("", False, "torque z", True)
 
 
 def test_a_constant_is_determined_where_its_interval_is_under_half_of_the_stated_one() -> None:
@@ -181,7 +203,7 @@ def test_a_file_that_cannot_be_written_is_one_sentence_and_leaves_nothing(tmp_pa
 def test_the_story_is_short_and_says_the_verdict(verdict: str) -> None:
     diagnosis = samples.ALL[verdict]()
     text = told(diagnosis)
-    assert len(text.splitlines()) <= story.LINES and all(len(line) <= 100 for line in text.splitlines())
+    assert len(text.splitlines()) <= TELLING.lines and all(len(line) <= 100 for line in text.splitlines())
     flat = " ".join(text.split())
     for said in {
         "named": ["rotor drag and rotor reaction torque", "1.152×10⁻⁴ to 1.224×10⁻⁴", "81.0 → 9.40 mm", "96 %"],
@@ -207,27 +229,27 @@ def test_every_tie_is_said_by_itself() -> None:
     torque = replace(samples.REACTION, share_explained=0.05, indistinguishable_from=("motor_lag",))
     both = "rotor drag or linear drag; rotor reaction torque or motor lag."
     two = replace(d, effects=(drag, torque))
-    assert words.headline(two) == f"The model lacks two effects that these recordings cannot name: {both}"
-    assert "One of each, together, explain about 97 %" in words.explanation(two)
+    assert sentences.headline(two) == f"The model lacks two effects that these recordings cannot name: {both}"
+    assert "Together, one of each explains about 97 %" in sentences.explanation(two)
     sure = replace(two, verdict="named", effects=(samples.DRAG, drag, torque))
-    assert words.headline(sure) == "The model lacks rotor drag."
-    assert f"Two more are there that these recordings cannot name: {both}" in words.explanation(sure)
+    assert sentences.headline(sure) == "The model lacks rotor drag."
+    assert f"Two more effects act that these recordings cannot name: {both}" in sentences.explanation(sure)
 
 
 def test_the_story_stays_short_when_there_is_much_to_say() -> None:
     d = samples.named()
     many = replace(d, effects=d.effects * 5, where=d.where * 5, data_problems=d.data_problems * 9)
-    assert len(told(many, width=60).splitlines()) <= story.LINES
+    assert len(told(many, width=60).splitlines()) <= TELLING.lines
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, 9.995, 0.00099951, 99999.0, -2.5e-7, 1.234e-4, 123456.0, 0.1, -0.0314])
 def test_a_shown_number_is_the_number(value: float) -> None:
-    text = words.number(value)
+    text = phrases.number(value)
     plain = text.translate(str.maketrans("−⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "--0123456789"))
     mantissa, _, exponent = plain.partition("×10")
     assert float(mantissa) * 10.0 ** int(exponent or 0) == pytest.approx(value, rel=0.0051)
     assert len(re.sub(r"^0+", "", mantissa.lstrip("-").replace(".", ""))) <= 6
-    assert words.number(math.nan) == words.NOTHING
+    assert phrases.number(math.nan) == phrases.NOTHING
 
 
 @pytest.mark.parametrize(
@@ -242,14 +264,14 @@ def test_a_shown_number_is_the_number(value: float) -> None:
 def test_an_estimate_has_the_digits_and_the_unit_that_a_reader_wants(
     name: str, estimate: ParameterEstimate, said: str
 ) -> None:
-    assert words.estimate(name, estimate) == said
+    assert phrases.estimate(name, estimate) == said
 
 
 def test_constants_are_said_to_have_moved_where_their_interval_leaves_the_stated_value_out() -> None:
     d = samples.named()
 
     def said(*constants: Calibration) -> str:
-        return words.miscalibrated(replace(d, evidence=replace(d.evidence, calibration=constants)))
+        return sentences.miscalibrated(replace(d, evidence=replace(d.evidence, calibration=constants)))
 
     held = Calibration("mass", 0.5, 0.506, "kg", 1.2, 0.499, 0.513)
     unknown = Calibration("mass", 0.5, 0.506, "kg", 1.2)
@@ -259,7 +281,9 @@ def test_constants_are_said_to_have_moved_where_their_interval_leaves_the_stated
     assert said(held, moved) == (
         "Calibration moved stated constants: inertia about y by −5.0 % (−6.0 % to −4.0 %; 0.5 σ)."
     )
-    assert "ratios of stated constants, of which either may be off: torque coefficient / inertia about z" in said(ratio)
+    assert "ratios of stated constants (either constant may be off): torque coefficient / inertia about z" in said(
+        ratio
+    )
 
 
 def test_what_effects_take_is_never_more_than_all() -> None:

@@ -15,7 +15,7 @@ from bench.diagnose.extend import fitted
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.logs.subject import Subject, log_of
-from bench.diagnose.report import model_file, page, words
+from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import admissible
@@ -133,7 +133,7 @@ def test_a_diagnosis_adds_it_and_the_error_falls_to_the_floor(said: tuple[Subjec
     assert k.low <= -0.4 <= k.high and k.high - k.low < 0.02 and k.unit == "1/m"
     for group, error in found.error.extended.items():
         assert error.rmse < 1.15 * found.noise_floor[group].rmse < 0.1 * found.error.nominal[group].rmse
-    assert "described as: rate of change of speed q = f(speed q), signed square, −0.4" in words.headline(found)
+    assert "learned instead: rate of change of speed q = f(speed q), signed square, −0.4" in sentences.headline(found)
     assert len(model.effects) == 1
     values = found.to_json()
     jsonschema.Draft202012Validator(schema()).validate(values)

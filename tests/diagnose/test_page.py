@@ -10,7 +10,7 @@ import pytest
 import samples
 
 from bench.diagnose.flight import RUNS
-from bench.diagnose.report import page, words
+from bench.diagnose.report import page, phrases, sentences
 from bench.diagnose.result import LINES, VERDICTS
 
 
@@ -54,7 +54,7 @@ def rendered(verdict: str) -> str:
 def test_page_says_the_verdict_and_needs_nothing_from_outside(verdict: str) -> None:
     diagnosis, source = samples.ALL[verdict](), rendered(verdict)
     parsed = Parsed(source)
-    assert words.headline(diagnosis) in parsed.text and words.explanation(diagnosis) in parsed.text
+    assert sentences.headline(diagnosis) in parsed.text and sentences.explanation(diagnosis) in parsed.text
     assert not {"link", "iframe", "object", "embed", "base"} & set(parsed.tags)
     assert parsed.tags.count("script") == (1 if diagnosis.evidence.flights else 0)
     addresses = [v for n, v in parsed.attributes if n in ("href", "src", "xlink:href", "action", "srcset", "data")]
@@ -112,7 +112,7 @@ def test_forces_and_torques_are_shown_apart_each_with_what_each_effect_saves_in_
     for said in (
         "velocity 0.320 → 0.0340 m/s",
         "Named here: rotor drag.",
-        "the measured signals would predict 6 % more",
+        "The measured signals would predict another 6 %",
         "best predictor",
         "rotor drag 93 % 89 % to 97 %",
         "rotor reaction torque – too little to explain",
@@ -125,12 +125,21 @@ def test_forces_and_torques_are_shown_apart_each_with_what_each_effect_saves_in_
         "2.69",  # 0.047 rad/s, best predictor of the torques
         "rotor drag 1 % −2 % to 5 %",
         "rotor reaction torque 84 % 71 % to 96 %",
+        "rotor reaction torque, torque z 97 % 91 % to 100 %",
     ):
         assert said in torques, said
     without = Parsed(page.render(dataclasses.replace(d, by_equation={}))).text
     assert "Equation by equation" not in without
     left = dataclasses.replace(d, verdict="nothing", effects=())
     assert "What each effect saves" not in Parsed(page.render(left)).text
+
+
+def test_a_card_says_what_an_effect_saves_where_it_acts_before_its_share_of_free_runs() -> None:
+    d = samples.named()
+    yaw = dataclasses.replace(d.effects[1], share_explained=-0.0005, acts_on="torques: torque z")
+    card = Parsed(page.render(dataclasses.replace(d, effects=(yaw,)))).text.partition("What")[0]
+    assert "97 % explained in torques about z" in card
+    assert card.index("torques about z 97 % 91 % to 100 %") < card.index("free runs −0.05 %")
 
 
 def test_a_set_that_was_given_up_is_not_called_taken() -> None:
@@ -162,7 +171,7 @@ def test_each_verdict_shows_what_it_has_and_no_more(verdict: str, said: list[str
     ],
 )
 def test_numbers_and_units_are_typeset(text: str, shown: str) -> None:
-    assert words.typeset(text) == shown
+    assert phrases.typeset(text) == shown
 
 
 def test_a_model_that_ran_away_is_called_diverged() -> None:

@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.markup import escape
@@ -21,6 +20,7 @@ from bench.cli.diagnosing import (
     say_next,
     say_problems,
     say_written,
+    show_discovery,
     show_extension,
     table,
     track_extension,
@@ -28,7 +28,6 @@ from bench.cli.diagnosing import (
     write_model,
 )
 from bench.cli.progress import announcer
-from registry.core import EFFECTS
 
 Command = Callable[..., None]
 
@@ -102,7 +101,7 @@ def compare_command(
 
     from bench.diagnose.compare import compare
     from bench.diagnose.extend import fitted
-    from bench.diagnose.report import words
+    from bench.diagnose.report import phrases
 
     with announcer(options.console()) as tick:
         say_problems(subject)
@@ -119,9 +118,9 @@ def compare_command(
         for k, seconds in enumerate(found.horizon_s):
             if k in (0, len(found.horizon_s) // 2, len(found.horizon_s) - 1):
                 errors = [of[group.name].rmse[k] for of in found.lines.values()]
-                unit, factor = words.shown(group.unit, group.name, errors)
-                cells = (words.number(e * factor) for e in errors)
-                label = escape(f"{words.named(group.name)} [{unit}]")
+                unit, factor = phrases.shown(group.unit, group.name, errors)
+                cells = (phrases.number(e * factor) for e in errors)
+                label = escape(f"{phrases.named(group.name)} [{unit}]")
                 rows.add_row(label, f"{seconds:.3g} s", *cells)
     out.print(rows)
     print_notes(out, found.notes)
@@ -192,41 +191,27 @@ def discover_command(
     subject, model = load(source, system, model_file)
 
     from bench.diagnose.discover import discover
-    from bench.diagnose.report import words
-    from bench.diagnose.result import ParameterEstimate
+    from bench.diagnose.summaries import parameter_estimates
 
     check_catalogue(subject, model or subject.model, catalogue)
     with announcer(options.console()) as tick:
         say_problems(subject)
         found = discover(subject if model is None else replace(subject, model=model), names, tick)
-    out = options.console()
-    effects = []
-    for f in found.found:
-        values: dict[str, dict[str, Any]] = {
-            x.entry.label: {"value": x.value, "low": x.low, "high": x.high, "unit": x.entry.unit} for x in f.estimates
+    show_discovery(options.console(), found)
+    effects = [
+        {
+            "id": f.id,
+            "parameters": {n: asdict(p) for n, p in parameter_estimates(f.estimates).items()},
+            "indistinguishable_from": list(f.rivals),
         }
-        effects.append({"id": f.id, "parameters": values, "indistinguishable_from": list(f.rivals)})
-        out.print(f"[bold]{f.id}[/]  {escape(EFFECTS.get(f.id).equation)}", highlight=False)
-        for name, p in values.items():
-            estimated = words.estimate(name, ParameterEstimate(**p))
-            out.print(f"    {name} = {estimated}", highlight=False, markup=False)
-        if f.rivals:
-            out.print(f"    these data cannot tell it from {', '.join(f.rivals)}")
-    if not found.found:
-        out.print(
-            "Something systematic is missing that the catalogue does not have."
-            if found.verdict == "unknown_effect"
-            else "Nothing is missing."
-        )
-    for trace in found.traces[:3]:
-        out.print(f"  left in {trace.axis}: follows {trace.signal}", highlight=False, markup=False)
+        for f in found.found
+    ]
     left = [{"axis": t.axis, "follows": t.signal} for t in found.traces]
     write_json(to_json, {"dataset": subject.name, "effects": effects, "unexplained": left})
+    start = f" --model {model_file}" if model_file else ""
     if found.found:
-        start = f" --model {model_file}" if model_file else ""
         say_next(f"bench extend {source}{start} --add {found.found[0].id}", "add it, and see the error fall")
     elif found.verdict == "unknown_effect":
-        start = f" --model {model_file}" if model_file else ""
         say_next(f"bench extend {source}{start} --add learned", "describe it by terms of its own")
 
 
@@ -311,7 +296,7 @@ def diagnose_command(
     exclude: tuple[str, ...],
     out: Path | None,
 ) -> None:
-    """All four steps: compare, locate, discover, extend; a story here, a page and a model to keep.
+    """All four steps: compare, locate, discover, extend; a summary here, a page and a model to keep.
 
     Writes diagnosis.html (one offline page), diagnosis.json and model.toml. Five honest answers: named effects, a tie,
     nothing, an unknown effect (described by learned terms), or a data problem, which stops the analysis: spikes, a
@@ -330,7 +315,7 @@ def diagnose_command(
 
     from bench.diagnose.diagnose import diagnose
     from bench.diagnose.logs.load import excluding
-    from bench.diagnose.report import story, together
+    from bench.diagnose.report import terminal_summary, together
 
     check_catalogue(subject, model or subject.model, catalogue)
     subject = excluding(subject if model is None else replace(subject, model=model), exclude)
@@ -338,7 +323,7 @@ def diagnose_command(
         found, extended = diagnose(subject, tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
     found = replace(found, evidence=replace(found.evidence, source=source))
     console = options.console()
-    story.tell(found, console)
+    terminal_summary.print_summary(found, console)
     if found.verdict == "data_problem":
         kinds = dict.fromkeys(p.kind for p in found.data_problems)
         again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)

@@ -107,7 +107,7 @@ def _axes(log: Log, pair: Pair, fit: Fit, x: Array, modelled: Array, usable: Arr
                     f"{pair.signal}.{axis} changes as {pair.rate} says of axis {axes[j]} (correlation {c[i, j]:.2f}) "
                     f"and the other way round ({c[j, i]:.2f}), not as it says of its own ({diagonal[i]:.2f})."
                 )
-                signal = _blamed(log, pair, i, j, x, modelled, usable)
+                signal = _blamed(log, pair, (i, j), x, modelled, usable)
                 found.append(DataProblem(log.name, signal, "swapped axes", (0, len(log) - 1), detail))
     if found:
         return found
@@ -117,13 +117,14 @@ def _axes(log: Log, pair: Pair, fit: Fit, x: Array, modelled: Array, usable: Arr
                 f"{pair.signal}.{axis} changes against what {pair.rate} says: slope "
                 f"{(fit.low[i] + fit.high[i]) / 2:.2f}, correlation {diagonal[i]:.2f}."
             )
-            signal = _blamed(log, pair, i, i, x, modelled, usable)
+            signal = _blamed(log, pair, (i, i), x, modelled, usable)
             found.append(DataProblem(log.name, signal, "swapped sign", (0, len(log) - 1), detail))
     return found
 
 
-def _blamed(log: Log, pair: Pair, i: int, j: int, x: Array, modelled: Array, usable: Array) -> str:
-    """Which of the two signals the model speaks against."""
+def _blamed(log: Log, pair: Pair, axes: tuple[int, int], x: Array, modelled: Array, usable: Array) -> str:
+    """Which of the two signals the model speaks against, along an axis, or two that are swapped."""
+    i, j = axes
     length = max(3, round(WINDOW * log.rate))
     channels = [pair.rates[i], pair.rates[j]]
     measured, said = (

@@ -162,7 +162,7 @@ def _offset(recorded: Recorded, group: tuple[str, ...], shift: float, wrong: Seq
         f"{side} {' and '.join(others)}, in {min(len(w.lags) for w in wrong)} of {len(recorded.flights)} recordings."
     )
     names = tuple(wrong[0].lags)
-    return Mistake("clock offset", group[0], names, detail, lines(recorded.reading, changed), True, changed)
+    return Mistake("clock offset", group[0], names, detail, lines(recorded.reading, changed), reading=changed)
 
 
 def _varying(lag: _Lag, rate: float) -> Mistake:

@@ -233,7 +233,7 @@ def _mistake(
     if others:
         told = list(dict.fromkeys(f"{_called(e)} {e.what}" for e in others))[:2]
         detail += f" Or, as these data have it: {'; '.join(told)}."
-    return Mistake(edit.kind, edit.signals[0], recordings, detail, lines(reading, edit.reading), True, edit.reading)
+    return Mistake(edit.kind, edit.signals[0], recordings, detail, lines(reading, edit.reading), reading=edit.reading)
 
 
 _RESIDUAL = {

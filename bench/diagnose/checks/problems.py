@@ -38,6 +38,11 @@ class Checked(NamedTuple):
     suspicions: tuple[DataProblem, ...]
     """What an effect would explain as well, such as a time shift of all recordings; for the notes."""
 
+    @property
+    def only_shifts(self) -> bool:
+        """Whether nothing but time shifts stops the analysis; they may be gone once inputs are read when they act."""
+        return all(p.kind == "time shift" for p in self.problems)
+
 
 def problems(subject: Subject) -> Checked:
     """Look for faults in every recording of ``subject``.

@@ -135,7 +135,7 @@ def _weight(recorded: Recorded, forces: Sequence[_Force]) -> list[Mistake]:
     found = _unit(reading, ratio, stated) if reading.drive != "pwm" else None
     if found is not None:
         said, mend, after = found
-        return [Mistake("unit", reading.drive, names, f"{what}: {said}.", mend, True, after)]
+        return [Mistake("unit", reading.drive, names, f"{what}: {said}.", mend, reading=after)]
     gain, offset, r = _map(forces, mass, k_f)
     detail = (
         f"{what}: {_range(forces)}. A map to rotor speeds is estimated from these flights (correlation {r:.2f}); it is "

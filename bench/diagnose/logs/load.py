@@ -1,7 +1,7 @@
 """Read measurements and the physics model of their system, by name, from a folder or from a file of one's own."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 from bench.diagnose.logs.differences import centred
 from bench.diagnose.logs.meant import as_meant
 from bench.diagnose.logs.own_system import own_class
-from bench.diagnose.logs.smoothing import stated
+from bench.diagnose.logs.smoothing import Smoothing, stated
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
@@ -36,56 +36,87 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         BenchError: data or model cannot be read, or do not fit each other.
     """
     dataset = source if isinstance(source, Dataset) else _dataset(source)
-    constants, processing, uncertainty, drive = _described(dataset)
     if not (system or dataset.system):
         raise BenchError(
             f"{dataset.label} has no physics model to compare with: name one with --system, registered "
             "(`bench list physics`) or of your own, mine.py:Class."
         )
     kind = physics_class(system or dataset.system)
-    nominal, acting = model is None, kind if model is None else type(model)
-    if (drive or acting.input_signals) and drive not in acting.input_signals:
-        raise BenchError(
-            f"{dataset.label} is driven by {drive!r}, which {acting.__name__} does not accept: "
-            f"it accepts {', '.join(acting.input_signals) or 'no input'}."
-        )
+    drive = dataset.inputs[0] if dataset.inputs else ""
+    _check_driven(dataset, kind if model is None else type(model), drive)
+    nominal = model is None
     if nominal:
         refuse_unstated(dataset, kind)
-    if isinstance(dataset, Folder) and not dataset.system:  # nobody has checked them yet
-        constants = constants_of(f"{dataset.described} [physics]", kind().parameters(), constants)
+    constants = _constants(dataset, kind)
     read = dataset.load()
     recordings = tuple(as_meant(r, kind) for r in read.recordings)
     signals = set.intersection(*({c.group for c in r.channels} for r in recordings))
     if model is None:
-        known = {f.name for f in dataclasses.fields(kind)}
-        given = {k: _tuples(v) for k, v in constants.items() if k in known}
-        if "drive" in known and drive in kind.input_signals:
-            given["drive"] = drive
-        extras = ("battery",) if "battery" in signals - {drive} and _columns(recordings[0], "battery") == 1 else ()
-        model = kind(**given, input_hold=dataset.input_hold, extras=(*extras, "time"))
-    names = [r.name for r in recordings]
-    smoothing = stated(processing)
-    if smoothing is not None and smoothing.window > (shortest := min(map(len, recordings))):
-        raise BenchError(
-            f"{dataset.label}: [processing] smoothing over {smoothing.window} samples is longer than a recording of "
-            f"{shortest}: give the window of the filter that the data went through."
-        )
-    training, held_out = partition(dataset, names)
+        model = _nominal(dataset, kind, constants, drive, _extras(recordings[0], signals - {drive}))
+    training, held_out = partition(dataset, [r.name for r in recordings])
     subject = Subject(
-        dataset.label,
-        model,
-        tuple(log_of(r, model, drive) for r in recordings),
-        training,
-        held_out,
-        smoothing,
-        {k: float(v) for k, v in dict(processing.get("noise", {})).items()},
-        uncertainty,
-        tuple(sorted(signals)),
+        name=dataset.label,
+        model=model,
+        logs=tuple(log_of(r, model, drive) for r in recordings),
+        training=training,
+        held_out=held_out,
+        smoothing=_smoothing(dataset, min(map(len, recordings))),
+        noise={k: float(v) for k, v in dict(dataset.processing.get("noise", {})).items()},
+        uncertainty=dict(dataset.uncertainty),
+        signals=tuple(sorted(signals)),
         notes=(*read.made, *(_taken(dataset, model) if nominal and isinstance(dataset, Folder) else ())),
         resampled=read.made,
         folder=dataset.path if isinstance(dataset, Folder) else "",
     )
     return centred(subject)
+
+
+def _check_driven(dataset: Dataset, kind: type[PhysicsModel], drive: str) -> None:
+    """Raise `BenchError` where a model does not accept the signal that drives the recordings."""
+    if (drive or kind.input_signals) and drive not in kind.input_signals:
+        raise BenchError(
+            f"{dataset.label} is driven by {drive!r}, which {kind.__name__} does not accept: "
+            f"it accepts {', '.join(kind.input_signals) or 'no input'}."
+        )
+
+
+def _constants(dataset: Dataset, kind: type[PhysicsModel]) -> dict[str, Any]:
+    """Nominal constants by name, as the data state them."""
+    constants = dict(dataset.physics)
+    if isinstance(dataset, Folder) and not dataset.system:  # nobody has checked them yet
+        return constants_of(f"{dataset.described} [physics]", kind().parameters(), constants)
+    return constants
+
+
+def _nominal(
+    dataset: Dataset, kind: type[PhysicsModel], constants: dict[str, Any], drive: str, extras: Sequence[str]
+) -> PhysicsModel:
+    """The model with nominal constants, driven as the recordings are."""
+    known = {f.name for f in dataclasses.fields(kind)}
+    given = {k: _tuples(v) for k, v in constants.items() if k in known}
+    if "drive" in known and drive in kind.input_signals:
+        given["drive"] = drive
+    return kind(**given, input_hold=dataset.input_hold, extras=(*extras, "time"))
+
+
+def _extras(recording: Recording, signals: Set[str]) -> tuple[str, ...]:
+    """Signals of one column that effects look at, beside the driving one."""
+    return ("battery",) if "battery" in signals and _columns(recording, "battery") == 1 else ()
+
+
+def _smoothing(dataset: Dataset, shortest: int) -> Smoothing | None:
+    """The filter that the data are said to have gone through; None: it is to be estimated.
+
+    Raises:
+        BenchError: it is longer than the ``shortest`` recording [samples].
+    """
+    smoothing = stated(dataset.processing)
+    if smoothing is not None and smoothing.window > shortest:
+        raise BenchError(
+            f"{dataset.label}: [processing] smoothing over {smoothing.window} samples is longer than a recording of "
+            f"{shortest}: give the window of the filter that the data went through."
+        )
+    return smoothing
 
 
 def excluding(subject: Subject, names: Sequence[str]) -> Subject:
@@ -156,12 +187,6 @@ def _taken(folder: Folder, model: PhysicsModel) -> tuple[str, ...]:
     said = ", ".join(f"{p.name} = {p.value} {p.unit}".replace("_", " ") for p in own)
     assumed = (f"Not stated, and assumed where an effect looks at it: {said}.",) if said else ()
     return (*folder.description.notes, *assumed)
-
-
-def _described(dataset: Dataset) -> tuple[dict[str, Any], dict[str, Any], dict[str, float], str]:
-    """Nominal constants, processing, uncertainty and the driving signal that a data set states."""
-    drive = dataset.inputs[0] if dataset.inputs else ""
-    return dict(dataset.physics), dict(dataset.processing), dict(dataset.uncertainty), drive
 
 
 def _tuples(value: Any) -> Any:

@@ -98,7 +98,16 @@ def noise_of(subject: Subject) -> Noise:
     if through.kind != "none":
         notes.append(f"The inputs show {through} as well.")
     sensed = _sensed_noise(subject, length)
-    return Noise(smoothing, derived, tuple(raw), tuple(processed), inputs, through, tuple(notes), sensed)
+    return Noise(
+        smoothing=smoothing,
+        derived=derived,
+        raw=tuple(raw),
+        processed=tuple(processed),
+        inputs=inputs,
+        input_smoothing=through,
+        notes=tuple(notes),
+        sensed=sensed,
+    )
 
 
 # ---------------------------------------------------------------------------------------------------- the filter

@@ -120,15 +120,15 @@ def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
     measured = tuple(p is not None for p in picks)
     known = self_contained(model, measured)
     return Log(
-        recording.name,
-        recording.rate,
-        torch.from_numpy(states),
-        known if any(known) else measured,
-        torch.from_numpy(np.ascontiguousarray(inputs, dtype=np.float64)),
-        torch.from_numpy(recording.valid.copy()),
-        recording,
-        () if any(known) else tuple(not m for m in measured),
-        _sensed(recording, model),
+        name=recording.name,
+        rate=recording.rate,
+        states=torch.from_numpy(states),
+        measured=known if any(known) else measured,
+        inputs=torch.from_numpy(np.ascontiguousarray(inputs, dtype=np.float64)),
+        valid=torch.from_numpy(recording.valid.copy()),
+        recording=recording,
+        estimated=() if any(known) else tuple(not m for m in measured),
+        sensed=_sensed(recording, model),
     )
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from bench.diagnose.report import words
+from bench.diagnose.report import phrases
 from bench.diagnose.result import Diagnosis
 
 
@@ -25,9 +25,9 @@ def alone(diagnosis: Diagnosis) -> list[Alone]:
     """One for every equation that was judged by itself."""
     out = []
     for name, e in diagnosis.by_equation.items():
-        unit, factor = words.shown(e.unit, e.output, [e.nominal, e.calibrated, e.extended])
+        unit, factor = phrases.shown(e.unit, e.output, [e.nominal, e.calibrated, e.extended])
         errors = [v * factor for v in (e.nominal, e.calibrated, e.extended, e.predictable, e.floor)]
-        out.append(Alone(words.named(name), words.named(e.output), f"{e.horizon_s:g} s", unit, *errors))
+        out.append(Alone(phrases.named(name), phrases.named(e.output), f"{e.horizon_s:g} s", unit, *errors))
     return out
 
 
@@ -36,7 +36,7 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     every = alone(diagnosis)
     return [
         f"  {a.equation}, all else measured: {a.output} after {a.horizon}  "
-        f"{words.number(a.nominal)} → {words.united(words.number(a.extended), a.unit)} "
-        f"(best {words.number(a.predictable)}, noise {words.number(a.floor, 2)})"
+        f"{phrases.number(a.nominal)} → {phrases.united(phrases.number(a.extended), a.unit)} "
+        f"(best {phrases.number(a.predictable)}, noise {phrases.number(a.floor, 2)})"
         for a in (every if len(every) > 1 else [])
     ]

@@ -1,7 +1,7 @@
 """A learned term in words, and its parameters by name."""
 
 from bench.diagnose.learned_shape import LearnedShape
-from bench.diagnose.report import words
+from bench.diagnose.report import phrases
 from bench.diagnose.result import ParameterEstimate
 from registry.dynamics import PhysicsModel
 from registry.effects.learned_term import LearnedTerm
@@ -12,8 +12,8 @@ from registry.terms.shapes import SHAPES, SPLINE
 def axis_named(axis: str, model: PhysicsModel) -> str:
     """An axis as a reader says it."""
     if not signals.flies(type(model)):
-        return f"rate of change of {words.named(axis)}"
-    return words.named(axis if axis.startswith(("world", "torque")) else f"body_{axis}")
+        return f"rate of change of {phrases.named(axis)}"
+    return phrases.named(axis if axis.startswith(("world", "torque")) else f"body_{axis}")
 
 
 def described(
@@ -30,17 +30,17 @@ def described(
     parameters = {
         name: ParameterEstimate(e.value, e.low, e.high, unit) for (name, unit), e in zip(named, estimates, strict=True)
     }
-    of = f"f({words.named(term.signals[0])})" if term.signals else "c"
-    times = f" × {words.named(term.signals[1])}" if len(term.signals) > 1 else ""
+    of = f"f({phrases.named(term.signals[0])})" if term.signals else "c"
+    times = f" × {phrases.named(term.signals[1])}" if len(term.signals) > 1 else ""
     if term.shape == SPLINE:
         unit = signals.available(model)[term.signals[0]]
-        over, factor = words.shown(unit, term.signals[0])
-        low, high = (words.number(factor * k) for k in term.span)
-        formula, how = "f(x)", f"a spline through {len(term.knots)} values from {low} to {words.united(high, over)}"
+        over, factor = phrases.shown(unit, term.signals[0])
+        low, high = (phrases.number(factor * k) for k in term.span)
+        formula, how = "f(x)", f"a spline through {len(term.knots)} values from {low} to {phrases.united(high, over)}"
     else:
         shape = SHAPES[term.shape]
         formula = shape.text
-        values = [words.estimate(n, p) for n, p in parameters.items()]
+        values = [phrases.estimate(n, p) for n, p in parameters.items()]
         if len(values) > 1:
             values = [f"{n} = {v}" for n, v in zip(parameters, values, strict=True)]
         said = shape.said if len(parameters) == 1 else f"{shape.said} {formula}"

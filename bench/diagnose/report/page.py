@@ -1,15 +1,18 @@
 """The diagnosis as one HTML file that needs no network: what is missing, how much it explains, how sure that is."""
 
 import math
-from html import escape
+import re
+from functools import lru_cache
 from pathlib import Path
 
-from bench.diagnose.report import page_parts as parts
-from bench.diagnose.report import words
+from jinja2 import Environment
+from markupsafe import Markup, escape
+
+from bench.diagnose.report import page_figures, phrases, sentences
 from bench.diagnose.report.page_flights import script
-from bench.diagnose.report.page_sections import SECTIONS
-from bench.diagnose.result import Diagnosis, NamedEffect, write_text
-from bench.reporting.page import document
+from bench.diagnose.report.page_sections import sections
+from bench.diagnose.result import Candidate, Diagnosis, NamedEffect, ParameterEstimate, write_text
+from bench.reporting import page
 
 _BADGES = {
     "named": "missing effect found",
@@ -31,80 +34,71 @@ def write(path: Path, diagnosis: Diagnosis) -> None:
 
 def render(diagnosis: Diagnosis) -> str:
     """The page as text. All that comes from data is escaped; there is no external address and one script of our own."""
-    order = list(SECTIONS)
+    made = sections(diagnosis)
     if diagnosis.verdict == "data_problem":
-        order.sort(key=lambda title: title != "The data")
-    made = {title: body for title in order if (body := SECTIONS[title](diagnosis))}
-    return document(
+        made.sort(key=lambda section: section.title != "The data")
+    return page.render(
+        _templates(),
+        "diagnosis.html.j2",
         f"Diagnosis of {diagnosis.dataset}",
-        _head(diagnosis),
         made,
-        "Intervals are 95 % and RMSE is the root mean square error of free runs on held-out recordings, unless said "
-        "otherwise.",
-        Path(__file__).with_name("page.css"),
         script() if diagnosis.evidence.flights else "",
+        d=diagnosis,
+        badge=_BADGES[diagnosis.verdict],
+        facts=_facts(diagnosis),
+        headline=sentences.headline(diagnosis),
+        paragraphs=sentences.paragraphs(diagnosis),
+        falls=sentences.falls(diagnosis),
     )
 
 
-def _head(d: Diagnosis) -> str:
+@lru_cache(maxsize=1)
+def _templates() -> Environment:
+    return page.templates(
+        Path(__file__).with_name("templates"),
+        about=_about,
+        acts=sentences.acts,
+        catalogue=phrases.about,
+        commands=sentences.commands,
+        estimated=_estimated,
+        formula=_formula,
+        gain_bar=_gain_bar,
+        listed=phrases.listed,
+        named=phrases.named,
+        percent=phrases.percent,
+        rows=phrases.rows,
+        savings=sentences.savings,
+        typeset=phrases.typeset,
+        width=_width,
+    )
+
+
+def _facts(d: Diagnosis) -> list[str]:
     e = d.evidence
     facts = [f"{e.recordings} recordings" if e.recordings else "", f"{e.seconds:.0f} s in all" if e.seconds else ""]
-    facts.append(f"{len(e.held_out)} held out" if e.held_out else "")
-    over = "".join(f"<span>{f}</span>" for f in facts if f)
-    cards, falls = "".join(map(_effect_card, d.effects)), "".join(map(_fall, words.falls(d)))
-    return (
-        f'<header class="{d.verdict}"><p class="over"><span class="badge">{_BADGES[d.verdict]}</span>'
-        f"<span><b>{escape(d.dataset)}</b></span><span>{escape(words.named(d.system))}</span>{over}</p>"
-        f"<h1>{escape(words.headline(d))}</h1>"
-        f"{_sentences(d)}"
-        + (f'<div class="falls">{falls}</div>' if falls else "")
-        + (f'<div class="cards">{cards}</div>' if cards else "")
-        + "</header>"
-    )
+    return [*filter(None, (*facts, f"{len(e.held_out)} held out" if e.held_out else ""))]
 
 
-def _sentences(d: Diagnosis) -> str:
-    """What was found stands first and large, what is left of it and of the constants below."""
-    kinds = ["lead", "quiet", "quiet"]
-    return "".join(
-        f'<p class="{kind}">{escape(said)}</p>' for kind, said in zip(kinds, words.sentences(d), strict=False)
-    )
+def _about(effect: NamedEffect) -> tuple[str, str]:
+    """What an effect is, in a line, and its equation."""
+    return phrases.about(effect.id) if effect.term is None else (effect.term.described, effect.term.formula)
 
 
-def _fall(fall: words.Fall) -> str:
-    """Before → after of one output group, with a bar on which the floor is a mark."""
-    after = fall.after
-    top = max((e for e in fall.errors.values() if math.isfinite(e)), default=0.0)
-
-    def at(model: str) -> str:
-        error = fall.errors[model]
-        return f"{100 * (min(error, top) / top if top and not math.isnan(error) else 0):.1f}%"
-
-    others = [f"calibrated {fall.text('calibrated')}"] if after == "extended" else []
-    others += [f"floor {fall.text('floor')}"]
-    return (
-        f'<div class="fall"><h3>{escape(words.named(fall.group))} <small>after {fall.horizon}</small></h3>'
-        f'<p class="big"><span class="nominal">{fall.text("nominal")}</span> → '
-        f'<span class="{after}">{fall.text(after)}</span> <small>{escape(fall.unit)}</small></p>'
-        f'<div class="track"><i class="nominal" style="width:{at("nominal")}"></i>'
-        f'<i class="{after}" style="width:{at(after)}"></i><b style="left:{at("floor")}"></b></div>'
-        f'<p class="quiet">{", ".join(others)}</p></div>'
-    )
+def _estimated(p: ParameterEstimate, name: str) -> tuple[str, str]:
+    """A parameter's value with its unit, and its interval; empty where there is none."""
+    value, low, high, unit = phrases.estimate_parts(name, p)
+    return phrases.united(value, unit), f"{low} to {high}" if low != phrases.NOTHING else ""
 
 
-def _effect_card(effect: NamedEffect) -> str:
-    about, equation = words.about(effect.id) if effect.term is None else (effect.term.described, effect.term.formula)
-    tied = effect.indistinguishable_from
-    values = []
-    for name, p in effect.parameters.items():
-        value, low, high, unit = words.estimate_parts(name, p)
-        between = f" <small>{low} to {high}</small>" if low != words.NOTHING else ""
-        values.append(f"<p><code>{escape(name)}</code> = <b>{escape(words.united(value, unit))}</b>{between}</p>")
-    return (
-        f'<div class="card"><div class="share">{words.percent(effect.share_explained)}<small>explained</small></div>'
-        f"<h3>{escape(words.named(effect.name))}</h3>"
-        + (f"<p class='quiet'>{escape(about)}</p>" if about else "")
-        + parts.equation(equation)
-        + (f"<p class='quiet'>Or {escape(words.listed(map(words.named, tied), 'or'))}.</p>" if tied else "")
-        + f'<div class="values">{"".join(values)}</div></div>'
-    )
+def _formula(text: str) -> Markup:
+    """An equation with its indices set low."""
+    return Markup(re.sub(r"_([0-9A-Za-z⊥]+(?:,[a-z])?)", r"<sub>\1</sub>", str(escape(text))))
+
+
+def _gain_bar(c: Candidate) -> Markup:
+    return page_figures.interval_bar(c.gain, c.low, c.high, taken=not c.why)
+
+
+def _width(share: float) -> str:
+    """The length of a bar."""
+    return f"{100 * min(1.0, max(0.0, share)) if math.isfinite(share) else 0.0:.1f}%"

@@ -5,15 +5,17 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Sequence
-from html import escape
 from typing import Any
 
 import matplotlib
+import numpy as np
 import seaborn as sns
+from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.diagnose.report.words import named, number, shown
+from bench.diagnose.learned_shape import LearnedCurve
+from bench.diagnose.report.phrases import named, number, shown
 from bench.diagnose.result import Curves, Line, ResidualMap, Window
 
 # A stand-in for each colour of the page, put in its place so that a panel follows the page into the dark.
@@ -39,6 +41,8 @@ DOTS = 1500
 """Samples shown in a scatter; more only make the page heavier."""
 LABEL = 28
 """Characters of a label."""
+INNER = 0.99
+"""Share of the dots that the frame of a learned term holds."""
 _STYLE: Any = {
     # a matplotlibrc in the working directory has no say: it may ask for other programs
     **{k: v for k, v in matplotlib.rcParamsDefault.items() if k != "backend"},
@@ -65,7 +69,7 @@ _STYLE: Any = {
 }
 
 
-def error_curves(group: str, curves: Curves) -> str:
+def error_curves(group: str, curves: Curves) -> Markup:
     """SVG: error against the horizon, one line a model, its band the 95 % interval over recordings."""
     values = [v for line in curves.lines.values() for v in line.rmse]
     unit, factor = shown(curves.unit, group, values)
@@ -79,7 +83,7 @@ def error_curves(group: str, curves: Curves) -> str:
     return _svg(draw, f"Error of {named(group)} against the horizon")
 
 
-def waterfall(group: str, stages: Sequence[tuple[str, str, float]], floor: float, si_unit: str) -> str:
+def waterfall(group: str, stages: Sequence[tuple[str, str, float]], floor: float, si_unit: str) -> Markup:
     """SVG: the error that remains after each stage; the pale part of a bar is what the stage took away.
 
     Args:
@@ -114,7 +118,7 @@ def waterfall(group: str, stages: Sequence[tuple[str, str, float]], floor: float
     return _svg(draw, f"Error of {named(group)} after each stage", height=0.75 + 0.36 * len(stages))
 
 
-def residual_map(m: ResidualMap) -> str:
+def residual_map(m: ResidualMap) -> Markup:
     """SVG: a residual against a signal, samples as dots, means in bins before and after as lines."""
     x_unit, x_factor = shown(m.x_unit, m.x_signal, m.centres)
     y_unit, y_factor = shown(m.y_unit, m.y_quantity, m.y)
@@ -139,7 +143,35 @@ def residual_map(m: ResidualMap) -> str:
     return _svg(draw, f"{named(m.y_quantity)} against {named(m.x_signal)}")
 
 
-def window(w: Window) -> str:
+def learned_shape(c: LearnedCurve) -> Markup:
+    """SVG: a learned term against its signal, with its band, over the data."""
+    x_unit, x_factor = shown(c.x_unit, c.x_signal, c.x)
+    y_unit, y_factor = shown(c.y_unit, c.y_quantity, (*c.low, *c.high))
+
+    def draw(axes: Axes) -> None:
+        x, dots_x = x_factor * np.array(c.x), x_factor * np.array(c.dots_x)
+        y, low, high, dots_y = (y_factor * np.array(v) for v in (c.y, c.low, c.high, c.dots_y))
+        axes.axhline(0, color=MUTED, linewidth=0.8)
+        # Grey of middle brightness: the dots are pixels, which cannot follow the page's colours.
+        axes.scatter(dots_x, dots_y, s=5, color="#8a8f98", alpha=0.35, linewidths=0, rasterized=True)
+        colour, dashes, width = LOOK["extended"]
+        axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0)
+        axes.plot(x, y, color=colour, linestyle=dashes, linewidth=width)
+        outer = (1 - INNER) / 2
+        least, most = np.quantile(dots_y, [outer, 1 - outer]) if len(dots_y) else (0.0, 0.0)
+        bottom, top = min(least, low.min()), max(most, high.max())
+        room = 0.06 * ((top - bottom) or 1.0)
+        axes.set(
+            xlim=(x[0], x[-1]),
+            ylim=(bottom - room, top + room),
+            xlabel=_axis(named(c.x_signal), x_unit),
+            ylabel=_axis(named(c.y_quantity), y_unit),
+        )
+
+    return _svg(draw, f"{named(c.y_quantity)} against {named(c.x_signal)}")
+
+
+def window(w: Window) -> Markup:
     """SVG: measurement and free runs of one stretch of a recording, one row a channel."""
     every = [v for rows in (w.measured, w.nominal, w.extended) for row in rows for v in row]
     unit, factor = shown(w.unit, w.group, every)
@@ -160,7 +192,7 @@ def window(w: Window) -> str:
     return _svg(draw, f"{named(w.group)} measured and predicted", rows=len(w.channels), height=0.6 + len(w.channels))
 
 
-def interval_bar(value: float, low: float, high: float, taken: bool) -> str:
+def interval_bar(value: float, low: float, high: float, taken: bool) -> Markup:
     """SVG: a share from 0 to 1 as a dot with its 95 % interval, for a table row."""
 
     def at(share: float) -> float:
@@ -173,7 +205,7 @@ def interval_bar(value: float, low: float, high: float, taken: bool) -> str:
         marks += f'<line {span} stroke="var(--{colour})" stroke-width="3" stroke-linecap="round" opacity=".45"/>'
     if math.isfinite(value):
         marks += f'<circle cx="{at(value):.1f}" cy="8" r="4" fill="var(--{colour})"/>'
-    return f'<svg class="interval" viewBox="0 0 160 16" aria-hidden="true">{marks}</svg>'
+    return Markup(f'<svg class="interval" viewBox="0 0 160 16" aria-hidden="true">{marks}</svg>')
 
 
 def _line(axes: Axes, horizon: Sequence[float], line: Line, name: str, factor: float) -> None:
@@ -193,7 +225,7 @@ def _short(text: str) -> str:
     return text if len(text) <= LABEL else text[: LABEL - 1] + "…"
 
 
-def _svg(draw: Callable[..., None], title: str, height: float = 2.7, rows: int = 1) -> str:
+def _svg(draw: Callable[..., None], title: str, height: float = 2.7, rows: int = 1) -> Markup:
     """One panel as an inline SVG element of the page."""
     with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # the reader's browser has more fonts
@@ -212,4 +244,4 @@ def _svg(draw: Callable[..., None], title: str, height: float = 2.7, rows: int =
     svg = re.sub(r'(<svg[^>]*?) width="[^"]*"| height="[^"]*pt"', r"\1", svg, count=2)
     for stand_in, variable in _VARIABLES.items():
         svg = svg.replace(stand_in, f"var(--{variable})")
-    return svg.replace("<svg", f'<svg class="panel" role="img" aria-label="{escape(title)}"', 1).strip()
+    return Markup(svg.replace("<svg", f'<svg class="panel" role="img" aria-label="{escape(title)}"', 1).strip())

@@ -1,18 +1,19 @@
-"""The section of the diagnosis page on whole recordings, over time and from above. What comes from data is escaped."""
+"""What the diagnosis page shows of whole recordings, over time and from above."""
 
 import math
 from collections.abc import Sequence
-from html import escape
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
 from bench.diagnose.flight import AFTER, RUNS, Flight, Signal, Trace
 from bench.diagnose.flight import Path as Track
-from bench.diagnose.report import words
+from bench.diagnose.report import phrases
 from bench.diagnose.result import Diagnosis
-from bench.reporting.drawing import Look, Panel, Scale, align, around, legend, swatch
+from bench.reporting.drawing import Look, Panel, Scale, align, around
 
 WIDE = 1000.0
 """Width of a drawing over time."""
@@ -31,29 +32,72 @@ def script() -> str:
     return Path(__file__).with_name("flights.js").read_text(encoding="utf-8")
 
 
-def over_time(d: Diagnosis) -> str:
-    """Measured and predicted, a recording and a signal at a time; empty where no recording was kept."""
+@dataclass(frozen=True)
+class _Series:
+    """One signal of a recording over time."""
+
+    recording: int
+    signal: int
+    name: str
+    note: str
+    seconds: str
+    step: str
+    """Sampling period [s]."""
+    panels: Markup
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """A recording from above, as often as there are models."""
+
+    recording: int
+    signal: int
+    name: str
+    note: str
+    legend: Sequence[tuple[Look, str]]
+    plans: Sequence[tuple[str, Markup]]
+
+
+@dataclass(frozen=True)
+class _OverTime:
+    restart: str
+    """Time between two beginnings of a free run [s]."""
+    every: int
+    """Recordings of the data, of which ``left_out`` are not shown."""
+    left_out: int
+    recordings: Sequence[str]
+    signals: Sequence[str]
+    first: int
+    """Which signal is shown first."""
+    from_above: int | None
+    """Which of the ``signals`` is the view from above, which has colours of its own."""
+    legend: Sequence[tuple[Look, str]]
+    figures: Sequence[_Series | _Plan]
+
+
+def over_time(d: Diagnosis) -> _OverTime | None:
+    """Measured and predicted, a recording and a signal at a time; None where no recording was kept."""
     flights = d.evidence.flights
     if not flights:
-        return ""
+        return None
     names, looks = dict(zip(RUNS, ("measured", "nominal model (before)", _after(d)), strict=True)), _looks(d)
     signals = list(dict.fromkeys(s.name for f in flights for s in f.signals))
-    figures = []
+    figures: list[_Series | _Plan] = []
     for i, flight in enumerate(flights):
-        figures += [_figure(flight, i, s, signals.index(s.name), looks) for s in flight.signals]
+        figures += [_series(flight, i, s, signals.index(s.name), looks) for s in flight.signals]
         if flight.path is not None:
-            figures.append(_from_above(flight, flight.path, i, len(signals), names))
-    seen = [*map(words.named, signals), *(["seen from above"] if any(f.path for f in flights) else [])]
-    recordings = [f"{f.recording}{'' if f.held_out else ' (fitted)'}" for f in flights]
-    more = d.evidence.recordings - len(flights)
-    rest = f" {more} of {d.evidence.recordings} recordings are left out to keep this page small." if more > 0 else ""
-    return (
-        f"<p>Each model runs free and begins anew from the measured state every {flights[0].restart_s:g} s: where its "
-        "line leaves the measurement, it is wrong. Held-out recordings come first, that with the greatest error before "
-        f"the others.{rest}</p>"
-        f'<div class="recorded">{_rules(len(flights), len(signals), len(seen) > len(signals))}'
-        f"{_choice('recording', recordings)}{_choice('signal', seen, _first(d, signals))}"
-        f"{legend([(look, names[n]) for n, look in looks.items()])}{''.join(figures)}</div>"
+            figures.append(_plan(flight, flight.path, i, len(signals), names))
+    above = any(f.path for f in flights)
+    return _OverTime(
+        restart=f"{flights[0].restart_s:g}",
+        every=d.evidence.recordings,
+        left_out=max(0, d.evidence.recordings - len(flights)),
+        recordings=[f"{f.recording}{'' if f.held_out else ' (fitted)'}" for f in flights],
+        signals=[*map(phrases.named, signals), *(["seen from above"] if above else [])],
+        first=_first(d, signals),
+        from_above=len(signals) if above else None,
+        legend=[(look, names[n]) for n, look in looks.items()],
+        figures=figures,
     )
 
 
@@ -80,55 +124,32 @@ def _looks(d: Diagnosis) -> dict[str, Look]:
     return dict(zip(RUNS, drawn, strict=True))
 
 
-def _choice(what: str, names: Sequence[str], first: int = 0) -> str:
-    """Radio buttons, which need no script: one of them stands for what is shown."""
-    buttons = "".join(
-        f'<label><input type="radio" name="{what}" id="{what}-{i}"{" checked" if i == first else ""}>'
-        f"<span>{escape(name)}</span></label>"
-        for i, name in enumerate(names)
-    )
-    return f'<fieldset class="choice"><legend>{what}</legend>{buttons}</fieldset>'
-
-
-def _rules(recordings: int, signals: int, above: bool) -> str:
-    """Which drawing the chosen recording and signal show; a browser that does not know :has shows all."""
-    rules = "".join(
-        f".recorded:has(#recording-{i}:checked):has(#signal-{j}:checked) .of-{i}-{j}{{display:block}}"
-        for i in range(recordings)
-        for j in range(signals + above)
-    )
-    if above:  # it has colours of its own
-        rules += f".recorded:has(#signal-{signals}:checked) > .legend{{display:none}}"
-    return f"<style>@supports selector(:has(*)){{.recorded figure{{display:none}}{rules}}}</style>"
-
-
 # ------------------------------------------------------------------------------------------------------ over time
 
 
-def _figure(flight: Flight, i: int, signal: Signal, j: int, looks: dict[str, Look]) -> str:
+def _series(flight: Flight, i: int, signal: Signal, j: int, looks: dict[str, Look]) -> _Series:
     seconds = (flight.samples - 1) * flight.dt
     finite = [v for t in signal.traces for v in _ends(t.lines.get("measured", ()))]
-    unit, factor = words.shown(signal.unit, signal.name, finite)
+    unit, factor = phrases.shown(signal.unit, signal.name, finite)
     panels = [_panel(flight, t, unit, factor, looks, seconds, last=t is signal.traces[-1]) for t in signal.traces]
     align(panels)
-    drawn = ""
+    drawn = Markup()
     for panel, trace in zip(panels, signal.traces, strict=True):
         for run, look in looks.items():
             pieces = [(x, y * factor) for x, y in trace.lines.get(run, ())]
             panel.trace(pieces, flight.dt, look, run)
-        drawn += panel.svg(f"{words.named(trace.channel)} of {flight.recording} over time: {panel.y_name}")
-    name = f"{words.named(signal.name)} of {flight.recording}"
+        drawn += panel.svg(f"{phrases.named(trace.channel)} of {flight.recording} over time: {panel.y_name}")
     how = "Each model at the measured states, without the sensor's offset." if signal.sensed else ""
-    thin = ""
-    if flight.samples < flight.whole:
-        thin = f"The first {seconds:.3g} s of {flight.whole * flight.dt:.3g} s."
-    note = " ".join(filter(None, (how, thin)))
-    return (
-        f'<figure class="wide of-{i}-{j}" data-recording="{i}" data-seconds="{seconds:.9g}" '
-        f'data-step="{flight.dt:.9g}">'
-        f"<figcaption>{escape(name)} <small>{note}</small></figcaption>"
-        f'<div class="plots" tabindex="0" role="group" aria-label="{escape(name)} over time. With a script: + and − '
-        f'zoom, arrow keys move, 0 shows all.">{drawn}</div></figure>'
+    cut = flight.samples < flight.whole
+    thin = f"The first {seconds:.3g} s of {flight.whole * flight.dt:.3g} s." if cut else ""
+    return _Series(
+        recording=i,
+        signal=j,
+        name=f"{phrases.named(signal.name)} of {flight.recording}",
+        note=" ".join(filter(None, (how, thin))),
+        seconds=f"{seconds:.9g}",
+        step=f"{flight.dt:.9g}",
+        panels=drawn,
     )
 
 
@@ -138,7 +159,7 @@ def _panel(
     """The empty frame of one channel; the lowest names the time."""
     alone = trace.channel.rpartition(".")[2].replace("_", " ")
     errors = [trace.rms[n] * factor for n in RUNS if n in trace.rms]
-    error = " → ".join("diverged" if math.isnan(e) else words.number(e, 2) for e in errors)
+    error = " → ".join("diverged" if math.isnan(e) else phrases.number(e, 2) for e in errors)
     said = f"{_short(alone)}{'' if unit == '1' else f' [{_short(unit)}]'}" + (f", rms error {error}" if errors else "")
     time = Scale(0.0, seconds or 1.0)
     return Panel(time, _scale(trace, factor), "time [s]" if last else "", said, WIDE, 176 if last else 160)
@@ -169,13 +190,13 @@ def _short(text: str) -> str:
 # ----------------------------------------------------------------------------------------------------- from above
 
 
-def _from_above(flight: Flight, path: Track, i: int, j: int, names: dict[str, str]) -> str:
+def _plan(flight: Flight, path: Track, i: int, j: int, names: dict[str, str]) -> _Plan:
     """The path as often as there are models, coloured by each one's error, both on one scale of colours."""
     finite = np.concatenate([e[np.isfinite(e)] for e in path.errors.values()])
-    unit, factor = words.shown(path.unit, path.group, finite)
+    unit, factor = phrases.shown(path.unit, path.group, finite)
     steps = _steps(finite * factor)
     x, y = _frame(np.concatenate(path.stretches))
-    drawings = []
+    plans = []
     for name, errors in path.errors.items():
         high = 54 + (PLAN - 60) * (y.high - y.low) / (x.high - x.low)
         panel = Panel(x, y, "x [m]", "y [m]", PLAN, high)
@@ -185,13 +206,15 @@ def _from_above(flight: Flight, path: Track, i: int, j: int, names: dict[str, st
             own = [stretch for stretch, h in zip(path.stretches, heats, strict=True) if h == heat]
             broken = np.concatenate([np.vstack([s, [[math.nan] * 2]]) for s in own] or [np.empty((0, 2))])
             panel.line(broken[:, 0], broken[:, 1], look)
-        said = f"{flight.recording} from above, coloured by the {words.named(path.group)} error: {names[name]}"
-        drawings.append(f"<div><h4>{escape(names[name])}</h4>{panel.svg(said)}</div>")
-    title = f"{flight.recording} seen from above"
-    what = f"Colour and width: rms error of {words.named(path.group)} in each free run of {flight.restart_s:g} s."
-    return (
-        f'<figure class="wide of-{i}-{j}"><figcaption>{escape(title)} <small>{escape(what)}</small></figcaption>'
-        f'{_heat_legend(steps, unit)}<div class="plans">{"".join(drawings)}</div></figure>'
+        said = f"{flight.recording} from above, coloured by the {phrases.named(path.group)} error: {names[name]}"
+        plans.append((names[name], panel.svg(said)))
+    return _Plan(
+        recording=i,
+        signal=j,
+        name=f"{flight.recording} seen from above",
+        note=f"Colour and width: rms error of {phrases.named(path.group)} in each free run of {flight.restart_s:g} s.",
+        legend=_heats(steps, unit),
+        plans=plans,
     )
 
 
@@ -215,11 +238,8 @@ def _frame(points: np.ndarray) -> tuple[Scale, Scale]:
     )
 
 
-def _heat_legend(steps: np.ndarray, unit: str) -> str:
-    ends = [words.number(s, 2) for s in steps]
+def _heats(steps: np.ndarray, unit: str) -> list[tuple[Look, str]]:
+    """What the colours of a path mean."""
+    ends = [phrases.number(s, 2) for s in steps]
     said = [f"below {ends[0]}", *(f"{a} to {b}" for a, b in pairwise(ends)), f"above {ends[-1]}"]
-    items = "".join(
-        f"<li>{swatch(Look(f'var(--heat-{i})', width=1.6 + 0.7 * i))}{escape(words.united(text, unit))}</li>"
-        for i, text in enumerate(said)
-    )
-    return f'<ul class="legend">{items}</ul>'
+    return [(Look(f"var(--heat-{i})", width=1.6 + 0.7 * i), phrases.united(text, unit)) for i, text in enumerate(said)]

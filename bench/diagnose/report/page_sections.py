@@ -1,265 +1,192 @@
-"""The sections of the diagnosis page. Everything that comes from data is escaped."""
+"""What the sections of the diagnosis page show: drawings, and values in the units of a reader."""
 
 import math
-from collections.abc import Callable
-from html import escape
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
-from bench.diagnose.report import learned_page, words
 from bench.diagnose.report import page_figures as figures
-from bench.diagnose.report import page_parts as parts
+from bench.diagnose.report import phrases, sentences
 from bench.diagnose.report.page_equations import equation_by_equation
 from bench.diagnose.report.page_flights import over_time
-from bench.diagnose.result import LINES, Candidate, Diagnosis
-from bench.reporting import page
-
-_METHOD = (
-    "Every model runs free from many starts on recordings that it was not fitted to, and its error is compared with "
-    "the noise floor: what measurement noise and smoothing alone would give.",
-    "Base constants are calibrated within their stated uncertainty first, so that a wrong constant is not taken for a "
-    "missing effect.",
-    "Sets of effects of the catalogue are then fitted to changes of the state over short windows, smoothed as the data "
-    "were, and compared by what they leave of the whitened residual and by their number of parameters; a larger set "
-    "must gain on recordings left out of the fit.",
-    "A dictionary of signals is tried on what is left: what it still explains is reported as unknown, and effects that "
-    "it explains better are not named.",
-    "What is taken is fitted again together with the constants, by simulating forward and comparing with the "
-    "measurement, and effects that explain the data equally well are reported as a tie.",
-)
+from bench.diagnose.result import LINES, Candidate, Diagnosis, NamedEffect, Region
+from bench.diagnose.settings import TELLING
+from bench.reporting.page import Drawing, Section
 
 
-def _waterfall(d: Diagnosis) -> str:
+def sections(d: Diagnosis) -> list[Section]:
+    """Those of the page, in order; one that has nothing to say has no content."""
+    return [Section(title, part, content(d)) for title, part, content in _SECTIONS]
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """Drawings, and the models whose lines they hold."""
+
+    drawings: Sequence[Drawing]
+    models: Sequence[str]
+
+
+@dataclass(frozen=True)
+class _Curves(_Drawn):
+    rows: Sequence[tuple[str, str, list[str]]]
+    """Recording, output and the error of each of `LINES` at the longest horizon."""
+
+
+@dataclass(frozen=True)
+class _Where(_Drawn):
+    regions: Sequence[Region]
+
+
+@dataclass(frozen=True)
+class _Left:
+    sentence: str
+    hypothesis: str
+
+
+@dataclass(frozen=True)
+class _Constant:
+    name: str
+    values: Sequence[str]
+    """Stated, calibrated, low and high."""
+    unit: str
+    change: str
+    sigma: str
+    off: bool
+
+
+@dataclass(frozen=True)
+class _Round:
+    title: str
+    end: str
+    """What became of its first candidate."""
+    candidates: Sequence[Candidate]
+
+
+def _ties(d: Diagnosis) -> list[NamedEffect]:
+    return [e for e in d.effects if e.indistinguishable_from]
+
+
+def _learned(d: Diagnosis) -> list[Drawing]:
+    return [
+        Drawing(f"{phrases.named(c.y_quantity)} against {phrases.named(c.x_signal)}", "", figures.learned_shape(c))
+        for c in d.evidence.learned
+    ]
+
+
+def _waterfall(d: Diagnosis) -> list[Drawing]:
     stages = [s for s in d.evidence.waterfall if s.name != "floor"]
     floors = next((s.error for s in d.evidence.waterfall if s.name == "floor"), {})
     if len(stages) < 2:
-        return ""
+        return []
     keys = {"nominal": "nominal", "calibrated": "calibrated"}
-    panels = []
+    labels = [phrases.named(s.name) if s.name in keys else f"+ {phrases.named(s.name)}" for s in stages]
+    drawings = []
     for group in stages[0].error:
-        labels = [words.named(s.name) if s.name in keys else f"+ {words.named(s.name)}" for s in stages]
         bars = [
             (label, keys.get(s.name, "extended"), s.error.get(group, math.nan))
             for label, s in zip(labels, stages, strict=True)
         ]
         known = d.error.nominal.get(group)
         drawn = figures.waterfall(group, bars, floors.get(group, math.nan), known.unit if known else "")
-        panels.append(page.panel(words.named(group), f"after {known.horizon_s:g} s" if known else "", drawn))
-    return (
-        "<p>The bar is the error that remains; its pale part is what the stage took away. The dotted line is the noise "
-        f"floor: what noise alone would leave, as estimated.</p>{page.grid(panels)}"
-    )
+        drawings.append(Drawing(phrases.named(group), f"after {known.horizon_s:g} s" if known else "", drawn))
+    return drawings
 
 
-def _curves(d: Diagnosis) -> str:
+def _curves(d: Diagnosis) -> _Curves | None:
     curves = d.evidence.curves
     if not curves:
-        return ""
+        return None
     present = [n for n in LINES if any(n in c.lines for c in curves.values())]
-    panels = [page.panel(words.named(group), "", figures.error_curves(group, c)) for group, c in curves.items()]
-    return (
-        "<p>Free runs from many starts of the held-out recordings; bands are 95 % intervals over recordings.</p>"
-        f"{parts.legend(present)}{page.grid(panels)}{_by_recording(d)}"
-    )
-
-
-def _by_recording(d: Diagnosis) -> str:
-    """Every recording's error at the longest horizon, folded away."""
+    drawings = [Drawing(phrases.named(group), "", figures.error_curves(group, c)) for group, c in curves.items()]
     rows = []
-    for group, c in d.evidence.curves.items():
+    for group, c in curves.items():
         ends = {(n, r): errors[-1] for n, line in c.lines.items() for r, errors in line.recordings.items()}
-        unit, factor = words.shown(c.unit, group, ends.values())
+        unit, factor = phrases.shown(c.unit, group, ends.values())
         for recording in dict.fromkeys(r for _, r in ends):
-            cells = "".join(
-                f'<td class="number" data-label="{n}">{words.number(ends.get((n, recording), math.nan) * factor)}</td>'
-                for n in LINES
-            )
-            what = f"{escape(words.named(group))} after {c.horizon_s[-1]:g} s [{escape(unit)}]"
-            rows.append(f'<tr><td>{escape(recording)}</td><td data-label="">{what}</td>{cells}</tr>')
-    if not rows:
-        return ""
-    table = page.table(["recording", "output", "nominal", "calibrated", "extended", "noise floor"], rows, range(2, 6))
-    return f"<details><summary>Recording by recording</summary>{table}</details>"
+            errors = [phrases.number(ends.get((n, recording), math.nan) * factor) for n in LINES]
+            rows.append((recording, f"{phrases.named(group)} after {c.horizon_s[-1]:g} s [{unit}]", errors))
+    return _Curves(drawings, present, rows)
 
 
-def _where(d: Diagnosis) -> str:
-    rows = []
-    for r in d.where:
-        error = f"{parts.bar(r.share_of_error, '')}<span>{words.percent(r.share_of_error)} of the error</span>"
-        time = f"{parts.bar(r.share_of_time, 'time')}<span>{words.percent(r.share_of_time)} of the time</span>"
-        bars = f'<div class="bars">{error}{time}</div>'
-        seen = f'<span title="{escape(", ".join(r.recordings))}">{len(r.recordings)} recordings</span>'
-        rows.append(f"<tr><td>{escape(r.region)}</td><td>{bars}</td><td>{seen}</td></tr>")
-    panels = [
-        page.panel(
-            f"{words.named(m.y_quantity)} against {words.named(m.x_signal)}",
+def _where(d: Diagnosis) -> _Where | None:
+    maps = d.evidence.residuals
+    if not d.where and not maps:
+        return None
+    drawings = [
+        Drawing(
+            f"{phrases.named(m.y_quantity)} against {phrases.named(m.x_signal)}",
             f"region {m.region}" if m.region else "",
             figures.residual_map(m),
         )
-        for m in d.evidence.residuals
+        for m in maps
     ]
-    if not rows and not panels:
-        return ""
-    intro = "<p>A region matters where its share of the squared error is far larger than its share of the time.</p>"
-    maps = ""
-    if panels:
-        after = any(m.after for m in d.evidence.residuals)
-        maps = (
-            '<h3>Residual against what it follows</h3><p class="quiet">What the model lacks at every sample '
-            "of the training recordings (dots), and its mean in bins of the signal. A model that lacks "
-            "nothing stays at zero.</p>"
-            f"{parts.legend(['calibrated', 'extended'] if after else ['calibrated'])}{page.grid(panels)}"
+    return _Where(drawings, ["calibrated", *(["extended"] if any(m.after for m in maps) else [])], d.where)
+
+
+def _windows(d: Diagnosis) -> _Drawn | None:
+    windows = d.evidence.windows
+    if not windows:
+        return None
+    drawings = [
+        Drawing(f"{phrases.named(w.group)}, {w.recording}", f"from {w.start_s:.2f} s", figures.window(w))
+        for w in windows
+    ]
+    return _Drawn(drawings, ["measured", "nominal", *(["extended"] if any(w.extended for w in windows) else [])])
+
+
+def _left(d: Diagnosis) -> _Left | None:
+    if d.verdict == "data_problem":
+        return None
+    said = sentences.remainder(d) or "Nothing systematic is left above the noise floor."
+    return _Left(said, d.evidence.hypothesis)
+
+
+def _constants(d: Diagnosis) -> list[_Constant]:
+    rows = []
+    for c in d.evidence.calibration:
+        unit, factor = phrases.shown(c.unit, c.constant, [c.nominal, c.calibrated])
+        rows.append(
+            _Constant(
+                name=phrases.named(c.constant),
+                values=[phrases.number(v * factor, 4) for v in (c.nominal, c.calibrated, c.low, c.high)],
+                unit=unit,
+                change=phrases.percent(c.calibrated / c.nominal - 1) if c.nominal else phrases.NOTHING,
+                sigma=phrases.number(c.sigma, 2),
+                off=abs(c.sigma) > TELLING.constant_off,
+            )
         )
-    return (intro + page.table(["region", "", "met in"], rows) if rows else "") + maps
+    return rows
 
 
-def _ranking(d: Diagnosis) -> str:
-    rounds = [r for r in d.evidence.ranking if r]
-    if not rounds:
-        return ""
-    body = (
-        "<p>The share of the squared error above the floor that each effect would explain beside those already taken, "
-        "with its 95 % interval.</p>"
-    )
-    named = {e.id for e in d.effects}
+def _candidates(d: Diagnosis) -> list[_Round]:
+    rounds, named = [r for r in d.evidence.ranking if r], {e.id for e in d.effects}
+    shown = []
     for i, candidates in enumerate(rounds, start=1):
         ahead = next((c.id for c in candidates if not c.why), None)
         end = "taken" if ahead and named.issuperset(ahead.split(" + ")) else "ahead, and given up later"
-        title = f"Round {i}: {words.named(ahead)} is {end}" if ahead else f"Round {i}: none is taken"
-        title = title.partition(": ")[2].capitalize() if len(rounds) == 1 else title
-        rows = [_candidate(c, end) for c in candidates]
-        table = page.table(["effect", "explains", "", "fitted", "why not"], rows, (1,), "rank")
-        body += f"<details{' open' if i == 1 else ''}><summary>{escape(title)}</summary>{table}</details>"
-    return body
+        what = f"{phrases.named(ahead)} is {end}" if ahead else "none is taken"
+        shown.append(_Round(f"Round {i}: {what}" if len(rounds) > 1 else what.capitalize(), end, candidates))
+    return shown
 
 
-def _candidate(c: Candidate, end: str) -> str:
-    bar = figures.interval_bar(c.gain, c.low, c.high, taken=not c.why)
-    why = escape(words.typeset(c.why or end))
-    return (
-        f"<tr{'' if c.why else ' class=taken'}><td>{escape(words.named(c.id))}</td>"
-        f'<td class="number" data-label="explains">{words.percent(c.gain)}</td><td data-label="">{bar}</td>'
-        f'<td data-label="fitted">{escape(words.typeset(c.parameters))}</td><td data-label="">{why}</td></tr>'
-    )
+def _itself(d: Diagnosis) -> Diagnosis:
+    return d
 
 
-def _ties(d: Diagnosis) -> str:
-    cards = []
-    for effect in d.effects:
-        if effect.indistinguishable_from:
-            names = "".join(
-                f"<h3>{escape(words.named(i))}</h3><p class='quiet'>{escape(words.about(i)[0])}</p>"
-                f"{parts.equation(words.about(i)[1])}"
-                for i in (effect.id, *effect.indistinguishable_from)
-            )
-            advice = f"<p><b>To separate them:</b> {escape(effect.separate_by)}</p>" if effect.separate_by else ""
-            cards.append(f'<div class="card">{names}{advice}</div>')
-    if not cards:
-        return ""
-    intro = (
-        "<p>These explain the recordings equally well; more of the same recordings will not decide between them.</p>"
-    )
-    return f'{intro}<div class="cards">{"".join(cards)}</div>'
-
-
-def _data_problems(d: Diagnosis) -> str:
-    if not d.data_problems:
-        return "<p>No spikes, frozen sensors, time shifts, swapped signs or clock errors were found.</p>"
-    rows = [
-        f"<tr><td>{escape(p.recording)}</td><td data-label='signal'>{escape(words.named(p.signal))}</td>"
-        f"<td data-label='problem'>{escape(p.kind)}</td><td data-label='where'>{words.rows(p)}</td>"
-        f"<td data-label=''>{escape(p.detail)}</td></tr>"
-        for p in d.data_problems
-    ]
-    what = (
-        "Mend or remove these and run the diagnosis again."
-        if d.verdict == "data_problem"
-        else "These did not stop the diagnosis."
-    )
-    return f"<p>{what}</p>{page.table(['recording', 'signal', 'problem', 'where', 'detail'], rows)}"
-
-
-def _left(d: Diagnosis) -> str:
-    if d.verdict == "data_problem":
-        return ""
-    sentence = words.remainder(d) or "Nothing systematic is left above the noise floor."
-    hypothesis = ""
-    if d.evidence.hypothesis:
-        hypothesis = (
-            f'<div class="card"><h3>A hypothesis, not a finding</h3>{parts.equation(d.evidence.hypothesis)}'
-            "<p class='quiet'>The simplest formula found that has the shape of what is left. It was not tested as an "
-            "effect is.</p></div>"
-        )
-    return f"<p>{escape(sentence)}</p>{hypothesis}"
-
-
-def _windows(d: Diagnosis) -> str:
-    if not d.evidence.windows:
-        return ""
-    panels = [
-        page.panel(f"{words.named(w.group)}, {w.recording}", f"from {w.start_s:.2f} s", figures.window(w))
-        for w in d.evidence.windows
-    ]
-    extended = any(w.extended for w in d.evidence.windows)
-    shown = ["measured", "nominal", *(["extended"] if extended else [])]
-    intro = "<p>The stretches in which the nominal model fails most, all started from the measured state.</p>"
-    return f"{intro}{parts.legend(shown)}{page.grid(panels)}"
-
-
-def _calibration(d: Diagnosis) -> str:
-    rows = []
-    for c in d.evidence.calibration:
-        unit, factor = words.shown(c.unit, c.constant, [c.nominal, c.calibrated])
-        off = ' class="off"' if abs(c.sigma) > words.OFF else ""
-        change = words.percent(c.calibrated / c.nominal - 1) if c.nominal else words.NOTHING
-        rows.append(
-            f"<tr><td>{escape(words.named(c.constant))}</td>"
-            f'<td class="number" data-label="stated">{words.number(c.nominal * factor, 4)}</td>'
-            f'<td class="number" data-label="calibrated">{words.number(c.calibrated * factor, 4)}</td>'
-            f'<td class="number" data-label="low">{words.number(c.low * factor, 4)}</td>'
-            f'<td class="number" data-label="high">{words.number(c.high * factor, 4)}</td>'
-            f'<td data-label="unit">{escape(unit)}</td><td class="number" data-label="change">{change}</td>'
-            f'<td class="number" data-label="moved by"><span{off}>{words.number(c.sigma, 2)} σ</span></td></tr>'
-        )
-    if not rows:
-        return ""
-    intro = (
-        "<p>Base constants fitted together with the effects that were found, each held near its stated value by its "
-        "uncertainty σ; intervals are 95 %. Where motion tells the ratio of two constants better than either, so does "
-        "the table: which of the two is off rests on what was stated of them.</p>"
-    )
-    return intro + page.table(
-        ["constant", "stated", "calibrated", "low", "high", "unit", "change", "moved by"],
-        rows,
-        numbers=(1, 2, 3, 4, 6, 7),
-    )
-
-
-def _method(d: Diagnosis) -> str:
-    notes = "".join(f"<li>{escape(n)}</li>" for n in d.evidence.notes)
-    if d.verdict == "data_problem":
-        steps = "<p>Every recording is checked by itself and against the model before any effect is looked for.</p>"
-    else:
-        steps = f"<ol class='notes'>{''.join(f'<li>{s}</li>' for s in _METHOD)}</ol>"
-    held = f"<p class='quiet'>Held out: {escape(', '.join(d.evidence.held_out))}.</p>" if d.evidence.held_out else ""
-    return (
-        f"{steps}{held}"
-        + (f"<h3>Noted on the way</h3><ul class='notes'>{notes}</ul>" if notes else "")
-        + f"<h3>To repeat it</h3><pre>{escape(chr(10).join(words.commands(d)))}</pre>"
-    )
-
-
-SECTIONS: dict[str, Callable[[Diagnosis], str]] = {
-    "What cannot be told apart": _ties,
-    "What was learned": learned_page.section,
-    "Measured and predicted": over_time,
-    "Equation by equation": equation_by_equation,
-    "Effect by effect": _waterfall,
-    "Error against horizon": _curves,
-    "Where the error is": _where,
-    "Worst moments": _windows,
-    "What is left": _left,
-    "Constants": _calibration,
-    "Candidates": _ranking,
-    "The data": _data_problems,
-    "How it was done": _method,
-}
-"""By title, in the order of the page; a section that has nothing to say is empty."""
+_SECTIONS: tuple[tuple[str, str, Callable[[Diagnosis], Any]], ...] = (
+    ("What cannot be told apart", "ties", _ties),
+    ("What was learned", "learned", _learned),
+    ("Measured and predicted", "over_time", over_time),
+    ("Equation by equation", "equation_by_equation", equation_by_equation),
+    ("Effect by effect", "waterfall", _waterfall),
+    ("Error against horizon", "curves", _curves),
+    ("Where the error is", "where", _where),
+    ("Worst moments", "windows", _windows),
+    ("What is left", "left", _left),
+    ("Constants", "constants", _constants),
+    ("Candidates", "candidates", _candidates),
+    ("The data", "data", _itself),
+    ("How it was done", "method", _itself),
+)
+"""Title, macro of ``sections.html.j2``, and what that is given."""

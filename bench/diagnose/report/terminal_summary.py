@@ -1,17 +1,16 @@
-"""The diagnosis as a short story on the terminal."""
+"""The diagnosis in a few lines on the terminal."""
 
 from typing import Any
 
-from bench.diagnose.report import alone, words
-from bench.diagnose.result import Diagnosis
+from bench.diagnose.report import alone, phrases, sentences
+from bench.diagnose.result import Diagnosis, NamedEffect
+from bench.diagnose.settings import TELLING
 
-LINES = 15
-"""The most lines a story takes on a terminal of 100 columns."""
 _STYLES = {"named": "cyan", "tie": "yellow", "nothing": "green", "unknown_effect": "yellow", "data_problem": "red"}
 
 
-def tell(diagnosis: Diagnosis, console: Any) -> None:
-    """Print the verdict, the falling error, the effects and where the error is, in at most `LINES` lines.
+def print_summary(diagnosis: Diagnosis, console: Any) -> None:
+    """Print the verdict, the falling error, the effects and where the error is, in at most `TELLING.lines` lines.
 
     Args:
         diagnosis: what was found.
@@ -19,14 +18,14 @@ def tell(diagnosis: Diagnosis, console: Any) -> None:
     """
     from rich.text import Text
 
-    verdict = Text(words.headline(diagnosis), style=f"bold {_STYLES[diagnosis.verdict]}")
+    verdict = Text(sentences.headline(diagnosis), style=f"bold {_STYLES[diagnosis.verdict]}")
     if diagnosis.verdict == "data_problem":
         first, last = _problems(diagnosis), _regions(diagnosis)
     else:
         first = [*_effects(diagnosis), *_errors(diagnosis), *alone.lines(diagnosis)]
         last = [*_regions(diagnosis), *_problems(diagnosis)]
-    texts = [verdict, *map(Text, [words.explanation(diagnosis), *first, *last])]
-    for line in [line for text in texts for line in text.wrap(console, console.width)][:LINES]:
+    texts = [verdict, *map(Text, [sentences.explanation(diagnosis), *first, *last])]
+    for line in [line for text in texts for line in text.wrap(console, console.width)][: TELLING.lines]:
         line.rstrip()
         console.print(line, highlight=False, no_wrap=True)
 
@@ -34,23 +33,25 @@ def tell(diagnosis: Diagnosis, console: Any) -> None:
 def _effects(diagnosis: Diagnosis) -> list[str]:
     shown = diagnosis.effects[:3]
     width = max((len(e.name) for e in shown), default=0)
-    return [
-        f"  + {e.name:<{width}}  {words.percent(e.share_explained):>5}  "
-        + (f"{e.term.formula}: {words.parameters(e)}" if e.term and e.term.shape != "spline" else e.described)
-        if e.learned
-        else f"  + {e.id:<{width}}  {words.percent(e.share_explained):>5}  {words.parameters(e)}"
-        for e in shown
-    ]
+    return [f"  + {e.name:<{width}}  {sentences.explains(e)}: {_how(e)}" for e in shown]
+
+
+def _how(effect: NamedEffect) -> str:
+    """Its fitted numbers, or the description of a spline."""
+    if not effect.learned:
+        return phrases.parameters(effect)
+    formula = effect.term is not None and effect.term.shape != "spline"
+    return f"{effect.term.formula}: {phrases.parameters(effect)}" if effect.term and formula else effect.described
 
 
 def _errors(diagnosis: Diagnosis) -> list[str]:
     found = [
         (
-            f"{words.named(f.group)} after {f.horizon}",
+            f"{phrases.named(f.group)} after {f.horizon}",
             f"{f.text('nominal')} → {f.text(f.after)} {f.unit}",
             f"floor {f.text('floor')}",
         )
-        for f in words.falls(diagnosis)[:4]
+        for f in sentences.falls(diagnosis)[:4]
     ]
     widths = [max((len(row[i]) for row in found), default=0) for i in range(2)]
     return [f"  {what:<{widths[0]}}  {fall:<{widths[1]}}  {floor}" for what, fall, floor in found]
@@ -58,13 +59,13 @@ def _errors(diagnosis: Diagnosis) -> list[str]:
 
 def _regions(diagnosis: Diagnosis) -> list[str]:
     return [
-        f"  where: {r.region}: {words.percent(r.share_of_error)} of the error in {words.percent(r.share_of_time)} "
+        f"  where: {r.region}: {phrases.percent(r.share_of_error)} of the error in {phrases.percent(r.share_of_time)} "
         "of the time"
         for r in diagnosis.where[:2]
     ]
 
 
 def _problems(diagnosis: Diagnosis) -> list[str]:
-    found = words.gathered(diagnosis.data_problems)
+    found = phrases.gathered(diagnosis.data_problems)
     more = [f"  and {len(found) - 4} more in the report"] if len(found) > 4 else []
     return [*(f"  {line}" for line in found[:4]), *more]

@@ -1,0 +1,203 @@
+"""The answer of a diagnosis, put together from what its steps have found."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from bench.diagnose.checks.problems import Checked
+from bench.diagnose.extend import Extension, pooled
+from bench.diagnose.flight import Flight
+from bench.diagnose.learned_shape import LearnedCurve
+from bench.diagnose.locate import Location
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.parameters import entries
+from bench.diagnose.result import (
+    ByGroup,
+    Calibration,
+    Candidate,
+    DataProblem,
+    Diagnosis,
+    Errors,
+    Evidence,
+    Unexplained,
+)
+from bench.diagnose.select.discovery import Discovery
+from bench.diagnose.settings import DECIDING
+from bench.diagnose.simulate.unmeasured import hidden
+from bench.diagnose.summaries import constant_estimates, equation_results, placed
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """What every step of a diagnosis that was not stopped by its data has found."""
+
+    subject: Subject
+    source: str
+    """The data as the user named them."""
+    checked: Checked
+    verdict: str
+    discovery: Discovery
+    extension: Extension
+    """Without effects: the calibrated model."""
+    high: Sequence[str]
+    """Output groups whose free runs err far above the floor."""
+    location: Location = field(default_factory=Location)
+    curves: tuple[LearnedCurve, ...] = ()
+    """The shapes of learned terms."""
+    flights: tuple[Flight, ...] = ()
+
+
+def stopped(subject: Subject, source: str, found: Sequence[DataProblem]) -> Diagnosis:
+    """What is said when the data must be mended first."""
+    nothing: ByGroup = {}
+    return Diagnosis(
+        dataset=subject.name,
+        system=subject.system,
+        verdict="data_problem",
+        noise_floor=nothing,
+        error=Errors(nothing, nothing, nothing),
+        effects=(),
+        unexplained=Unexplained(float("nan")),
+        where=(),
+        data_problems=tuple(found),
+        evidence=Evidence(source, len(subject.logs), _seconds(subject), subject.held_out),
+    )
+
+
+def answer(steps: Steps) -> Diagnosis:
+    """The contract, and the evidence for it."""
+    subject, discovery, extension = steps.subject, steps.discovery, steps.extension
+    error, effects = extension.comparison.error, extension.effects
+    return Diagnosis(
+        dataset=subject.name,
+        system=subject.system,
+        verdict=steps.verdict,
+        noise_floor=error("floor"),
+        error=Errors(error("nominal"), error("calibrated"), extension.last),
+        effects=placed(discovery, effects),
+        unexplained=_unexplained(steps),
+        where=steps.location.regions,
+        data_problems=(),
+        evidence=_evidence(steps),
+        by_equation=equation_results(discovery, subject.model, bool(effects)),
+        constants=constant_estimates(subject, extension.model, extension.constants),
+    )
+
+
+def _evidence(steps: Steps) -> Evidence:
+    subject, discovery, extension = steps.subject, steps.discovery, steps.extension
+    return Evidence(
+        source=steps.source,
+        recordings=len(subject.logs),
+        seconds=_seconds(subject),
+        held_out=subject.held_out,
+        curves=extension.comparison.curves,
+        calibrated=extension.calibrated,
+        waterfall=extension.stages,
+        ranking=_ranking(discovery),
+        calibration=_calibration(subject, discovery),
+        residuals=steps.location.residuals,
+        windows=steps.location.windows,
+        hypothesis="" if extension.effects else _hypothesis(discovery),
+        notes=_notes(steps),
+        learned=steps.curves,
+        flights=steps.flights,
+    )
+
+
+def _seconds(subject: Subject) -> float:
+    return sum(len(log) / log.rate for log in subject.logs)
+
+
+def _notes(steps: Steps) -> tuple[str, ...]:
+    discovery = steps.discovery
+    return (
+        *discovery.remarks,
+        *dict.fromkeys((*steps.subject.notes, *discovery.notes)),
+        *steps.extension.comparison.notes,
+        *steps.location.notes,
+        *_warnings(steps.subject, discovery, steps.checked.suspicions),
+    )
+
+
+def _unexplained(steps: Steps) -> Unexplained:
+    comparison, after = steps.extension.comparison, steps.extension.last
+    nominal, floor = comparison.error("nominal"), comparison.error("floor")
+    scale = {g: max(e.rmse, 1e-300) for g, e in nominal.items()}
+    above = max(pooled(nominal, scale), pooled(after, scale)) - pooled(floor, scale)
+    share = max(0.0, (pooled(after, scale) - pooled(floor, scale)) / above) if above > 0 else float("nan")
+    left = sum(t.gain for t in steps.discovery.traces)
+    axes: list[str] = []
+    signals: list[str] = []
+    so_far = 0.0
+    for trace in steps.discovery.traces:
+        if so_far > DECIDING.traces_shown * left:
+            break
+        so_far += trace.gain
+        axes.append(trace.axis)
+        drive = getattr(steps.subject.model, "drive", "input")
+        signals += [drive if p == "input" else p for p in trace.signal.split(" × ")]
+    return Unexplained(share, tuple(dict.fromkeys(axes or steps.high)), tuple(dict.fromkeys(signals)))
+
+
+def _ranking(found: Discovery) -> tuple[tuple[Candidate, ...], ...]:
+    return tuple(tuple(Candidate(c.id, c.gain, c.low, c.high, c.text, c.why) for c in one) for one in found.rounds)
+
+
+def _calibration(subject: Subject, found: Discovery) -> tuple[Calibration, ...]:
+    given = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
+    out = []
+    for x in found.constants:
+        e, nominal = x.entry, given[x.entry.label]
+        moved = Calibration(
+            constant=e.label,
+            nominal=nominal,
+            calibrated=x.value,
+            unit=e.unit,
+            sigma=(x.value - nominal) / e.scale,
+            low=x.low,
+            high=x.high,
+        )
+        out.append(moved)
+    for r in found.ratios:
+        a, b = r.over, r.under
+        nominal = given[a.label] / given[b.label]
+        stated = math.hypot(a.scale / given[a.label], b.scale / given[b.label])
+        moved = Calibration(
+            constant=f"{a.label} / {b.label}",
+            nominal=nominal,
+            calibrated=r.value,
+            unit=f"{a.unit} / ({b.unit})" if " " in b.unit else f"{a.unit} / {b.unit}",
+            sigma=(r.value / nominal - 1) / stated,
+            low=r.low,
+            high=r.high,
+        )
+        out.append(moved)
+    return tuple(out)
+
+
+def _hypothesis(found: Discovery) -> str:
+    """The first terms of what is left, as a formula offered for thought."""
+    if not found.traces:
+        return ""
+    first = [t for t in found.traces if t.gain > DECIDING.hypothesis_term * found.traces[0].gain][:3]
+    said = "; ".join(f"{t.axis} goes with {t.text}" for t in first)
+    alike = f" The catalogue's nearest imitation is {', '.join(found.imitators)}." if found.imitators else ""
+    return f"{said}.{alike}"
+
+
+def _warnings(subject: Subject, found: Discovery, suspicions: Sequence[DataProblem]) -> tuple[str, ...]:
+    out = [s.detail for s in suspicions]
+    if unseen := [subject.model.state_channels[i].name for i in hidden(subject.logs)]:
+        out.append(
+            f"Not measured: {', '.join(unseen).replace('_', ' ')}. Each model's own simulation stands in for it, and "
+            "sets of effects were fitted and compared by simulation, not in the weak form."
+        )
+    if any(f.id in ("input_delay", "transport_delay") for f in found.found) or any(
+        s.kind == "time shift" for s in suspicions
+    ):
+        out.append(
+            "A constant delay of the input and a clock of the states that runs ahead of that of the inputs look the "
+            "same: check how the log was put together (data problem: time shift) before input_delay goes into a model."
+        )
+    return tuple(dict.fromkeys(out))

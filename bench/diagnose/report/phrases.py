@@ -1,0 +1,131 @@
+"""Numbers with units, names and data problems as they are shown. Plain text, not escaped."""
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+
+from bench.diagnose.result import DataProblem, NamedEffect, ParameterEstimate
+from registry.core import EFFECTS
+from registry.units import display
+
+_MILLI = {"m": "mm", "s": "ms", "V": "mV", "N": "mN", "N m": "mN m", "kg": "g"}
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+NOTHING = "–"
+
+
+def shown(si_unit: str, signal: str = "", values: Iterable[float] = ()) -> tuple[str, float]:
+    """The unit in which a signal is shown and the factor from SI: degrees, and milli- where all values are small."""
+    unit, factor = display(si_unit, signal)
+    largest = max((abs(v) for v in values if math.isfinite(v)), default=math.inf)
+    if unit in _MILLI and largest < 0.1:
+        unit, factor = _MILLI[unit], 1e3 * factor
+    return _in_brackets(unit.replace("^2", "²").replace("^3", "³")), factor
+
+
+def _in_brackets(unit: str) -> str:
+    """With what it is divided by in brackets, where that is several units."""
+    above, slash, below = unit.partition("/")
+    return f"{above}/({below})" if slash and " " in below else unit
+
+
+def united(value: str, unit: str) -> str:
+    """A shown value and its unit; "1" is none."""
+    return value if unit == "1" else f"{value} {unit}"
+
+
+def named(identifier: str) -> str:
+    """ "rotor_drag", "body_rates.p" and "inertia[2]" (about z) as words."""
+    about = re.sub(r"\binertia\[([012])\]", lambda found: f"inertia about {'xyz'[int(found[1])]}", identifier)
+    return about.replace("_", " ").replace(".", " ")
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A value to so many significant digits, with a power of ten where it is very small or large."""
+    if not math.isfinite(value):
+        return NOTHING
+    rounded = float(f"{value:.{digits - 1}e}")
+    exponent = math.floor(math.log10(abs(rounded))) if rounded else 0
+    if -4 < exponent < 5:
+        return f"{rounded:.{max(0, digits - 1 - exponent)}f}".replace("-", "−")
+    return f"{rounded / 10.0**exponent:.{digits - 1}f}×10{str(exponent).translate(_SUPERSCRIPT)}".replace("-", "−")
+
+
+def percent(share: float) -> str:
+    """A share in whole per cent."""
+    if not math.isfinite(share):
+        return NOTHING
+    if 0 < share < 0.01:
+        return "< 1 %"
+    if -0.01 < share < 0:
+        return f"−{-100 * share:.1g} %"
+    return f"{100 * share:.0f} %".replace("-", "−")
+
+
+def estimate(name: str, p: ParameterEstimate) -> str:
+    """Such as "0.120 kg/s (0.110 to 0.130)": with as many digits as the interval warrants."""
+    value, low, high, unit = estimate_parts(name, p)
+    return united(value, unit) + (f" ({low} to {high})" if low != NOTHING else "")
+
+
+def estimate_parts(name: str, p: ParameterEstimate) -> tuple[str, str, str, str]:
+    """Value, low, high and unit as they are shown."""
+    finite = [v for v in (p.value, p.low, p.high) if math.isfinite(v)]
+    unit, factor = shown(p.unit, name, finite)
+    half, largest = (p.high - p.low) / 2 * factor, max((abs(v) * factor for v in finite), default=0.0)
+    digits = 3
+    if math.isfinite(half) and half > 0 and largest > 0:
+        # Two digits of half the interval at the most, one at the least.
+        digits = min(6, max(2, math.floor(math.log10(largest)) - math.floor(math.log10(half) + 0.02) + 2))
+    return number(p.value * factor, digits), number(p.low * factor, digits), number(p.high * factor, digits), unit
+
+
+def typeset(text: str) -> str:
+    """Numbers and units as they are printed: "2.8e-08 kg m^2" becomes "2.8×10⁻⁸ kg m²", "0.15 1" has no unit."""
+    text = re.sub(
+        r"(\d)e([+-]?)0*(\d+)\b", lambda m: f"{m[1]}×10{(m[2].strip('+') + m[3]).translate(_SUPERSCRIPT)}", text
+    )
+    text = re.sub(r"\^(-?\d+)", lambda m: m[1].translate(_SUPERSCRIPT), text)
+    return re.sub(r"(?<=[=,] )-(?=\d)", "−", re.sub(r"(?<=\d) 1(?=[,;]|$)", "", text))
+
+
+def about(effect: str) -> tuple[str, str]:
+    """What an effect is, in a line, and its equation; empty for one that is not registered here."""
+    if effect not in EFFECTS.names():
+        return "", ""
+    return EFFECTS.summary(effect), EFFECTS.get(effect).equation
+
+
+def listed(items: Iterable[str], last: str = "and") -> str:
+    """ "a, b and c"."""
+    *head, tail = list(items) or [""]
+    return f"{', '.join(head)} {last} {tail}" if head else tail
+
+
+def rows(problem: DataProblem) -> str:
+    """Where a data problem is, in samples from 0."""
+    if problem.rows is None:
+        return "all samples"
+    first, end = problem.rows
+    return f"sample {first}" if first == end else f"samples {first} to {end}"
+
+
+def gathered(problems: Sequence[DataProblem]) -> list[str]:
+    """A line for every kind of problem of a signal: which recordings have it, and what it is in the first of them."""
+    alike: dict[tuple[str, str], list[DataProblem]] = {}
+    for p in problems:
+        alike.setdefault((p.signal, p.kind), []).append(p)
+    out = []
+    for (signal, kind), found in alike.items():
+        names, first = list(dict.fromkeys(p.recording for p in found)), found[0]
+        more = [f"{len(names) - 2} more"] if len(names) > 3 else []
+        where = listed([*(names[:2] if more else names), *more])
+        again = f", {len(found)} times" if len(found) > len(names) else ""
+        at = f", {rows(first)}" if len(found) == 1 else ""
+        detail = first.detail if len({p.detail for p in found}) == 1 else f"in {first.recording}: {first.detail}"
+        out.append(f"{where}, {named(signal)}{at}: {kind}{again}; {detail}")
+    return out
+
+
+def parameters(effect: NamedEffect) -> str:
+    """All parameters of an effect in a line."""
+    return ", ".join(f"{name} = {estimate(name, p)}" for name, p in effect.parameters.items())

@@ -1,0 +1,222 @@
+"""The verdict of a diagnosis in sentences, and what each effect explains. Plain text, not escaped."""
+
+import math
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bench.diagnose.by_equation import EffectSaving
+from bench.diagnose.report.phrases import listed, named, number, percent, shown
+from bench.diagnose.result import LINES, ByGroup, Calibration, Diagnosis, NamedEffect
+from bench.diagnose.settings import TELLING
+
+_FREE = "of the squared error of free runs above the noise floor"
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict in one plain sentence."""
+    if diagnosis.verdict == "data_problem":
+        problem = diagnosis.data_problems[0] if diagnosis.data_problems else None
+        what = f": {problem.kind} in {named(problem.signal)} of {problem.recording}" if problem else ""
+        return f"The recordings must be mended before the model can be judged{what}."
+    if diagnosis.verdict == "named":
+        sure = [named(e.id) for e in diagnosis.effects if not e.indistinguishable_from and not e.learned]
+        return f"The model lacks {listed(sure)}."
+    if diagnosis.verdict == "tie":
+        tied = ties(diagnosis)
+        if len(tied) > 1:
+            return f"The model lacks {_count(tied)} effects that these recordings cannot name: {'; '.join(tied)}."
+        return f"The model lacks something, and these recordings cannot tell whether it is {tied[0]}."
+    if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
+        return f"The catalogue does not have what the model lacks; learned instead: {'; '.join(_terms(diagnosis))}."
+    if diagnosis.verdict == "unknown_effect":
+        left = diagnosis.unexplained
+        acts = f"acts on {listed(map(named, left.axes))}" if left.axes else "moves the system"
+        follows = f" and follows {listed(map(named, left.follows))}" if left.follows else ""
+        return f"Something systematic that is not in the catalogue {acts}{follows}."
+    return "No effect of the catalogue is missing as far as these recordings can show."
+
+
+def _terms(diagnosis: Diagnosis) -> list[str]:
+    return [e.described for e in diagnosis.effects if e.learned]
+
+
+def ties(diagnosis: Diagnosis) -> list[str]:
+    """ "rotor drag or linear drag" for every effect that the recordings cannot name."""
+    tied = [(e.id, *e.indistinguishable_from) for e in diagnosis.effects if e.indistinguishable_from]
+    return [listed(map(named, ids), "or") for ids in tied]
+
+
+def _count(items: Sequence[str]) -> str:
+    words = ("no", "one", "two", "three", "four", "five", "six")
+    return words[len(items)] if len(items) < len(words) else str(len(items))
+
+
+def explanation(diagnosis: Diagnosis) -> str:
+    """What follows the headline."""
+    return " ".join(paragraphs(diagnosis))
+
+
+def paragraphs(diagnosis: Diagnosis) -> list[str]:
+    """What follows the headline: what was found, then what is left, then what became of the stated constants."""
+    found: list[str] = []
+    beside = diagnosis.verdict != "unknown_effect"
+    shares = [e.share_explained for e in diagnosis.effects if not (beside and e.learned)]
+    if diagnosis.verdict == "data_problem":
+        count = len(diagnosis.data_problems)
+        more = f"{count} problems were found" if count > 1 else "One problem was found"
+        return [f"{more}; no effect was looked for, because a damaged signal looks like missing physics."]
+    if diagnosis.verdict == "nothing":
+        found.append(
+            "The error on held-out recordings is at the noise floor, or does not repeat from one recording to the next."
+        )
+    if diagnosis.verdict == "named":
+        each = "It explains" if len(shares) == 1 else "Together they explain"
+        constants = _constants_first(diagnosis)
+        found.append(f"{each} {percent(sum(shares))} {_FREE}{constants}.")
+        if tied := ties(diagnosis):
+            more = "One more effect acts" if len(tied) == 1 else f"{_count(tied).capitalize()} more effects act"
+            found.append(f"{more} that these recordings cannot name: {'; '.join(tied)}.")
+    if diagnosis.verdict == "tie":
+        alone = f"Any of them explains about {percent(max(shares))}"
+        several = f"Together, one of each explains about {percent(sum(shares))}"
+        found.append(f"{alone if len(shares) == 1 else several} {_FREE}.")
+        found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
+    if beside and _terms(diagnosis):
+        gained = sum(e.share_explained for e in diagnosis.effects if e.learned)
+        found.append(
+            f"Terms learned from what is left explain another {percent(gained)}: {'; '.join(_terms(diagnosis))}."
+        )
+    if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
+        each = "it explains" if len(shares) == 1 else "together they explain"
+        constants = _constants_first(diagnosis)
+        found.append(f"On recordings not learned from, {each} {percent(sum(shares))} {_FREE}{constants}.")
+    elif diagnosis.verdict == "unknown_effect":
+        share = diagnosis.unexplained.share
+        size = f"It makes {percent(share)} {_FREE}, and n" if share > 0 else "N"
+        found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
+    left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
+    return [*filter(None, (" ".join(found), left, miscalibrated(diagnosis)))]
+
+
+def _constants_first(diagnosis: Diagnosis) -> str:
+    """What the calibration of constants took before any effect, where that is worth a clause."""
+    before = diagnosis.evidence.calibrated
+    return f"; the constants, calibrated first, explain {percent(before)}" if before >= TELLING.little_left else ""
+
+
+def remainder(diagnosis: Diagnosis) -> str:
+    """A sentence about what the extended model leaves; empty where nothing systematic is left."""
+    left = diagnosis.unexplained
+    if not left.axes:
+        return ""
+    axes, share = listed(map(named, left.axes)), percent(left.share)
+    if left.share < TELLING.little_left:
+        return f"Something systematic is left in {axes}; it makes {share} {_FREE}."
+    size = f": {share} {_FREE}" if math.isfinite(left.share) else ""
+    follows = f" It follows {listed(map(named, left.follows))}." if left.follows else ""
+    return f"A systematic error is left in {axes}{size}.{follows}"
+
+
+def miscalibrated(diagnosis: Diagnosis) -> str:
+    """A sentence about base constants whose intervals exclude what was stated, and ratios of them that do."""
+    moved = [c for c in diagnosis.evidence.calibration if c.moved and abs(c.sigma) >= TELLING.constant_moved]
+    alone, ratios = ([c for c in moved if (" / " in c.constant) is both] for both in (False, True))
+    if not moved:
+        return ""
+    if not alone:
+        return f"Calibration moved ratios of stated constants (either constant may be off): {_first(ratios)}."
+    better = f" The recordings tell ratios of constants better: {_first(ratios)}." if ratios else ""
+    return f"Calibration moved stated constants: {_first(alone)}.{better}"
+
+
+def _first(moved: Sequence[Calibration]) -> str:
+    """The constants that moved most by their stated uncertainties, and how many others did."""
+    first = sorted(moved, key=lambda c: -abs(c.sigma))[: TELLING.constants]
+    more = [f"{len(moved) - len(first)} more"] if len(moved) > len(first) else []
+    return listed([*map(change, first), *more])
+
+
+def change(c: Calibration) -> str:
+    """Such as "thrust coefficient by 5.6 % (4.3 % to 6.9 %; 2.8 σ)", σ being the stated uncertainty."""
+    value, *ends = (100 * (v / c.nominal - 1) for v in (c.calibrated, c.low, c.high))
+    low, high = sorted(ends)
+    digits = max(0, min(3, 1 - math.floor(math.log10(high - low)))) if high > low else 1
+    by, least, most = (f"{x:.{digits}f} %".replace("-", "−") for x in (value, low, high))
+    return f"{named(c.constant)} by {by} ({least} to {most}; {abs(c.sigma):.1f} σ)"
+
+
+def commands(diagnosis: Diagnosis) -> list[str]:
+    """What to type to repeat the diagnosis, and to add its effects one by one."""
+    source = shlex.quote(diagnosis.evidence.source or "DATA")
+    adds = [
+        shlex.quote(e.name) for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from
+    ]
+    if diagnosis.verdict == "tie":
+        adds = [i for e in diagnosis.effects[:1] for i in (e.id, *e.indistinguishable_from)]
+    return [f"bench diagnose {source}", *(f"bench extend {source} --add {i}" for i in adds)]
+
+
+def acts(saving: EffectSaving) -> str:
+    """Where an effect saves: "forces", "torques about z"."""
+    if not saving.axis:
+        return named(saving.equation)
+    kind, _, letter = saving.axis.rpartition(" ")
+    how = {"force": "along", "torque": "about"}.get(kind)
+    return f"{named(saving.equation)} {how} {letter}" if how else f"{named(saving.equation)}, {named(saving.axis)}"
+
+
+def savings(effect: NamedEffect) -> list[EffectSaving]:
+    """What an effect is worth a term for: an equation as a whole, or the axes of one that it is not."""
+    whole = {s.equation for s in effect.saves if s.worth and not s.axis}
+    return [s for s in effect.saves if s is effect.main or (s.worth and (not s.axis or s.equation not in whole))]
+
+
+def explains(effect: NamedEffect) -> str:
+    """Such as "explains 98 % in torques about z, 1 % in free runs": where it saves most, then of free runs."""
+    free = f"{percent(effect.share_explained)} in free runs"
+    main = effect.main
+    return f"explains {free}" if main is None else f"explains {percent(main.share)} in {acts(main)}, {free}"
+
+
+@dataclass(frozen=True)
+class Fall:
+    """How the error of one output group falls, as it is shown."""
+
+    group: str
+    horizon: str
+    unit: str
+    errors: dict[str, float]
+    """By model, in the order of `LINES`, in ``unit``; NaN: there is none; infinite: the free run diverged."""
+    after: str
+    """The model that the diagnosis ends with: "extended", or "calibrated" where no effect was added."""
+
+    def text(self, model: str) -> str:
+        """The error of a model."""
+        error = self.errors[model]
+        return "diverged" if math.isinf(error) else number(error)
+
+    def width(self, model: str) -> str:
+        """The error of a model as the length of a bar, of the largest."""
+        error, top = self.errors[model], max((e for e in self.errors.values() if math.isfinite(e)), default=0.0)
+        return f"{100 * (min(error, top) / top if top and not math.isnan(error) else 0):.1f}%"
+
+
+def falls(diagnosis: Diagnosis) -> list[Fall]:
+    """One for every output group."""
+    lines: tuple[ByGroup, ...] = (
+        diagnosis.error.nominal,
+        diagnosis.error.calibrated,
+        diagnosis.error.extended,
+        diagnosis.noise_floor,
+    )
+    out = []
+    for group in dict.fromkeys(g for line in lines for g in line):
+        found = [line.get(group) for line in lines]
+        first = next(e for e in found if e is not None)
+        unit, factor = shown(first.unit, group, [e.rmse for e in found if e is not None])
+        errors = [math.nan if e is None else e.rmse * factor for e in found]
+        by_model = dict(zip(LINES, errors, strict=True))
+        after = "extended" if diagnosis.effects else "calibrated"
+        out.append(Fall(group, f"{first.horizon_s:g} s", unit, by_model, after))
+    return out

@@ -1,0 +1,184 @@
+"""The thresholds of the steps of a diagnosis: each with its unit, its meaning, and what its value rests on.
+
+A room's own thresholds stand beside what uses them until they move here. A step takes the instance of its class below,
+so that a test (or a study of a threshold) replaces that one: ``replace(LOCATING, regions=12)``.
+"""
+
+from dataclasses import Field, dataclass, field, fields
+from enum import StrEnum
+from typing import Any
+
+
+class Basis(StrEnum):
+    """What the value of a threshold rests on."""
+
+    CONVENTION = "a convention, such as 95 %"
+    EFFORT = "computing time against scatter: more of it changes no finding"
+    SHOWN = "how much a page or a sentence shows: it changes no finding"
+    ROUNDING = "rounding errors, far below what data have"
+    MEASURED = "measured; the meaning gives the figure"
+    JUDGED = "judged, and kept while `bench score-discovery` finds what it should; no calibration is recorded"
+
+
+def threshold(value: Any, meaning: str, basis: Basis, unit: str = "1") -> Any:
+    """A field of a settings class.
+
+    Args:
+        value: its default.
+        meaning: what it bounds, and what happens beyond it.
+        basis: what ``value`` rests on.
+        unit: SI, "count" for numbers of things, "1" for ratios and shares.
+    """
+    return field(default=value, metadata={"meaning": meaning, "unit": unit, "basis": basis})
+
+
+@dataclass(frozen=True)
+class Comparing:
+    """Step 1: free runs beside the noise floor."""
+
+    free_runs: int = threshold(
+        500,
+        "free runs of a model, about: the mean is then known far better than recordings differ",
+        Basis.EFFORT,
+        "count",
+    )
+    horizons: int = threshold(10, "points of a curve of error against horizon", Basis.SHOWN, "count")
+    draws: int = threshold(1000, "draws of the bootstrap behind an interval", Basis.EFFORT, "count")
+
+
+@dataclass(frozen=True)
+class Locating:
+    """Step 2: where the error is."""
+
+    horizon_share: float = threshold(
+        0.4,
+        "of the default horizon, over which errors are located: long enough to stand out, short enough to be local",
+        Basis.JUDGED,
+    )
+    free_runs: int = threshold(4000, "free runs whose errors are located, about", Basis.EFFORT, "count")
+    overlap: int = threshold(4, "windows that hold the same sample, at most", Basis.EFFORT, "count")
+    least_excess: float = threshold(
+        0.1, "squared error above the floor, as a share of the floor's, from which it is located", Basis.JUDGED
+    )
+    least_deviations: float = threshold(
+        4.0, "and by how many standard errors of the floor it must exceed the floor", Basis.JUDGED
+    )
+    least_error: float = threshold(
+        1e-4,
+        "of a signal's standard deviation: smaller errors are not looked at where there is no noise",
+        Basis.ROUNDING,
+    )
+    least_difference: float = threshold(
+        0.1, "difference between a region's share of the error and of the time from which it is one", Basis.JUDGED
+    )
+    least_ratio: float = threshold(1.25, "ratio of these two shares from which a region is one", Basis.JUDGED)
+    interval_handicap: float = threshold(
+        1.3, "by what factor an interval must tell more than a single threshold to be said instead", Basis.JUDGED
+    )
+    least_new: float = threshold(
+        0.1, "share of the error that a region must hold and no better region does", Basis.JUDGED
+    )
+    regions: int = threshold(6, "regions that are said at most", Basis.SHOWN, "count")
+    least_windows: int = threshold(
+        5, "windows of a recording in a region from which the region is met in it", Basis.JUDGED, "count"
+    )
+    least_recording: float = threshold(
+        0.1,
+        "of the mean error in a region, what a recording must have there to count, so that one spike is no region",
+        Basis.JUDGED,
+    )
+    cuts: int = threshold(
+        19, "quantiles of a condition, evenly from 5 to 95 %, at which a region may begin or end", Basis.EFFORT, "count"
+    )
+    worst_windows: int = threshold(3, "windows with the greatest error that are drawn", Basis.SHOWN, "count")
+
+
+@dataclass(frozen=True)
+class Discovering:
+    """Step 3: the search for effects, once a set was chosen."""
+
+    exchanges: int = threshold(4, "exchanges of one effect for another at most", Basis.EFFORT, "count")
+    faint_trace: float = threshold(
+        0.002,
+        "share of what noise leaves that a signal must explain on recordings not fitted to be mentioned; noise alone "
+        "reaches 0.0001",
+        Basis.MEASURED,
+    )
+
+
+@dataclass(frozen=True)
+class Extending:
+    """Step 4: effects added and fitted."""
+
+    shooting_gain: float = threshold(
+        0.97,
+        "mean squared error of free runs after shooting, relative to before, below which its numbers are taken for "
+        "those of the weak form",
+        Basis.JUDGED,
+    )
+    given_up: float = threshold(
+        0.02,
+        "share that learned terms must leave of the squared error above the floor that named effects left, for those "
+        "effects to be given up",
+        Basis.JUDGED,
+    )
+    interval: float = threshold(1.96, "half of a 95 % interval in standard deviations", Basis.CONVENTION)
+    determined: float = threshold(
+        0.5,
+        "width of a constant's interval, relative to that of what was stated, below which the recordings determine it",
+        Basis.CONVENTION,
+    )
+
+
+@dataclass(frozen=True)
+class Deciding:
+    """The verdict."""
+
+    high_excess: float = threshold(
+        2.0,
+        "squared error over the noise floor's from which something is missing although it follows no signal",
+        Basis.JUDGED,
+    )
+    least_share: float = threshold(
+        1e-6,
+        "share of the squared error that an effect must explain in free runs: what is less follows how rates are "
+        "computed",
+        Basis.ROUNDING,
+    )
+    traces_shown: float = threshold(
+        0.9, "share of what the traces left explain whose axes and signals are said, largest first", Basis.SHOWN
+    )
+    hypothesis_term: float = threshold(
+        0.1, "gain of a term, relative to the first one's, from which it stands in the hypothesis", Basis.SHOWN
+    )
+
+
+@dataclass(frozen=True)
+class Telling:
+    """Sentences and the page."""
+
+    little_left: float = threshold(
+        0.02,
+        "share of the squared error above the floor below which a reader need not know what it follows",
+        Basis.SHOWN,
+    )
+    constant_off: float = threshold(
+        2.0, "σ of what was stated beyond which a calibrated constant is marked", Basis.SHOWN, "σ"
+    )
+    constant_moved: float = threshold(
+        0.1, "σ below which nobody is told that a constant moved, however sure it is", Basis.SHOWN, "σ"
+    )
+    constants: int = threshold(
+        2, "constants, and ratios of them, that a sentence says are off; the page has them all", Basis.SHOWN, "count"
+    )
+    lines: int = threshold(20, "lines of the summary on a terminal of 100 columns, at most", Basis.SHOWN, "count")
+
+
+COMPARING, LOCATING, DISCOVERING = Comparing(), Locating(), Discovering()
+EXTENDING, DECIDING, TELLING = Extending(), Deciding(), Telling()
+
+
+def documented() -> list[tuple[str, Field[Any]]]:
+    """Every threshold with the name of its class."""
+    every = (COMPARING, LOCATING, DISCOVERING, EXTENDING, DECIDING, TELLING)
+    return [(type(part).__name__, f) for part in every for f in fields(part)]
