@@ -15,7 +15,7 @@ from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.result import Diagnosis
+from bench.diagnose.result import Diagnosis, NamedEffect
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import NEAR
@@ -134,7 +134,7 @@ def _confirmed(run: _Run, found: Discovery) -> tuple[Discovery, Extension | None
     """
     extension = _added(run, found)
     if extension is not None:
-        vanished = [e.id for e in extension.effects if abs(e.share_explained) < DECIDING.least_share]
+        vanished = [e.id for e in extension.effects if _idle(e)]
         if vanished:
             found = _unnamed(found, vanished)
             extension = _added(run, found)
@@ -144,6 +144,12 @@ def _confirmed(run: _Run, found: Discovery) -> tuple[Discovery, Extension | None
     if not found.equations and sum(e.share_explained for e in extension.effects) < 0:
         return _unnamed(found, [f.id for f in found.found]), None, True
     return found, extension, False
+
+
+def _idle(effect: NamedEffect) -> bool:
+    """Whether free runs of all groups of outputs err as much without an effect: it follows how rates are computed."""
+    pairs = ((e.rmse**2, effect.error_after[g].rmse ** 2) for g, e in effect.error_before.items())
+    return all(abs(before - after) <= DECIDING.least_share * before for before, after in pairs)
 
 
 def _added(run: _Run, found: Discovery) -> Extension | None:
