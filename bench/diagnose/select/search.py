@@ -241,6 +241,8 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
         return f"it acts on an input, and {type(model).system_name()} has none"
     if not kind.suits(type(model)):
         return f"it is an effect of {', '.join(kind.systems)}, not of {type(model).system_name()}"
+    if name == "input_delay" and model.drive_acts_at_once:
+        return "what drives the model was measured, and acts at once: a delay of it is one of the log"
     if "rotor_command" in kind.needs and getattr(model, "drive", "") not in ("rotor_command", "pwm"):
         return "the model is not driven by a command"
     if kind.requires and not set(kind.requires) & held:
