@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from bench.diagnose.logs.noise import noise_of
@@ -12,6 +13,7 @@ from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.regression import weak
 from bench.diagnose.regression.linearise import directions
 from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
 from registry.contracts import Channel, Recording
 from registry.effects.air import LinearDrag
@@ -29,23 +31,25 @@ MODEL = Quadrotor(
 DRAG, OFFSET, RATE = (0.2, 0.3, 0.1), (0.4, -0.3, 0.2), 100.0
 
 
-def flight(seed: int) -> Recording:
-    """A motion made up, with what an accelerometer with an offset feels on it."""
+def flight(seed: int, late: float = 0.0) -> Recording:
+    """A motion made up, with what an accelerometer with an offset feels on it, filed ``late`` [s]."""
     rng, t = np.random.default_rng(seed), np.arange(1200) / RATE
 
-    def wave(size: float, count: int) -> np.ndarray:
+    def wave(size: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Now, and as long ago as what is felt is late."""
         rate, phase = rng.uniform(1.0, 4.0, (count, 4)), rng.uniform(0, 6.28, (count, 4))
-        return size * np.sin(t[:, None, None] * rate + phase).sum(-1) / 2
+        now, then = (size * np.sin(at[:, None, None] * rate + phase).sum(-1) / 2 for at in (t, t - late))
+        return now, then
 
-    turned = Rotation.from_euler("ZYX", wave(0.3, 3))
-    velocity, speed = wave(2.0, 3), 900 + wave(60.0, 4)
-    air = turned.inv().apply(velocity)
-    felt = (1.5e-6 * speed**2).sum(1)[:, None] * [0, 0, 1] / 0.5 - np.array(DRAG) * air / 0.5
+    angles, velocities, speeds = wave(0.3, 3), wave(2.0, 3), wave(60.0, 4)
+    turned, velocity, speed = Rotation.from_euler("ZYX", angles[0]), velocities[0], 900 + speeds[0]
+    air = Rotation.from_euler("ZYX", angles[1]).inv().apply(velocities[1])
+    felt = (1.5e-6 * (900 + speeds[1]) ** 2).sum(1)[:, None] * [0, 0, 1] / 0.5 - np.array(DRAG) * air / 0.5
     columns = {
         "position": np.cumsum(velocity, 0) / RATE,
         "velocity": velocity,
         "attitude": turned.as_quat(),
-        "body_rates": wave(0.5, 3),
+        "body_rates": wave(0.5, 3)[0],
         "specific_force": felt + OFFSET + rng.normal(size=felt.shape) * 0.05,
     }
     axes = {"attitude": ("qx", "qy", "qz", "qw"), "body_rates": ("p", "q", "r")}
@@ -67,6 +71,23 @@ def test_the_model_feels_the_forces_per_mass_and_no_weight() -> None:
     thrust = 1.5e-6 * (speed**2).sum(1) / 0.5
     assert rates.shape[-1] == 16
     assert rates[0, :, 13:] == pytest.approx(thrust[:, None] * [0, 0, 1], abs=1e-9)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.0035])
+def test_a_sensor_with_a_clock_of_its_own_is_read_when_it_felt(late: float) -> None:
+    logs = tuple(log_of(flight(i, late), MODEL, "rotor_speed") for i in range(4))
+    model = replace(MODEL, effects=(LinearDrag(*DRAG),))
+    who = Subject("late", model, logs, ("flight0", "flight1"), ("flight2", "flight3"))
+    read, _ = prepared(who)
+    said = [n.split(" is filed ")[1] for n in read.notes if "specific force" in n]
+    assert len(said) == bool(late)
+    for note, seen, filed in zip(said, read.logs, logs, strict=False):
+        by = float(note.split(" ms")[0]) / 1e3
+        assert by == pytest.approx(late, rel=0.1) and "after the motion" in note
+        assert seen.sensed is not None and filed.sensed is not None
+        at = np.arange(len(filed.sensed)) / RATE
+        path = CubicSpline(at, filed.sensed.numpy())(at + by)
+        assert seen.sensed.numpy()[3:-3] == pytest.approx(path[3:-3], abs=1e-3)
 
 
 def test_drag_shows_in_what_is_felt_whatever_the_offset_of_the_sensor() -> None:

@@ -46,7 +46,7 @@ PRIOR = 3.0
 
 @dataclass(frozen=True)
 class Shift:
-    """By how much later than filed the inputs act, with its 95 % interval [samples]."""
+    """By how much later than filed something is to be read, with its 95 % interval [samples]."""
 
     value: float
     low: float
@@ -75,11 +75,19 @@ def prepared(
     if not (known and drives and subject.training) or subject.model.input_hold == "previous" or hidden(subject.logs):
         return subject, noise
     tick("input timing")
-    shift = _shift(subject, noise)
-    if abs(shift.value) < NEGLIGIBLE:
+    inputs, sensed = _shifts(subject, noise)
+    logs, notes = subject.logs, list(subject.notes)
+    if abs(inputs.value) >= NEGLIGIBLE:
+        logs = tuple(replace(log, inputs=read_at(log.inputs, drives, inputs.value)) for log in logs)
+        notes.append(_said(subject, inputs))
+    if abs(sensed.value) >= NEGLIGIBLE:
+        paths = (log.sensed for log in logs)
+        read = [None if path is None else read_at(path, path.shape[1], sensed.value) for path in paths]
+        logs = tuple(replace(log, sensed=path) for log, path in zip(logs, read, strict=True))
+        notes.append(_sensor_said(subject, sensed))
+    if logs is subject.logs:
         return subject, noise
-    logs = tuple(replace(log, inputs=read_at(log.inputs, drives, shift.value)) for log in subject.logs)
-    subject = replace(subject, logs=logs, notes=(*subject.notes, _said(subject, shift)))
+    subject = replace(subject, logs=logs, notes=tuple(notes))
     return subject, noise_of(subject)
 
 
@@ -106,23 +114,26 @@ def read_at(inputs: torch.Tensor, drives: int, shift: float) -> torch.Tensor:
     return out
 
 
-def _shift(subject: Subject, noise: Noise) -> Shift:
-    """The shift that all recordings share; zero where it is not significant."""
-    instant = subject.model.drive_acts_at_once
-    widest = np.inf if instant else WITHIN_SAMPLE
-    value = start = _coarse(subject) if instant else 0.0
-    fit = _Regression(subject, noise, start)
-    error = np.inf
+def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift]:
+    """The shifts of the inputs and of the sensors that all recordings share; zero where they are not significant."""
+    instant, nothing = subject.model.drive_acts_at_once, Shift(0.0, 0.0, 0.0)
+    widest = np.array([np.inf if instant else WITHIN_SAMPLE, np.inf])
+    start = np.array([_coarse(subject) if instant else 0.0, 0.0])
+    fit = _Regression(subject, noise, start[0])
+    value, error = start, np.full(2, np.inf)
     for _ in range(STEPS):
         step, error = fit.step(value)
         if not np.isfinite([step, error]).all():
-            return Shift(0.0, 0.0, 0.0)  # nothing moves by which a shift could be told
-        value = float(np.clip(value + np.clip(step, -1, 1), -widest, widest))
-        if abs(step) < NEGLIGIBLE:
+            return nothing, nothing  # nothing moves by which a shift could be told
+        value = np.clip(value + np.clip(step, -1, 1), -widest, widest)
+        if (np.abs(step) < NEGLIGIBLE).all():
             break
-    if abs(value) < SIGNIFICANT * error and not start:
-        value = 0.0
-    return Shift(value, value - 1.96 * error, value + 1.96 * error)
+    told = (np.abs(value) >= SIGNIFICANT * error) | (start != 0)
+    inputs, sensed = (
+        Shift(v, v - 1.96 * e, v + 1.96 * e) if t else nothing
+        for v, e, t in zip(value.tolist(), error.tolist(), told, strict=True)
+    )
+    return inputs, sensed
 
 
 def _coarse(subject: Subject) -> float:
@@ -134,7 +145,7 @@ def _coarse(subject: Subject) -> float:
 
 
 class _Regression:
-    """The weak form of the training recordings with the shift as one more number to be fitted."""
+    """The weak form of the training recordings with the shifts of inputs and sensors as two more numbers."""
 
     def __init__(self, subject: Subject, noise: Noise, shift: float) -> None:
         """Linearise the model and every effect of the catalogue where inputs are read ``shift`` samples later."""
@@ -159,8 +170,11 @@ class _Regression:
         inputs = self.stack.inputs + self.hiss if noisy else self.stack.inputs
         return replace(self.stack, inputs=torch.stack([read_at(u, self.drives, shift) for u in inputs]))
 
-    def step(self, shift: float) -> tuple[float, float]:
-        """Gauss–Newton step of the shift and its standard error [samples]."""
+    def step(self, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss–Newton step (2,) of the shifts of inputs and sensors, and its standard errors [samples].
+
+        Without sensors 0 ± 0 for these.
+        """
         rows, again = (self._rows(linear, shift, noisy) for linear, noisy in ((self.linear, False), (self.noisy, True)))
         noise = rows.less(again).whitened(self.whitening).mean_gram()
         normal = rows.whitened(self.whitening).normal().less(noise)
@@ -171,14 +185,30 @@ class _Regression:
         scores = normal.scores(range(len(beta)), beta)
         scores -= scores.mean(0)
         spread = inverse @ (scores.T @ scores) @ inverse
-        return float(beta[-1]), float(np.sqrt(max(spread[-1, -1], inverse[-1, -1])))
+        error = np.sqrt(np.maximum(np.diag(spread), np.diag(inverse)))
+        missing = 0 if self._sensors(self.linear) else 1
+        return tuple(np.append(x[len(x) - 2 + missing :], [0.0] * missing) for x in (beta, error))  # type: ignore[return-value]
 
-    def _rows(self, linear: Directions, shift: float, noisy: bool) -> Rows:
-        rates, later = (
-            mean_rates(self.model, self.read(s, noisy)).numpy()[..., list(linear.channels)]
-            for s in (shift, shift + PROBE)
-        )
-        columns = np.concatenate([linear.columns, (later - rates)[None] / PROBE])
+    def _sensors(self, linear: Directions) -> list[int]:
+        """Places, among the channels, of what sensors show of the rates."""
+        return [i for i, c in enumerate(linear.channels) if c >= self.stack.states.shape[-1]]
+
+    def _rows(self, linear: Directions, shift: np.ndarray, noisy: bool) -> Rows:
+        """Rows with a column for the shift of the inputs and, where there are sensors, one for theirs."""
+        at = self._sensors(linear)
+
+        def filed(inputs: float, sensors: float) -> np.ndarray:
+            """Rates (L, N − 1, channels), those of sensors as they are filed ``sensors`` samples late."""
+            rates = mean_rates(self.model, self.read(inputs, noisy)).numpy()[..., list(linear.channels)]
+            if at:
+                late = [read_at(torch.from_numpy(x), len(at), -sensors).numpy() for x in rates[..., at]]
+                rates[..., at] = np.stack(late)
+            return rates
+
+        inputs, sensors = shift.tolist()
+        rates = filed(inputs, sensors)
+        moved = [filed(inputs + PROBE, sensors), *([filed(inputs, sensors + PROBE)] if at else [])]
+        columns = np.concatenate([linear.columns, *((m - rates)[None] / PROBE for m in moved)])
         return replace(linear, rates=rates, columns=columns).project(self.tests)
 
 
@@ -191,6 +221,17 @@ def _precision(linear: Directions, count: int) -> np.ndarray:
         for column, entry in zip(start.columns[len(start.columns) - len(start.entries) :], start.entries, strict=True):
             out[column] = (PRIOR * entry.scale) ** -2
     return out
+
+
+def _sensor_said(subject: Subject, shift: Shift) -> str:
+    signal = subject.model.sensed_channels[0].group.replace("_", " ")
+    ms = 1e3 * subject.logs[0].dt
+    low, high = sorted(abs(x) * ms for x in (shift.low, shift.high))
+    when = "after" if shift.value > 0 else "before"
+    return (
+        f"The {signal} is filed {abs(shift.value) * ms:.3g} ms ({low:.3g} to {high:.3g} ms) {when} the motion that it "
+        "shows, and is read so everywhere: a clock or a filter of the sensor."
+    )
 
 
 def _said(subject: Subject, shift: Shift) -> str:
