@@ -22,8 +22,8 @@ from bench.training.model import build, build_scaled
 from registry.contracts import Split
 from registry.core import DATASETS
 from registry.errors import BenchError
-from registry.predictors.learned_load import Units
 from registry.predictors.load_hybrid import LoadHybridPredictor
+from registry.predictors.parts.learned_load import Units
 
 META = torch.device("meta")
 OF_A_BODY = ("Hybrid: 1x8", "Hybrid residual: 1x8", "Hybrid unsummed: 1x8", "Cascade: 1x8", "Cascade TDL: 1x8")

@@ -117,7 +117,7 @@ def test_a_plug_in_that_its_source_does_not_tell_is_loaded(monkeypatch: pytest.M
     monkeypatch.setattr("registry.core.entry_points", lambda group: [point] if group == registry.group else [])
     monkeypatch.setattr(registry, "_entries", dict(registry._entries))
     monkeypatch.setattr(registry, "_loaded", False)
-    monkeypatch.setattr("registry.core.pkgutil.iter_modules", lambda path: iter(()))
+    monkeypatch.setattr("registry.outline.modules", lambda package: iter(()))
     assert registry.outline()["Kite"] == "Told by loading."
     registry.check("kite")
     with pytest.raises(BenchError, match="did you mean Kite"):

@@ -116,23 +116,39 @@ def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95, resamples: i
         )
     trainings, recordings = d.shape
     if not d.size:
-        return Comparison(math.nan, math.nan, math.nan, math.nan, trainings, recordings, "no pair of finished runs")
+        return Comparison(
+            ratio=math.nan,
+            low=math.nan,
+            high=math.nan,
+            smallest=math.nan,
+            trainings=trainings,
+            recordings=recordings,
+            basis="no pair of finished runs",
+        )
     mean = float(d.mean())
     below, above = _recording_half_widths(d.mean(0), confidence, resamples)
     of_trainings = _training_half_width(d, confidence)
     basis = _basis(trainings, recordings)
     if recordings == 1 and trainings == 1:
-        return Comparison(math.exp(mean), math.nan, math.nan, math.nan, trainings, recordings, basis)
+        return Comparison(
+            ratio=math.exp(mean),
+            low=math.nan,
+            high=math.nan,
+            smallest=math.nan,
+            trainings=trainings,
+            recordings=recordings,
+            basis=basis,
+        )
     below, above = math.hypot(below, of_trainings), math.hypot(above, of_trainings)
     detectable = (below + above) / 2 * (1 + ndtri(POWER) / ndtri((1 + confidence) / 2))
     return Comparison(
-        math.exp(mean),
-        math.exp(mean - below),
-        math.exp(mean + above) if mean + above < 700 else math.inf,  # few repetitions at a high confidence
-        1 - math.exp(-detectable) if trainings > 1 else math.nan,
-        trainings,
-        recordings,
-        basis,
+        ratio=math.exp(mean),
+        low=math.exp(mean - below),
+        high=math.exp(mean + above) if mean + above < 700 else math.inf,  # few repetitions at a high confidence
+        smallest=1 - math.exp(-detectable) if trainings > 1 else math.nan,
+        trainings=trainings,
+        recordings=recordings,
+        basis=basis,
     )
 
 

@@ -74,7 +74,17 @@ def judge(
         judgement = family.judged(question, alpha, len(asked))
         needed, seeds = outlook(question, alpha) if judgement.verdict == OPEN else ("", 0)
         command = _command(claim, homes, found.dataset, found.preset, seeds)
-        rows[claim.id].append(Row(claim, found.dataset, _label(claims, claim, found), judgement, command, "", needed))
+        rows[claim.id].append(
+            Row(
+                claim=claim,
+                dataset=found.dataset,
+                label=_label(claims, claim, found),
+                judgement=judgement,
+                command=command,
+                beside="",
+                outlook=needed,
+            )
+        )
     for claim in asked_for:
         if claim.scope == "dataset":
             rows[claim.id].append(_bound(claims, claim, ordered, homes, facts, simulate))

@@ -118,18 +118,6 @@ horizon = click.option(
 )
 
 
-def preset_belongs_to_a_study(ctx: click.Context) -> None:
-    """Refuse --preset beside a single configuration.
-
-    Raises:
-        click.UsageError: it was given.
-    """
-    if ctx.get_parameter_source("preset") == click.core.ParameterSource.COMMANDLINE:
-        raise click.UsageError(
-            "--preset belongs to a study; set a configuration's own options, such as --set training.updates=3000."
-        )
-
-
 def parsed(assignments: tuple[str, ...]) -> dict[str, str]:
     """ "a.b=c" pairs as a dictionary.
 

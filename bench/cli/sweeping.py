@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench.cli.job import Place, browse, mirroring
+from bench.cli.job import browse, mirroring
+from bench.cli.place import Place
 from bench.cli.progress import clock, meter
 from bench.execution import engine, lock
 from bench.execution.estimate import per_update
@@ -52,7 +53,16 @@ def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: boo
                 if mirror:
                     mirror.trials(sweep.configs, [t])
 
-            search(sweep, study, folder, trials, _workers(place), progress.tick, ended, place.cluster)
+            search(
+                sweep,
+                study,
+                folder,
+                trials=trials,
+                workers=_workers(place),
+                tick=progress.tick,
+                ended=ended,
+                cluster=place.cluster,
+            )
             spent = time.monotonic() - progress.started
         if len(before) < trials:
             out.print(f"{trials - len(before)} trials in {clock(spent)}; {_best_so_far(study)}.", highlight=False)
@@ -94,10 +104,10 @@ def _train(out: Console, who: str, configs: list[RunConfig], place: Place, mirro
             todo,
             place.runs,
             _workers(place),
-            progress.tick,
-            lambda r: progress.record(),
-            lambda t: progress.start(t.name),
-            place.cluster,
+            tick=progress.tick,
+            finished=lambda r: progress.record(),
+            starting=lambda t: progress.start(t.name),
+            cluster=place.cluster,
         )
     if mirror:
         mirror.add([r.folder for r in records])

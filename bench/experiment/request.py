@@ -11,7 +11,7 @@ from bench.experiment.datasets import choose
 from bench.experiment.notation import parse
 from registry.contracts import Dataset
 from registry.errors import BenchError
-from registry.predictors.physics import digest
+from registry.predictors.baselines.physics import digest
 
 BASELINES = ("constant", "linear")
 DEFAULT_DATASET = "pelican_twin"

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.score.corrupt import KINDS, Fault, time_shift
-from bench.score.measure import LEVELS, SMOOTHINGS, measure
+from bench.score.multirotor.corrupt import KINDS, Fault, time_shift
+from bench.score.multirotor.measure import LEVELS, SMOOTHINGS, measure
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
 try:
-    from bench.score import flights, hidden, references
+    from bench.score.multirotor import flights, hidden, references
 except ModuleNotFoundError as error:
     raise BenchError('Scoring needs RotorPy: pip install "multistep-bench[score]".') from error
 
@@ -265,5 +265,5 @@ def clean(case: Case, flown: flights.Truth) -> list[Columns]:
         volts = vessel.voltage(t, speed.T, vessel.charge[i]) if has_voltage else None
         rng = np.random.default_rng([case.flight_seed, 4, case.seed, i])
         noise, how = LEVELS[case.noise], SMOOTHINGS[case.smoothing]
-        logs.append(measure(rng, state, speed, command, volts, noise, how, flights.RATE))
+        logs.append(measure(rng, state, speed, command=command, battery=volts, noise=noise, how=how, rate=flights.RATE))
     return logs

@@ -130,33 +130,18 @@ def _prepare(
     if both:
         raise BenchError(f"{', '.join(sorted(both))} cannot be an input and an output at once.")
     joined = np.concatenate([r.valid for r in recordings]) & inputs.finite & outputs.finite & context.finite
-    ends = np.cumsum([len(r) for r in recordings])
-    valid = np.split(joined, ends[:-1])
-    length = tau + horizon
-
-    def windows(part: str, of: tuple[np.ndarray, ...], stride: int) -> Windows:
-        starts, which = [], []
-        for i, r in enumerate(recordings):
-            if of[i].any():
-                found = window_starts(of[i], length, stride, (GRID - tau) % stride)
-                starts.append(found + ends[i] - len(r))
-                which.append(np.full(len(found), i))
-        together = np.concatenate(starts) if starts else np.empty(0, int)
-        if not len(together):
+    valid = np.split(joined, np.cumsum([len(r) for r in recordings])[:-1])
+    of = _of_parts(recordings, valid, split)
+    made = {}
+    for (part, stride), own in zip(strides, of, strict=True):
+        starts, which = _starts(own, tau + horizon, stride, first=(GRID - tau) % stride)
+        if not len(starts):
             raise BenchError(
                 f"The {part} part of {dataset.label} has no window of {tau} + "
                 f"{horizon} valid samples: shorten the horizon or give it other recordings."
             )
-        return Windows(torch.from_numpy(together), np.concatenate(which))
-
-    of = _of_parts(recordings, valid, split)
-    train, validation, test = (windows(part, own, n) for (part, n), own in zip(strides, of, strict=True))
+        made[part] = Windows(torch.from_numpy(starts), which)
     trained = np.concatenate(of[0])
-
-    def scale(x: Tensor) -> tuple[Tensor, Tensor]:
-        part = x.numpy()[trained].astype(np.float64)
-        return torch.from_numpy(part.mean(0)).float(), torch.from_numpy(part.std(0)).float()
-
     return Prepared(
         inputs=inputs.values,
         outputs=outputs.values,
@@ -167,15 +152,40 @@ def _prepare(
         rate=rate,
         tau=tau,
         horizon=horizon,
-        train=train,
-        validation=validation,
-        test=test,
+        train=made["training"],
+        validation=made["validation"],
+        test=made["test"],
         names=tuple(r.name for r in recordings),
         split=split,
-        input_scale=scale(inputs.values),
-        output_scale=scale(outputs.values),
-        context_scale=scale(context.values),
+        input_scale=_scale(inputs.values, trained),
+        output_scale=_scale(outputs.values, trained),
+        context_scale=_scale(context.values, trained),
     )
+
+
+def _scale(values: Tensor, trained: np.ndarray) -> tuple[Tensor, Tensor]:
+    """Mean and standard deviation (c,) of the samples (N, c) that train (N,)."""
+    part = values.numpy()[trained].astype(np.float64)
+    return torch.from_numpy(part.mean(0)).float(), torch.from_numpy(part.std(0)).float()
+
+
+def _starts(valid: Sequence[np.ndarray], length: int, stride: int, first: int) -> tuple[np.ndarray, np.ndarray]:
+    """Starts of windows (W,) among the samples of all recordings, joined, and the recording of each (W,).
+
+    Args:
+        valid: samples of each recording that a window may hold, (N,) each.
+        length: samples of a window.
+        stride: samples between the starts of two.
+        first: start of the first in a recording without invalid samples.
+    """
+    starts, which, before = [np.empty(0, int)], [np.empty(0, int)], 0
+    for i, own in enumerate(valid):
+        if own.any():
+            found = window_starts(own, length, stride, first)
+            starts.append(found + before)
+            which.append(np.full(len(found), i))
+        before += len(own)
+    return np.concatenate(starts), np.concatenate(which)
 
 
 def _of_parts(

@@ -9,10 +9,10 @@ import numpy as np
 
 from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Split
 from registry.core import DATASETS, option
-from registry.datasets.cleaning import airborne, extent, resample, runs
 from registry.datasets.crazyflie import CONSTANTS, UNCERTAINTY
 from registry.datasets.locate import locate
-from registry.datasets.usd_log import read_usd_log
+from registry.datasets.logs.usd import read_usd_log
+from registry.datasets.reading.cleaning import airborne, extent, resample, runs
 from registry.errors import BenchError
 from registry.units import to_si
 
@@ -131,4 +131,8 @@ def _flight(file: Path, name: str) -> tuple[list[Recording], list[Finding]]:
         Channel("specific_force.z", "m/s^2"),
     )
     motors = tuple(Channel(f"pwm.{i}", "pwm") for i in range(1, 5))
-    return [Recording(name, RATE, pwm[part], outputs, motors, channels, valid[part])], findings
+    return [
+        Recording(
+            name, RATE, pwm[part], outputs=outputs, input_channels=motors, output_channels=channels, valid=valid[part]
+        )
+    ], findings

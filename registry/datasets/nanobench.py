@@ -11,10 +11,10 @@ import pandas as pd
 
 from registry.contracts import Dataset, Finding, Loaded, Recording, Split
 from registry.core import DATASETS
-from registry.datasets.cleaning import airborne, extent, held, resample, runs, spikes
 from registry.datasets.crazyflie import CONSTANTS, UNCERTAINTY
 from registry.datasets.locate import locate
-from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
+from registry.datasets.reading.cleaning import airborne, extent, held, resample, runs, spikes
+from registry.datasets.reading.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
 from registry.datasets.signals import recording
 from registry.errors import BenchError
 from registry.units import to_si

@@ -10,8 +10,8 @@ import numpy as np
 from registry.contracts import Dataset, Finding, Loaded, Recording, Split
 from registry.core import DATASETS, option
 from registry.datasets.locate import locate
-from registry.datasets.matlab import read_cell_structs
-from registry.datasets.rotations import (
+from registry.datasets.reading.matlab import read_cell_structs
+from registry.datasets.reading.rotations import (
     body_rates_from_euler,
     euler_rates_from_body,
     quaternion_from_euler,

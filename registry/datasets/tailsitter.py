@@ -9,8 +9,8 @@ import numpy as np
 from registry.contracts import Dataset, Finding, Loaded, Split
 from registry.core import DATASETS
 from registry.datasets.locate import locate
-from registry.datasets.matlab import read_v5
-from registry.datasets.rotations import body_rates_from_euler, quaternion_from_euler
+from registry.datasets.reading.matlab import read_v5
+from registry.datasets.reading.rotations import body_rates_from_euler, quaternion_from_euler
 from registry.datasets.signals import recording
 from registry.errors import BenchError
 

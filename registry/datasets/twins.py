@@ -20,8 +20,9 @@ import torch
 from registry import cache
 from registry.contracts import Channel, Dataset, Loaded, Recording, Split
 from registry.core import DATASETS, check_options, option
-from registry.datasets import twin_helicopter, twin_quadrotor
-from registry.datasets.twin_reference import DT, REGIMES
+from registry.datasets.twin import helicopter as twin_helicopter
+from registry.datasets.twin import quadrotor as twin_quadrotor
+from registry.datasets.twin.reference import DT, REGIMES
 from registry.units import SIGNALS
 
 _log = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ from registry.contracts import Gradients, Initializer, InitializerEntry, Initial
 from registry.core import INITIALIZERS, option
 from registry.kernels.mlp import mlp, mlp_vjp
 from registry.kernels.pointwise import tanh_grad
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 WEIGHTS = "hidden_weight", "hidden_bias", "output_weight", "output_bias"
 

@@ -12,7 +12,7 @@ from registry.initializers.mlp import bounded, bounded_vjp
 from registry.kernels.lstm import Layer, lstm, lstm_vjp
 from registry.kernels.mlp import affine, mlp_vjp
 from registry.predictors.lstm import LSTMWeights
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 WEIGHTS = "input_weight", "recurrent_weight", "bias", "peephole", "output_weight", "output_bias"
 

@@ -10,7 +10,7 @@ from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.kernels.gru import Layer, gru
 from registry.kernels.mlp import affine
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 class GRUPredictor(Predictor):
@@ -45,10 +45,10 @@ class GRUPredictor(Predictor):
             lead(inputs),
             lead(fed),
             lead(hidden),
-            [Layer(*(lead(w) for w in layer)) for layer in layers],
-            lead(self.output_weight),
-            lead(self.output_bias),
-            None if feedback is None else lead(feedback),
+            layers=[Layer(*(lead(w) for w in layer)) for layer in layers],
+            output_weight=lead(self.output_weight),
+            output_bias=lead(self.output_bias),
+            forced=None if feedback is None else lead(feedback),
         )
         if single:
             outputs, hidden = outputs[0], hidden[0]

@@ -26,10 +26,10 @@ from registry.kernels.mlp import affine, mlp_vjp
 from registry.kernels.native import hybrid as native
 from registry.kernels.native.library import core_for
 from registry.physics.quadrotor import Quadrotor
+from registry.predictors.baselines.physics import digest
 from registry.predictors.lstm import LSTMWeights, names
-from registry.predictors.middle import AnyMiddle, Middle, RigidBodyMiddle, fitted, with_constants
-from registry.predictors.physics import digest
-from registry.predictors.white_box import WhiteBox, default_signals
+from registry.predictors.parts.middle import AnyMiddle, Middle, RigidBodyMiddle, fitted, with_constants
+from registry.predictors.parts.white_box import WhiteBox, default_signals
 
 States = native.Ends
 Ran = tuple[Tensor, Tensor, Tensor, States]

@@ -14,9 +14,9 @@ from registry.errors import BenchError
 from registry.kernels.loaded_body import LoadedBody
 from registry.physics.quadrotor import Quadrotor
 from registry.physics.rigid_body import rotation_matrix
-from registry.predictors.learned_load import SWING, LearnedLoad, Rotors, Sizes, Units
-from registry.predictors.mirror import Mirrors
-from registry.predictors.white_box import WhiteBox, measured_signals
+from registry.predictors.parts.learned_load import SWING, LearnedLoad, Rotors, Sizes, Units
+from registry.predictors.parts.mirror import Mirrors
+from registry.predictors.parts.white_box import WhiteBox, measured_signals
 from registry.stated import refuse_unstated
 from registry.units import SIGNALS
 

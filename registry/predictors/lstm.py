@@ -10,7 +10,7 @@ from registry.contracts import Gradients, Predictor, PredictorEntry, Problem, Re
 from registry.core import PREDICTORS, option
 from registry.kernels.lstm import Layer, lstm, lstm_vjp
 from registry.kernels.mlp import affine, mlp_vjp
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 class LSTMWeights(nn.Module):

@@ -11,7 +11,7 @@ from registry.core import PREDICTORS, option
 from registry.kernels.mlfc import mlfc, mlfc_vjp
 from registry.kernels.mlp import affine, mlp_vjp
 from registry.predictors.lstm import newest_first
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 class MLFCPredictor(Predictor):

@@ -10,7 +10,7 @@ from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.kernels.mlp import mlp
 from registry.predictors.lstm import newest_first
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 class NARXPredictor(Predictor):

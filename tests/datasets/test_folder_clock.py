@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from bench.cli import cli
 from bench.cli.diagnosing import load
 from registry.contracts import Loaded
-from registry.datasets.folder import Folder, check
+from registry.datasets.folder.dataset import Folder, check
 from registry.errors import BenchError
 
 TOML = 'name = "x"\nrate_hz = {rate}\nfiles = "*.csv"\ntime = "t"\ninput = "u"\ninput_hold = "previous"\n[signals]\n'

@@ -21,7 +21,8 @@ from sqlalchemy import event
 from sqlalchemy.engine import Engine
 from synthetic_records import synthetic_record
 
-from bench.cli.job import Place, browse
+from bench.cli.job import browse
+from bench.cli.place import Place
 from bench.tracking import mirroring, track
 from bench.tracking.mirroring import Mirroring
 

@@ -30,8 +30,8 @@ from bench.records.record_check import check as check_record
 from bench.reporting import conclude
 from bench.training.predict import read_table
 from registry import model_file
-from registry.datasets.folder import check as check_folder
-from registry.datasets.matlab import read_cell_structs, read_v5
+from registry.datasets.folder.dataset import check as check_folder
+from registry.datasets.reading.matlab import read_cell_structs, read_v5
 
 CLAIMS = Path(__file__).parents[2] / "results" / "paper" / "claims.toml"
 

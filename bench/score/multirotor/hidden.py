@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.score.flights import Array, Moment, Motors, Rotorcraft
+from bench.score.multirotor.flights import Array, Moment, Motors, Rotorcraft
 
 Effects = Mapping[str, Mapping[str, float]]
 """Effect id → parameters, SI."""

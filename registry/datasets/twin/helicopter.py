@@ -7,8 +7,8 @@ import scipy  # its parts are imported when they are used: scipy.signal takes lo
 import torch
 from torch import Tensor
 
-from registry.datasets.twin_quadrotor import euler_zyx, quaternion_zyx
-from registry.datasets.twin_reference import DT, REGIMES, Legs, doublets, pad, path
+from registry.datasets.twin.quadrotor import euler_zyx, quaternion_zyx
+from registry.datasets.twin.reference import DT, REGIMES, Legs, doublets, pad, path
 from registry.effects.actuation import InputDelay
 from registry.effects.air import Wind
 from registry.physics.helicopter import Helicopter

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from registry.core import PHYSICS
-from registry.datasets.folder_columns import Found, bare, drives, own_signal, recognised, time_column
-from registry.datasets.folder_description import SECONDS
-from registry.datasets.tables import ENDINGS, header, numbers
+from registry.datasets.folder.columns import Found, bare, drives, own_signal, recognised, time_column
+from registry.datasets.folder.description import SECONDS
+from registry.datasets.reading.tables import ENDINGS, header, numbers
 from registry.errors import BenchError
 from registry.stated import needed
 from registry.units import SIGNALS

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from registry.datasets.rotations import rotate, unit_quaternion
-from registry.datasets.series import Log, series
+from registry.datasets.logs.series import Log, series
+from registry.datasets.reading.rotations import rotate, unit_quaternion
 from registry.errors import BenchError
 
 Rows = dict[str, list[float]]

@@ -104,7 +104,15 @@ class Rotorcraft(Multirotor):
         velocity, rates = state[3:6], state[10:13]
         turn = rotation(state[6:10])
         air = (turn * (velocity - wind)[:, None]).sum(0)
-        now = Moment(t, state, turn, air, air[:, None] + cross(rates[:, None], self.arms), speed, spin)
+        now = Moment(
+            t=t,
+            state=state,
+            rotation=turn,
+            air=air,
+            hubs=air[:, None] + cross(rates[:, None], self.arms),
+            speed=speed,
+            spin=spin,
+        )
         force, torque = self.wrench(now)
         acceleration = ((turn * force).sum(1) + self.world_force(now)) / self.mass
         acceleration[2] -= self.g

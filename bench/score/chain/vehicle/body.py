@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.score.chain.airframe import AIR_DENSITY, GRAVITY, Airframe
+from bench.score.chain.vehicle.airframe import AIR_DENSITY, GRAVITY, Airframe
 
 Array = np.ndarray
 Effects = Mapping[str, Mapping[str, float]]

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from registry.datasets.cleaning import runs
+from registry.datasets.reading.cleaning import runs
 
 Array = np.ndarray
 

@@ -18,7 +18,7 @@ from registry.kernels.lstm import Layer
 from registry.kernels.lstm_cell import LSTMCell
 from registry.physics.quadrotor import Quadrotor
 from registry.predictors.lstm import LSTMWeights
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 SWING = 10.0
 """Relative rotor speeds, less hover's, and their changes are multiplied by this: their spread is near 0.1."""

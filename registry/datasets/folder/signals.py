@@ -107,7 +107,16 @@ def signal_columns(path: Path, name: str, entry: Any, model: type[PhysicsModel] 
     if not finite(delay) or abs(delay) > LONGEST_DELAY:
         raise BenchError(f"{path}: {name}: delay_s must be a number of at most {LONGEST_DELAY:g} s, not {delay!r}.")
     kept, axes = _kept(path, name, entry, columns, unit, wanted)
-    return SignalColumns(columns, unit, convention, frame, gravity, float(delay), kept, axes)
+    return SignalColumns(
+        columns=columns,
+        unit=unit,
+        convention=convention,
+        frame=frame,
+        gravity=gravity,
+        delay=float(delay),
+        kept=kept,
+        axes=axes,
+    )
 
 
 def _wanted(path: Path, name: str, entry: dict[str, Any], model: type[PhysicsModel] | None) -> Signal | None:

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from registry.datasets.folder_signals import SignalColumns
-from registry.datasets.rotations import quaternion_from_euler, rotate, unit_quaternion
+from registry.datasets.folder.signals import SignalColumns
+from registry.datasets.reading.rotations import quaternion_from_euler, rotate, unit_quaternion
 from registry.units import conversion, to_si
 
 Array = np.ndarray

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from registry.datasets.series import Log, series
+from registry.datasets.logs.series import Log, series
 from registry.errors import BenchError
 
 TOPICS = (

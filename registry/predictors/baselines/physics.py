@@ -11,7 +11,7 @@ from torch import Tensor
 from registry.contracts import Dataset, Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.errors import BenchError
-from registry.predictors.white_box import WhiteBox, default_signals
+from registry.predictors.parts.white_box import WhiteBox, default_signals
 from registry.regular_file import regular
 
 

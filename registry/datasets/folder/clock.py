@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from registry.contracts import Finding
-from registry.datasets.cleaning import resample
-from registry.datasets.tables import first_row
+from registry.datasets.reading.cleaning import resample
+from registry.datasets.reading.tables import first_row
 from registry.errors import BenchError
 
 Array = np.ndarray
@@ -131,7 +131,15 @@ def _paced(step: Array, gaps: Array) -> Pace:
     total = np.concatenate([[0.0], np.cumsum(own)])
     rates = n / (total[n:] - total[:-n])
     worst = int(np.abs(rates - np.median(rates)).argmax())
-    return Pace(period, gaps, spread, n, float(rates.min()), float(rates.max()), int(at[worst]))
+    return Pace(
+        period=period,
+        gaps=gaps,
+        spread=spread,
+        stretch=n,
+        low=float(rates.min()),
+        high=float(rates.max()),
+        worst=int(at[worst]),
+    )
 
 
 def refuse_drift(file: Path, column: str, of: Clock, logged: Sequence[Array]) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from registry.core import PHYSICS
-from registry.datasets.folder_signals import SignalColumns, known, refuse_unturned, signal_columns
+from registry.datasets.folder.signals import SignalColumns, known, refuse_unturned, signal_columns
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
 from registry.model_file import constants_of, finite
@@ -78,20 +78,20 @@ def describe(folder: Path) -> FolderDescription:
         raise BenchError(f"{path}: {min(both)} is an input and cannot be one of the targets.")
     physics, notes = _physics(path, table.get("physics", {}), kind)
     return FolderDescription(
-        table["name"],
-        table.get("system", ""),
-        float(table["rate_hz"]),
-        table["files"],
-        table["time"],
-        SECONDS[table.get("time_unit", "s")],
-        inputs,
-        table.get("input_hold", "linear"),
-        signals,
-        targets,
-        physics,
-        _processing(path, table.get("processing", {}), signals),
-        _environment(path, table.get("environment", {})),
-        notes,
+        name=table["name"],
+        system=table.get("system", ""),
+        rate=float(table["rate_hz"]),
+        files=table["files"],
+        time=table["time"],
+        tick=SECONDS[table.get("time_unit", "s")],
+        inputs=inputs,
+        input_hold=table.get("input_hold", "linear"),
+        signals=signals,
+        targets=targets,
+        physics=physics,
+        processing=_processing(path, table.get("processing", {}), signals),
+        environment=_environment(path, table.get("environment", {})),
+        notes=notes,
     )
 
 

@@ -10,7 +10,7 @@ import scipy  # its parts are imported when they are used: scipy.signal takes lo
 from registry.contracts import Dataset, Finding, Loaded, Split
 from registry.core import DATASETS
 from registry.datasets.locate import locate
-from registry.datasets.matlab import read_v5
+from registry.datasets.reading.matlab import read_v5
 from registry.datasets.signals import recording
 from registry.errors import BenchError
 

@@ -10,7 +10,7 @@ from torch import Tensor
 from registry.dynamics import Parameter, PhysicsModel, tensor
 from registry.kernels.rigid_body import RigidBodyStep
 from registry.physics.quadrotor import Quadrotor
-from registry.predictors.white_box import WhiteBox
+from registry.predictors.parts.white_box import WhiteBox
 
 SPREAD = 10.0
 """How many of its standard deviations a fitted constant may leave its nominal value."""

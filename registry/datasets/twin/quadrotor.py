@@ -5,7 +5,7 @@ import scipy  # its parts are imported when they are used: scipy.signal takes lo
 import torch
 from torch import Tensor
 
-from registry.datasets.twin_reference import DT, REGIMES, Legs, doublets, pad, path, slow_error
+from registry.datasets.twin.reference import DT, REGIMES, Legs, doublets, pad, path, slow_error
 from registry.effects.actuation import MotorLag
 from registry.effects.rotor import GroundEffect, RotorDrag, RotorGyroscopicTorque, RotorReactionTorque
 from registry.physics.quadrotor import Quadrotor

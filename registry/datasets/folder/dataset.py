@@ -11,16 +11,16 @@ import numpy as np
 
 from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Split
 from registry.core import DATASETS, PHYSICS, option
-from registry.datasets.cleaning import runs, widen
-from registry.datasets.folder_clock import Clock, clock, gridded, refuse_drift, said
-from registry.datasets.folder_conversion import attitude, in_frames, own_units
-from registry.datasets.folder_description import FILE, FolderDescription, describe
-from registry.datasets.folder_draft import draft
-from registry.datasets.folder_signals import SignalColumns
-from registry.datasets.ground import MARGIN, resting
-from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
+from registry.datasets.folder.clock import Clock, clock, gridded, refuse_drift, said
+from registry.datasets.folder.conversion import attitude, in_frames, own_units
+from registry.datasets.folder.description import FILE, FolderDescription, describe
+from registry.datasets.folder.draft import draft
+from registry.datasets.folder.signals import SignalColumns
+from registry.datasets.reading.cleaning import runs, widen
+from registry.datasets.reading.ground import MARGIN, resting
+from registry.datasets.reading.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
+from registry.datasets.reading.tables import ENDINGS, first_row, numbers
 from registry.datasets.signals import channels, recording
-from registry.datasets.tables import ENDINGS, first_row, numbers
 from registry.errors import BenchError
 from registry.physics.rigid_body import RigidBody
 from registry.regular_file import regular

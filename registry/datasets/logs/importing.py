@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from registry.datasets.cleaning import resample, runs
-from registry.datasets.folder_description import FILE
-from registry.datasets.folder_draft import physics_lines
-from registry.datasets.rotations import unit_quaternion
-from registry.datasets.series import Log
+from registry.datasets.folder.description import FILE
+from registry.datasets.folder.draft import physics_lines
+from registry.datasets.logs.series import Log
+from registry.datasets.reading.cleaning import resample, runs
+from registry.datasets.reading.rotations import unit_quaternion
 from registry.errors import BenchError
 from registry.regular_file import regular
 
@@ -108,11 +108,11 @@ def _reader(file: Path) -> Callable[[Path], Log]:
     if not file.is_dir():
         regular(file)
     if file.suffix == ".ulg":
-        from registry.datasets.px4_log import read_ulog
+        from registry.datasets.logs.px4 import read_ulog
 
         return read_ulog
     if file.suffix in (".bag", ".mcap", ".db3") or (file / "metadata.yaml").is_file():
-        from registry.datasets.ros_bag import read_bag
+        from registry.datasets.logs.ros_bag import read_bag
 
         return read_bag
     raise BenchError(f"{file} is neither a PX4 ULog (.ulg) nor a ROS bag (.bag, .mcap, .db3 or a ROS 2 bag's folder).")
