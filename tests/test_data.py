@@ -14,7 +14,7 @@ from bench.experiment.config import RunConfig
 from bench.experiment.notation import parse
 from bench.speed.networks import channels
 from bench.training.data import prepare, window_starts
-from registry.contracts import Channel, Dataset, Loaded, Recording, Split
+from registry.contracts import Channel, Dataset, Recording, RecordingSet, Split
 from registry.errors import BenchError
 
 CONFIG = RunConfig(*parse("LSTM: 1x5 - MLP: 6x10"), Toy(), horizon=7, test_stride=3)
@@ -117,8 +117,8 @@ class Parts(Dataset):
     def __init__(self, *recordings: Recording) -> None:
         self.recordings = recordings
 
-    def read(self) -> Loaded:
-        return Loaded(self.recordings, ())
+    def read(self) -> RecordingSet:
+        return RecordingSet(self.recordings, ())
 
     def split(self, names: list[str]) -> Split:  # type: ignore[override]
         return Split((names[0],), (names[1],), (names[2],))
@@ -167,10 +167,10 @@ class Long(Dataset):
 
     inputs: ClassVar[tuple[str, ...]] = ("rotor_speed",)
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         rng, n = np.random.default_rng(0), 26_000
         u, y = channels("rotor_speed"), channels("position", "attitude", "velocity", "body_rates")
-        return Loaded(
+        return RecordingSet(
             tuple(
                 Recording(f"r{i:02}", 100.0, rng.normal(size=(n, 4)), rng.normal(size=(n, 13)), u, y, np.ones(n, bool))
                 for i in range(54)

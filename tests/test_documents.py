@@ -207,7 +207,7 @@ def execute(registry: Registry, name: str, title: str, monkeypatch: pytest.Monke
 def test_the_predictor_works(monkeypatch: pytest.MonkeyPatch) -> None:
     execute(PREDICTORS, "drift", "registry/predictors/drift.py", monkeypatch)
     predictor = PREDICTORS.get("drift")(fade=0.5).build(Problem.plain(1, 1, 3, 10))
-    state = predictor.fill(torch.zeros(1, 10, 1), torch.arange(10.0).reshape(1, 10, 1))
+    state = predictor.init_buffers(torch.zeros(1, 10, 1), torch.arange(10.0).reshape(1, 10, 1))
     assert predictor(torch.zeros(1, 3, 1), state).flatten().tolist() == [9.5, 9.75, 9.875]
 
 

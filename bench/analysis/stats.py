@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-ENOUGH = 8
+MIN_RECORDINGS = 8
 """Recordings from which on their own distribution is resampled; below, a normal one is assumed and said."""
 ALIKE = (0.8, 1.25)
 """A ratio of errors whose interval lies within these is called alike."""
@@ -101,7 +101,7 @@ def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95, resamples: i
 
     The mean log ratio has the variance σ_r²/R + σ_s²/S + σ_e²/(R S) of two crossed random factors. The part that
     repeats over recordings (first and last term) gets a studentized bootstrap over recordings, or Student's interval
-    below `ENOUGH` of them; the part of the trainings gets Student's interval; squared half-widths add up
+    below `MIN_RECORDINGS` of them; the part of the trainings gets Student's interval; squared half-widths add up
     (variance recovery: Zou and Donner 2008).
 
     Args:
@@ -154,7 +154,7 @@ def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95, resamples: i
 
 def _basis(trainings: int, recordings: int) -> str:
     """What an interval over so many trainings and recordings rests on and what it leaves out."""
-    if recordings >= ENOUGH:
+    if recordings >= MIN_RECORDINGS:
         words = f"paired bootstrap over {recordings} recordings"
     elif recordings > 1:
         words = f"t-interval over only {recordings} recordings"
@@ -171,7 +171,7 @@ def _recording_half_widths(d: np.ndarray, confidence: float, resamples: int) -> 
     if n < 2:
         return 0.0, 0.0
     error = float(d.std(ddof=1)) / math.sqrt(n)
-    if n < ENOUGH or error == 0:
+    if n < MIN_RECORDINGS or error == 0:
         half = float(stdtrit(n - 1, (1 + confidence) / 2)) * error
         return half, half
     drawn = d[np.random.default_rng(0).integers(0, n, size=(resamples, n))]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.records import durable
+from bench.records import atomic_io
 from bench.records.record import sha256
 from registry.errors import BenchError
 
@@ -96,4 +96,4 @@ def _read(published: Path) -> dict[str, str]:
 
 
 def _write(published: Path, listed: dict[str, str]) -> None:
-    durable.write_text(published / FILE, "".join(f"{listed[name]}  {name}\n" for name in sorted(listed)))
+    atomic_io.write_text(published / FILE, "".join(f"{listed[name]}  {name}\n" for name in sorted(listed)))

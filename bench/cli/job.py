@@ -56,7 +56,7 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
     Raises:
         BenchError: another driver is at this study, the results folder cannot be written, or workers die.
     """
-    from bench.records.concluded import slug
+    from bench.records.finished import slug
     from bench.reporting import conclude
 
     folder = place.results / "studies" / slug(job.title)

@@ -24,9 +24,9 @@ from bench.records.record import RunRecord
 from bench.sweep import finalists
 from bench.sweep import journal as sweeps
 from bench.sweep.journal import Sweep
-from bench.sweep.search import search, side_by_side
+from bench.sweep.search import search, trials_at_once
 from bench.sweep.space import SPEC, configured, options, said
-from bench.sweep.sweep import concluded
+from bench.sweep.sweep import train_finalists
 from bench.tracking.mirroring import Mirroring
 from registry.errors import BenchError
 
@@ -39,8 +39,8 @@ def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: boo
     """
     with lock.held(folder, sweep.title), mirroring(place, sweep.title, folder.name) as mirror:
         study = sweeps.begin(sweep, folder, resume)
-        before = sweeps.told(study)
-        out.print(f"[bold]{escape(sweep.title)}[/]: {trials} trials, {len(before)} told, {escape(_hands(place))}.")
+        before = sweeps.finished(study)
+        out.print(f"[bold]{escape(sweep.title)}[/]: {trials} trials, {len(before)} finished, {escape(_where(place))}.")
         out.print(_searched(sweep), highlight=False, markup=False)
         if mirror:
             mirror.trials(sweep.configs, before)
@@ -73,7 +73,7 @@ def _workers(place: Place) -> int:
     return place.workers or os.cpu_count() or 1
 
 
-def _hands(place: Place) -> str:
+def _where(place: Place) -> str:
     return f"on {place.cluster}" if place.cluster else f"{_workers(place)} process(es)"
 
 
@@ -87,7 +87,7 @@ def _conclude(
         who = "The best and the default" if several else "The best, which is the default,"
         return _train(out, who, configs, place, mirror)
 
-    done = concluded(sweep, study, folder, train)
+    done = train_finalists(sweep, study, folder, train)
     _summary(out, sweep, study, done.verdicts, folder)
     if mirror:
         mirror.attach([folder / sweeps.REPORT])
@@ -152,7 +152,7 @@ def estimate(out: Console, sweep: Sweep, trials: int, place: Place) -> None:
     """What the sweep would cost here, were no trial stopped early."""
     out.print(_searched(sweep), highlight=False, markup=False)
     workers = _workers(place)
-    together = 1 if place.cluster else min(side_by_side(sweep), math.ceil(trials / workers))
+    together = 1 if place.cluster else min(trials_at_once(sweep), math.ceil(trials / workers))
     largest = configured(sweep.configs, {path: _last(values) for path, values in sweep.space.items()})
     with out.status("timing a few updates"):
         times = [

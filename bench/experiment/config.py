@@ -23,8 +23,8 @@ class Training:
     clip: float = option(1.0, "largest norm of a gradient", low=1e-6)
     alpha: float = option(1.0, "weight α of the prediction cost", low=0.0)
     beta: float = option(1.0, "weight β of the state-initialization cost (neural initializers)", low=0.0)
-    evaluate_every: int = option(100, "updates between two looks at the validation part", low=1)
-    patience: int = option(10, "looks without improvement before the run stops early", low=1)
+    evaluate_every: int = option(100, "updates between two validations", low=1)
+    patience: int = option(10, "validations without improvement before the run stops early", low=1)
     validation_windows: int = option(512, "validation windows, evenly spread", low=1)
 
 

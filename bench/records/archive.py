@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.records import durable, record
-from bench.records.concluded import Concluded, slug
+from bench.records import atomic_io, record
+from bench.records.finished import FinishedStudy, slug
 from bench.records.record import RunRecord
 from bench.records.record_check import BYTES, check, read_json
 from bench.records.record_fields import FILES, KEY, text
@@ -43,7 +43,7 @@ class Imported:
     """Keys that were not there before; the others were kept as they were."""
 
 
-def write(study: Concluded, runs: Path, target: Path) -> None:
+def write(study: FinishedStudy, runs: Path, target: Path) -> None:
     """Pack a finished study: records, with their configurations and provenance. The same study gives the same bytes.
 
     Raises:
@@ -69,8 +69,8 @@ def write(study: Concluded, runs: Path, target: Path) -> None:
                         (runs / key / name).read_bytes(),
                         zipfile.ZIP_DEFLATED,
                     )
-        durable.flush(draft)
-        durable.move(draft, target)
+        atomic_io.flush(draft)
+        atomic_io.move(draft, target)
     except OSError as error:
         raise BenchError(f"{target} cannot be written: {error.strerror or error}.") from error
     finally:
@@ -96,7 +96,7 @@ def read(source: Path, runs: Path) -> Imported:
             for key in new:
                 if (runs / key).exists():  # damaged from outside
                     shutil.rmtree(runs / key)
-                durable.move(draft / key, runs / key)
+                atomic_io.move(draft / key, runs / key)
     except OSError as error:
         raise BenchError(f"{source} cannot be unpacked into {runs}: {error.strerror or error}.") from error
     return Imported(about["title"], about["study"], about["command"], tuple(about["keys"]), new)
@@ -168,8 +168,8 @@ def _unpack(packed: zipfile.ZipFile, files: Mapping[str, zipfile.ZipInfo], folde
     folder.mkdir()
     for name in FILES:
         (folder / name).write_bytes(_content(packed, files[name]))
-        durable.flush(folder / name)
-    durable.flush(folder)
+        atomic_io.flush(folder / name)
+    atomic_io.flush(folder)
 
 
 def _content(packed: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from bench.experiment.config import RunConfig
-from registry.contracts import Channel, Dataset, Loaded, Recording, Split
+from registry.contracts import Channel, Dataset, Recording, RecordingSet, Split
 from registry.errors import BenchError, near
 
 GRID = 10
@@ -22,7 +22,7 @@ OVERLAP = 50
 
 
 @lru_cache(maxsize=4)
-def load(dataset: Dataset) -> Loaded:
+def load(dataset: Dataset) -> RecordingSet:
     """The recordings of a data set, read once in a process."""
     return dataset.load()
 
@@ -54,7 +54,7 @@ class Windows:
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class WindowedData:
     """Everything a run needs of its data. SI inside; the scalers belong to the model."""
 
     inputs: Tensor
@@ -99,7 +99,7 @@ def _at(signals: Tensor, starts: Tensor, length: int) -> Tensor:
     return windows[starts]
 
 
-def prepare(config: RunConfig) -> Prepared:
+def prepare(config: RunConfig) -> WindowedData:
     """Windows and scalers of a run; runs that differ in model, training or seed share them.
 
     Raises:
@@ -119,7 +119,7 @@ def _prepare(
     tau: int,
     horizon: int,
     strides: tuple[tuple[str, int], ...],
-) -> Prepared:
+) -> WindowedData:
     recordings = load(dataset).recordings
     rate = recordings[0].rate
     odd = [r.name for r in recordings if r.rate != rate]
@@ -142,7 +142,7 @@ def _prepare(
             )
         made[part] = Windows(torch.from_numpy(starts), which)
     trained = np.concatenate(of[0])
-    return Prepared(
+    return WindowedData(
         inputs=inputs.values,
         outputs=outputs.values,
         context=context.values,

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from pyarrow import ArrowException
 
-from registry.contracts import Dataset, Finding, Loaded, Recording, Split
+from registry.contracts import Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
 from registry.datasets.locate import locate
 from registry.datasets.reading.cleaning import airborne, delay, extent, held, resample, runs, smooth, spikes, widen
@@ -24,7 +24,7 @@ FASTEST = 2e5
 """Electrical rpm that no rotor reaches: the rest are telegram errors (up to 6e6)."""
 JUMP = 0.3
 """Distance from the running median that no flight covers within 3 samples [m]."""
-LONGEST = 0.06
+MAX_GAP = 0.06
 """Lost packets are bridged up to this distance between two received ones [s]."""
 GROUND, MARGIN = 0.3, 150
 """Flight is above this height [m], and this many samples away from take-off and landing."""
@@ -91,7 +91,7 @@ class Nanodrone(Dataset):
                 f"nanodrone.smoothing = {self.smoothing} must be 0 or an odd number of at least 5 samples."
             )
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """See `Dataset.read`."""
         files = locate(
             "nanodrone_idsia/raw_parquet",
@@ -105,7 +105,7 @@ class Nanodrone(Dataset):
             flight, found = self._flight(file, common)
             recordings += flight
             findings += found
-        return Loaded(tuple(recordings), tuple(findings))
+        return RecordingSet(tuple(recordings), tuple(findings))
 
     def split(self, names: Sequence[str]) -> Split:
         """Melon tests, as published; of the other kinds the last flight of each validates (our choice)."""
@@ -125,7 +125,7 @@ class Nanodrone(Dataset):
     def _flight(self, file: Path, common: float | None = None) -> tuple[list[Recording], list[Finding]]:
         """The flight of a file, none where it is short, and what was found; ``common`` as `_training_lag` has it."""
         log = _read(file)
-        x, measured = resample(log.t, log.state[log.kept], log.grid, LONGEST)
+        x, measured = resample(log.t, log.state[log.kept], log.grid, MAX_GAP)
         speed, heard = log.rotor_speed()
         flying = airborne(x[:, 2], GROUND, MARGIN)
         lag, agreement = _lag(x, speed, flying & measured & heard)
@@ -181,7 +181,7 @@ class _Log:
     def rotor_speed(self, later: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Rotor speeds (K, 4) [rad/s] on the grid, ``later`` [samples] than received; where there are any (K,)."""
         t = self.clocks[self.kept_motors, 1] + later / RATE
-        erpm, valid = resample(t, self.motors[self.kept_motors], self.grid, LONGEST)
+        erpm, valid = resample(t, self.motors[self.kept_motors], self.grid, MAX_GAP)
         return erpm * ERPM, valid
 
 
@@ -239,7 +239,7 @@ def _bridged(log: _Log, flying: np.ndarray) -> list[Finding]:
     if pause.max() > 1:
         at = int(pause.argmax())
         detail = f"the longest of them {pause[at]:.2f} s at {log.t[at] - log.t[0]:.2f} s; the column t shows none"
-        count = int((pause > LONGEST).sum())
+        count = int((pause > MAX_GAP).sum())
         findings.append(Finding(log.name, "pause", count, f"pauses of the reception clock, {detail}"))
     return findings
 

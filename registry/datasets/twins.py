@@ -18,7 +18,7 @@ import numpy as np
 import torch
 
 from registry import cache
-from registry.contracts import Channel, Dataset, Loaded, Recording, Split
+from registry.contracts import Channel, Dataset, Recording, RecordingSet, Split
 from registry.core import DATASETS, check_options, option
 from registry.datasets.twin import helicopter as twin_helicopter
 from registry.datasets.twin import quadrotor as twin_quadrotor
@@ -87,7 +87,7 @@ class Twin(Dataset):
     def simulate(self) -> list[np.ndarray]:
         """The recorded columns (N_i, len(recorded)) of each flight."""
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """The flights, from the cache or simulated now."""
         recordings = []
         for i, columns in enumerate(self._flights()):
@@ -102,7 +102,7 @@ class Twin(Dataset):
                     valid=np.ones(len(columns), dtype=bool),
                 )
             )
-        return Loaded(tuple(recordings), ())
+        return RecordingSet(tuple(recordings), ())
 
     def split(self, names: Sequence[str]) -> Split:
         """By recording: of every regime about 60 % train, 15 % validate, 25 % test."""

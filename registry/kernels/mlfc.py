@@ -88,7 +88,9 @@ def mlfc_vjp(
     core = library.core_for(inputs, fed, hidden, forced, readout, *layers)
     assert core is not None
     mask = _mask(dropout, inputs, hidden)
-    run = native.Run(core, inputs, fed, hidden=hidden, forced=forced, mask=mask, weights=[*layers, readout], keep=True)
+    run = native.MlfcCall(
+        core, inputs, fed, hidden=hidden, forced=forced, mask=mask, weights=[*layers, readout], keep=True
+    )
     outputs, end = run.forward()
 
     def vjp(d_outputs: Tensor, d_end: Tensor) -> tuple[Tensor, Tensor, list[Tensor]]:

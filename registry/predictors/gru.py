@@ -31,7 +31,7 @@ class GRUPredictor(Predictor):
         self.output_weight = uniform(n, h, fan_in=h, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(n))
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """The last measured output."""
         return outputs[..., -1, : self.n_outputs]
 
@@ -71,7 +71,7 @@ class GRU(PredictorEntry):
     """
 
     network: ClassVar[bool] = True
-    side_by_side: ClassVar[bool] = True
+    supports_batching: ClassVar[bool] = True
 
     layers: int = option(1, "layers in series", low=1, high=20, search=(1, 2))
     hidden: int = option(50, "units in each layer", low=1, high=2000, log=True, search=(10, 100))

@@ -12,8 +12,8 @@ from rich.console import Console
 from synthetic_sweep import essence, swept, toy
 
 from bench.execution import engine
-from bench.records import durable, record
-from bench.records.concluded import concluded
+from bench.records import atomic_io, record
+from bench.records.finished import finished_studies
 from bench.reporting import conclude
 from bench.sweep.journal import JOURNAL
 from bench.training import checkpoint
@@ -25,7 +25,7 @@ def full(*args: object, **kwargs: object) -> None:
 
 
 @pytest.mark.parametrize(
-    ("owner", "name"), [(durable, "flush"), (record, "sha256"), (os, "replace"), (record.pq, "write_table")]
+    ("owner", "name"), [(atomic_io, "flush"), (record, "sha256"), (os, "replace"), (record.pq, "write_table")]
 )
 def test_a_record_that_does_not_fit_is_one_sentence(
     owner: object, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -104,7 +104,7 @@ def test_a_study_whose_report_does_not_fit_keeps_its_runs(
     with monkeypatch.context() as patch, pytest.raises(BenchError, match="No space left on device; every finished"):
         patch.setattr(conclude.pq.ParquetWriter, "write_table", full)
         conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
-    assert sound(runs) == before and not list(concluded(tmp_path))
+    assert sound(runs) == before and not list(finished_studies(tmp_path))
     conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
-    assert [c.title for c in concluded(tmp_path)] == ["s"]
+    assert [c.title for c in finished_studies(tmp_path)] == ["s"]
     faults("the disk, full at every place that writes (ENOSPC, RLIMIT_FSIZE)", 8, 0, 0, "what did not fit")

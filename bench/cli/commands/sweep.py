@@ -81,7 +81,7 @@ def sweep_command(
     is faster. At the end the best configuration and the default one are trained from three fresh seeds and compared on
     the validation and, for the first time, on the test part.
 
-    Nothing that was told is lost: after Ctrl-C, a crash or a power cut, the same command with --resume goes on.
+    No finished trial is lost: after Ctrl-C, a crash or a power cut, the same command with --resume goes on.
     """
     changes = options.parsed(assignments)
     check_request(ctx, target, dataset)
@@ -101,7 +101,7 @@ def sweep_command(
         carry_out(out, sweep, folder, trials, resume, place)
     except KeyboardInterrupt:
         again = shlex.join(["bench", *(a for a in sys.argv[1:] if a != "--resume"), "--resume"])
-        click.echo(f"\nbench: stopped. Every trial that was told is kept; go on with {again}", err=True)
+        click.echo(f"\nbench: stopped. Every finished trial is kept; go on with {again}", err=True)
         sys.exit(130)
 
 
@@ -111,7 +111,7 @@ def _folder(results: Path, name: str | None, title: str, resume: bool) -> Path:
     Raises:
         BenchError: ``name`` names no folder, or there is nothing to resume.
     """
-    from bench.records.concluded import slug
+    from bench.records.finished import slug
     from bench.sweep import journal as sweeps
 
     if name is not None and (not slug(name) or not set(name).isdisjoint("/\\")):

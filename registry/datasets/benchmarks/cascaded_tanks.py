@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 
-from registry.contracts import Dataset, Finding, Loaded, Split
+from registry.contracts import Dataset, Finding, RecordingSet, Split
 from registry.core import DATASETS
 from registry.datasets.locate import locate
 from registry.datasets.signals import recording
@@ -36,7 +36,7 @@ class CascadedTanks(Dataset):
     inputs: ClassVar[tuple[str, ...]] = ("voltage",)
     input_hold: ClassVar[str] = "previous"
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """See `Dataset.read`."""
         (file, *_) = locate(
             "cascaded_tanks",
@@ -62,7 +62,7 @@ class CascadedTanks(Dataset):
                 findings.append(Finding(name, "saturated", full, detail))
             valid = np.ones(len(level), dtype=bool)
             recordings.append(recording(name, RATE, {"voltage": drive}, {"level": level}, valid))
-        return Loaded(tuple(recordings), tuple(findings))
+        return RecordingSet(tuple(recordings), tuple(findings))
 
     def split(self, names: Sequence[str]) -> Split:
         """As published: the validation recording tests."""

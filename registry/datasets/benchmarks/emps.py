@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy  # its parts are imported when they are used: scipy.signal takes longer than all else here
 
-from registry.contracts import Dataset, Finding, Loaded, Split
+from registry.contracts import Dataset, Finding, RecordingSet, Split
 from registry.core import DATASETS
 from registry.datasets.locate import locate
 from registry.datasets.reading.matlab import read_v5
@@ -42,7 +42,7 @@ class Emps(Dataset):
         "noise": {"displacement": 1e-7},  # what is left of the position beside that cubic, at rest and moving
     }
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """See `Dataset.read`."""
         files = locate(
             "emps",
@@ -67,7 +67,7 @@ class Emps(Dataset):
             findings.append(Finding(file.stem, "trimmed", float((~valid).sum()), detail))
             outputs = {"displacement": table["qm"][:, None], "speed": speed[:, None]}
             recordings.append(recording(file.stem, RATE, {"voltage": table["vir"][:, None]}, outputs, valid))
-        return Loaded(tuple(recordings), tuple(findings))
+        return RecordingSet(tuple(recordings), tuple(findings))
 
     def split(self, names: Sequence[str]) -> Split:
         """As published: the recording with pulses tests."""

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from registry.contracts import Dataset, Finding, Loaded, Recording, Split
+from registry.contracts import Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
 from registry.datasets.locate import locate
 from registry.datasets.signals import recording
@@ -57,7 +57,7 @@ class Silverbox(Dataset):
     physics: ClassVar[dict[str, Any]] = {"mass": 5.346e-6, "damping": 2.254e-4, "stiffness": 1.020}
     uncertainty: ClassVar[dict[str, float]] = {"mass": 0.05, "damping": 0.05, "stiffness": 0.05}
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """See `Dataset.read`."""
         (file, *_) = locate(
             "silverbox",
@@ -78,7 +78,9 @@ class Silverbox(Dataset):
         findings = [Finding(name, "offset", part.stop - part.start, shift) for name, part in parts.items()]
         used = sum(part.stop - part.start for part in parts.values())
         findings.append(Finding(file.stem, "trimmed", SAMPLES - used, "quiet samples between the parts left out"))
-        return Loaded(tuple(_part(name, table[part], self.finer) for name, part in parts.items()), tuple(findings))
+        return RecordingSet(
+            tuple(_part(name, table[part], self.finer) for name, part in parts.items()), tuple(findings)
+        )
 
     def split(self, names: Sequence[str]) -> Split:
         """The arrow tests, as published, and the last two multisines; the one before them validates (our choice)."""

@@ -17,7 +17,7 @@ UNIFORM = 1e-3
 """How far steps may differ, in sampling periods, for the samples to be taken as they are."""
 JITTER = 0.4
 """How much of a sampling period the clock may be off between two samples before one is missing."""
-LONGEST = 4.0
+MAX_GAP = 4.0
 """Steps of a signal, in its own sampling periods, over which values are interpolated; a longer one is a gap."""
 THINNEST, THICKEST = 20, 100
 """Samples of the grid for one of the file, and of the file for one of the grid, beyond which its clock is wrong."""
@@ -110,7 +110,7 @@ def pace(t: Array) -> Pace:
     """
     step = np.diff(t)
     own = float(np.median(step))
-    readings = [step > (1 + JITTER) * own, step > LONGEST * own, np.zeros(len(step), dtype=bool)]
+    readings = [step > (1 + JITTER) * own, step > MAX_GAP * own, np.zeros(len(step), dtype=bool)]
     return min((_paced(step, gaps) for gaps in readings if _rare(gaps)), key=lambda p: p.varies)
 
 
@@ -186,8 +186,8 @@ def gridded(of: Clock, x: Array, logged: Array, late: float = 0.0, held: bool = 
     if len(t) < 2:
         return np.repeat(x, len(of.grid), axis=0), np.zeros(len(of.grid), dtype=bool)
     own = float(np.median(np.diff(t)))
-    whole = logged.all() and bool((np.diff(t) <= LONGEST * own).all())
-    moved, inside = resample(t - late, x, of.grid, np.inf if whole else LONGEST * own)
+    whole = logged.all() and bool((np.diff(t) <= MAX_GAP * own).all())
+    moved, inside = resample(t - late, x, of.grid, np.inf if whole else MAX_GAP * own)
     if held and own > (1 + JITTER) / of.rate:
         moved = x[np.clip(np.searchsorted(t - late, of.grid + 1e-9, side="right") - 1, 0, len(x) - 1)]
     return moved, inside if late or not whole else np.ones(len(of.grid), dtype=bool)
@@ -219,7 +219,7 @@ def said(name: str, of: Clock, logged: Mapping[str, Array], valid: Array) -> lis
     gaps = np.diff(of.t)[own.gaps]
     if len(gaps):
         lost, longest = int(np.rint(gaps / own.period - 1).sum()), float(gaps.max())
-        bridge = LONGEST * own.period
+        bridge = MAX_GAP * own.period
         how = "bridged by straight lines" if valid.all() else f"bridged up to {bridge:.3g} s, left out beyond"
         detail = f"{lost} samples missing in {len(gaps)} place(s), at most {longest:.3g} s apart: {how}"
         found.append(Finding(name, "gap", lost, detail))
@@ -235,4 +235,4 @@ def nearest(of: Clock, x: Array) -> tuple[Array, Array]:
     at = np.clip(np.searchsorted(t, of.grid), 1, len(t) - 1)
     at = np.where(of.grid - t[at - 1] < t[at] - of.grid, at - 1, at)
     own = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    return x[logged][at], np.abs(t[at] - of.grid) <= LONGEST / 2 * own
+    return x[logged][at], np.abs(t[at] - of.grid) <= MAX_GAP / 2 * own

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Split
+from registry.contracts import Channel, Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, PHYSICS, option
 from registry.datasets.folder.clock import Clock, clock, gridded, refuse_drift, said
 from registry.datasets.folder.conversion import attitude, in_frames, own_units
@@ -118,7 +118,7 @@ class Folder(Dataset):
         known = {n: s.signal for n, s in signals.items()}
         return tuple(c for n in ordered for c in channels(n, columns[n], known.get(n)))
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """See `Dataset.read`."""
         description, folder = self.description, Path(self.path)
         read = [_recording(f, description) for f in _files(folder, description.files)]
@@ -128,7 +128,7 @@ class Folder(Dataset):
             detail = f"the only recording, cut into {PARTS} parts: the last but one validates, the last tests"
             findings.append(Finding(recordings[0].name, "cut", PARTS, detail))
             recordings = _cut(recordings[0])
-        return Loaded(tuple(recordings), tuple(findings))
+        return RecordingSet(tuple(recordings), tuple(findings))
 
     def split(self, names: Sequence[str]) -> Split:
         """The last fifth of the recordings by name (at least one) tests, as many before it validate.
@@ -149,7 +149,7 @@ class Folder(Dataset):
         return Split(tuple(ordered[: -2 * n]), tuple(ordered[-2 * n : -n]), tuple(ordered[-n:]))
 
 
-def check(folder: str | Path) -> Loaded:
+def check(folder: str | Path) -> RecordingSet:
     """Read every file of a folder.
 
     Raises:

@@ -21,7 +21,7 @@ from registry.regular_file import regular
 
 FASTEST = 100.0
 """Sample rate that is chosen where the signals have it [Hz]."""
-LONGEST = 5.0
+MAX_GAP = 5.0
 """Periods of a signal without a sample that are bridged; a longer gap cuts the recording in two."""
 SHORTEST = 2.0
 """Recordings shorter than this are left out [s]."""
@@ -131,7 +131,7 @@ def _gridded(log: Log, rate: float) -> list[tuple[np.ndarray, Mapping[str, np.nd
     whole, values = np.ones(len(grid), dtype=bool), {}
     for name, s in log.items():
         x = unit_quaternion(s.values) if name == "attitude" else s.values
-        moved, valid = resample(s.t, x, grid, LONGEST / min(s.rate, rate))
+        moved, valid = resample(s.t, x, grid, MAX_GAP / min(s.rate, rate))
         if name in COMMANDS:
             moved = x[np.clip(np.searchsorted(s.t, grid + 1e-9, side="right") - 1, 0, len(x) - 1)]
         values[name] = unit_quaternion(moved) if name == "attitude" else moved

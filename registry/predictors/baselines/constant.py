@@ -16,7 +16,7 @@ class ConstantPredictor(Predictor):
         super().__init__(problem)
         self.layout = StateLayout(self.n_outputs, 0, 0)
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """The last measured output."""
         return outputs[..., -1, : self.n_outputs]
 

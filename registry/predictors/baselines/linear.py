@@ -26,7 +26,7 @@ class LinearPredictor(Predictor):
         self.register_buffer("coefficients", torch.zeros(self.horizon, self.width, self.n_outputs))
         self.coefficients: Tensor
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """The whole history, inputs then outputs, oldest first."""
         u, y = inputs[..., -self.history :, :], outputs[..., -self.history :, :]
         return torch.cat([u.flatten(-2), y.flatten(-2)], -1)
@@ -42,7 +42,7 @@ class LinearPredictor(Predictor):
 
     def fit(self, history_inputs: Tensor, history_outputs: Tensor, inputs: Tensor, outputs: Tensor) -> None:
         """Ridge on scaled windows (W, τ, m), (W, τ, n + c), (W, T, m), (W, T, n), in float64 whatever they are."""
-        x = torch.cat([self.fill(history_inputs, history_outputs), inputs.flatten(1)], 1).double()
+        x = torch.cat([self.init_buffers(history_inputs, history_outputs), inputs.flatten(1)], 1).double()
         x = torch.cat([torch.ones_like(x[:, :1]), x], 1)
         normal = x.mT @ x
         penalty = torch.full((x.shape[1],), self.ridge * len(x), dtype=x.dtype)

@@ -27,9 +27,9 @@ class PhysicsPredictor(Predictor):
         self.history = problem.history
         self.layout = StateLayout(len(self.box.drives) + self.box.size, 0, 0)
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """What drives the model at k0, and its full state as the history leaves it; see `WhiteBox.start`."""
-        return self.box.fill(self, inputs, outputs)
+        return self.box.init_buffers(self, inputs, outputs)
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`; measured outputs take the place of predicted states."""

@@ -69,7 +69,7 @@ class WhiteBox:
         """Whether inputs are held over a step."""
         return self.model.input_hold == "previous"
 
-    def fill(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Buffers at k0 (…, drives + size), SI: what drives the model, then its full state.
 
         Args:

@@ -1,4 +1,4 @@
-"""The middle of a hybrid model: a physics model that moves on by one step under what the input model gives."""
+"""The core of a hybrid model: a physics model that moves on by one step under what the input model gives."""
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
@@ -16,7 +16,7 @@ SPREAD = 10.0
 """How many of its standard deviations a fitted constant may leave its nominal value."""
 
 
-class Middle(ABC):
+class PhysicsCore(ABC):
     """Moves the state (s, B) of a physics model from sample to sample. Made anew for every run."""
 
     @abstractmethod
@@ -34,7 +34,7 @@ class Middle(ABC):
         """
 
 
-class RigidBodyMiddle(Middle):
+class RigidBodyCore(PhysicsCore):
     """A quadrotor without effects: thrust and torques move it; in part or in whole they come from the input model."""
 
     def __init__(self, box: WhiteBox, model: Quadrotor, before: Tensor, driving: Tensor, residual: bool) -> None:
@@ -63,11 +63,11 @@ class RigidBodyMiddle(Middle):
         return given * self.scale
 
     def step(self, k: int, state: Tensor, start: Tensor, end: Tensor) -> Tensor:
-        """See `Middle.step`."""
+        """See `PhysicsCore.step`."""
         return self.body(state, start, start if self.held else end, None if self.given is None else self.given[k])
 
 
-class AnyMiddle(Middle):
+class GeneralCore(PhysicsCore):
     """Any physics model: the input model gives the signal that drives it, or adds to it."""
 
     def __init__(
@@ -81,7 +81,7 @@ class AnyMiddle(Middle):
     ) -> None:
         """
         Args:
-            box, model, before, driving: as for `RigidBodyMiddle`; extras follow what drives the model.
+            box, model, before, driving: as for `RigidBodyCore`; extras follow what drives the model.
             residual: whether the input model's output adds to the measured driving signal.
             scale: offset and scale (r,) of the driving signal.
         """
@@ -94,7 +94,7 @@ class AnyMiddle(Middle):
         return self.scale * given if self.residual else self.offset + self.scale * given
 
     def step(self, k: int, state: Tensor, start: Tensor, end: Tensor) -> Tensor:
-        """See `Middle.step`."""
+        """See `PhysicsCore.step`."""
         before, after = self._inputs(k, start), self._inputs(k + 1, end)
         return self.model.step(state.T, before, after, self.box.dt).T
 
@@ -122,7 +122,7 @@ def _accelerations(model: Quadrotor, driving: Tensor) -> Tensor:
     return torch.cat([(thrust / tensor(model.mass, thrust)).unsqueeze(-1), torque / tensor(model.inertia, torque)], -1)
 
 
-def fitted(model: PhysicsModel) -> list[Parameter]:
+def uncertain_constants(model: PhysicsModel) -> list[Parameter]:
     """The constants that are not known exactly: those of the system, not gravity."""
     return [p for p in model.parameters() if p.uncertainty > 0 and p.name != "gravity"]
 
@@ -132,12 +132,12 @@ def with_constants(model: PhysicsModel, position: Tensor) -> PhysicsModel:
 
     Args:
         model: with nominal constants.
-        position: one number for each number of the constants `fitted`, end to end; 0: nominal. A constant stays within
-            `SPREAD` of its standard deviations.
+        position: one number for each number of the `uncertain_constants`, end to end; 0: nominal. A constant stays
+            within `SPREAD` of its standard deviations.
     """
     values: dict[str, Any] = {}
     at = 0
-    for p in fitted(model):
+    for p in uncertain_constants(model):
         nominal = tensor(p.value, position)
         moved = position[at : at + nominal.numel()].view(nominal.shape)
         values[p.name] = nominal * torch.exp(SPREAD * p.uncertainty * moved.tanh())

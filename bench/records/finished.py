@@ -16,7 +16,7 @@ def slug(title: str) -> str:
 
 
 @dataclass(frozen=True)
-class Concluded:
+class FinishedStudy:
     """A study's folder, read back."""
 
     folder: Path
@@ -27,14 +27,14 @@ class Concluded:
     files: list[Path]
 
 
-def concluded(results: Path) -> Iterator[Concluded]:
+def finished_studies(results: Path) -> Iterator[FinishedStudy]:
     """Every study in the results folder."""
     for path in sorted((results / "studies").glob("*/study.json")):
         try:
             content = json.loads(regular(path).read_text(encoding="utf-8"))
             files = [path.parent / name for name in content["files"]]
             kept = [f for f in files if f.is_file()]
-            found = Concluded(
+            found = FinishedStudy(
                 path.parent, content["title"], content["study"], list(content["keys"]), content["command"], kept
             )
         except (OSError, ValueError, TypeError, LookupError, RecursionError) as error:
