@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.records import atomic_io
 from bench.records.record import sha256
+from registry import atomic_io
 from registry.errors import BenchError
 
 FILE = "SHA256SUMS"

@@ -198,7 +198,7 @@ def execute(
 def _forget(partial: Path, runs: Path) -> None:
     """Remove the checkpoints, and drafts of them, whose runs are recorded: by this driver or by one that was killed."""
     for left in partial.glob("*"):
-        if record.whole(runs, left.name.split("-")[0]):
+        if record.whole(runs, left.name.lstrip(".").split("-")[0]):
             left.unlink(missing_ok=True)
 
 

@@ -146,11 +146,13 @@ def _processes(workers: int, ahead: int) -> Iterator[WorkerPool]:
     context = multiprocessing.get_context("spawn")
     messages = context.Queue()
     executor = ProcessPoolExecutor(workers, context, _start_worker, (messages,))
+    others = multiprocessing.active_children()
     try:
         yield WorkerPool(executor.submit, lambda: ahead * workers, messages)
     finally:
-        for process in list((executor._processes or {}).values()):
-            process.terminate()
+        for process in multiprocessing.active_children():
+            if process not in others:
+                process.terminate()
         executor.shutdown(wait=False, cancel_futures=True)
 
 

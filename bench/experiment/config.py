@@ -142,11 +142,16 @@ def from_json(data: Mapping[str, Any]) -> RunConfig:
     return config
 
 
+class UnknownOption(BenchError):
+    """A run has no such option; others may have it."""
+
+
 def changed(config: RunConfig, assignments: Mapping[str, str]) -> RunConfig:
     """The configuration with options set by path: {"predictor.dropout": "0.1", "horizon": "190"}.
 
     Raises:
-        BenchError: no such option, or a value that is not of its type.
+        UnknownOption: no such option.
+        BenchError: a value that is not of its type.
     """
     plain = to_json(config)
     for path, text in assignments.items():
@@ -155,7 +160,7 @@ def changed(config: RunConfig, assignments: Mapping[str, str]) -> RunConfig:
         if holder is None or not isinstance(holder, dict) or isinstance(holder.get(name), dict | None):
             paths = [k for k, v in plain.items() if not isinstance(v, dict)]
             paths += [f"{k}.{o}" for k, v in plain.items() if isinstance(v, dict) for o in v if o != "name"]
-            raise BenchError(f"There is no option {path!r}: {near(path, paths)}")
+            raise UnknownOption(f"There is no option {path!r}: {near(path, paths)}")
         holder[name] = _typed(text, holder[name], path)
     return from_json(plain)
 

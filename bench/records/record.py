@@ -20,8 +20,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import safetensors
 
-from bench.records import atomic_io, stamp
+from bench.records import stamp
 from bench.records.record_fields import TABLES, lacking
+from registry import atomic_io
 from registry.errors import BenchError, near
 from registry.regular_file import regular
 

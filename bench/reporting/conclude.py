@@ -11,8 +11,8 @@ from bench.analysis.tables import specs
 from bench.claims.evidence import FILE, write_evidence
 from bench.experiment.grid import matched
 from bench.experiment.study import Study
-from bench.records import atomic_io
 from bench.records.record import RunRecord, json_text
+from registry import atomic_io
 from registry.errors import BenchError
 
 STEPS = "steps.parquet"

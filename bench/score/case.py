@@ -2,8 +2,6 @@
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache as once
@@ -16,6 +14,7 @@ import numpy as np
 
 from bench.score.multirotor.corrupt import KINDS, Fault, time_shift
 from bench.score.multirotor.measure import LEVELS, SMOOTHINGS, measure
+from registry.atomic_io import replacing
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
@@ -206,11 +205,8 @@ def truth(case: Case, cache: Path) -> flights.Truth:
         with np.load(path, allow_pickle=False) as stored:
             return flights.Truth(*(stored[name] for name in ("state", "speed", "command", "wind")))
     flown = _fly(case)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    with os.fdopen(handle, "wb") as file:
+    with replacing(path, flushed=False) as draft, draft.open("wb") as file:
         np.savez(file, **vars(flown))
-    os.replace(temporary, path)
     return flown
 
 

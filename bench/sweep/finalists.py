@@ -16,7 +16,6 @@ import torch
 from bench.analysis import stats
 from bench.experiment.config import RunConfig, from_json
 from bench.experiment.seeds import derive
-from bench.records import atomic_io
 from bench.records.record import RunRecord, json_text
 from bench.reporting.report import number
 from bench.sweep import journal as sweep
@@ -25,6 +24,7 @@ from bench.sweep.trial import scaled_rmsse
 from bench.training import evaluate
 from bench.training.data import prepare
 from bench.training.predict import load_model
+from registry import atomic_io
 from registry.errors import BenchError
 
 SEEDS = 3

@@ -17,10 +17,10 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
 from bench.experiment.config import RunConfig, from_json, to_json
-from bench.records import atomic_io
 from bench.records.record import json_text
 from bench.sweep.space import Space, default_params
 from bench.training.data import choose_split, digest, prepare
+from registry import atomic_io
 from registry.errors import BenchError
 
 JOURNAL, DEFINITION, RESULT, REPORT = "journal.log", "sweep.json", "result.json", "report.html"

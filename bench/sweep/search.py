@@ -133,7 +133,8 @@ class _Driver:
 
     def forget(self, group: Group) -> None:
         """Remove the checkpoint of a group that is finished, and drafts of killed workers."""
-        for left in self.partial.glob(f"{self._checkpoint(group).name}*"):
+        checkpoint = self._checkpoint(group)
+        for left in (checkpoint, *self.partial.glob(f".{checkpoint.name}.*")):
             left.unlink(missing_ok=True)
 
     def on_progress(self, message: tuple[int, list[tuple[int, float]]]) -> None:

@@ -21,7 +21,7 @@ from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 from sqlalchemy.exc import SQLAlchemyError
 
-from bench.records import atomic_io
+from registry import atomic_io
 from registry.errors import BenchError
 
 VIEW = "bench"

@@ -136,7 +136,7 @@ def test_cache_gives_the_same_and_a_torn_one_is_made_again(pelican, monkeypatch,
     assert caplog.messages == ["Simulating the 28 flights of pelican_twin, once; they are kept for the next time."]
     file.write_bytes(whole)
     assert twins.PelicanTwin().load().digest() == pelican.digest()
-    assert not list(file.parent.glob("*.partial"))
+    assert not list(file.parent.glob(".*"))
 
 
 @pytest.mark.parametrize("name", ["pelican_twin", "helicopter_twin"])

@@ -12,11 +12,12 @@ from rich.console import Console
 from synthetic_sweep import essence, swept, toy
 
 from bench.execution import engine
-from bench.records import atomic_io, record
+from bench.records import record
 from bench.records.finished import finished_studies
 from bench.reporting import conclude
 from bench.sweep.journal import JOURNAL
 from bench.training import checkpoint
+from registry import atomic_io
 from registry.errors import BenchError
 
 

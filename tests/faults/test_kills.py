@@ -16,7 +16,8 @@ from bench.execution import engine
 from bench.execution.executor import run_jobs
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.notation import parse
-from bench.records import atomic_io, record
+from bench.records import record
+from registry import atomic_io
 from registry.errors import BenchError
 
 KILLS = 50

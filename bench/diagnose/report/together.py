@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.diagnose.report import model_file, page
 from bench.diagnose.result import Diagnosis
-from bench.records import atomic_io
+from registry import atomic_io
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
