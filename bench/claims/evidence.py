@@ -8,7 +8,6 @@ curve is there as the quantity `COST`, its steps being updates.
 
 import fnmatch
 import json
-import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from bench.experiment.notation import label
 from bench.experiment.study import PRESETS
 from bench.records.record import RunRecord
 from registry.errors import BenchError
@@ -106,8 +106,7 @@ class StudyRun:
     @property
     def history(self) -> int | None:
         """Initialization length τ; None for a model without an initializer."""
-        found = re.search(r"(\d+)$", self.spec) if " - " in self.spec else None
-        return int(found[1]) if found else None
+        return label(self.spec).history
 
 
 Curves = dict[str, np.ndarray]
@@ -176,7 +175,7 @@ class Evidence:
         left, right = self.specs(a), self.specs(b)
         if len(left) == 1 or len(right) == 1:
             return [(x, y) for x in left for y in right]
-        return [(x, y) for x in left for y in right if size(x) == size(y)]
+        return [(x, y) for x in left for y in right if label(x).size == label(y).size]
 
     def of(self, spec: str, horizon: int | None = None) -> list[StudyRun]:
         """The runs of one configuration."""
@@ -185,12 +184,6 @@ class Evidence:
     def weights(self, spec: str) -> int:
         """Number of weights of a configuration."""
         return self.of(spec)[0].weights
-
-
-def size(spec: str) -> str:
-    """The "2x50" of a predictor."""
-    found = re.search(r": (\d+x\d+)", spec.partition(" - ")[0])
-    return found[1] if found else ""
 
 
 def _command(text: str) -> tuple[str, str]:
