@@ -3,6 +3,7 @@
 import ast
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,9 @@ def sources() -> dict[str, str]:
     return {p.relative_to(ROOT).as_posix(): p.read_text(encoding="utf-8") for p in paths}
 
 
+parsed = cache(ast.parse)
+
+
 def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
     """Every function and method, those in functions too."""
     return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
@@ -47,7 +51,7 @@ def long_functions(sources: dict[str, str]) -> set[str]:
     return {
         f"{path}:{f.name}"
         for path, text in sources.items()
-        for f in functions(ast.parse(text))
+        for f in functions(parsed(text))
         if (f.end_lineno or 0) - f.lineno + 1 > FUNCTION
     }
 
@@ -57,7 +61,7 @@ def many_arguments(sources: dict[str, str]) -> list[str]:
 
     Told by name; one that takes any number of equal things (``*names``) may be given them.
     """
-    trees = {path: ast.parse(text) for path, text in sources.items()}
+    trees = {path: parsed(text) for path, text in sources.items()}
     own = {node.name for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
     own |= {f.name for tree in trees.values() for f in functions(tree)}
     own -= {f.name for tree in trees.values() for f in functions(tree) if f.args.vararg}
