@@ -311,11 +311,11 @@ class HybridPredictor(Composite):
     ) -> tuple[Any, ...]:
         """What `native.hybrid` is given, for all steps in one call."""
         scaler = self.output_scaler
-        coupling = native.HybridCoupling(
+        links = native.HybridCoupling(
             self.rows, scaler.scale, scaler.offset, motion.scale.squeeze(-1), motion.held, self.added
         )
         networks = [native.Network(p.weights(), *pair) for p, pair in zip(self._networks(), states, strict=True)]
-        return inputs, x, motion.body, coupling, networks, motion.given, feedback
+        return inputs, x, motion.body, links, networks, motion.given, feedback
 
     def _states(self, buffer: Tensor) -> Tensor:
         return buffer[..., len(self.box.drives) :]
