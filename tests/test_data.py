@@ -187,7 +187,7 @@ def test_a_long_campaign_loads_and_windows_in_seconds_and_little_memory() -> Non
     """In a process of its own: digest, split with its check for overlap, windows and scalers."""
     code = (
         "import resource, sys, time; sys.path.insert(0, sys.argv[1]); import test_data as t; "
-        "from bench.training.data import digest, load; started = time.process_time(); "
+        "from bench.training.split import digest, load; started = time.process_time(); "
         "config = t.replace(t.CONFIG, dataset=t.Long(), horizon=190, test_stride=10); "
         "load(config.dataset); digest(config.dataset); data = t.prepare(config); data.gather(data.train.starts[:256]); "
         "print(time.process_time() - started, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"

@@ -161,7 +161,7 @@ def _recorded(kind: Fact, dataset: str) -> list[Estimate]:
     """What the recordings say; nothing where they cannot be had."""
     if dataset in STAND_IN and not has_files(dataset):
         return []
-    from bench.training.data import load  # training and what it trains take seconds to import
+    from bench.training.split import load  # training and what it trains take seconds to import
     from registry.core import DATASETS
 
     try:

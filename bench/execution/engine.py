@@ -20,8 +20,9 @@ from bench.experiment.config import RunConfig, from_json, to_json
 from bench.experiment.run_key import environment, run_key, shape_key
 from bench.records import record
 from bench.records.record import RunRecord
-from bench.training.data import choose_split, digest, prepare
+from bench.training.data import prepare
 from bench.training.run import Outcome, run_group
+from bench.training.split import choose_split, digest
 from bench.training.train import batchable
 from registry.errors import BenchError
 

@@ -19,7 +19,8 @@ from optuna.trial import FrozenTrial, TrialState
 from bench.experiment.config import RunConfig, from_json, to_json
 from bench.records.record import json_text
 from bench.sweep.space import Space, default_params
-from bench.training.data import choose_split, digest, prepare
+from bench.training.data import prepare
+from bench.training.split import choose_split, digest
 from registry import atomic_io
 from registry.errors import BenchError
 

@@ -78,7 +78,7 @@ def run_command(
     from bench.cli.job import Job, carry_out
     from bench.execution import engine
     from bench.experiment.request import Options, by_owner, request
-    from bench.training.data import remarks
+    from bench.training.split import remarks
 
     out = options.console()
     asked = Options(dataset, preset, seeds, *by_owner(changes, horizon, outputs), physics)
