@@ -11,7 +11,7 @@ import numpy as np
 from registry.core import PHYSICS
 from registry.datasets.folder.columns import Found, bare, drives, own_signal, recognised, time_column
 from registry.datasets.folder.description import SECONDS
-from registry.datasets.reading.tables import ENDINGS, header, numbers
+from registry.datasets.reading.tables import ENDINGS, MissingValue, header, numbers
 from registry.errors import BenchError
 from registry.stated import needed
 from registry.units import SIGNALS
@@ -145,8 +145,10 @@ def _time_unit(name: str, period: float) -> str:
 def _numeric(file: Path, column: str) -> bool:
     try:
         numbers(file, [column])
-    except BenchError as error:
-        return "NaN or empty" in str(error)
+    except MissingValue:
+        return True
+    except BenchError:
+        return False
     return True
 
 

@@ -17,6 +17,10 @@ from registry.regular_file import regular
 ENDINGS = (".csv", ".csv.gz", ".parquet")
 
 
+class MissingValue(BenchError):
+    """There is nothing where a number should be."""
+
+
 def header(file: Path) -> list[str]:
     """Column names.
 
@@ -35,6 +39,7 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
         gaps: those that may lack values, which are NaN then, but for all of them.
 
     Raises:
+        MissingValue: the first that is no finite number is NaN or empty.
         BenchError: with file, column and row (as a spreadsheet counts: the header is row 1; in Parquet the first
             record is).
     """
@@ -53,8 +58,10 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
             bad &= ~raw.isna().to_numpy()
         if bad.any():
             i = int(bad.argmax())
-            what = "no number (NaN or empty)" if pd.isna(raw.iloc[i]) else f"{str(raw.iloc[i])!r}, not a finite number"
-            raise BenchError(f"{file}, column {column!r}, row {first_row(file) + i}: {what}.")
+            where = f"{file}, column {column!r}, row {first_row(file) + i}"
+            if pd.isna(raw.iloc[i]):
+                raise MissingValue(f"{where}: no number (NaN or empty).")
+            raise BenchError(f"{where}: {str(raw.iloc[i])!r}, not a finite number.")
         values[:, j] = number
     return values
 
