@@ -97,9 +97,9 @@ def test_networks_on_a_gpu_train_one_by_one(monkeypatch: pytest.MonkeyPatch) -> 
     """Side by side their bits would depend on each other."""
     c = config("LSTM: 1x8 - MLP: 9x10")
     data = prepare(c)
-    assert train.independent(c, data)
+    assert train.batchable(c, data)
     monkeypatch.setattr(train, "device", lambda config: torch.device("cuda"))
-    assert not train.independent(c, data)
+    assert not train.batchable(c, data)
 
 
 @pytest.mark.parametrize(("asked", "said"), [("cuda", "finds no GPU"), ("gpu", "Known: auto, cpu, cuda")])
