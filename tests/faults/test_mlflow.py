@@ -36,7 +36,7 @@ def statuses(database: Path) -> list[str]:
 
 
 def test_a_server_that_never_answers_costs_no_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mirroring, "LONGEST", 3.0)
+    monkeypatch.setattr(mirroring, "MAX_SILENCE", 3.0)
     said: list[str] = []
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
