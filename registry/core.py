@@ -7,7 +7,6 @@ command-line help, the run key, the tracked parameters and the default search sp
 import dataclasses
 import importlib
 import math
-import pkgutil
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field
 from importlib.metadata import entry_points
@@ -80,7 +79,7 @@ class Registry:
     kind: str
     """Singular, as in "predictor"."""
     package: str
-    """The package whose modules hold the built-in entries."""
+    """The package whose modules hold the built-in entries, those in its rooms with them."""
     _entries: dict[str, type] = field(default_factory=dict)
     _loaded: bool = False
 
@@ -112,9 +111,8 @@ class Registry:
         if self._loaded:
             return
         self._loaded = True
-        package = importlib.import_module(self.package)
-        for module in pkgutil.iter_modules(package.__path__):
-            importlib.import_module(f"{self.package}.{module.name}")
+        for module in outline.modules(self.package):
+            importlib.import_module(module.name)
         for point in entry_points(group=self.group):
             try:
                 point.load()

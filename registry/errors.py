@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Iterable
 
-LONGEST = 2000
+MAX_LENGTH = 2000
 """Characters of a message."""
 
 
@@ -14,7 +14,7 @@ class BenchError(Exception):
     """
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(message if len(message) <= LONGEST else f"{message[: LONGEST - 300]} … {message[-297:]}")
+        super().__init__(message if len(message) <= MAX_LENGTH else f"{message[: MAX_LENGTH - 300]} … {message[-297:]}")
 
 
 def near(name: str, known: Iterable[str]) -> str:

@@ -12,9 +12,16 @@ COMPUTED = "OUTLINE"
 """A module whose names are computed says where they come from: OUTLINE = "module:function" (name → first line)."""
 
 
+def modules(package: str) -> Iterator[pkgutil.ModuleInfo]:
+    """Every module of a package and of those in it, by its full name; the packages, which are light, are imported."""
+    for module in pkgutil.walk_packages(importlib.import_module(package).__path__, f"{package}."):
+        if not module.ispkg:
+            yield module
+
+
 def package_sources(package: str) -> Iterator[str]:
-    """The sources of a package's modules; the package itself, which is light, is imported."""
-    for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
+    """The sources of a package's `modules`."""
+    for module in modules(package):
         found = module.module_finder.find_spec(module.name, None)
         if found is not None and found.origin is not None:
             yield Path(found.origin).read_text(encoding="utf-8")

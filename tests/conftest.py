@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.claims.manifest import entered
-from registry.contracts import Channel, Dataset, Loaded, Recording, Split
+from registry.contracts import Channel, Dataset, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
 
 
@@ -25,7 +25,7 @@ class Toy(Dataset):
     recordings: int = option(5, "recordings", low=3)
     samples: int = option(400, "samples of each", low=50)
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         made = []
         for i in range(self.recordings):
             rng = np.random.default_rng(i)
@@ -46,7 +46,7 @@ class Toy(Dataset):
                     np.ones(self.samples, bool),
                 )
             )
-        return Loaded(tuple(made), ())
+        return RecordingSet(tuple(made), ())
 
     def split(self, names: Sequence[str]) -> Split:
         return Split(tuple(names[:-2]), (names[-2],), (names[-1],))

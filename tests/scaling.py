@@ -24,7 +24,7 @@ from urllib.parse import urlsplit
 
 from bench.claims.manifest import entered
 from bench.execution import engine, executor
-from bench.execution.crew import AHEAD, Crew
+from bench.execution.pool import AHEAD, WorkerPool
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.notation import parse
 from bench.tracking.mirroring import Mirroring
@@ -105,23 +105,23 @@ def dummies(
 ) -> float:
     """Wall time of dummy runs until the last record is written."""
     (one,) = run.run_group(configs(1, 40))
-    real = executor._crew
+    real = executor._pool
 
     def work(key: str) -> bytes:
         time.sleep(seconds)
         return pickle.dumps([replace(one, summary={**one.summary, "key": key})])
 
     @contextmanager
-    def crew(*_: Any) -> Iterator[Crew]:
+    def pool(*_: Any) -> Iterator[WorkerPool]:
         with ThreadPoolExecutor(workers) as pool:
-            yield Crew(pool.submit, lambda: AHEAD * workers)
+            yield WorkerPool(pool.submit, lambda: AHEAD * workers)
 
-    executor._crew = crew  # type: ignore[assignment]
+    executor._pool = pool  # type: ignore[assignment]
     began = time.monotonic()
-    with closing(executor.work_off(((k, work, (f"{k:032x}",)) for k in range(count)), workers, print, str)) as done:
+    with closing(executor.run_jobs(((k, work, (f"{k:032x}",)) for k in range(count)), workers, print, str)) as done:
         for _, outcomes in done:
             seen(engine.write(pickle.loads(outcomes)[0], folder).folder)
-    executor._crew = real
+    executor._pool = real
     return time.monotonic() - began
 
 

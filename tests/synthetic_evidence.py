@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from bench.claims.evidence import COST, Evidence, Run
+from bench.claims.evidence import COST, Evidence, StudyRun
 from bench.experiment import study
 from bench.records.record import RunRecord
 from bench.reporting.conclude import conclude
@@ -84,7 +84,7 @@ def evidence(
                     f"{s}.{a}" for s in signals for a in AXES[s.partition("_un")[0].partition("_forced")[0]]
                 )
                 runs.append(
-                    Run(
+                    StudyRun(
                         key,
                         spec,
                         "twin",

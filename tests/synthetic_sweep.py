@@ -13,7 +13,7 @@ from bench.experiment.notation import parse
 from bench.sweep import journal as sweep
 from bench.sweep import search
 from bench.sweep.space import default_space, parse_search
-from registry.contracts import Loaded, Predictor, PredictorEntry, Split, StateLayout
+from registry.contracts import Predictor, PredictorEntry, RecordingSet, Split, StateLayout
 from registry.core import DATASETS, PREDICTORS, option
 
 
@@ -24,7 +24,7 @@ class HeldOff(Predictor):
         super().__init__(problem)
         self.layout, self.history, self.distance = StateLayout(self.n_outputs, 0, 0), 1, distance
 
-    def fill(self, inputs, outputs):
+    def init_buffers(self, inputs, outputs):
         return outputs[..., -1, : self.n_outputs]
 
     def rollout(self, inputs, state, feedback=None):
@@ -51,11 +51,11 @@ class Planted(PredictorEntry):
 class PoisonedToy(Toy):
     """The toy with garbage in its test recording; for tests."""
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         *kept, last = super().read().recordings
         rng = np.random.default_rng(1)
         noise = {name: 1e3 * rng.normal(size=getattr(last, name).shape) for name in ("inputs", "outputs")}
-        return Loaded((*kept, replace(last, **noise)), ())
+        return RecordingSet((*kept, replace(last, **noise)), ())
 
 
 @DATASETS.register("toy without validation")
@@ -93,4 +93,4 @@ def swept(
 
 
 def essence(study: optuna.Study) -> list[tuple]:
-    return [(t.params, t.state, t.values, t.user_attrs.get("curve")) for t in sweep.told(study)]
+    return [(t.params, t.state, t.values, t.user_attrs.get("curve")) for t in sweep.finished(study)]

@@ -20,7 +20,7 @@ from rich.console import Console
 from bench.cli.commands.archive import import_command
 from bench.execution import engine
 from bench.records import archive, record
-from bench.records.concluded import concluded
+from bench.records.finished import finished_studies
 from bench.records.record import RunRecord
 from bench.records.stamp import canonical, plain, stamped
 from bench.reporting import conclude
@@ -34,7 +34,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     records = engine.execute(engine.plan(study(2), results / "runs"), results / "runs")
     title = "<script>alert(1)</script> [/bold] on toy"
     conclude.conclude(Console(quiet=True), records, title, None, "bench run x", results / "studies" / "x")
-    archive.write(next(concluded(results)), results / "runs", results / "a.zip")
+    archive.write(next(finished_studies(results)), results / "runs", results / "a.zip")
     return results
 
 
@@ -53,7 +53,7 @@ def test_there_and_back_is_the_same_and_what_is_there_is_kept(made: Path, tmp_pa
     (runs / done.keys[1] / "record.json").unlink()
     assert archive.read(made / "a.zip", runs).new == (done.keys[1],)
     assert "ours" in (first / "provenance.json").read_text() and len(sound(runs)) == 2
-    archive.write(next(concluded(made)), made / "runs", tmp_path / "b.zip")
+    archive.write(next(finished_studies(made)), made / "runs", tmp_path / "b.zip")
     assert (tmp_path / "b.zip").read_bytes() == (made / "a.zip").read_bytes()
 
 
@@ -65,7 +65,7 @@ def test_the_report_is_made_anew_and_escapes_names(made: Path, tmp_path: Path) -
 
 
 def test_an_altered_run_is_not_exported(made: Path, tmp_path: Path) -> None:
-    finished = next(concluded(made))
+    finished = next(finished_studies(made))
     archive.read(made / "a.zip", tmp_path)
     (tmp_path / finished.keys[0] / "curve.parquet").write_bytes(b"x")
     with pytest.raises(BenchError, match=r"curve\.parquet was altered"):
@@ -175,6 +175,6 @@ def test_links_and_entries_that_lie_about_their_size(made: Path, tmp_path: Path)
 
 
 def test_a_study_that_is_not_whole_is_not_exported(made: Path, tmp_path: Path) -> None:
-    finished = replace(next(concluded(made)), keys=[KEY])
+    finished = replace(next(finished_studies(made)), keys=[KEY])
     with pytest.raises(BenchError, match="make it again with `bench run x`"):
         archive.write(finished, made / "runs", tmp_path / "c.zip")

@@ -12,7 +12,7 @@ from torch import Tensor
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.notation import parse
 from bench.training.run import run_group
-from registry.contracts import Channel, Loaded, Problem
+from registry.contracts import Channel, Problem, RecordingSet
 from registry.core import DATASETS, PREDICTORS
 from registry.errors import BenchError
 from registry.predictors.cascade import CascadePredictor
@@ -31,13 +31,13 @@ class ToyFlight(Toy):
 
     chain: ClassVar[tuple[str, ...]] = ("velocity", "euler_rates")
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         made = []
         for r in super().read().recordings:
             velocity = np.cumsum(r.outputs @ np.array([[0, 1, 0.2], [-1, 0, 0], [0.1, 0, 1]]), 0) / r.rate
             outputs = np.concatenate([r.outputs, velocity], 1)
             made.append(replace(r, outputs=outputs, output_channels=(*r.output_channels, *channels("velocity", "xyz"))))
-        return Loaded(tuple(made), ())
+        return RecordingSet(tuple(made), ())
 
 
 def built(name: str = "Cascade") -> tuple[CascadePredictor, Tensor, Tensor, tuple[Tensor, Tensor], list[Tensor]]:
@@ -49,7 +49,7 @@ def built(name: str = "Cascade") -> tuple[CascadePredictor, Tensor, Tensor, tupl
     u, y = torch.randn(3, 6, 2, generator=g), torch.randn(3, 6, 6, generator=g)
     past = torch.randn(3, 10, 2, generator=g), torch.randn(3, 10, 6, generator=g)
     states = [
-        torch.cat([p.fill(*predictor.part_history(i, *past)), torch.randn(3, 10, generator=g)], -1)
+        torch.cat([p.init_buffers(*predictor.part_history(i, *past)), torch.randn(3, 10, generator=g)], -1)
         for i, p in enumerate(predictor.parts())
     ]
     return predictor, u, y, past, states
@@ -65,7 +65,7 @@ def test_the_networks_run_one_after_the_other(name: str) -> None:
     forced, _ = predictor.second.rollout(torch.cat([u, y[..., 3:]], -1), states[1])
     free, _ = predictor.rollout(u, state)
     torch.testing.assert_close(free, torch.cat([practical, rates], -1))
-    torch.testing.assert_close(predictor.teach(u, y, state), torch.cat([forced, rates], -1))
+    torch.testing.assert_close(predictor.training_rollout(u, y, state), torch.cat([forced, rates], -1))
     torch.testing.assert_close(predictor.view("forced", u, y, state), forced)
     assert (practical - forced).abs().max() > 1e-3
 
@@ -82,7 +82,7 @@ def test_a_run_can_be_cut_in_two() -> None:
 
 def test_the_velocity_network_learns_from_measured_rates_only() -> None:
     predictor, u, y, past, states = built()
-    velocity = predictor.teach(u, y, predictor.join(states, *past))[..., :3].sum()
+    velocity = predictor.training_rollout(u, y, predictor.join(states, *past))[..., :3].sum()
     grads = torch.autograd.grad(velocity, list(predictor.first.parameters()))
     assert not any(g.any() for g in grads)
 

@@ -5,6 +5,7 @@ import json
 import math
 import shlex
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -410,19 +411,25 @@ def test_an_installed_package_reads_the_checkout_that_one_stands_in(
         claims_file.read()
 
 
+@cache
+def declared(name: str, preset: str) -> tuple[frozenset[str], frozenset[int]]:
+    """Configurations and horizons of a study."""
+    found = study.get(name)
+    made = found.runs(preset, DATASETS.get(found.default_dataset)())
+    return frozenset(r.spec for r in made), frozenset(r.horizon for r in made)
+
+
 @pytest.mark.parametrize("preset", ["laptop", "paper"])
 def test_every_pattern_of_a_claim_is_run_by_its_study(preset: str) -> None:
     for c in CLAIMS.claims:
         if c.study:
-            declared = study.get(c.study)
-            made = declared.runs(preset, DATASETS.get(declared.default_dataset)())
-            specs = {r.spec for r in made}
+            specs, horizons = declared(c.study, preset)
             for pattern in judge._patterns(c):
                 matched = fnmatch.filter(specs, pattern)
                 assert matched, (c.id, pattern)
                 if preset == "paper" and c.study != "initialization_length":
                     assert set(matched) <= CLAIMS.paper_specs, (c.id, matched)
-            assert set(getattr(c.kind, "horizons", ())) <= {r.horizon for r in made}, c.id
+            assert set(getattr(c.kind, "horizons", ())) <= horizons, c.id
 
 
 def test_every_command_parses() -> None:

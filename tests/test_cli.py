@@ -1,14 +1,19 @@
 """Commands as a user types them: what they print, and one sentence and exit code 2 for every mistake."""
 
+import logging
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bench.cli import main
 from bench.records import record
+
+Answer = Callable[..., tuple[int, str, str]]
 
 
 def bench(*args: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -22,16 +27,40 @@ def bench(*args: str, cwd: Path, **environment: str) -> subprocess.CompletedProc
     )
 
 
-def test_every_entry_is_listed_and_explained(tmp_path: Path) -> None:
-    listed = bench("list", cwd=tmp_path).stdout
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[Answer]:
+    """`bench` with arguments, typed in ``tmp_path`` and answered in this process: exit code, stdout and stderr."""
+    log = logging.getLogger("registry")
+    handlers, level = list(log.handlers), log.level
+    for name in ("OMP_NUM_THREADS", "PYTHONSAFEPATH"):
+        monkeypatch.setenv(name, "1")
+    monkeypatch.chdir(tmp_path)
+
+    def typed(*args: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["bench", *args])
+        capfd.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        return code, *capfd.readouterr()
+
+    yield typed
+    log.handlers[:] = handlers
+    log.setLevel(level)
+
+
+def test_every_entry_is_listed_and_explained(here: Answer) -> None:
+    listed = here("list")[1]
     for name in ("LSTM TDL", "MLFC", "linear", "Washout", "RNN", "nanodrone", "pelican_twin", "washout_vs_mlp"):
         assert name in listed
-    shown = bench("show", "washout", cwd=tmp_path).stdout
+    shown = here("show", "washout")[1]
     for part in ("history", "10", "samples", "measured | own", "Jaeger 2002"):
         assert part in shown
-    both = bench("show", "LSTM: 1x50 - MLP: 60x10", cwd=tmp_path).stdout
+    both = here("show", "LSTM: 1x50 - MLP: 60x10")[1]
     assert both.index("LSTM  (predictors)") < both.index("MLP  (initializers)")
-    assert "driven by: force [N]" in bench("show", "oscillator", cwd=tmp_path).stdout
+    assert "driven by: force [N]" in here("show", "oscillator")[1]
 
 
 @pytest.mark.parametrize(
@@ -68,13 +97,16 @@ def test_every_entry_is_listed_and_explained(tmp_path: Path) -> None:
         (("data", "check", "."), "dataset.toml"),
     ],
 )
-def test_a_mistake_is_one_sentence(command: tuple[str, ...], says: str, tmp_path: Path) -> None:
+def test_a_mistake_is_one_sentence(
+    command: tuple[str, ...], says: str, tmp_path: Path, here: Answer, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "file").write_text("")
     before = sorted(tmp_path.rglob("*"))
-    done = bench(*command, cwd=tmp_path, BENCH_DATA="", XDG_CACHE_HOME=_cache(tmp_path, command))
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert says in done.stderr and "Traceback" not in done.stderr
-    assert len(done.stderr.strip().splitlines()) <= 2
+    monkeypatch.setenv("BENCH_DATA", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", _cache(tmp_path, command))
+    code, stdout, stderr = here(*command)
+    assert code == 2, stdout + stderr
+    assert says in stderr and len(stderr.strip().splitlines()) <= 2
     left = [p for p in sorted(tmp_path.rglob("*")) if p not in before and "cache" not in p.parts]
     assert left == []
 
@@ -85,7 +117,7 @@ def _cache(tmp_path: Path, command: tuple[str, ...]) -> str:
     return str(tmp_path / "cache") if "--dataset" in command else real
 
 
-def test_one_configuration_from_data_to_prediction(tmp_path: Path) -> None:
+def test_one_configuration_from_data_to_prediction(tmp_path: Path, here: Answer) -> None:
     done = bench(
         "run", "MLFC: 1x8 - MLP: 9x10", "-T", "5", "--set", "training.updates=20", "--set", "test_stride=100",
         "--no-track", cwd=tmp_path,
@@ -97,24 +129,24 @@ def test_one_configuration_from_data_to_prediction(tmp_path: Path) -> None:
     assert {"error_per_step.png", "table.md", "steps.parquet", "study.json"} <= {p.name for p in folder.iterdir()}
     runs = list(record.all_records(tmp_path / "results" / "runs"))
     assert len(runs) == 3
-    assert "MLFC: 1x8" in bench("runs", "list", cwd=tmp_path).stdout
-    elsewhere = bench("runs", "list", "--dataset", "pelican_twn", cwd=tmp_path)
-    assert elsewhere.returncode == 2 and "did you mean pelican_twin" in elsewhere.stderr
+    assert "MLFC: 1x8" in here("runs", "list")[1]
+    code, _, stderr = here("runs", "list", "--dataset", "pelican_twn")
+    assert code == 2 and "did you mean pelican_twin" in stderr
     keys = [r.key[:8] for r in runs]
-    errors = bench("runs", "errors", keys[0], "--at", "1,5", "--si", cwd=tmp_path).stdout
+    errors = here("runs", "errors", keys[0], "--at", "1,5", "--si")[1]
     mean = runs[0].error("body_rates", "euclidean") * np.pi / 180
     assert f"{mean[5]:.4f}" in errors and f"{mean.sum():.2f}" in errors and "rad/s" in errors
-    assert "as written" in bench("runs", "show", keys[0], cwd=tmp_path).stdout
-    assert "config.predictor.name" in bench("runs", "diff", keys[0], keys[1], cwd=tmp_path).stdout
-    again = bench("run", "MLFC: 1x8 - MLP: 9x10", "-T", "5", "--set", "training.updates=20",
-                  "--set", "test_stride=100", "--no-track", cwd=tmp_path)  # fmt: skip
-    assert "3 already recorded, 0 to do" in " ".join(again.stdout.split())
+    assert "as written" in here("runs", "show", keys[0])[1]
+    assert "config.predictor.name" in here("runs", "diff", keys[0], keys[1])[1]
+    _, again, _ = here("run", "MLFC: 1x8 - MLP: 9x10", "-T", "5", "--set", "training.updates=20",
+                       "--set", "test_stride=100", "--no-track")  # fmt: skip
+    assert "3 already recorded, 0 to do" in " ".join(again.split())
 
 
-def test_an_altered_record_is_found_and_pruned(tmp_path: Path) -> None:
-    bench("run", "constant", "-T", "5", "--set", "test_stride=100", "--no-track", cwd=tmp_path)
+def test_an_altered_record_is_found_and_pruned(tmp_path: Path, here: Answer) -> None:
+    here("run", "constant", "-T", "5", "--set", "test_stride=100", "--no-track")
     run = next(record.all_records(tmp_path / "results" / "runs"))
     (run.folder / "steps.parquet").write_bytes(b"broken")
-    assert "altered" in bench("runs", "show", run.key[:8], cwd=tmp_path).stdout
-    assert "Removed" in bench("runs", "prune", "--yes", cwd=tmp_path).stdout
+    assert "altered" in here("runs", "show", run.key[:8])[1]
+    assert "Removed" in here("runs", "prune", "--yes")[1]
     assert run.key not in [r.key for r in record.all_records(tmp_path / "results" / "runs")]

@@ -12,7 +12,7 @@ from bench.cli import cli
 from bench.cli.diagnosing import write_model
 from bench.diagnose.result import GroupError
 from bench.tracking import track
-from registry.datasets.folder import Folder
+from registry.datasets.folder.dataset import Folder
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
 

@@ -14,7 +14,7 @@ from bench.experiment.config import RunConfig
 from bench.experiment.notation import parse
 from bench.speed.networks import channels
 from bench.training.data import prepare, window_starts
-from registry.contracts import Channel, Dataset, Loaded, Recording, Split
+from registry.contracts import Channel, Dataset, Recording, RecordingSet, Split
 from registry.errors import BenchError
 
 CONFIG = RunConfig(*parse("LSTM: 1x5 - MLP: 6x10"), Toy(), horizon=7, test_stride=3)
@@ -117,8 +117,8 @@ class Parts(Dataset):
     def __init__(self, *recordings: Recording) -> None:
         self.recordings = recordings
 
-    def read(self) -> Loaded:
-        return Loaded(self.recordings, ())
+    def read(self) -> RecordingSet:
+        return RecordingSet(self.recordings, ())
 
     def split(self, names: list[str]) -> Split:  # type: ignore[override]
         return Split((names[0],), (names[1],), (names[2],))
@@ -167,10 +167,10 @@ class Long(Dataset):
 
     inputs: ClassVar[tuple[str, ...]] = ("rotor_speed",)
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         rng, n = np.random.default_rng(0), 26_000
         u, y = channels("rotor_speed"), channels("position", "attitude", "velocity", "body_rates")
-        return Loaded(
+        return RecordingSet(
             tuple(
                 Recording(f"r{i:02}", 100.0, rng.normal(size=(n, 4)), rng.normal(size=(n, 13)), u, y, np.ones(n, bool))
                 for i in range(54)
@@ -187,7 +187,7 @@ def test_a_long_campaign_loads_and_windows_in_seconds_and_little_memory() -> Non
     """In a process of its own: digest, split with its check for overlap, windows and scalers."""
     code = (
         "import resource, sys, time; sys.path.insert(0, sys.argv[1]); import test_data as t; "
-        "from bench.training.data import digest, load; started = time.process_time(); "
+        "from bench.training.split import digest, load; started = time.process_time(); "
         "config = t.replace(t.CONFIG, dataset=t.Long(), horizon=190, test_stride=10); "
         "load(config.dataset); digest(config.dataset); data = t.prepare(config); data.gather(data.train.starts[:256]); "
         "print(time.process_time() - started, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"

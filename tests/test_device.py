@@ -22,8 +22,8 @@ from bench.training.model import build, build_scaled
 from registry.contracts import Split
 from registry.core import DATASETS
 from registry.errors import BenchError
-from registry.predictors.learned_load import Units
 from registry.predictors.load_hybrid import LoadHybridPredictor
+from registry.predictors.parts.learned_load import Units
 
 META = torch.device("meta")
 OF_A_BODY = ("Hybrid: 1x8", "Hybrid residual: 1x8", "Hybrid unsummed: 1x8", "Cascade: 1x8", "Cascade TDL: 1x8")
@@ -67,7 +67,7 @@ def test_data_and_optimizer_go_with_the_network(monkeypatch: pytest.MonkeyPatch)
     c = config("LSTM: 1x8 - MLP: 9x10")
     data = prepare(c)
     monkeypatch.setattr(train, "device", lambda config: META)
-    group = train.Group([build_scaled(c, data)], [train.Run(c, data)])
+    group = train.Group([build_scaled(c, data)], [train.RunState(c, data)])
     cost, slopes = cost_and_gradient(group.network, group.parameters, group._batch(), 1.0, 1.0)
     kept = (group.theta, group.m, group.v, group.best, group.gradient, group.train_cost, *group.validation[0])
     assert {x.device for x in kept} == {META} == {x.device for x in (*slopes.values(), cost)}
@@ -97,9 +97,9 @@ def test_networks_on_a_gpu_train_one_by_one(monkeypatch: pytest.MonkeyPatch) -> 
     """Side by side their bits would depend on each other."""
     c = config("LSTM: 1x8 - MLP: 9x10")
     data = prepare(c)
-    assert train.independent(c, data)
+    assert train.batchable(c, data)
     monkeypatch.setattr(train, "device", lambda config: torch.device("cuda"))
-    assert not train.independent(c, data)
+    assert not train.batchable(c, data)
 
 
 @pytest.mark.parametrize(("asked", "said"), [("cuda", "finds no GPU"), ("gpu", "Known: auto, cpu, cuda")])

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 from bench.cli import cli
 from registry.contracts import Problem
 from registry.core import DATASETS, EFFECTS, PREDICTORS, Registry
-from registry.datasets.folder import Folder
+from registry.datasets.folder.dataset import Folder
 from registry.effects.rotor import RotorDrag
 from registry.physics.quadrotor import Quadrotor
 
@@ -163,8 +163,8 @@ def test_the_controller_flies_better_with_the_effects() -> None:
 
 
 def test_the_dataset_toml_of_the_reference_is_right(tmp_path: Path) -> None:
-    from registry.datasets.folder_description import describe
-    from registry.datasets.folder_signals import FRAMES
+    from registry.datasets.folder.description import describe
+    from registry.datasets.folder.signals import FRAMES
 
     text = (ROOT / "docs/reference/dataset-toml.md").read_text()
     vehicle, process = [b for b in blocks(ROOT / "docs/reference/dataset-toml.md") if b.kind == "toml"]
@@ -207,7 +207,7 @@ def execute(registry: Registry, name: str, title: str, monkeypatch: pytest.Monke
 def test_the_predictor_works(monkeypatch: pytest.MonkeyPatch) -> None:
     execute(PREDICTORS, "drift", "registry/predictors/drift.py", monkeypatch)
     predictor = PREDICTORS.get("drift")(fade=0.5).build(Problem.plain(1, 1, 3, 10))
-    state = predictor.fill(torch.zeros(1, 10, 1), torch.arange(10.0).reshape(1, 10, 1))
+    state = predictor.init_buffers(torch.zeros(1, 10, 1), torch.arange(10.0).reshape(1, 10, 1))
     assert predictor(torch.zeros(1, 3, 1), state).flatten().tolist() == [9.5, 9.75, 9.875]
 
 

@@ -153,30 +153,31 @@ def _after(count: int, action):  # type: ignore[no-untyped-def]
     return tick
 
 
-def test_records_are_the_same_from_other_processes(tmp_path: Path) -> None:
-    """The toy data set is not known to a fresh process, so this uses an embedded one through the command line."""
-    ours, theirs = tmp_path / "one", tmp_path / "two"
-    for results, workers in ((ours, "1"), (theirs, "2")):
-        _bench("run", "washout_vs_mlp", "--preset", "smoke", "--no-track", "--workers", workers, results=results)
-    first = list(record.all_records(ours / "runs"))
-    assert len(first) == 42
-    for a in first:
-        assert record.differences(a, record.RunRecord(theirs / "runs" / a.key)) == []
+def _study(results: Path, workers: int) -> list[str]:
+    """The command that runs one; the toy data set is not known to a fresh process, so it is on an embedded one."""
+    asked = ["run", "washout_vs_mlp", "--preset", "smoke", "--no-track", "--workers", str(workers)]
+    return [sys.executable, "-m", "bench", *asked, "--results", str(results)]
 
 
-def _bench(*args: str, results: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "bench", *args, "--results", str(results)], check=True, capture_output=True, text=True
-    )
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> list[record.RunRecord]:
+    """The records of that study, run to its end in one process."""
+    results = tmp_path_factory.mktemp("whole")
+    subprocess.run(_study(results, 1), check=True, capture_output=True)
+    made = list(record.all_records(results / "runs"))
+    assert len(made) == 42
+    return made
 
 
-def test_a_study_killed_half_way_ends_in_equal_records(tmp_path: Path) -> None:
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    args = ("run", "washout_vs_mlp", "--preset", "smoke", "--no-track", "--workers", "1")
-    _bench(*args, results=whole)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "bench", *args, "--results", str(killed)], stdout=subprocess.DEVNULL
-    )
+def test_records_are_the_same_from_other_processes(whole: list[record.RunRecord], tmp_path: Path) -> None:
+    subprocess.run(_study(tmp_path, 2), check=True, capture_output=True)
+    for a in whole:
+        assert record.differences(a, record.RunRecord(tmp_path / "runs" / a.key)) == []
+
+
+def test_a_study_killed_half_way_ends_in_equal_records(whole: list[record.RunRecord], tmp_path: Path) -> None:
+    killed = tmp_path / "killed"
+    process = subprocess.Popen(_study(killed, 1), stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while len(list(record.all_records(killed / "runs"))) < 4 and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -184,10 +185,8 @@ def test_a_study_killed_half_way_ends_in_equal_records(tmp_path: Path) -> None:
     process.wait()
     left = {r.key: r.provenance["finished_ms"] for r in record.all_records(killed / "runs")}
     assert 4 <= len(left) < 42
-    _bench(*args, results=killed)
-    records = list(record.all_records(whole / "runs"))
-    assert len(records) == 42
-    for a in records:
+    subprocess.run(_study(killed, 1), check=True, capture_output=True)
+    for a in whole:
         b = record.RunRecord(killed / "runs" / a.key)
         assert record.differences(a, b) == []
         if a.key in left:

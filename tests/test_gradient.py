@@ -15,7 +15,7 @@ from bench.experiment.notation import parse
 from bench.training import gradient
 from bench.training.data import prepare
 from bench.training.model import Model, build_scaled
-from bench.training.train import Group, Run
+from bench.training.train import Group, RunState
 from registry.contracts import Gradients, Predictor, Problem
 from registry.initializers.each import build as build_initializer
 from registry.initializers.mlp import MLPInitializer
@@ -45,7 +45,7 @@ def group(spec: str, models: int = 1, **options: object) -> Group:
     base = RunConfig(replace(predictor, **options), initializer, Toy(), horizon=6, training=training)  # type: ignore[type-var]
     configs = [replace(base, seed=i) for i in range(models)]
     data = prepare(base)
-    made = Group([build_scaled(c, data) for c in configs], [Run(c, data) for c in configs])
+    made = Group([build_scaled(c, data) for c in configs], [RunState(c, data) for c in configs])
     for _ in range(3):
         made.step()
     return made
@@ -190,7 +190,7 @@ class Halved(LSTMPredictor):
 
 
 class Taught(LSTMPredictor):
-    def teach(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+    def training_rollout(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
         return self.rollout(inputs, state, outputs)[0]
 
 
@@ -200,13 +200,13 @@ class Weighed(LSTMPredictor):
 
 
 class Mirrored(LSTMPredictor):
-    def vary(self, windows: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+    def augment(self, windows: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
         return tuple(-x for x in windows)
 
 
 class Filled(LSTMPredictor):
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
-        return super().fill(inputs, outputs) + self.output_bias.unsqueeze(-2)
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+        return super().init_buffers(inputs, outputs) + self.output_bias.unsqueeze(-2)
 
 
 class Doubled(MLPInitializer):

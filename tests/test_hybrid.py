@@ -89,7 +89,7 @@ def initialized(p: Predictor, u_past: Tensor, y_past: Tensor) -> Tensor:
 def test_physics_runs_the_model_from_the_measured_state() -> None:
     predictor, (u_past, y_past, u) = built("physics"), windows()
     u_scaled, y_scaled, _ = scaled(predictor, u_past, y_past, u)
-    got = predictor(u, predictor.fill(u_scaled, y_scaled))
+    got = predictor(u, predictor.init_buffers(u_scaled, y_scaled))
     velocity, rates, attitude, position = y_past[:, -1].split([3, 3, 4, 3], -1)
     model = PHYSICS.get("quadrotor")(mass=0.9, inertia=(0.01, 0.013, 0.02))
     states = model.simulate(
@@ -103,7 +103,7 @@ def test_a_model_file_brings_effects_whose_memory_is_that_of_the_history(tmp_pat
     file.write_text('system = "quadrotor"\n[[effects]]\nid = "motor_lag"\ntau_up = 0.03\ntau_down = 0.05\n')
     predictor, (u_past, y_past, u) = built("physics", model=str(file)), windows()
     u_scaled, y_scaled, scaled_u = scaled(predictor, u_past, y_past, u)
-    state = predictor.fill(u_scaled, y_scaled)
+    state = predictor.init_buffers(u_scaled, y_scaled)
     lagging = u_past[:, 0].numpy()
     for k in range(1, TAU):  # the exact lag behind a straight line, in two half steps as the effect says
         before, after = u_past[:, k - 1].numpy(), u_past[:, k].numpy()
@@ -154,7 +154,7 @@ def test_any_system_is_predicted() -> None:
     force = noise(1, 40 + HORIZON, 1, seed=0)
     truth = model.simulate(torch.tensor([[0.1, 0.5]], dtype=F64), force, 0.01)
     predictor = PREDICTORS.get("physics")().build(problem).double()
-    state = predictor.fill(force[:, :40], truth[:, :40, :1])
+    state = predictor.init_buffers(force[:, :40], truth[:, :40, :1])
     torch.testing.assert_close(state[0, -2:], truth[0, 39], rtol=0, atol=0.02)
     got, _ = predictor.rollout(force[:, 40:], state)
     torch.testing.assert_close(got, truth[:, 40:, :1], rtol=0, atol=2e-3)
@@ -250,7 +250,7 @@ def test_with_nothing_learned_it_is_the_physics_model(tmp_path: Path, file: str,
     physics = built("physics", problem, **options)
     hybrid = built("Hybrid", problem, hidden=4, input_model="residual", fit_constants=True, **options)
     u_past, y_past, u = scaled(physics, *windows())
-    want, end = physics.rollout(u, physics.fill(u_past, y_past))
+    want, end = physics.rollout(u, physics.init_buffers(u_past, y_past))
     state = initialized(hybrid, u_past, y_past)
     outputs, last = hybrid.rollout(u, state)
     torch.testing.assert_close(outputs, want, rtol=1e-10, atol=1e-10)
@@ -331,7 +331,9 @@ def test_stays_valid_through_a_flip() -> None:
         predictor.input_network.output_bias[2] = 0.05
     start = torch.zeros(1, 1, 13)
     start[..., 9] = 1.0
-    state = torch.cat([predictor.fill(torch.zeros(1, 1, 4), predictor.scale_history(start)), torch.zeros(1, 8)], -1)
+    state = torch.cat(
+        [predictor.init_buffers(torch.zeros(1, 1, 4), predictor.scale_history(start)), torch.zeros(1, 8)], -1
+    )
     outputs = predictor(torch.full((1, 190, 4), 480.0), state)
     _, end = predictor.rollout(torch.zeros(1, 190, 4), state)
     attitude = end[0, 6:10].detach()
@@ -381,6 +383,6 @@ def test_fitted_constants_stay_within_their_uncertainty() -> None:
     assert places[:2] == ["mass", "inertia"] and len(hybrid.constants) > 8
     with torch.no_grad():
         hybrid.constants[0] = -1e9  # the mass: ten times 2 % below nominal
-    middle = hybrid._middle(state[:, :4], speed)
+    middle = hybrid._motion(state[:, :4], speed)
     expected = 9.9865e-6 * (speed[:, 0] ** 2).sum(-1) / (0.9 * np.exp(-0.2))
     torch.testing.assert_close(middle.given[0, 2, 0], expected)

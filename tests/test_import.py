@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from bench.cli.commands.data import data_command
 from registry.core import PHYSICS
-from registry.datasets.folder import Folder, check
-from registry.datasets.importing import convert
+from registry.datasets.folder.dataset import Folder, check
+from registry.datasets.logs.importing import convert
 from registry.errors import BenchError
 from registry.stated import refuse_unstated
 

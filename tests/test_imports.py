@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import bench.cli.commands
-from bench.execution.executor import work_off
+from bench.execution.executor import run_jobs
 from bench.experiment import study
 from registry import outline
 from registry.core import REGISTRIES, Registry
@@ -83,7 +83,7 @@ def test_a_command_has_one_thread_unless_asked(asked: str, threads: str) -> None
 def test_a_worker_has_one_thread_unless_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     job = ("threads", os.getenv, ("OMP_NUM_THREADS",))
-    assert list(work_off(iter([job]), 2, print, str)) == [("threads", "1")]
+    assert list(run_jobs(iter([job]), 2, print, str)) == [("threads", "1")]
     assert "OMP_NUM_THREADS" not in os.environ
 
 
@@ -117,7 +117,7 @@ def test_a_plug_in_that_its_source_does_not_tell_is_loaded(monkeypatch: pytest.M
     monkeypatch.setattr("registry.core.entry_points", lambda group: [point] if group == registry.group else [])
     monkeypatch.setattr(registry, "_entries", dict(registry._entries))
     monkeypatch.setattr(registry, "_loaded", False)
-    monkeypatch.setattr("registry.core.pkgutil.iter_modules", lambda path: iter(()))
+    monkeypatch.setattr("registry.outline.modules", lambda package: iter(()))
     assert registry.outline()["Kite"] == "Told by loading."
     registry.check("kite")
     with pytest.raises(BenchError, match="did you mean Kite"):

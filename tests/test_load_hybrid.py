@@ -82,7 +82,7 @@ def windows(given, count=3):
 
 
 def predict(p, u_history, history, u):
-    return p(u, p.fill(p.input_scaler(u_history), p.scale_history(history)))
+    return p(u, p.init_buffers(p.input_scaler(u_history), p.scale_history(history)))
 
 
 def mirrored(image, u_history, history, u, y):
@@ -202,7 +202,7 @@ def test_inputs_act_when_they_come_and_not_before() -> None:
 def test_what_is_left_of_a_run_goes_on_as_if_it_had_not_stopped() -> None:
     given = problem()
     p, (u_history, history, u, _) = lively(build(given)), windows(given)
-    start = p.fill(p.input_scaler(u_history), p.scale_history(history))
+    start = p.init_buffers(p.input_scaler(u_history), p.scale_history(history))
     u = p.input_scaler(u)
     first, between = p.rollout(u[:, :3], start)
     second, end = p.rollout(u[:, 3:], between)
@@ -227,7 +227,7 @@ def test_varied_windows_are_flights_of_the_same_vehicle() -> None:
     past = p.scale_history(torch.cat([y, context], -1)[:, :n])
     torch.manual_seed(0)
     window = (p.input_scaler(u[:, :n]), past, p.input_scaler(u[:, n:]), p.output_scaler(y[:, n:]))
-    u_history, history, u_after, y_after = p.vary(window)
+    u_history, history, u_after, y_after = p.augment(window)
     changed = (y_after - window[3]).abs().amax((1, 2)) > 1e-3
     assert 6 <= changed.sum() < 16  # some are mirrored, some are not
     measured = p.output_scaler.invert(history[..., :6])
@@ -252,7 +252,7 @@ def test_jitter_delays_rotor_speeds_by_a_fraction_of_a_sample() -> None:
     u = p.input_scaler(ramp)
     _, history, _, y = windows(given, 50)
     torch.manual_seed(0)
-    u_history, kept, u_after, left = p.vary((u[:, :10], history, u[:, 10:], y))
+    u_history, kept, u_after, left = p.augment((u[:, :10], history, u[:, 10:], y))
     found = p.input_scaler.invert(torch.cat([u_history, u_after], 1))
     delay = (ramp - found)[:, 1:-1] / 10
     torch.testing.assert_close(delay, delay[:, :1, :1].expand_as(delay), rtol=1e-9, atol=1e-9)
@@ -266,7 +266,7 @@ def test_gradient_of_the_cost() -> None:
     weights = dict(p.named_parameters())
 
     def cost():
-        state = p.fill(p.input_scaler(u_history), p.scale_history(history))
+        state = p.init_buffers(p.input_scaler(u_history), p.scale_history(history))
         return p.cost(p.rollout(p.input_scaler(u), state)[0], p.output_scaler(y))
 
     gradients = dict(zip(weights, torch.autograd.grad(cost(), list(weights.values())), strict=True))

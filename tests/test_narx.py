@@ -57,7 +57,7 @@ def test_runs_follow_the_equation(layers: int, m: int, delays: int, n: int, meas
         noise(3, 9, m, seed=3),
         noise(3, 9, n, seed=4),
     )
-    feedback, state = y if measured else None, predictor.fill(past_u, past_y)
+    feedback, state = y if measured else None, predictor.init_buffers(past_u, past_y)
     assert state.shape[-1] == predictor.layout.size
     windows = zip(past_u.numpy(), past_y.numpy(), u.numpy(), y.numpy(), strict=True)
     want = np.array([narx(weights(predictor), delays, *w[:3], w[3] if measured else None) for w in windows])
@@ -68,20 +68,20 @@ def test_runs_follow_the_equation(layers: int, m: int, delays: int, n: int, meas
         second, end = predictor.rollout(u[:, cut:], middle, pieces[1])
         close(torch.cat([first, second], 1).detach(), want)
         sequence = torch.cat([past_y, y if measured else torch.from_numpy(want)], 1)
-        close(end.detach(), predictor.fill(torch.cat([past_u, u], 1)[:, -delays:], sequence[:, -delays:]))
+        close(end.detach(), predictor.init_buffers(torch.cat([past_u, u], 1)[:, -delays:], sequence[:, -delays:]))
 
 
 def test_series_parallel_training_looks_at_one_step_predictions() -> None:
     """Every step from measured data alone, each as the first step of a run of its own; parallel training runs free."""
     u, y = noise(2, 14, 3, seed=1), noise(2, 14, 2, seed=2)
     predictor = built(mode="series-parallel")
-    taught = predictor.teach(u[:, 5:], y[:, 5:], predictor.fill(u[:, :5], y[:, :5]))
+    taught = predictor.training_rollout(u[:, 5:], y[:, 5:], predictor.init_buffers(u[:, :5], y[:, :5]))
     for k in range(5, 14):
-        state = predictor.fill(u[:, :k], y[:, :k])
+        state = predictor.init_buffers(u[:, :k], y[:, :k])
         close(taught[:, k - 5].detach(), predictor.rollout(u[:, k : k + 1], state)[0][:, 0].detach())
-    free, state = built(), predictor.fill(u[:, :5], y[:, :5])
-    assert torch.equal(free.teach(u[:, 5:], y[:, 5:], state), free.rollout(u[:, 5:], state)[0])
-    assert not torch.allclose(free.teach(u[:, 5:], y[:, 5:], state), taught)
+    free, state = built(), predictor.init_buffers(u[:, :5], y[:, :5])
+    assert torch.equal(free.training_rollout(u[:, 5:], y[:, 5:], state), free.rollout(u[:, 5:], state)[0])
+    assert not torch.allclose(free.training_rollout(u[:, 5:], y[:, 5:], state), taught)
 
 
 class Taught(nn.Module):
@@ -92,7 +92,7 @@ class Taught(nn.Module):
         self.predictor = predictor
 
     def forward(self, u_past: Tensor, y_past: Tensor, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        taught = self.predictor.teach(u, y, self.predictor.fill(u_past, y_past))
+        taught = self.predictor.training_rollout(u, y, self.predictor.init_buffers(u_past, y_past))
         return taught, prediction_cost(taught, y)
 
 

@@ -173,7 +173,7 @@ def test_nan_in_comes_out(case: Case) -> None:
 @over(TWO_LAYERS)
 def test_fill_takes_the_measured_history(case: Case) -> None:
     predictor, (u, y) = case.build(), case.history()
-    close(predictor.fill(u, y), oracle.fill(u.numpy(), y.numpy(), case.delays))
+    close(predictor.init_buffers(u, y), oracle.fill(u.numpy(), y.numpy(), case.delays))
 
 
 def test_weight_counts() -> None:
@@ -406,7 +406,7 @@ def test_training_in_a_group_changes_no_bit(name: str, layers: int, how: str, hi
 def test_constant_keeps_the_last_measured_output() -> None:
     predictor = PREDICTORS.get("constant")().build(Problem.plain(3, 2, 12, TAU)).double()
     u, y = noise(4, TAU, 3, seed=1), noise(4, TAU, 2, seed=2)
-    outputs, _ = predictor.rollout(noise(4, 12, 3, seed=3), predictor.fill(u, y))
+    outputs, _ = predictor.rollout(noise(4, 12, 3, seed=3), predictor.init_buffers(u, y))
     assert torch.equal(outputs, y[:, -1:].expand(4, 12, 2)) and predictor.weight_count() == 0
 
 
@@ -426,7 +426,7 @@ def test_linear_recovers_a_linear_system_and_is_causal() -> None:
     u, y = driven(400, tau + horizon, seed=30)
     predictor.fit(u[:, :tau], y[:, :tau], u[:, tau:], y[:, tau:])
     u, y = driven(20, tau + horizon, seed=40)
-    state = predictor.fill(u[:, :tau], y[:, :tau])
+    state = predictor.init_buffers(u[:, :tau], y[:, :tau])
     outputs, _ = predictor.rollout(u[:, tau:], state)
     torch.testing.assert_close(outputs, y[:, tau:], rtol=1e-6, atol=1e-6)
     for j in range(horizon):

@@ -2,7 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.experiment.notation import parse, write
+from bench.experiment.notation import Label, label, parse, write
+from registry.core import INITIALIZERS, PREDICTORS
 from registry.errors import BenchError
 
 
@@ -32,6 +33,14 @@ def test_reads_the_papers_notation(text: str, canonical: str) -> None:
 def test_write_then_parse_is_the_identity(p: str, layers: int, hidden: int, i: str, width: int, tau: int) -> None:
     text = f"{p}: {layers}x{hidden} - {i}: {width}x{tau}"
     assert write(*parse(text)) == text
+    assert label(text) == Label(p, f"{layers}x{hidden}", i, tau)
+
+
+@pytest.mark.parametrize("name", PREDICTORS.names())
+def test_a_label_tells_what_is_trained_by_gradient(name: str) -> None:
+    kind = PREDICTORS.get(name)
+    spec = write(kind(), INITIALIZERS.get("Washout")() if kind.stateful else None)
+    assert label(spec).trained == (kind.training == "gradient")
 
 
 @pytest.mark.parametrize(

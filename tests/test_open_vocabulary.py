@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from bench.cli import cli
 from bench.records import record
 from registry.contracts import Channel
-from registry.datasets.folder import Folder
-from registry.datasets.folder_draft import draft
+from registry.datasets.folder.dataset import Folder
+from registry.datasets.folder.draft import draft
 from registry.datasets.signals import recording
 from registry.errors import BenchError
 from registry.units import Signal, conversion

@@ -44,7 +44,7 @@ def history_cost(predictor: Predictor, u: Tensor, y: Tensor, **options: float) -
     states = initializer(predictor, **options).start(predictor, u, y)
     assert not states.requires_grad
     hidden, cell = states.split([predictor.layout.hidden, predictor.layout.cell], -1)
-    state = torch.cat([predictor.fill(u[:, :1], y[:, :1]), hidden.tanh(), cell], -1)
+    state = torch.cat([predictor.init_buffers(u[:, :1], y[:, :1]), hidden.tanh(), cell], -1)
     return (predictor.rollout(u[:, 1:], state, y[:, 1:])[0] - y[:, 1:]).square().mean((1, 2))
 
 
@@ -54,7 +54,9 @@ def test_fitted_states_explain_every_window_better_than_zero(name: str) -> None:
     predictor = built(name)
     u, state = noise(6, TAU, 3, seed=1), noise(6, predictor.layout.size, seed=4).tanh()
     with torch.no_grad():
-        start = torch.cat([predictor.fill(u[:, :1], state[:, None, :2]), state[:, predictor.layout.buffer :]], 1)
+        start = torch.cat(
+            [predictor.init_buffers(u[:, :1], state[:, None, :2]), state[:, predictor.layout.buffer :]], 1
+        )
         y = torch.cat([state[:, None, :2], predictor.rollout(u[:, 1:], start)[0]], 1)
         zero, fitted, settled = (history_cost(predictor, u, y, iterations=i) for i in (0, 10, 100))
     assert (fitted < zero).all() and fitted.mean() < 0.5 * zero.mean() and settled.mean() < 0.2 * zero.mean()

@@ -28,7 +28,7 @@ class CellPredictor(Predictor):
         self.out = nn.Linear(hidden, self.n_outputs)
         self.layout = StateLayout(self.n_outputs, hidden, 0)
 
-    def fill(self, inputs, outputs):
+    def init_buffers(self, inputs, outputs):
         return outputs[..., -1, : self.n_outputs]
 
     def rollout(self, inputs, state, feedback=None):

@@ -12,7 +12,7 @@ PLUGIN = '''
 """A predictor from another package."""
 from dataclasses import dataclass
 from registry.core import PREDICTORS
-from registry.predictors.constant import Constant
+from registry.predictors.baselines.constant import Constant
 
 @PREDICTORS.register("{name}")
 @dataclass(frozen=True)

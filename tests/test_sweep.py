@@ -75,7 +75,7 @@ sys.path.insert(0, sys.argv[2])
 from bench.training import train
 from synthetic_sweep import swept, toy
 
-look, looks = train.Group._look, []
+look, looks = train.Group._validate, []
 
 def dying(group, since):
     looks.append(since)
@@ -83,7 +83,7 @@ def dying(group, since):
         os.kill(os.getpid(), signal.SIGKILL)
     look(group, since)
 
-train.Group._look = dying
+train.Group._validate = dying
 swept(Path(sys.argv[1]), toy(), 10)
 """
     process = subprocess.run([sys.executable, "-c", code, str(killed / "s"), str(Path(__file__).parent)])
@@ -116,7 +116,7 @@ def test_what_cannot_be_is_a_failed_trial(tmp_path: Path) -> None:
     states = {t.params["history"]: t for t in study.trials}
     assert states[10].state == TrialState.COMPLETE and states[5000].state == TrialState.FAIL
     assert "shorten the horizon" in states[5000].user_attrs["problem"]
-    assert len(sweep.told(study)) == len(study.trials) == 6
+    assert len(sweep.finished(study)) == len(study.trials) == 6
 
 
 def test_a_sweep_that_cannot_begin_is_one_sentence(tmp_path: Path) -> None:

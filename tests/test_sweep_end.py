@@ -51,7 +51,7 @@ def test_trials_are_mirrored_once_with_every_look(tmp_path: Path) -> None:
     asked, study = swept(tmp_path / "s", toy(), 9)
     uri = track.default_uri(tmp_path)
     for _ in range(2):
-        track.mirror_trials(uri, asked.title, "s", asked.configs, sweep.told(study))
+        track.mirror_trials(uri, asked.title, "s", asked.configs, sweep.finished(study))
     with sqlite3.connect(tmp_path / "mlflow.db") as database:
         statuses = dict(database.execute("SELECT status, count(*) FROM runs GROUP BY status").fetchall())
         looks = database.execute("SELECT count(*) FROM metrics WHERE key = 'learning/validation_rmsse'").fetchone()[0]
@@ -80,7 +80,7 @@ def test_two_workers_from_the_command_line(tmp_path: Path, monkeypatch: pytest.M
     assert "--resume" in str(bench("--trials", "5").exception)
     assert "use letters and digits" in str(bench("--name", "../").exception)
     more = bench("--trials", "5", "--workers", "1", "--resume")
-    assert more.exit_code == 0 and "5 trials, 3 told" in more.stdout, more.exception
+    assert more.exit_code == 0 and "5 trials, 3 finished" in more.stdout, more.exception
     folder = tmp_path / "sweeps" / "ridge"
     study = sweep.load(folder)
     assert [t.state for t in study.trials] == [TrialState.COMPLETE] * 5

@@ -95,12 +95,12 @@ def test_a_group_is_a_workers_share_of_what_is_left(
     tmp_path: Path, sizes: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Jobs as three workers, or those of a cluster, would get them, done in this process."""
-    real = search.work_off
+    real = search.run_jobs
 
     def inline(jobs: Iterator[Any], workers: int, hear: Callable[..., None], *more: Any, **others: Any) -> Any:
         return real(jobs, 1, hear, str)
 
-    monkeypatch.setattr(search, "work_off", inline)
+    monkeypatch.setattr(search, "run_jobs", inline)
     rates_swept(tmp_path / "three", 7, workers=3)
     assert sizes == [3, 2, 1, 1]
     sizes.clear()

@@ -136,16 +136,16 @@ def contrast(weighted: Sequence[tuple[float, Cell]], pool: Sequence[Cell] = ()) 
         borrowed, total = moderated - total, moderated
     scatter = sum(w * w * c.scatter / (c.trainings * recordings) for w, c in repeated) if recordings > 1 else 0.0
     return Contrast(
-        float(means.mean()),
-        float(means.var(ddof=1)) / recordings if recordings > 1 else 0.0,
-        variance,
-        min(scatter, variance),
-        recordings,
-        min((c.trainings for c in trained), default=1),
-        sum(c.trainings for c in trained),
-        len(used),
-        total if len(repeated) else 0.0,
-        borrowed,
+        value=float(means.mean()),
+        of_recordings=float(means.var(ddof=1)) / recordings if recordings > 1 else 0.0,
+        of_seeds=variance,
+        shared=min(scatter, variance),
+        recordings=recordings,
+        trainings=min((c.trainings for c in trained), default=1),
+        networks=sum(c.trainings for c in trained),
+        strata=len(used),
+        freedom=total if len(repeated) else 0.0,
+        borrowed=borrowed,
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-ENOUGH = 8
+MIN_RECORDINGS = 8
 """Recordings from which on their own distribution is resampled; below, a normal one is assumed and said."""
 ALIKE = (0.8, 1.25)
 """A ratio of errors whose interval lies within these is called alike."""
@@ -101,7 +101,7 @@ def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95, resamples: i
 
     The mean log ratio has the variance σ_r²/R + σ_s²/S + σ_e²/(R S) of two crossed random factors. The part that
     repeats over recordings (first and last term) gets a studentized bootstrap over recordings, or Student's interval
-    below `ENOUGH` of them; the part of the trainings gets Student's interval; squared half-widths add up
+    below `MIN_RECORDINGS` of them; the part of the trainings gets Student's interval; squared half-widths add up
     (variance recovery: Zou and Donner 2008).
 
     Args:
@@ -116,29 +116,45 @@ def compare(a: np.ndarray, b: np.ndarray, confidence: float = 0.95, resamples: i
         )
     trainings, recordings = d.shape
     if not d.size:
-        return Comparison(math.nan, math.nan, math.nan, math.nan, trainings, recordings, "no pair of finished runs")
+        return Comparison(
+            ratio=math.nan,
+            low=math.nan,
+            high=math.nan,
+            smallest=math.nan,
+            trainings=trainings,
+            recordings=recordings,
+            basis="no pair of finished runs",
+        )
     mean = float(d.mean())
     below, above = _recording_half_widths(d.mean(0), confidence, resamples)
     of_trainings = _training_half_width(d, confidence)
     basis = _basis(trainings, recordings)
     if recordings == 1 and trainings == 1:
-        return Comparison(math.exp(mean), math.nan, math.nan, math.nan, trainings, recordings, basis)
+        return Comparison(
+            ratio=math.exp(mean),
+            low=math.nan,
+            high=math.nan,
+            smallest=math.nan,
+            trainings=trainings,
+            recordings=recordings,
+            basis=basis,
+        )
     below, above = math.hypot(below, of_trainings), math.hypot(above, of_trainings)
     detectable = (below + above) / 2 * (1 + ndtri(POWER) / ndtri((1 + confidence) / 2))
     return Comparison(
-        math.exp(mean),
-        math.exp(mean - below),
-        math.exp(mean + above) if mean + above < 700 else math.inf,  # few repetitions at a high confidence
-        1 - math.exp(-detectable) if trainings > 1 else math.nan,
-        trainings,
-        recordings,
-        basis,
+        ratio=math.exp(mean),
+        low=math.exp(mean - below),
+        high=math.exp(mean + above) if mean + above < 700 else math.inf,  # few repetitions at a high confidence
+        smallest=1 - math.exp(-detectable) if trainings > 1 else math.nan,
+        trainings=trainings,
+        recordings=recordings,
+        basis=basis,
     )
 
 
 def _basis(trainings: int, recordings: int) -> str:
     """What an interval over so many trainings and recordings rests on and what it leaves out."""
-    if recordings >= ENOUGH:
+    if recordings >= MIN_RECORDINGS:
         words = f"paired bootstrap over {recordings} recordings"
     elif recordings > 1:
         words = f"t-interval over only {recordings} recordings"
@@ -155,7 +171,7 @@ def _recording_half_widths(d: np.ndarray, confidence: float, resamples: int) -> 
     if n < 2:
         return 0.0, 0.0
     error = float(d.std(ddof=1)) / math.sqrt(n)
-    if n < ENOUGH or error == 0:
+    if n < MIN_RECORDINGS or error == 0:
         half = float(stdtrit(n - 1, (1 + confidence) / 2)) * error
         return half, half
     drawn = d[np.random.default_rng(0).integers(0, n, size=(resamples, n))]

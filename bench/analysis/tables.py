@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bench.analysis import stats
+from bench.experiment.notation import label
 from bench.records.record import RunRecord
 from registry.units import SIGNALS, display
 
@@ -19,8 +20,8 @@ Pairs = Sequence[tuple[str, str]]
 
 
 def is_baseline(spec: str) -> bool:
-    """A model without sizes: nothing about it depends on the seed."""
-    return ":" not in spec
+    """A model that is not trained by gradient: nothing about it depends on the seed."""
+    return not label(spec).trained
 
 
 @lru_cache(maxsize=4096)

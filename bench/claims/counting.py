@@ -11,7 +11,7 @@ from bench.claims.estimate import Estimate, Kind, fact
 from bench.claims.evidence import Evidence
 
 if TYPE_CHECKING:  # it loads torch
-    from registry.contracts import Loaded
+    from registry.contracts import RecordingSet
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Fact(ABC):
     """A way to judge a claim on the data set itself; subclasses as those of `Kind`."""
 
     @abstractmethod
-    def count(self, loaded: "Loaded") -> list[Estimate]:
+    def count(self, loaded: "RecordingSet") -> list[Estimate]:
         """Every number that must lie in the acceptance band; facts have no interval."""
 
 
@@ -56,7 +56,7 @@ class Fact(ABC):
 class Samples(Fact):
     """Time steps of all recordings together."""
 
-    def count(self, loaded: "Loaded") -> list[Estimate]:
+    def count(self, loaded: "RecordingSet") -> list[Estimate]:
         """See `Fact.count`."""
         return [fact(f"samples in {len(loaded.recordings)} recordings:", sum(map(len, loaded.recordings)))]
 
@@ -65,7 +65,7 @@ class Samples(Fact):
 class Hours(Fact):
     """Time recorded, in hours."""
 
-    def count(self, loaded: "Loaded") -> list[Estimate]:
+    def count(self, loaded: "RecordingSet") -> list[Estimate]:
         """See `Fact.count`."""
         return [fact("hours:", sum(len(r) / r.rate for r in loaded.recordings) / 3600)]
 
@@ -77,7 +77,7 @@ class Maxima(Fact):
     names: tuple[str, ...]
     values: tuple[float, ...]
 
-    def count(self, loaded: "Loaded") -> list[Estimate]:
+    def count(self, loaded: "RecordingSet") -> list[Estimate]:
         """See `Fact.count`."""
         found = []
         for name, published in zip(self.names, self.values, strict=True):

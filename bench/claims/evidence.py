@@ -8,7 +8,6 @@ curve is there as the quantity `COST`, its steps being updates.
 
 import fnmatch
 import json
-import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from bench.experiment.notation import label
 from bench.experiment.study import PRESETS
 from bench.records.record import RunRecord
 from registry.errors import BenchError
@@ -79,7 +79,7 @@ def write_evidence(records: Sequence[RunRecord], path: Path) -> None:
 
 
 @dataclass(frozen=True)
-class Run:
+class StudyRun:
     """One run of a study, as ``study.json`` says it."""
 
     key: str
@@ -93,7 +93,7 @@ class Run:
     metrics: Mapping[str, float | None]
 
     @classmethod
-    def of(cls, summary: Mapping[str, Any]) -> "Run":
+    def of(cls, summary: Mapping[str, Any]) -> "StudyRun":
         """From what a record, or ``study.json``, says of it."""
         values = {n: summary[n] for n in cls.__dataclass_fields__}
         return cls(**{**values, "outputs": tuple(values["outputs"])})
@@ -106,8 +106,7 @@ class Run:
     @property
     def history(self) -> int | None:
         """Initialization length τ; None for a model without an initializer."""
-        found = re.search(r"(\d+)$", self.spec) if " - " in self.spec else None
-        return int(found[1]) if found else None
+        return label(self.spec).history
 
 
 Curves = dict[str, np.ndarray]
@@ -121,7 +120,7 @@ class Evidence:
     study: str
     dataset: str
     preset: str
-    runs: tuple[Run, ...]
+    runs: tuple[StudyRun, ...]
     steps: pd.DataFrame
 
     @cached_property
@@ -176,21 +175,15 @@ class Evidence:
         left, right = self.specs(a), self.specs(b)
         if len(left) == 1 or len(right) == 1:
             return [(x, y) for x in left for y in right]
-        return [(x, y) for x in left for y in right if size(x) == size(y)]
+        return [(x, y) for x in left for y in right if label(x).size == label(y).size]
 
-    def of(self, spec: str, horizon: int | None = None) -> list[Run]:
+    def of(self, spec: str, horizon: int | None = None) -> list[StudyRun]:
         """The runs of one configuration."""
         return [r for r in self.runs if r.spec == spec and horizon in (None, r.horizon)]
 
     def weights(self, spec: str) -> int:
         """Number of weights of a configuration."""
         return self.of(spec)[0].weights
-
-
-def size(spec: str) -> str:
-    """The "2x50" of a predictor."""
-    found = re.search(r": (\d+x\d+)", spec.partition(" - ")[0])
-    return found[1] if found else ""
 
 
 def _command(text: str) -> tuple[str, str]:
@@ -212,7 +205,7 @@ class Folder:
     preset: str
     altered: str
     """Why its runs are not those of the study as it is declared, in a few words; empty where they are."""
-    runs: tuple[Run, ...]
+    runs: tuple[StudyRun, ...]
 
     @property
     def comparable(self) -> bool:
@@ -231,7 +224,7 @@ def folders(root: Path) -> Iterator[Folder]:
             content = json.loads(path.read_text())
             if not content.get("study"):
                 continue
-            runs = tuple(Run.of(run) for run in content["runs"])
+            runs = tuple(StudyRun.of(run) for run in content["runs"])
             preset, options = _command(content["command"])
         except (ValueError, TypeError, LookupError, AttributeError, OSError, RecursionError) as error:
             raise BenchError(f"{path} is damaged ({error}): remove it, or run the study again.") from error
@@ -250,7 +243,7 @@ def gather(published: Path, local: Path) -> list[Evidence]:
 
     Of several presets of one study on one data set the largest counts.
     """
-    found: dict[tuple[str, str, str], dict[Any, tuple[Run, Path]]] = {}
+    found: dict[tuple[str, str, str], dict[Any, tuple[StudyRun, Path]]] = {}
     for folder in (*folders(published), *folders(local)):
         if folder.comparable and (folder.path / FILE).is_file():
             for run in folder.runs:
@@ -265,7 +258,7 @@ def gather(published: Path, local: Path) -> list[Evidence]:
     ]
 
 
-def _assemble(study: str, dataset: str, preset: str, members: list[tuple[Run, Path]]) -> Evidence:
+def _assemble(study: str, dataset: str, preset: str, members: list[tuple[StudyRun, Path]]) -> Evidence:
     tables = []
     for path in dict.fromkeys(path for _, path in members):
         try:

@@ -74,7 +74,17 @@ def judge(
         judgement = family.judged(question, alpha, len(asked))
         needed, seeds = outlook(question, alpha) if judgement.verdict == OPEN else ("", 0)
         command = _command(claim, homes, found.dataset, found.preset, seeds)
-        rows[claim.id].append(Row(claim, found.dataset, _label(claims, claim, found), judgement, command, "", needed))
+        rows[claim.id].append(
+            Row(
+                claim=claim,
+                dataset=found.dataset,
+                label=_label(claims, claim, found),
+                judgement=judgement,
+                command=command,
+                beside="",
+                outlook=needed,
+            )
+        )
     for claim in asked_for:
         if claim.scope == "dataset":
             rows[claim.id].append(_bound(claims, claim, ordered, homes, facts, simulate))
@@ -151,7 +161,7 @@ def _recorded(kind: Fact, dataset: str) -> list[Estimate]:
     """What the recordings say; nothing where they cannot be had."""
     if dataset in STAND_IN and not has_files(dataset):
         return []
-    from bench.training.data import load  # training and what it trains take seconds to import
+    from bench.training.split import load  # training and what it trains take seconds to import
     from registry.core import DATASETS
 
     try:

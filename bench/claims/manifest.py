@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.records import durable
 from bench.records.record import sha256
+from registry import atomic_io
 from registry.errors import BenchError
 
 FILE = "SHA256SUMS"
@@ -96,4 +96,4 @@ def _read(published: Path) -> dict[str, str]:
 
 
 def _write(published: Path, listed: dict[str, str]) -> None:
-    durable.write_text(published / FILE, "".join(f"{listed[name]}  {name}\n" for name in sorted(listed)))
+    atomic_io.write_text(published / FILE, "".join(f"{listed[name]}  {name}\n" for name in sorted(listed)))

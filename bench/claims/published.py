@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from bench.claims.estimate import ALPHA
-from bench.claims.evidence import Folder, Run, folders
+from bench.claims.evidence import Folder, StudyRun, folders
 from bench.claims.manifest import entered
 from bench.records.record import RunRecord, exists, write_json
 from registry.errors import BenchError
@@ -54,11 +54,11 @@ def check(published: Path, results: Path) -> list[Held]:
     by Student's band from the spread over seeds, pooled over all configurations of a study, data set and horizon and
     corrected (Bonferroni) for the number of checks, or by `OTHER_PROCESSOR` where that is more.
     """
-    here: dict[Group, dict[str, Run]] = {}
+    here: dict[Group, dict[str, StudyRun]] = {}
     for folder in folders(results / "studies"):
         if folder.comparable:
             _file(here, folder)
-    there: dict[Group, dict[str, Run]] = {}
+    there: dict[Group, dict[str, StudyRun]] = {}
     for folder in folders(published):
         if folder.comparable:
             _file(there, folder)
@@ -86,15 +86,15 @@ def check(published: Path, results: Path) -> list[Held]:
     return found
 
 
-def _file(into: dict[Group, dict[str, Run]], folder: Folder) -> None:
+def _file(into: dict[Group, dict[str, StudyRun]], folder: Folder) -> None:
     for run in folder.runs:
         group = (folder.study, run.dataset, folder.preset, run.spec, run.outputs, run.horizon)
         into.setdefault(group, {})[run.key] = run
 
 
-def _recorded(runs: Path, key: str) -> Run | None:
+def _recorded(runs: Path, key: str) -> StudyRun | None:
     """The run of this key as its own record says it."""
-    return Run.of(RunRecord(runs / key).summary) if exists(runs, key) else None
+    return StudyRun.of(RunRecord(runs / key).summary) if exists(runs, key) else None
 
 
 def _words(group: Group) -> str:
@@ -113,11 +113,11 @@ def _equal(name: str, a: Mapping[str, float | None], b: Mapping[str, float | Non
     return found
 
 
-def _logs(runs: Iterable[Run], metric: str) -> list[float]:
+def _logs(runs: Iterable[StudyRun], metric: str) -> list[float]:
     return [math.log(v) for r in runs if r.sound and (v := r.metrics.get(metric))]
 
 
-def _spread(*sides: dict[Group, dict[str, Run]]) -> dict[tuple[Any, ...], tuple[float, int]]:
+def _spread(*sides: dict[Group, dict[str, StudyRun]]) -> dict[tuple[Any, ...], tuple[float, int]]:
     """(study, data set, preset, horizon) → standard deviation of log errors over seeds, degrees of freedom."""
     squares: dict[tuple[Any, ...], list[float]] = {}
     for side in sides:

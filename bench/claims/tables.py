@@ -166,7 +166,15 @@ def _estimate(name: str, found: Contrast, recorded: bool) -> Estimate:
 
     speaks = found.trainings > 1 and (found.recordings > 1 or not recorded)
     seeds, recordings = found.trainings, found.recordings if recorded else 0
-    return Estimate(name, _exp(found.value), limits, _basis(found, recorded), speaks, seeds, recordings)
+    return Estimate(
+        name=name,
+        value=_exp(found.value),
+        limits=limits,
+        basis=_basis(found, recorded),
+        speaks=speaks,
+        seeds=seeds,
+        recordings=recordings,
+    )
 
 
 def _exp(value: float) -> float:

@@ -6,7 +6,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench.cli.job import Job, Place
+from bench.cli.job import Job
+from bench.cli.place import Place
 from bench.cli.progress import clock
 from bench.execution.engine import Plan
 from bench.execution.estimate import seconds

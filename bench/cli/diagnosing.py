@@ -40,7 +40,7 @@ def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Sub
 
     from bench.diagnose.logs.load import load
     from bench.diagnose.report import model_file as files
-    from registry.datasets.folder import Folder
+    from registry.datasets.folder.dataset import Folder
     from registry.stated import refuse_unstated
 
     subject = load(source, system)

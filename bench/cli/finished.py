@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from bench.cli.names import check_target
 from bench.experiment import study
-from bench.records.concluded import Concluded, concluded
+from bench.records.finished import FinishedStudy, finished_studies
 from registry.errors import BenchError
 
 T = TypeVar("T")
@@ -25,7 +25,7 @@ def sweep_page(name: str, dataset: str | None, preset: str | None, results: Path
 
     known = {folder: sweeps.read(folder)[0] for folder in sweeps.sweeps(results)}
     found = [f for f, sweep in known.items() if name in (f.name, sweep.title)]
-    if not found and not _fitting(((c, c.title) for c in concluded(results)), name, dataset, preset):
+    if not found and not _fitting(((c, c.title) for c in finished_studies(results)), name, dataset, preset):
         found = _fitting(((f, s.title.removeprefix("sweep of ")) for f, s in known.items()), name, dataset, preset)
     if len(found) > 1:
         raise BenchError(f"{len(found)} sweeps fit: give one of {'; '.join(f.name for f in found)}.")
@@ -49,13 +49,13 @@ def _fitting(titled: Iterable[tuple[T, str]], name: str, dataset: str | None, pr
     ]
 
 
-def finished_study(name: str, dataset: str | None, preset: str | None, results: Path) -> Concluded:
+def finished_study(name: str, dataset: str | None, preset: str | None, results: Path) -> FinishedStudy:
     """The finished study of that name (of its folder, of its title), data set and preset.
 
     Raises:
         BenchError: none, or several; the sentence lists them.
     """
-    every = list(concluded(results))
+    every = list(finished_studies(results))
     exact = [c for c in every if name in (c.folder.name, c.title)]
     fitting = exact or _fitting(((c, c.title) for c in every), name, dataset, preset)
     if len(fitting) == 1:

@@ -6,19 +6,18 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 import click
 from rich.console import Console
 from rich.markup import escape
 
+from bench.cli.place import Place, portable
 from bench.cli.progress import clock, meter
 from bench.execution import engine, lock
 from bench.experiment.config import RunConfig
 from bench.experiment.request import Request
 from bench.records.record import RunRecord
 from bench.tracking.mirroring import Mirroring
-from registry.errors import BenchError
 
 
 @dataclass(frozen=True)
@@ -40,31 +39,6 @@ class Job:
         return self.asked.configs
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where results go and who makes them."""
-
-    results: Path
-    tracking: str | None
-    """MLflow address; None: the database in the results folder."""
-    no_track: bool
-    workers: int | None
-    """Processes; None: one a core, as far as there is work for them."""
-    cluster: str | None = None
-    """Address of a Dask scheduler whose workers do it instead."""
-
-    def __post_init__(self) -> None:
-        if self.workers and self.cluster:
-            raise BenchError(
-                "--workers are processes on this machine, --cluster has workers of its own: give one of them."
-            )
-
-    @property
-    def runs(self) -> Path:
-        """Folder of the records."""
-        return self.results / "runs"
-
-
 def say(out: Console, job: Job, todo: engine.Plan) -> int:
     """One line about what there is to do; returns the number of runs to do."""
     for sentence in todo.damaged:
@@ -82,7 +56,7 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
     Raises:
         BenchError: another driver is at this study, the results folder cannot be written, or workers die.
     """
-    from bench.records.concluded import slug
+    from bench.records.finished import slug
     from bench.reporting import conclude
 
     folder = place.results / "studies" / slug(job.title)
@@ -101,7 +75,13 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
                     mirror.add([record.folder])
 
             records = engine.execute(
-                todo, place.runs, workers, progress.tick, finished, lambda t: progress.start(t.name), place.cluster
+                todo,
+                place.runs,
+                workers,
+                tick=progress.tick,
+                finished=finished,
+                starting=lambda t: progress.start(t.name),
+                cluster=place.cluster,
             )
         if models:
             by = f"on {place.cluster}" if place.cluster else f"with {workers} process(es)"
@@ -138,14 +118,3 @@ def browse(out: Console, missing: int, title: str, place: Place) -> None:
         out.print(f"{missing} runs are not in MLflow yet: [bold]bench sync {where}[/] logs them.")
     else:
         out.print(f"Browse all runs: [bold]bench ui {where}[/] (opens on the chart of “{escape(title)}”)")
-
-
-def portable(arguments: list[str]) -> list[str]:
-    """The command line without what belongs to this machine alone: where results go, how many processes."""
-    kept, skip = [], False
-    for argument in arguments:
-        local = argument.partition("=")[0] in ("--results", "--tracking", "--workers", "--cluster")
-        if not skip and not local and argument not in ("--no-track", "--resume"):
-            kept.append(argument)
-        skip = local and "=" not in argument
-    return kept

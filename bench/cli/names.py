@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import click
+
 from bench.experiment import study
 from bench.experiment.notation import parse
 from registry.core import DATASETS, PHYSICS, PREDICTORS
@@ -20,6 +22,21 @@ def check_target(target: str) -> None:
             f"There is no study or predictor {target!r}: {near(target, [*study.titles(), *PREDICTORS.outline()])}"
         )
     parse(target)
+
+
+def check_request(ctx: click.Context, target: str, dataset: str | None) -> None:
+    """Check the data set and the target, and refuse --preset beside a single configuration.
+
+    Raises:
+        BenchError: there is no such data set or target.
+        click.UsageError: the preset of a configuration.
+    """
+    check_dataset(dataset)
+    check_target(target)
+    if target not in study.titles() and ctx.get_parameter_source("preset") == click.core.ParameterSource.COMMANDLINE:
+        raise click.UsageError(
+            "--preset belongs to a study; set a configuration's own options, such as --set training.updates=3000."
+        )
 
 
 def check_system(system: str | None) -> None:

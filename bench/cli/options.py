@@ -10,7 +10,7 @@ import click
 from registry.errors import BenchError
 from registry.regular_file import regular
 
-LONGEST = 255
+MAX_NAME_BYTES = 255
 """Bytes in the name of a file, on every file system in use."""
 
 
@@ -31,7 +31,7 @@ class Output(click.Path):
         if not str(value).strip():
             self.fail("it names no file.", param, ctx)
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if any(len(os.fsencode(part)) > LONGEST for part in path.parts):
+        if any(len(os.fsencode(part)) > MAX_NAME_BYTES for part in path.parts):
             raise BenchError(f"{path} cannot be written: no file has so long a name.")
         if os.path.lexists(path):
             if self.folder and not path.is_dir():
@@ -116,18 +116,6 @@ outputs = click.option(
 horizon = click.option(
     "--horizon", "-T", type=click.IntRange(1, 1_000_000), help="Prediction length in samples (default: 40)."
 )
-
-
-def preset_belongs_to_a_study(ctx: click.Context) -> None:
-    """Refuse --preset beside a single configuration.
-
-    Raises:
-        click.UsageError: it was given.
-    """
-    if ctx.get_parameter_source("preset") == click.core.ParameterSource.COMMANDLINE:
-        raise click.UsageError(
-            "--preset belongs to a study; set a configuration's own options, such as --set training.updates=3000."
-        )
 
 
 def parsed(assignments: tuple[str, ...]) -> dict[str, str]:

@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench.cli.job import Place, browse, mirroring
+from bench.cli.job import browse, mirroring
+from bench.cli.place import Place
 from bench.cli.progress import clock, meter
 from bench.execution import engine, lock
 from bench.execution.estimate import per_update
@@ -23,9 +24,9 @@ from bench.records.record import RunRecord
 from bench.sweep import finalists
 from bench.sweep import journal as sweeps
 from bench.sweep.journal import Sweep
-from bench.sweep.search import search, side_by_side
+from bench.sweep.search import search, trials_at_once
 from bench.sweep.space import SPEC, configured, options, said
-from bench.sweep.sweep import concluded
+from bench.sweep.sweep import train_finalists
 from bench.tracking.mirroring import Mirroring
 from registry.errors import BenchError
 
@@ -38,8 +39,8 @@ def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: boo
     """
     with lock.held(folder, sweep.title), mirroring(place, sweep.title, folder.name) as mirror:
         study = sweeps.begin(sweep, folder, resume)
-        before = sweeps.told(study)
-        out.print(f"[bold]{escape(sweep.title)}[/]: {trials} trials, {len(before)} told, {escape(_hands(place))}.")
+        before = sweeps.finished(study)
+        out.print(f"[bold]{escape(sweep.title)}[/]: {trials} trials, {len(before)} finished, {escape(_where(place))}.")
         out.print(_searched(sweep), highlight=False, markup=False)
         if mirror:
             mirror.trials(sweep.configs, before)
@@ -52,7 +53,16 @@ def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: boo
                 if mirror:
                     mirror.trials(sweep.configs, [t])
 
-            search(sweep, study, folder, trials, _workers(place), progress.tick, ended, place.cluster)
+            search(
+                sweep,
+                study,
+                folder,
+                trials=trials,
+                workers=_workers(place),
+                tick=progress.tick,
+                ended=ended,
+                cluster=place.cluster,
+            )
             spent = time.monotonic() - progress.started
         if len(before) < trials:
             out.print(f"{trials - len(before)} trials in {clock(spent)}; {_best_so_far(study)}.", highlight=False)
@@ -63,7 +73,7 @@ def _workers(place: Place) -> int:
     return place.workers or os.cpu_count() or 1
 
 
-def _hands(place: Place) -> str:
+def _where(place: Place) -> str:
     return f"on {place.cluster}" if place.cluster else f"{_workers(place)} process(es)"
 
 
@@ -77,7 +87,7 @@ def _conclude(
         who = "The best and the default" if several else "The best, which is the default,"
         return _train(out, who, configs, place, mirror)
 
-    done = concluded(sweep, study, folder, train)
+    done = train_finalists(sweep, study, folder, train)
     _summary(out, sweep, study, done.verdicts, folder)
     if mirror:
         mirror.attach([folder / sweeps.REPORT])
@@ -94,10 +104,10 @@ def _train(out: Console, who: str, configs: list[RunConfig], place: Place, mirro
             todo,
             place.runs,
             _workers(place),
-            progress.tick,
-            lambda r: progress.record(),
-            lambda t: progress.start(t.name),
-            place.cluster,
+            tick=progress.tick,
+            finished=lambda r: progress.record(),
+            starting=lambda t: progress.start(t.name),
+            cluster=place.cluster,
         )
     if mirror:
         mirror.add([r.folder for r in records])
@@ -142,7 +152,7 @@ def estimate(out: Console, sweep: Sweep, trials: int, place: Place) -> None:
     """What the sweep would cost here, were no trial stopped early."""
     out.print(_searched(sweep), highlight=False, markup=False)
     workers = _workers(place)
-    together = 1 if place.cluster else min(side_by_side(sweep), math.ceil(trials / workers))
+    together = 1 if place.cluster else min(trials_at_once(sweep), math.ceil(trials / workers))
     largest = configured(sweep.configs, {path: _last(values) for path, values in sweep.space.items()})
     with out.status("timing a few updates"):
         times = [

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from bench.analysis.display import Displayed
-from bench.analysis.stats import ENOUGH
+from bench.analysis.stats import MIN_RECORDINGS
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import LINES as DRAWN
@@ -153,7 +153,7 @@ def compare(
                 break
     units, basis = _units(logs, at, every, steps, squared[next(reversed(models))])
     recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
-    draws = _draws(units, recording, len(logs) >= ENOUGH)
+    draws = _draws(units, recording, len(logs) >= MIN_RECORDINGS)
     lines = {name: _lines(e, judged, logs, recording, units, draws) for name, e in squared.items()}
     return Comparison(
         recordings=tuple(log.name for log in logs),
@@ -177,7 +177,7 @@ def _units(
 ) -> tuple[np.ndarray, str]:
     """The unit of repetition (W,) that each window belongs to, and what it is in words."""
     recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
-    if len(logs) >= ENOUGH:
+    if len(logs) >= MIN_RECORDINGS:
         return recording, f"95 %, bootstrap over {len(logs)} recordings"
     # Two windows that overlap are not independent, nor are two that are nearer than errors are alike.
     length = max(2 * steps, 2 * every * _alike(squared[:, -1], recording))

@@ -2,8 +2,6 @@
 
 import json
 import math
-import os
-import tempfile
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -15,6 +13,7 @@ from bench.analysis.display import Displayed, draw_curves, new_axes
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
 from bench.diagnose.flight import Flight
 from bench.diagnose.learned_shape import LearnedCurve, LearnedShape
+from registry.atomic_io import replacing
 from registry.errors import BenchError
 from registry.units import display
 
@@ -372,17 +371,10 @@ def write_text(path: Path, text: str) -> None:
     Raises:
         BenchError: the file cannot be written.
     """
-    draft = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, draft = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8", errors="replace", newline="\n") as file:
-            file.write(text)
-        os.chmod(draft, 0o644)  # mkstemp's own is for its owner alone
-        os.replace(draft, path)
+        with replacing(path) as draft:
+            draft.write_text(text, encoding="utf-8", errors="replace", newline="\n")
     except OSError as error:
-        if draft is not None:
-            Path(draft).unlink(missing_ok=True)
         raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error
 
 

@@ -1,4 +1,4 @@
-"""A Dask cluster: its workers do the jobs of `bench.execution.executor.work_off`, wherever they are.
+"""A Dask cluster: its workers do the jobs of `bench.execution.executor.run_jobs`, wherever they are.
 
 Dask sends functions by name and arguments as pickles between its own processes, so whoever reaches a scheduler can run
 code on its machines: a local one listens on 127.0.0.1 unless told otherwise.
@@ -14,7 +14,7 @@ from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from typing import Any
 
-from bench.execution.crew import AHEAD, Crew
+from bench.execution.pool import AHEAD, WorkerPool
 from registry.errors import BenchError
 
 try:
@@ -27,26 +27,26 @@ SECONDS = 10
 """To wait for a scheduler's answer."""
 
 _ALONE = threading.Lock()
-_telling = threading.local()
+_sending = threading.local()
 
 
-def tell(message: Any) -> None:
+def send_progress(message: Any) -> None:
     """In a worker of a cluster: send something to the driver."""
-    distributed.get_worker().log_event(_telling.topic, message)
+    distributed.get_worker().log_event(_sending.topic, message)
 
 
 def _do(topic: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     """In a worker: one job at a time in a process, because the random state is the process's."""
     with _ALONE:
-        _telling.topic = topic
+        _sending.topic = topic
         try:
             return function(*arguments)
         finally:
-            _telling.topic = None
+            _sending.topic = None
 
 
 @contextmanager
-def connected(address: str, ahead: int = AHEAD) -> Iterator[Crew]:
+def connected(address: str, ahead: int = AHEAD) -> Iterator[WorkerPool]:
     """Connect to a scheduler.
 
     Args:
@@ -72,7 +72,7 @@ def connected(address: str, ahead: int = AHEAD) -> Iterator[Crew]:
         messages: queue.Queue[Any] = queue.Queue()
         topic, executor = f"bench-{client.id}", client.get_executor(pure=False)
         client.subscribe_topic(topic, lambda event: messages.put(event[1]))
-        yield Crew(
+        yield WorkerPool(
             lambda function, *arguments: executor.submit(_do, topic, function, arguments),
             lambda: ahead * max(1, len(client.nthreads())),  # workers come and go
             messages,
@@ -88,14 +88,15 @@ def connected(address: str, ahead: int = AHEAD) -> Iterator[Crew]:
 _KEPT = "what was finished is kept, and the same command goes on."
 
 
-def serve(workers: int, host: str, port: int, said: Callable[[str], None]) -> None:
+def serve(workers: int, host: str, port: int, ready: Callable[[str], None], warn: Callable[[str], None]) -> None:
     """A scheduler and worker processes on this machine, one thread each, until Ctrl-C or SIGTERM.
 
     Args:
         workers: processes; one that dies is replaced.
         host: address to listen on.
         port: of the scheduler; 0: any that is free.
-        said: called with the scheduler's address when all are ready, and with a warning where others can reach it.
+        ready: called with the scheduler's address once it takes jobs.
+        warn: called with a sentence where others can reach it.
 
     Raises:
         BenchError: the address cannot be listened on.
@@ -118,11 +119,11 @@ def serve(workers: int, host: str, port: int, said: Callable[[str], None]) -> No
         raise BenchError(f"No scheduler can listen on {host}:{port}: choose another --port or --host.") from error
     with cluster:
         if not loopback(host):
-            said(
+            warn(
                 f"Warning: {host} is open to the network, without a password: whoever reaches port {port} can run any "
                 "code on this machine, as you; keep it behind a firewall."
             )
-        said(cluster.scheduler_address)
+        ready(cluster.scheduler_address)
         while not stop.wait(1.0):
             pass
 

@@ -15,14 +15,15 @@ from typing import Any
 
 import torch
 
-from bench.execution.executor import tell, work_off
+from bench.execution.executor import run_jobs, send_progress
 from bench.experiment.config import RunConfig, from_json, to_json
 from bench.experiment.run_key import environment, run_key, shape_key
 from bench.records import record
 from bench.records.record import RunRecord
-from bench.training.data import choose_split, digest, prepare
+from bench.training.data import prepare
 from bench.training.run import Outcome, run_group
-from bench.training.train import independent
+from bench.training.split import choose_split, digest
+from bench.training.train import batchable
 from registry.errors import BenchError
 
 GROUP = 9
@@ -94,7 +95,7 @@ def plan(configs: Iterable[RunConfig], runs: Path) -> Plan:
                 continue
             result.damaged.append(f"Run {key[:12]} is made again: {altered[0]} is damaged.")
         data = prepare(config)
-        shape = (shape_key(config), len(data.output_channels), "" if independent(config, data) else key)
+        shape = (shape_key(config), len(data.output_channels), "" if batchable(config, data) else key)
         groups.setdefault(shape, []).append((config, key))
     for members in groups.values():
         for i in range(0, len(members), GROUP):
@@ -140,7 +141,7 @@ def _work(plain: Sequence[dict[str, Any]], keys: Sequence[str], checkpoint: str,
     torch.set_num_threads(1)
     configs = [from_json(p) for p in plain]
     refuse_others(configs, keys)
-    return run_group(configs, lambda n: tell(n * weight), shared(checkpoint))
+    return run_group(configs, lambda n: send_progress(n * weight), shared(checkpoint))
 
 
 def execute(
@@ -184,7 +185,7 @@ def execute(
             plain, checkpoint = [to_json(c) for c in task.configs], str((partial / task.checkpoint).resolve())
             yield task, _work, (plain, list(task.keys), checkpoint, weight)
 
-    with closing(work_off(jobs(), min(workers, len(todo.tasks)), tick, lambda t: t.name, cluster)) as done:
+    with closing(run_jobs(jobs(), min(workers, len(todo.tasks)), tick, lambda t: t.name, cluster)) as done:
         for _, outcomes in done:
             for outcome in outcomes:
                 finished(write(outcome, runs))
@@ -198,7 +199,7 @@ def execute(
 def _forget(partial: Path, runs: Path) -> None:
     """Remove the checkpoints, and drafts of them, whose runs are recorded: by this driver or by one that was killed."""
     for left in partial.glob("*"):
-        if record.whole(runs, left.name.split("-")[0]):
+        if record.whole(runs, left.name.lstrip(".").split("-")[0]):
             left.unlink(missing_ok=True)
 
 

@@ -10,9 +10,9 @@ from bench.experiment.run_key import shape_key
 from bench.training.data import prepare
 from bench.training.train import train
 
-ENOUGH = 0.5
+TIMED_SECONDS = 0.5
 """Seconds of updates that are timed of one kind of model, if it is not slower than that."""
-MOST = 20
+MAX_TIMED_UPDATES = 20
 """Updates that are timed at most."""
 
 
@@ -42,9 +42,9 @@ def per_update(configs: tuple[RunConfig, ...]) -> float:
         return time.perf_counter() - started
 
     once = timed(1)  # with everything that is done once
-    if once > ENOUGH:  # perhaps because it was the first in this process, which loads data and kernels
+    if once > TIMED_SECONDS:  # perhaps because it was the first in this process, which loads data and kernels
         once = timed(1)
-    more = min(MOST, int(ENOUGH / once))
+    more = min(MAX_TIMED_UPDATES, int(TIMED_SECONDS / once))
     if not more:
         return once
     many = timed(1 + more)

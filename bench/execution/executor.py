@@ -12,22 +12,22 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TypeVar
 
-from bench.execution.crew import AHEAD, Crew
+from bench.execution.pool import AHEAD, WorkerPool
 from bench.execution.threads import one_thread_by_default
 from registry.errors import BenchError
 
 T = TypeVar("T")
 R = TypeVar("R")
-Hear = Callable[[Any], None]
+OnMessage = Callable[[Any], None]
 
-PATIENCE = 3
+MAX_DEATHS = 3
 """Deaths of worker processes, without a job finished in between, after which the rest is given up."""
 
 
-def work_off(
+def run_jobs(
     jobs: Iterator[tuple[T, Callable[..., R], tuple[Any, ...]]],
     workers: int,
-    hear: Hear,
+    on_message: OnMessage,
     name: Callable[[T], str],
     cluster: str | None = None,
     ahead: int = AHEAD,
@@ -42,7 +42,7 @@ def work_off(
             everything that had ended was given back. On a cluster the function is sent by name, the arguments must be
             plain data.
         workers: processes on this machine; 1 stays in this one.
-        hear: called with what workers `tell`.
+        on_message: called with what workers `send_progress`.
         name: of a job, for messages.
         cluster: address of a Dask scheduler whose workers do it instead.
         ahead: jobs handed out for each worker; 1 where a job is a function of what came of those before.
@@ -53,21 +53,21 @@ def work_off(
     waiting: list[tuple[T, Callable[..., R], tuple[Any, ...]]] = []
     deaths, more = 0, True
     while more or waiting:
-        with _crew(workers, cluster, hear, ahead) as crew:
+        with _pool(workers, cluster, on_message, ahead) as pool:
             pending: dict[Future[R], tuple[T, Callable[..., R], tuple[Any, ...]]] = {}
             try:
                 while more or waiting or pending:
-                    while (more or waiting) and len(pending) < crew.hands():
+                    while (more or waiting) and len(pending) < pool.max_pending():
                         if not waiting:
                             job = next(jobs, None)
                             more = job is not None
                             waiting += [job] if job is not None else []
                         if waiting:
                             _, function, arguments = waiting[0]
-                            pending[crew.submit(function, *arguments)] = waiting[0]
+                            pending[pool.submit(function, *arguments)] = waiting[0]
                             del waiting[0]
                     done, _ = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
-                    _drain(crew.messages, hear)
+                    _drain(pool.messages, on_message)
                     failed = [f for f in done if f.cancelled() or f.exception()]
                     for future in sorted(done, key=failed.__contains__):  # what is good is kept before one raises
                         result = future.result()
@@ -77,24 +77,24 @@ def work_off(
             except BrokenProcessPool:
                 waiting += pending.values()
                 deaths += 1
-                if deaths == PATIENCE:
+                if deaths == MAX_DEATHS:
                     raise BenchError(
-                        f"Worker processes died {PATIENCE} times in a row, the last one at {name(waiting[0][0])} (out "
-                        "of memory?): what was finished is kept, start again with fewer --workers."
+                        f"Worker processes died {MAX_DEATHS} times in a row, the last one at {name(waiting[0][0])} "
+                        "(out of memory?): what was finished is kept, start again with fewer --workers."
                     ) from None
 
 
-_ticks: Any = None
+_messages: Any = None
 
 
-def tell(message: Any) -> None:
+def send_progress(message: Any) -> None:
     """In a worker: send something to the driver."""
-    if _ticks is not None:
-        _ticks.put(message)
+    if _messages is not None:
+        _messages.put(message)
         return
     from bench.execution import cluster
 
-    cluster.tell(message)
+    cluster.send_progress(message)
 
 
 def serve_parent() -> None:
@@ -107,12 +107,12 @@ def serve_parent() -> None:
         os._exit(1)
 
 
-def _crew(workers: int, cluster: str | None, hear: Hear, ahead: int) -> AbstractContextManager[Crew]:
+def _pool(workers: int, cluster: str | None, on_message: OnMessage, ahead: int) -> AbstractContextManager[WorkerPool]:
     if cluster is not None:
         from bench.execution.cluster import connected
 
         return connected(cluster, ahead)
-    return _inline(hear) if workers <= 1 else _processes(workers, ahead)
+    return _inline(on_message) if workers <= 1 else _processes(workers, ahead)
 
 
 class _Inline(Executor):
@@ -130,40 +130,42 @@ class _Inline(Executor):
 class _Direct:
     """Stands in for the queue when jobs run in this process."""
 
-    def __init__(self, hear: Hear) -> None:
-        self.put = hear
+    def __init__(self, on_message: OnMessage) -> None:
+        self.put = on_message
 
 
 @contextmanager
-def _inline(hear: Hear) -> Iterator[Crew]:
-    global _ticks
-    _ticks = _Direct(hear)
-    yield Crew(_Inline().submit, lambda: 1)
+def _inline(on_message: OnMessage) -> Iterator[WorkerPool]:
+    global _messages
+    _messages = _Direct(on_message)
+    yield WorkerPool(_Inline().submit, lambda: 1)
 
 
 @contextmanager
-def _processes(workers: int, ahead: int) -> Iterator[Crew]:
+def _processes(workers: int, ahead: int) -> Iterator[WorkerPool]:
     context = multiprocessing.get_context("spawn")
     messages = context.Queue()
-    pool = ProcessPoolExecutor(workers, context, _start_worker, (messages,))
+    executor = ProcessPoolExecutor(workers, context, _start_worker, (messages,))
+    others = multiprocessing.active_children()
     try:
-        yield Crew(pool.submit, lambda: ahead * workers, messages)
+        yield WorkerPool(executor.submit, lambda: ahead * workers, messages)
     finally:
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-        pool.shutdown(wait=False, cancel_futures=True)
+        for process in multiprocessing.active_children():
+            if process not in others:
+                process.terminate()
+        executor.shutdown(wait=False, cancel_futures=True)
 
 
 def _start_worker(messages: Any) -> None:
-    global _ticks
-    _ticks = messages
+    global _messages
+    _messages = messages
     one_thread_by_default()
     serve_parent()
 
 
-def _drain(messages: Any, hear: Hear) -> None:
+def _drain(messages: Any, on_message: OnMessage) -> None:
     while messages is not None:
         try:
-            hear(messages.get_nowait())
+            on_message(messages.get_nowait())
         except queue.Empty:
             return

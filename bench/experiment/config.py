@@ -23,8 +23,8 @@ class Training:
     clip: float = option(1.0, "largest norm of a gradient", low=1e-6)
     alpha: float = option(1.0, "weight α of the prediction cost", low=0.0)
     beta: float = option(1.0, "weight β of the state-initialization cost (neural initializers)", low=0.0)
-    evaluate_every: int = option(100, "updates between two looks at the validation part", low=1)
-    patience: int = option(10, "looks without improvement before the run stops early", low=1)
+    evaluate_every: int = option(100, "updates between two validations", low=1)
+    patience: int = option(10, "validations without improvement before the run stops early", low=1)
     validation_windows: int = option(512, "validation windows, evenly spread", low=1)
 
 
@@ -142,11 +142,16 @@ def from_json(data: Mapping[str, Any]) -> RunConfig:
     return config
 
 
+class UnknownOption(BenchError):
+    """A run has no such option; others may have it."""
+
+
 def changed(config: RunConfig, assignments: Mapping[str, str]) -> RunConfig:
     """The configuration with options set by path: {"predictor.dropout": "0.1", "horizon": "190"}.
 
     Raises:
-        BenchError: no such option, or a value that is not of its type.
+        UnknownOption: no such option.
+        BenchError: a value that is not of its type.
     """
     plain = to_json(config)
     for path, text in assignments.items():
@@ -155,7 +160,7 @@ def changed(config: RunConfig, assignments: Mapping[str, str]) -> RunConfig:
         if holder is None or not isinstance(holder, dict) or isinstance(holder.get(name), dict | None):
             paths = [k for k, v in plain.items() if not isinstance(v, dict)]
             paths += [f"{k}.{o}" for k, v in plain.items() if isinstance(v, dict) for o in v if o != "name"]
-            raise BenchError(f"There is no option {path!r}: {near(path, paths)}")
+            raise UnknownOption(f"There is no option {path!r}: {near(path, paths)}")
         holder[name] = _typed(text, holder[name], path)
     return from_json(plain)
 

@@ -20,7 +20,7 @@ class Effort:
 
 
 def effort(seeds: int, updates: int, every: int = 0) -> Effort:
-    """``updates`` weight updates with a look at the validation part about twenty times, or every ``every``."""
+    """``updates`` weight updates, validated about twenty times, or every ``every``."""
     return Effort(seeds, Training(updates=updates, evaluate_every=every or max(1, updates // 20)))
 
 

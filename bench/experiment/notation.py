@@ -4,7 +4,7 @@ predictor [": " layers "x" hidden] [" - " initializer ": " [hidden "x"] history]
 """
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from registry.core import INITIALIZERS, PREDICTORS, check_options
@@ -84,6 +84,32 @@ def parse(spec: str) -> "tuple[PredictorEntry, InitializerEntry | None]":
             initializer = replace(initializer, history=history)
     check_options(initializer, INITIALIZERS.name_of(made))
     return predictor, initializer
+
+
+@dataclass(frozen=True)
+class Label:
+    """What a configuration in writing says, for those who need not have what it names."""
+
+    predictor: str
+    size: str
+    """Such as "2x50"; empty where it has none."""
+    initializer: str
+    """Empty where there is none."""
+    history: int | None
+    """Initialization length τ; None without an initializer."""
+
+    @property
+    def trained(self) -> bool:
+        """Whether seeds matter: there are sizes, or states to initialize. Baselines have neither."""
+        return bool(self.size or self.initializer)
+
+
+def label(spec: str) -> Label:
+    """The parts of a configuration as `write` writes it."""
+    predictor, _, initializer = spec.partition(" - ")
+    predictor, _, size = predictor.partition(": ")
+    initializer, _, sizes = initializer.partition(": ")
+    return Label(predictor, size, initializer, int(sizes.rpartition("x")[2]) if sizes else None)
 
 
 def write(predictor: "PredictorEntry", initializer: "InitializerEntry | None") -> str:

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.experiment import study
-from bench.experiment.config import RunConfig, changed
+from bench.experiment.config import RunConfig, UnknownOption, changed
 from bench.experiment.datasets import choose
 from bench.experiment.notation import parse
 from registry.contracts import Dataset
 from registry.errors import BenchError
-from registry.predictors.physics import digest
+from registry.predictors.baselines.physics import digest
 
 BASELINES = ("constant", "linear")
 DEFAULT_DATASET = "pelican_twin"
@@ -131,9 +131,7 @@ def apply(configs: list[RunConfig], assignments: Mapping[str, str], strict: bool
             try:
                 applied.append(changed(config, {name: value}))
                 any_fits = True
-            except BenchError as error:
-                if not str(error).startswith("There is no option"):
-                    raise
+            except UnknownOption as error:
                 applied.append(config)
                 problem = problem or error
         if strict and not any_fits and problem:

@@ -5,7 +5,7 @@ from pathlib import Path
 from bench.export.equations import Equations
 from bench.export.program import Node, Value
 from bench.export.trace import Traced
-from bench.records.durable import write_text
+from registry.atomic_io import write_text
 from registry.errors import BenchError
 
 PRINTED = {

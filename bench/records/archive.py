@@ -1,7 +1,6 @@
 """A finished study as one zip file, for another machine. The importer trusts nothing of what it reads."""
 
 import json
-import os
 import re
 import shutil
 import stat
@@ -13,11 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.records import durable, record
-from bench.records.concluded import Concluded, slug
+from bench.records import record
+from bench.records.finished import FinishedStudy, slug
 from bench.records.record import RunRecord
 from bench.records.record_check import BYTES, check, read_json
 from bench.records.record_fields import FILES, KEY, text
+from registry import atomic_io
 from registry.errors import BenchError
 from registry.regular_file import regular
 
@@ -43,7 +43,7 @@ class Imported:
     """Keys that were not there before; the others were kept as they were."""
 
 
-def write(study: Concluded, runs: Path, target: Path) -> None:
+def write(study: FinishedStudy, runs: Path, target: Path) -> None:
     """Pack a finished study: records, with their configurations and provenance. The same study gives the same bytes.
 
     Raises:
@@ -58,9 +58,8 @@ def write(study: Concluded, runs: Path, target: Path) -> None:
             prune = f"bench runs prune --results {runs.parent}"
             raise BenchError(f"Run {key[:12]}: {altered[0]} was altered: `{prune}`, then `{study.command}`.")
     about = {"format": FORMAT, "title": study.title, "study": study.study, "command": study.command, "keys": study.keys}
-    draft = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        with zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as packed:
+        with atomic_io.replacing(target) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as packed:
             packed.writestr(zipfile.ZipInfo(MANIFEST, _LONG_AGO), json.dumps(about, indent=1))
             for key in study.keys:
                 for name in FILES:
@@ -69,12 +68,8 @@ def write(study: Concluded, runs: Path, target: Path) -> None:
                         (runs / key / name).read_bytes(),
                         zipfile.ZIP_DEFLATED,
                     )
-        durable.flush(draft)
-        durable.move(draft, target)
     except OSError as error:
         raise BenchError(f"{target} cannot be written: {error.strerror or error}.") from error
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def read(source: Path, runs: Path) -> Imported:
@@ -96,7 +91,7 @@ def read(source: Path, runs: Path) -> Imported:
             for key in new:
                 if (runs / key).exists():  # damaged from outside
                     shutil.rmtree(runs / key)
-                durable.move(draft / key, runs / key)
+                atomic_io.move(draft / key, runs / key)
     except OSError as error:
         raise BenchError(f"{source} cannot be unpacked into {runs}: {error.strerror or error}.") from error
     return Imported(about["title"], about["study"], about["command"], tuple(about["keys"]), new)
@@ -168,8 +163,8 @@ def _unpack(packed: zipfile.ZipFile, files: Mapping[str, zipfile.ZipInfo], folde
     folder.mkdir()
     for name in FILES:
         (folder / name).write_bytes(_content(packed, files[name]))
-        durable.flush(folder / name)
-    durable.flush(folder)
+        atomic_io.flush(folder / name)
+    atomic_io.flush(folder)
 
 
 def _content(packed: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:

@@ -20,8 +20,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import safetensors
 
-from bench.records import durable, stamp
+from bench.records import stamp
 from bench.records.record_fields import TABLES, lacking
+from registry import atomic_io
 from registry.errors import BenchError, near
 from registry.regular_file import regular
 
@@ -180,10 +181,10 @@ def write(
         write_json(draft / "record.json", {**summary, "files": files})
         write_json(draft / "provenance.json", stamp.stamped(provenance, (draft / "record.json").read_bytes()))
         for path in [*draft.iterdir(), draft]:
-            durable.flush(path)
+            atomic_io.flush(path)
         if final.exists() and not whole(runs, final.name):  # damaged from outside
             os.rename(final, runs / f".damaged-{final.name}-{os.getpid()}")
-        durable.move(draft, final)
+        atomic_io.move(draft, final)
     except (OSError, safetensors.SafetensorError) as error:
         if whole(runs, final.name):  # another process finished the same run first
             return RunRecord(final)

@@ -11,8 +11,8 @@ from bench.analysis.tables import specs
 from bench.claims.evidence import FILE, write_evidence
 from bench.experiment.grid import matched
 from bench.experiment.study import Study
-from bench.records import durable
 from bench.records.record import RunRecord, json_text
+from registry import atomic_io
 from registry.errors import BenchError
 
 STEPS = "steps.parquet"
@@ -86,5 +86,5 @@ def _write(records: Sequence[RunRecord], title: str, study: Study | None, comman
         "files": [p.name for p in files],
         "runs": [{name: r.summary[name] for name in PUBLISHED} for r in records],
     }
-    durable.write_text(folder / "study.json", json_text(content))
+    atomic_io.write_text(folder / "study.json", json_text(content))
     return files

@@ -36,7 +36,7 @@ SHRINK = 0.01
 """Its ridge penalty, a row."""
 GAIN_BIC, GAIN_WEAK = 0.15, 0.6
 """Least gain (log of the squared residual) of a further effect."""
-MOST = 5
+MAX_TERMS = 5
 """Effects at most."""
 MEASURED = ("single", "pair", "triple")
 """Conditions in which the error on held-out recordings is asked for."""
@@ -167,7 +167,7 @@ def _forward(problem: Problem, criterion: Callable[[Problem, Sequence[Start]], f
     """Whole effects, one after another, as long as the criterion falls."""
     chosen: list[Start] = []
     now = criterion(problem, chosen)
-    while len(chosen) < MOST:
+    while len(chosen) < MAX_TERMS:
         left = [s for s in problem.linear.starts if s.id not in {c.id for c in chosen}]
         found = [(criterion(problem, [*chosen, s]), i) for i, s in enumerate(left)]
         best, i = min(found, default=(np.inf, 0))
@@ -205,7 +205,7 @@ def _sparse(problem: Problem) -> list[Effect]:
     for w, (start, _) in zip(weight, library, strict=True):
         if w > best.get(start.id, (0.0, start))[0]:
             best[start.id] = (float(w), start)
-    chosen = [s for _, s in sorted(best.values(), key=lambda pair: -pair[0])][: 2 * MOST]
+    chosen = [s for _, s in sorted(best.values(), key=lambda pair: -pair[0])][: 2 * MAX_TERMS]
     return problem.effects(problem.fit(chosen), chosen)
 
 

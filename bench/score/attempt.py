@@ -72,22 +72,22 @@ def answer(case: Case, said: Diagnosis, faults: Any, seconds: float, exact: ByGr
     lines = {k: plain(getattr(said.error, k)) for k in ("nominal", "calibrated", "extended")}
     named = [e for e in said.effects if not e.learned]
     return Answer(
-        case.id,
-        case.condition,
-        case.vehicle,
-        case.style,
-        case.noise,
-        {k: dict(v) for k, v in case.effects.items()},
-        said.verdict,
-        {e.id: {n: (p.value, p.low, p.high) for n, p in e.parameters.items()} for e in named},
-        {e.id: e.indistinguishable_from for e in named},
-        said.unexplained.follows,
-        {**lines, "floor": plain(said.noise_floor), "true": plain(exact)},
-        tuple((p.recording, p.signal, p.kind, p.rows, p.detail) for p in said.data_problems),
-        tuple((f"flight_{f.recording + 1}", f.signal, f.kind, (f.rows[0], f.rows[1] - 1)) for f in faults),
-        said.evidence.notes,
-        seconds,
-        {c.constant: (c.nominal, c.calibrated, c.low, c.high) for c in said.evidence.calibration},
+        id=case.id,
+        condition=case.condition,
+        vehicle=case.vehicle,
+        style=case.style,
+        noise=case.noise,
+        truth={k: dict(v) for k, v in case.effects.items()},
+        verdict=said.verdict,
+        named={e.id: {n: (p.value, p.low, p.high) for n, p in e.parameters.items()} for e in named},
+        rivals={e.id: e.indistinguishable_from for e in named},
+        follows=said.unexplained.follows,
+        error={**lines, "floor": plain(said.noise_floor), "true": plain(exact)},
+        problems=tuple((p.recording, p.signal, p.kind, p.rows, p.detail) for p in said.data_problems),
+        faults=tuple((f"flight_{f.recording + 1}", f.signal, f.kind, (f.rows[0], f.rows[1] - 1)) for f in faults),
+        notes=said.evidence.notes,
+        seconds=seconds,
+        constants={c.constant: (c.nominal, c.calibrated, c.low, c.high) for c in said.evidence.calibration},
     )
 
 

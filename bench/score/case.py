@@ -2,8 +2,6 @@
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache as once
@@ -14,14 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from bench.score.corrupt import KINDS, Fault, time_shift
-from bench.score.measure import LEVELS, SMOOTHINGS, measure
+from bench.score.multirotor.corrupt import KINDS, Fault, time_shift
+from bench.score.multirotor.measure import LEVELS, SMOOTHINGS, measure
+from registry.atomic_io import replacing
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
 try:
-    from bench.score import flights, hidden, references
+    from bench.score.multirotor import flights, hidden, references
 except ModuleNotFoundError as error:
     raise BenchError('Scoring needs RotorPy: pip install "multistep-bench[score]".') from error
 
@@ -206,11 +205,8 @@ def truth(case: Case, cache: Path) -> flights.Truth:
         with np.load(path, allow_pickle=False) as stored:
             return flights.Truth(*(stored[name] for name in ("state", "speed", "command", "wind")))
     flown = _fly(case)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
-    with os.fdopen(handle, "wb") as file:
+    with replacing(path, flushed=False) as draft, draft.open("wb") as file:
         np.savez(file, **vars(flown))
-    os.replace(temporary, path)
     return flown
 
 
@@ -265,5 +261,5 @@ def clean(case: Case, flown: flights.Truth) -> list[Columns]:
         volts = vessel.voltage(t, speed.T, vessel.charge[i]) if has_voltage else None
         rng = np.random.default_rng([case.flight_seed, 4, case.seed, i])
         noise, how = LEVELS[case.noise], SMOOTHINGS[case.smoothing]
-        logs.append(measure(rng, state, speed, command, volts, noise, how, flights.RATE))
+        logs.append(measure(rng, state, speed, command=command, battery=volts, noise=noise, how=how, rate=flights.RATE))
     return logs

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from bench.score.case import Case, clean, fly, fly_and_faults, nominal, truth
-from bench.score.corrupt import KINDS
-from bench.score.strengths import TYPICAL, draw, drive, identity
+from bench.score.multirotor.corrupt import KINDS
+from bench.score.multirotor.strengths import TYPICAL, draw, drive, identity
 from bench.score.trial import write_folder
 
 __all__ = ["Case", "cases", "clean", "fly", "fly_and_faults", "nominal", "truth", "write_folder"]

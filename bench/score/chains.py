@@ -8,8 +8,8 @@ from bench.score import case as first
 from bench.score import oracle, trial
 from bench.score.case import Case
 from bench.score.chain import case as second
-from bench.score.corrupt import Fault
 from bench.score.logs import subject
+from bench.score.multirotor.corrupt import Fault
 from registry.dynamics import PhysicsModel
 
 

@@ -46,12 +46,12 @@ def subject(
         name,
         model,
         tuple(logs),
-        tuple(n for n in names if n not in held_out),
-        held_out,
-        smoothing,
-        {},
-        uncertainty,
-        tuple(k for k in columns[0] if k != "t"),
+        training=tuple(n for n in names if n not in held_out),
+        held_out=held_out,
+        smoothing=smoothing,
+        noise={},
+        uncertainty=uncertainty,
+        signals=tuple(k for k in columns[0] if k != "t"),
     )
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from bench.score.case import Case, all_effects, charges, nominal_parameters, parameters, surroundings
-from bench.score.flights import RATE, Array, Truth
-from bench.score.hidden import HiddenMultirotor, motors
+from bench.score.multirotor.flights import RATE, Array, Truth
+from bench.score.multirotor.hidden import HiddenMultirotor, motors
 
 HORIZON = 0.5
 """[s]."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from bench.execution.executor import work_off
+from bench.execution.executor import run_jobs
 from bench.score.attempt import Answer, attempt, to_json
 from bench.score.case import Case
 from bench.score.chains import shares
@@ -183,8 +183,8 @@ def run(
             starting(job)
             yield job, _in_worker, (do, job, cache)
 
-    hands = min(workers, len(waiting))
-    with closing(work_off(handed(), hands, lambda message: None, lambda job: job.case.id, ahead=1)) as done:
+    processes = min(workers, len(waiting))
+    with closing(run_jobs(handed(), processes, lambda message: None, lambda job: job.case.id, ahead=1)) as done:
         for job, (code, found) in done:
             if code != store.codes[job.kind]:
                 raise BenchError("The code was changed while the workers started: start again.")

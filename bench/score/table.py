@@ -100,7 +100,15 @@ def table(cases: Sequence[Case], found: Mapping[tuple[str, str], Mapping[str, An
     with_effect = sum(bool(j.required) for j, _ in paired)
     filled = tuple((title, lines) for title, lines in sections if lines)
     leftovers = tuple((j.case.id, j.remaining, j.truth_leaves) for j in effects if not j.remaining <= LEFT)
-    return Table(len(judged), len(cases), filled, methods, (with_effect, without), tuple(failures), leftovers)
+    return Table(
+        scored=len(judged),
+        asked=len(cases),
+        sections=filled,
+        methods=methods,
+        compared=(with_effect, without),
+        failures=tuple(failures),
+        leftovers=leftovers,
+    )
 
 
 # ------------------------------------------------------------------------------------------------- the sections
@@ -209,7 +217,15 @@ def _method(
     # Where the diagnosis has no floor to offer, none can be held against another.
     left = [j.left(error, reference) for j, error, reference in asked if reference.get("nominal")]
     near = [x <= LEFT for x in left]
-    return Method(name, _mean(single), _mean(several), _mean(false), _median(errors), _median(left), _mean(near))
+    return Method(
+        name=name,
+        singles=_mean(single),
+        several=_mean(several),
+        false_names=_mean(false),
+        parameter=_median(errors),
+        left=_median(left),
+        near=_mean(near),
+    )
 
 
 def _beaten(methods: Sequence[Method]) -> tuple[Line, ...]:

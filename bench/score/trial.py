@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from bench.score.case import UNCERTAINTY, Case, fly, nominal
-from bench.score.flights import RATE
-from bench.score.measure import LEVELS, SMOOTHINGS
+from bench.score.multirotor.flights import RATE
+from bench.score.multirotor.measure import LEVELS, SMOOTHINGS
 
 _COLUMNS = {
     "position": (("x", "y", "z"), "m"),

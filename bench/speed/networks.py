@@ -217,7 +217,7 @@ def _start(network: Predictor, row: Row) -> Tensor:
         torch.zeros(row.batch, TAU, network.n_outputs + network.n_context),
     )
     history[1][..., network.n_outputs + 3] = 1.0  # no rotation, as a quaternion xyzw
-    buffer = network.fill(*history)
+    buffer = network.init_buffers(*history)
     hidden = 0.3 * torch.randn(row.batch, network.layout.hidden + network.layout.cell)
     return torch.cat([buffer, hidden], -1).requires_grad_()
 

@@ -10,9 +10,9 @@ from bench.experiment.notation import parse
 from bench.speed.networks import problem
 from bench.speed.rows import DELAYS, INPUTS, OUTPUTS, TAU, Row
 from bench.speed.timing import Contender
-from bench.training.data import Prepared, Windows
+from bench.training.data import WindowedData, Windows
 from bench.training.model import build_scaled
-from bench.training.train import Group, Run
+from bench.training.train import Group, RunState
 from registry.contracts import Split
 from registry.core import DATASETS
 from registry.kernels.lstm import Layer, lstm_vjp
@@ -40,7 +40,7 @@ def _group(row: Row) -> Group:
     as_they_are = [(torch.zeros(x.shape[1]), torch.ones(x.shape[1])) for x in (inputs, outputs, context)]
     count = SAMPLES - TAU - row.horizon
     windows = Windows(torch.arange(count), np.zeros(count, int))
-    data = Prepared(
+    data = WindowedData(
         inputs=inputs,
         outputs=outputs,
         context=context,
@@ -59,7 +59,7 @@ def _group(row: Row) -> Group:
         output_scale=as_they_are[1],
         context_scale=as_they_are[2],
     )
-    return Group([build_scaled(c, data) for c in configs], [Run(c, data) for c in configs])
+    return Group([build_scaled(c, data) for c in configs], [RunState(c, data) for c in configs])
 
 
 def networks(row: Row) -> Contender:

@@ -16,7 +16,6 @@ import torch
 from bench.analysis import stats
 from bench.experiment.config import RunConfig, from_json
 from bench.experiment.seeds import derive
-from bench.records import durable
 from bench.records.record import RunRecord, json_text
 from bench.reporting.report import number
 from bench.sweep import journal as sweep
@@ -25,6 +24,7 @@ from bench.sweep.trial import scaled_rmsse
 from bench.training import evaluate
 from bench.training.data import prepare
 from bench.training.predict import load_model
+from registry import atomic_io
 from registry.errors import BenchError
 
 SEEDS = 3
@@ -105,7 +105,7 @@ def write(
     content = {
         "title": asked.title,
         "command": asked.command,
-        "trials": len(sweep.told(study)),
+        "trials": len(sweep.finished(study)),
         "best": {"trial": best.number, "params": best.params, "rmsse": best.values[0]},
         "keys": [r.key for r in records],
         "verdicts": {
@@ -120,6 +120,6 @@ def write(
         },
     }
     try:
-        durable.write_text(path, json_text(content))
+        atomic_io.write_text(path, json_text(content))
     except OSError as error:
         raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error

@@ -17,10 +17,11 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
 from bench.experiment.config import RunConfig, from_json, to_json
-from bench.records import durable
 from bench.records.record import json_text
 from bench.sweep.space import Space, default_params
-from bench.training.data import choose_split, digest, prepare
+from bench.training.data import prepare
+from bench.training.split import choose_split, digest
+from registry import atomic_io
 from registry.errors import BenchError
 
 JOURNAL, DEFINITION, RESULT, REPORT = "journal.log", "sweep.json", "result.json", "report.html"
@@ -43,7 +44,7 @@ ASKED_BY = {
 STARTUP = 5
 """Trials that go to their end before any is pruned."""
 LOST = ("impossible", "diverged")
-"""Statuses of a trial that was told as failed; any other failed one was killed with its driver."""
+"""Statuses of a trial that finished and counts as failed; any other failed one was killed with its driver."""
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 
@@ -58,7 +59,7 @@ class Sweep:
     space: Space
     objectives: tuple[str, ...] = ("rmsse",)
     seed: int = 0
-    """Of the proposals. A proposal is a function of it and of the trials told before."""
+    """Of the proposals. A proposal is a function of it and of the trials finished before."""
     command: str = ""
     """That makes it again."""
 
@@ -101,7 +102,7 @@ class _Journal(JournalFileBackend):
         except OSError as error:
             raise BenchError(
                 f"The journal of the sweep, {self._file_path}, cannot be written: {error.strerror or error}; every "
-                "trial that was told is kept, and the same command with --resume goes on."
+                "finished trial is kept, and the same command with --resume goes on."
             ) from error
 
 
@@ -111,9 +112,9 @@ def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
     Raises:
         BenchError: there is one and it is not to be resumed, or it is of something else; the folder cannot be written.
     """
-    told = folder / DEFINITION
-    if told.is_file():
-        before = json.loads(told.read_text())
+    definition = folder / DEFINITION
+    if definition.is_file():
+        before = json.loads(definition.read_text())
         if not resume:
             raise BenchError(f"There is a sweep in {folder}: go on with --resume, or give this one another --name.")
         now = json.loads(json.dumps(sweep.definition))
@@ -126,8 +127,8 @@ def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _mend(folder / JOURNAL)
-        if not told.is_file():
-            durable.write_text(told, json_text({**sweep.definition, "command": sweep.command}))
+        if not definition.is_file():
+            atomic_io.write_text(definition, json_text({**sweep.definition, "command": sweep.command}))
         study = optuna.create_study(
             study_name=folder.name,
             storage=optuna.storages.JournalStorage(_Journal(str(folder / JOURNAL))),
@@ -201,11 +202,11 @@ def was_killed(t: FrozenTrial) -> bool:
 
 
 def begun(study: optuna.Study) -> list[FrozenTrial]:
-    """Trials that run or have been told, each once however often it was killed."""
+    """Trials that run or have finished, each once however often it was killed."""
     return [t for t in study.get_trials(deepcopy=False) if t.state != TrialState.WAITING and not was_killed(t)]
 
 
-def told(study: optuna.Study) -> list[FrozenTrial]:
+def finished(study: optuna.Study) -> list[FrozenTrial]:
     """Trials of which the end is known."""
     return [t for t in begun(study) if t.state != TrialState.RUNNING]
 
@@ -218,6 +219,6 @@ def best(study: optuna.Study) -> FrozenTrial:
     """
     done = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
     if not done:
-        reasons = {t.user_attrs.get("problem") or t.user_attrs.get("status") for t in told(study)}
+        reasons = {t.user_attrs.get("problem") or t.user_attrs.get("status") for t in finished(study)}
         raise BenchError(f"No trial of {study.study_name} has come to its end: {'; '.join(map(str, reasons))}.")
     return min(done, key=lambda t: (t.values[0], t.number))

@@ -38,7 +38,7 @@ class Content:
     @cached_property
     def told(self) -> list[FrozenTrial]:
         """All trials that are told, by number."""
-        return sweeps.told(self.study)
+        return sweeps.finished(self.study)
 
     @cached_property
     def complete(self) -> list[FrozenTrial]:
@@ -66,11 +66,11 @@ class Content:
     @property
     def marks(self) -> list[tuple[Look, str]]:
         """What the colours of dots and curves mean."""
-        known = [(TOLD, "trained to the end"), (PRUNED, "stopped early, at its last look"), (BEST, "best")]
+        known = [(TOLD, "trained to the end"), (PRUNED, "stopped early, at its last validation"), (BEST, "best")]
         return known + ([] if self.default is None else [(DEFAULT, "default")])
 
     def mark(self, drawn: Panel, xs: Sequence[tuple[FrozenTrial, float]]) -> None:
-        """A dot a trial at its x: pruned ones hollow at their last look, the best and the default larger."""
+        """A dot a trial at its x: pruned ones hollow at their last validation, the best and the default larger."""
         for t, x in xs:
             if t.state != TrialState.COMPLETE:
                 drawn.dots([x], [_last(t)], PRUNED.colour, hollow=True)

@@ -75,7 +75,7 @@ def _choices(found: Study, preset: str, dataset: Dataset, asked: Mapping[str, st
 
 
 def _with_looks(asked: Mapping[str, str]) -> Mapping[str, str]:
-    """With as many looks at the validation part as usual where only the number of updates is changed."""
+    """With as many validations as usual where only the number of updates is changed."""
     updates = asked.get("training.updates", "")
     if updates.isdecimal() and "training.evaluate_every" not in asked:
         return {**asked, "training.evaluate_every": str(max(1, int(updates) // LOOKS))}

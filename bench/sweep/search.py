@@ -1,7 +1,7 @@
-"""The driver of a sweep: asks Optuna for configurations, hands them to workers, tells, stops what is not worth it.
+"""The driver of a sweep: configurations from Optuna to workers, results back, what is not worth it stopped.
 
 Trials train side by side where all that is searched may differ there; elsewhere one trial is a job, proposed from what
-all before it told.
+the results of all before it.
 """
 
 import math
@@ -16,7 +16,7 @@ import torch
 from optuna.trial import FrozenTrial, TrialState
 
 from bench.execution.engine import GROUP, key_of
-from bench.execution.executor import work_off
+from bench.execution.executor import run_jobs
 from bench.experiment.config import RunConfig, to_json
 from bench.experiment.run_key import FREE
 from bench.experiment.seeds import derive
@@ -24,7 +24,7 @@ from bench.sweep import trial
 from bench.sweep.journal import Sweep, begun
 from bench.sweep.space import configured
 from bench.training.data import prepare
-from bench.training.train import independent
+from bench.training.train import batchable
 from registry.errors import BenchError
 
 Group = tuple[optuna.Trial, ...]
@@ -40,39 +40,39 @@ def search(
     ended: Callable[[FrozenTrial], None] = lambda t: None,
     cluster: str | None = None,
 ) -> None:
-    """Train until ``trials`` are told.
+    """Train until ``trials`` are finished.
 
     Args:
         sweep: what is searched.
         study: from `begin`.
         folder: its folder, for checkpoints.
-        trials: in all, those told before included.
+        trials: in all, those finished before included.
         workers: processes.
         tick: called with shares of one trial's budget as they are done.
-        ended: called with every trial that is told.
+        ended: called with every trial that has finished.
         cluster: address of a Dask scheduler whose workers do it instead.
     """
     torch.set_num_threads(1)  # the run key names the thread count
     driver = _Driver(sweep, study, folder, tick)
     # Workers of a cluster come and go, so that there is no telling how many have to share the trials.
-    jobs = driver.jobs(trials, 1 if cluster else side_by_side(sweep), workers)
-    with closing(work_off(jobs, workers, driver.hear, _named, cluster, ahead=1)) as done:
+    jobs = driver.jobs(trials, 1 if cluster else trials_at_once(sweep), workers)
+    with closing(run_jobs(jobs, workers, driver.on_progress, _named, cluster, ahead=1)) as done:
         for group, outcomes in done:
             for asked, outcome in zip(group, outcomes, strict=True):
                 driver.tell(asked, outcome)
                 ended(study.get_trials(deepcopy=False)[asked.number])
             driver.forget(group)
-    for left in (driver.partial, driver.stops):  # every trial is told: a checkpoint there is a killed driver's
+    for left in (driver.partial, driver.stops):  # every trial is finished: a checkpoint there is a killed driver's
         shutil.rmtree(left, ignore_errors=True)
 
 
-def side_by_side(sweep: Sweep) -> int:
+def trials_at_once(sweep: Sweep) -> int:
     """Trials that train side by side at most.
 
     Raises:
         BenchError: the default does not fit its data.
     """
-    return GROUP if set(sweep.space) <= set(FREE) and independent(sweep.default, prepare(sweep.default)) else 1
+    return GROUP if set(sweep.space) <= set(FREE) and batchable(sweep.default, prepare(sweep.default)) else 1
 
 
 def _named(group: Group) -> str:
@@ -80,7 +80,7 @@ def _named(group: Group) -> str:
 
 
 class _Driver:
-    """Asks and tells; knows which trials are in the hands of workers."""
+    """Proposes trials and enters their results; knows which ones workers have."""
 
     def __init__(self, sweep: Sweep, study: optuna.Study, folder: Path, tick: Callable[[float], None]) -> None:
         self.sweep, self.study, self.tick = sweep, study, tick
@@ -106,10 +106,10 @@ class _Driver:
                 yield group, trial.work, ([to_json(c) for c in configs], keys, numbers, *paths)
 
     def _propose(self, apart: bool) -> tuple[optuna.Trial, RunConfig, str] | None:
-        """The next trial with its configuration and key; None where it cannot be, which is told.
+        """The next trial with its configuration and key; None where it cannot be, which is a result too.
 
         Args:
-            apart: whether it keeps away from trials that are not told yet.
+            apart: whether it keeps away from trials that are not finished yet.
         """
         # A sampler of its own for every trial: proposals after a resume are those of an unbroken sweep.
         seed = derive(self.sweep.seed, f"proposal/{len(begun(self.study))}") % 2**32
@@ -132,15 +132,16 @@ class _Driver:
         return self.partial / f"{names}.safetensors"
 
     def forget(self, group: Group) -> None:
-        """Remove the checkpoint of a group that is told, and drafts of killed workers."""
-        for left in self.partial.glob(f"{self._checkpoint(group).name}*"):
+        """Remove the checkpoint of a group that is finished, and drafts of killed workers."""
+        checkpoint = self._checkpoint(group)
+        for left in (checkpoint, *self.partial.glob(f".{checkpoint.name}.*")):
             left.unlink(missing_ok=True)
 
-    def hear(self, message: tuple[int, list[tuple[int, float]]]) -> None:
+    def on_progress(self, message: tuple[int, list[tuple[int, float]]]) -> None:
         """A worker has looked at the validation part."""
         number, curve = message
         asked = self.out.get(number)
-        if asked is None or not curve:  # told already
+        if asked is None or not curve:  # finished already
             return
         self._advance(number, curve[-1][0] / self.sweep.default.training.updates)
         if len(self.sweep.objectives) == 1:

@@ -13,7 +13,7 @@ from bench.analysis.display import Displayed, new_axes
 from bench.execution import engine, lock
 from bench.experiment.config import RunConfig
 from bench.experiment.request import Options, by_owner
-from bench.records.concluded import slug
+from bench.records.finished import slug
 from bench.records.record import RunRecord
 from bench.sweep import finalists, journal, page
 from bench.sweep.request import request
@@ -48,14 +48,14 @@ class SweepResult(Displayed):
         return configured(self.asked.configs, journal.best(self.study).params)
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a trial that was told.
+        """One row a finished trial.
 
         Returns:
             trial, state, rmsse (validation part, in standard deviations of the outputs; NaN where there is none), a
             column for each option searched.
         """
-        told = [(t, t.values[0] if t.values else math.nan) for t in journal.told(self.study)]
-        rows = [{"trial": t.number, "state": t.state.name.lower(), "rmsse": error, **t.params} for t, error in told]
+        finished = [(t, t.values[0] if t.values else math.nan) for t in journal.finished(self.study)]
+        rows = [{"trial": t.number, "state": t.state.name.lower(), "rmsse": error, **t.params} for t, error in finished]
         return pd.DataFrame(rows, columns=["trial", "state", "rmsse", *self.asked.space])
 
     def plot(self) -> "Axes":
@@ -117,10 +117,10 @@ def sweep(
     with lock.held(folder, asked.title):
         study = journal.begin(asked, folder, resume)
         search(asked, study, folder, trials, workers, cluster=cluster)
-        return concluded(asked, study, folder, train)
+        return train_finalists(asked, study, folder, train)
 
 
-def concluded(
+def train_finalists(
     asked: journal.Sweep,
     study: optuna.Study,
     folder: Path,
@@ -130,7 +130,7 @@ def concluded(
 
     Args:
         asked: what was searched.
-        study: with every trial told.
+        study: with every trial finished.
         folder: of the sweep.
         train: makes the records of configurations, in their order.
     """

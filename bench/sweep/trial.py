@@ -11,11 +11,11 @@ import numpy as np
 import torch
 
 from bench.execution.engine import refuse_others, shared
-from bench.execution.executor import tell
+from bench.execution.executor import send_progress
 from bench.experiment.config import RunConfig, from_json
 from bench.experiment.seeds import derive
 from bench.training import evaluate
-from bench.training.data import Prepared, prepare
+from bench.training.data import WindowedData, prepare
 from bench.training.model import Model
 from bench.training.train import Curve, Trained, train
 from registry.errors import BenchError
@@ -59,14 +59,14 @@ def scaled_rmsse(errors: np.ndarray, scale: np.ndarray) -> float:
 def run(
     configs: Sequence[RunConfig],
     checkpoint: Path | None = None,
-    looked: Callable[[list[list[tuple[int, float]]]], Iterable[int]] = lambda curves: (),
+    on_validation: Callable[[list[list[tuple[int, float]]]], Iterable[int]] = lambda curves: (),
 ) -> list[Outcome]:
     """Train side by side and judge each on the validation part; the test part is not looked at.
 
     Args:
         configs: as `bench.training.train.train` takes them.
         checkpoint: file to go on from; it is the caller's to remove.
-        looked: called with each one's `Outcome.curve` as it grows; gives those, by place, that need not go on.
+        on_validation: called with each one's `Outcome.curve` as it grows; gives those, by place, that need not go on.
     """
     torch.set_num_threads(1)  # one thread is bit-repeatable, and the run key names it
     started = time.monotonic()
@@ -80,13 +80,16 @@ def run(
         # The cost is a mean over windows and steps of the sum over outputs of squared scaled errors.
         return [(update, math.sqrt(cost / outputs)) for update, _, cost in curve]
 
-    trained = train(configs, data, checkpoint=checkpoint, looked=lambda curves: looked([seen(c) for c in curves]))
+    def validated(curves: list[Curve]) -> Iterable[int]:
+        return on_validation([seen(c) for c in curves])
+
+    trained = train(configs, data, checkpoint=checkpoint, on_validation=validated)
     share = (time.monotonic() - started) / len(configs)
     return [_judged(*each, share, seen(each[-1].curve)) for each in zip(configs, data, trained, strict=True)]
 
 
 def _judged(
-    config: RunConfig, data: Prepared, trained: Trained, seconds: float, curve: list[tuple[int, float]]
+    config: RunConfig, data: WindowedData, trained: Trained, seconds: float, curve: list[tuple[int, float]]
 ) -> Outcome:
     made = Outcome(trained.status, math.nan, trained.model.weight_count(), math.nan, trained.updates)
     made.best_update, made.seconds, made.curve = trained.best_update, seconds, curve
@@ -99,13 +102,13 @@ def _judged(
     return made
 
 
-def validation_errors(model: Model, data: Prepared) -> np.ndarray:
+def validation_errors(model: Model, data: WindowedData) -> np.ndarray:
     """(W, T, n) measured − predicted on all validation windows, SI."""
     measured, predicted = evaluate.predict(model, data, data.validation.starts.numpy())
     return (measured - predicted)[..., : len(data.output_channels)]
 
 
-def latency(model: Model, data: Prepared) -> float:
+def latency(model: Model, data: WindowedData) -> float:
     """Median time of one prediction of one window [ms]."""
     u_history, y_history, u, _ = data.gather(data.validation.starts[:1])
     times = []
@@ -119,7 +122,7 @@ def latency(model: Model, data: Prepared) -> float:
 def work(
     plain: Sequence[dict[str, Any]], keys: Sequence[str], numbers: Sequence[int], checkpoint: str, stops: str
 ) -> list[Outcome]:
-    """In a worker: run trials, tell the driver about every look, end those whose file it has put into ``stops``.
+    """In a worker: run trials, send the driver every validation, end those whose file it has put into ``stops``.
 
     Where the sweep's folder is not there, as on another machine, trials run to their ends.
     """
@@ -127,9 +130,9 @@ def work(
     configs = [from_json(p) for p in plain]
     refuse_others(configs, keys)
 
-    def looked(curves: list[list[tuple[int, float]]]) -> list[int]:
+    def on_validation(curves: list[list[tuple[int, float]]]) -> list[int]:
         for number, curve in zip(numbers, curves, strict=True):
-            tell((number, curve))
+            send_progress((number, curve))
         return [i for i, number in enumerate(numbers) if (Path(stops) / str(number)).exists()]
 
-    return run(configs, shared(checkpoint), looked)
+    return run(configs, shared(checkpoint), on_validation)

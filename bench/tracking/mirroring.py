@@ -22,7 +22,7 @@ RETRY = 15.0
 """Seconds between two attempts at a server that fails."""
 QUIET = 30.0
 """Seconds without a run logged after which a finished study waits no longer."""
-LONGEST = 120.0
+MAX_SILENCE = 120.0
 """Seconds that a finished study waits at most, or a tenth of what it has taken."""
 
 
@@ -48,9 +48,9 @@ class Mirroring:
             self.inbox.put(("record", str(folder)))
         self._listen(0.0)
 
-    def trials(self, configs: Sequence[RunConfig], told: "Iterable[FrozenTrial]") -> None:
+    def trials(self, configs: Sequence[RunConfig], finished: "Iterable[FrozenTrial]") -> None:
         """Log these trials of a sweep when there is time."""
-        for t in told:
+        for t in finished:
             self.asked += 1
             self.inbox.put(("trial", (tuple(configs), t)))
         self._listen(0.0)
@@ -67,7 +67,7 @@ class Mirroring:
         """
         self.inbox.put(None)
         self.last_sign = time.monotonic()
-        deadline = self.last_sign + max(LONGEST, 0.1 * (self.last_sign - self.started))
+        deadline = self.last_sign + max(MAX_SILENCE, 0.1 * (self.last_sign - self.started))
         while self.process.is_alive() and time.monotonic() < deadline:
             self._listen(0.2)
             if self.ready and time.monotonic() > self.last_sign + QUIET:

@@ -21,7 +21,7 @@ from mlflow.exceptions import MlflowException
 from mlflow.tracking import MlflowClient
 from sqlalchemy.exc import SQLAlchemyError
 
-from bench.records import durable
+from registry import atomic_io
 from registry.errors import BenchError
 
 VIEW = "bench"
@@ -102,9 +102,9 @@ def _create(database: Path) -> None:
         MlflowClient(tracking_uri=f"sqlite:///{made}").search_experiments(max_results=1)
         try:
             shutil.copyfile(made, draft)
-            durable.flush(draft)
+            atomic_io.flush(draft)
             if not database.exists():  # another process may have been quicker
-                durable.move(draft, database)
+                atomic_io.move(draft, database)
         finally:
             draft.unlink(missing_ok=True)
 

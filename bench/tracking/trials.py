@@ -24,7 +24,7 @@ NUMBERS = ("weights", "latency", "updates", "best_update", "seconds")
 def mirror_trials(
     tracking_uri: str, experiment: str, study: str, configs: Sequence[RunConfig], trials: Iterable[FrozenTrial]
 ) -> None:
-    """Log trials that are told; those already there are left as they are, half-logged ones are completed.
+    """Log trials that are finished; those already there are left as they are, half-logged ones are completed.
 
     Args:
         tracking_uri: ``sqlite:///…`` or ``http(s)://…``.

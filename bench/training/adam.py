@@ -12,7 +12,11 @@ BETAS, EPS = (0.9, 0.999), 1e-8
 
 
 class Adam:
-    """Changes the tensors that it is given in place."""
+    """Changes the tensors that it is given in place.
+
+    torch's private function, as it is in the one version that is required: the public `torch.optim.adamw.adamw` comes
+    to the same bits and takes 80 µs more, of the 1 to 3 ms of an update.
+    """
 
     def __init__(self, options: Training, rates: Sequence[float], tensors: Sequence[Tensor]) -> None:
         """Of models that train side by side.

@@ -2,14 +2,15 @@
 
 import hashlib
 import json
-import os
-import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import safetensors
 import safetensors.torch
 from torch import Tensor
+
+from registry.atomic_io import replacing
 
 
 class Checkpoint:
@@ -24,19 +25,10 @@ class Checkpoint:
 
     def save(self, tensors: dict[str, Tensor], state: dict[str, Any]) -> None:
         """Replace the checkpoint; a disk that is full or read-only costs the checkpoint, not the training."""
-        draft: Path | None = None
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            handle, name = tempfile.mkstemp(prefix=f"{self.path.name}.", dir=self.path.parent)
-            draft = Path(name)
-            whole, text = {k: t.contiguous() for k, t in tensors.items()}, json.dumps(state)
+        whole, text = {k: t.contiguous() for k, t in tensors.items()}, json.dumps(state)
+        with suppress(OSError, safetensors.SafetensorError), replacing(self.path, flushed=False) as draft:
             # `save_file` writes to a draft of its own, which a kill would leave for good
-            with os.fdopen(handle, "wb") as file:
-                file.write(safetensors.torch.save(whole, {"state": text, "digest": _digest(whole, text)}))
-            os.replace(draft, self.path)
-        except (OSError, safetensors.SafetensorError):
-            if draft is not None:
-                draft.unlink(missing_ok=True)
+            draft.write_bytes(safetensors.torch.save(whole, {"state": text, "digest": _digest(whole, text)}))
 
     def load(self) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
         """Tensors and state; None where there is no checkpoint or a torn one."""

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from bench.training.data import Prepared
+from bench.training.data import WindowedData
 from bench.training.model import Model
 from registry.contracts import Channel
 from registry.units import display
@@ -16,7 +16,7 @@ CHUNK = 1024
 QUANTILES = {"median": 0.5, "q05": 0.05, "q25": 0.25, "q75": 0.75, "q95": 0.95, "q99": 0.99}
 
 
-def predict(model: Model, data: Prepared, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def predict(model: Model, data: WindowedData, starts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Measured and predicted outputs (W, T, n') of the windows at ``starts``, SI, in the order of `Model.judged`."""
     measured, predicted = [], []
     columns = [i for _, i in model.judged()]
@@ -70,7 +70,9 @@ def norms(errors: np.ndarray, channels: tuple[Channel, ...]) -> Iterator[tuple[s
             yield channels[i].name, "axis", unit, e[..., j]
 
 
-def per_step(errors: np.ndarray, channels: tuple[Channel, ...], data: Prepared, recording: np.ndarray) -> pd.DataFrame:
+def per_step(
+    errors: np.ndarray, channels: tuple[Channel, ...], data: WindowedData, recording: np.ndarray
+) -> pd.DataFrame:
     """Long table of the error distribution at every step.
 
     Args:
@@ -105,7 +107,7 @@ def per_step(errors: np.ndarray, channels: tuple[Channel, ...], data: Prepared, 
 
 
 def example_windows(
-    measured: np.ndarray, predicted: np.ndarray, channels: tuple[Channel, ...], data: Prepared, count: int = 6
+    measured: np.ndarray, predicted: np.ndarray, channels: tuple[Channel, ...], data: WindowedData, count: int = 6
 ) -> pd.DataFrame:
     """Measured and predicted outputs of a few windows: evenly spread over the ranking by error, best to worst.
 

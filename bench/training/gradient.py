@@ -42,10 +42,10 @@ def run_cost_and_gradient(
     """The cost (…) of a run from a given state, and its gradients by the state and by the parameters."""
     if predictor.by_hand and _goes_back(type(predictor)) and core_for(inputs, state, outputs) is not None:
         with torch.no_grad():
-            predicted, back = predictor.teach_vjp(inputs, outputs, state)
+            predicted, back = predictor.training_rollout_vjp(inputs, outputs, state)
             cost, slope = prediction_vjp(predicted, outputs, 1.0)
             return cost, *back(slope)
-    cost = predictor.cost(predictor.teach(inputs, outputs, state), outputs)
+    cost = predictor.cost(predictor.training_rollout(inputs, outputs, state), outputs)
     d_state, *found = torch.autograd.grad(cost, [state, *parameters.values()], torch.ones_like(cost), allow_unused=True)
     return cost.detach(), d_state, _named(parameters, found)
 
@@ -62,8 +62,13 @@ def _kinds(initializer: Initializer) -> tuple[type, ...]:
 @lru_cache
 def _goes_back(predictor: type[Predictor], initializers: tuple[type, ...] = ()) -> bool:
     """Whether all have a way back, and nothing that it goes along was changed by a subclass alone."""
-    run = "rollout" if predictor.teach is Predictor.teach else "teach"
-    pairs = [(run, f"{run}_vjp"), ("fill", f"{run}_vjp"), ("teach", "teach_vjp"), ("readout", "readout_vjp")]
+    run = "rollout" if predictor.training_rollout is Predictor.training_rollout else "training_rollout"
+    pairs = [
+        (run, f"{run}_vjp"),
+        ("init_buffers", f"{run}_vjp"),
+        ("training_rollout", "training_rollout_vjp"),
+        ("readout", "readout_vjp"),
+    ]
     pairs += [("join", "separate")] if issubclass(predictor, Composite) else []
     own = predictor.cost is Predictor.cost and all(_known(predictor, *pair) for pair in pairs)
     return own and all(_known(kind, "initialize", "initialize_vjp") for kind in initializers)
@@ -79,13 +84,13 @@ def _by_hand(
     model: Model, initializer: Initializer, windows: tuple[Tensor, ...], alpha: float, beta: float
 ) -> tuple[Tensor, Gradients]:
     p = model.predictor
-    u_history, y_history, u, y = p.vary(windows)
+    u_history, y_history, u, y = p.augment(windows)
     state, initial = initializer.initialize_vjp(p, u_history, y_history)
     extra: tuple[Tensor, Tensor, Gradients] | None = None
     if beta and initializer.uses_state_cost:  # before the long run, which empties the caches
         last = y_history[..., -1, : p.n_outputs]
         extra = state_initialization_vjp(p, state, u_history[..., -1, :], last, beta)
-    predicted, back = p.teach_vjp(u, y, state)
+    predicted, back = p.training_rollout_vjp(u, y, state)
     cost, slope = prediction_vjp(predicted, y, alpha)
     cost = times(alpha, cost)
     d_state, gradients = back(slope)

@@ -5,7 +5,7 @@ from torch import Tensor, nn
 
 from bench.experiment.config import RunConfig
 from bench.experiment.seeds import derive
-from bench.training.data import Prepared
+from bench.training.data import WindowedData
 from registry.contracts import Channel, Initializer, Predictor, Problem
 from registry.initializers.each import build as build_initializer
 from registry.state_cost import state_initialization_cost
@@ -21,16 +21,16 @@ class Model(nn.Module):
     def state(self, history_inputs: Tensor, history_outputs: Tensor) -> Tensor:
         """State (…, B, s) at k0 from the scaled history."""
         if self.initializer is None:
-            return self.predictor.fill(history_inputs, history_outputs)
+            return self.predictor.init_buffers(history_inputs, history_outputs)
         return self.initializer.initialize(self.predictor, history_inputs, history_outputs)
 
     def forward(self, u_history: Tensor, y_history: Tensor, u: Tensor, y: Tensor, alpha: float, beta: float) -> Tensor:
         """Total cost α L_pred + β L_si on scaled windows; (…), one a model."""
         p = self.predictor
         if self.training:
-            u_history, y_history, u, y = p.vary((u_history, y_history, u, y))
+            u_history, y_history, u, y = p.augment((u_history, y_history, u, y))
         state = self.state(u_history, y_history)
-        predicted = p.teach(u, y, state) if self.training else p.rollout(u, state)[0]
+        predicted = p.training_rollout(u, y, state) if self.training else p.rollout(u, state)[0]
         cost = times(alpha, p.cost(predicted, y))
         if beta and self.initializer is not None and self.initializer.uses_state_cost:
             last = y_history[..., -1, : p.n_outputs]
@@ -98,7 +98,7 @@ def build(
     return Model(predictor, build_initializer(config.initializer, predictor) if config.initializer else None)
 
 
-def build_scaled(config: RunConfig, data: Prepared) -> Model:
+def build_scaled(config: RunConfig, data: WindowedData) -> Model:
     """A fresh model with the scalers of its training part."""
     model = build(config, data.input_channels, data.output_channels, data.context_channels, data.rate)
     model.predictor.input_scaler.set(*data.input_scale)

@@ -10,7 +10,7 @@ from bench.experiment.config import from_json
 from bench.records.record import RunRecord
 from bench.training.model import Model, build
 from registry.contracts import Channel
-from registry.datasets import tables
+from registry.datasets.reading import tables
 from registry.errors import BenchError
 
 

@@ -19,7 +19,8 @@ from bench.experiment.run_key import environment, run_key
 from bench.experiment.seeds import derive
 from bench.records.record import STEP_COLUMNS, WINDOW_COLUMNS
 from bench.training import evaluate
-from bench.training.data import Prepared, digest, prepare
+from bench.training.data import WindowedData, prepare
+from bench.training.split import digest
 from bench.training.train import Trained, train
 
 
@@ -49,7 +50,7 @@ def run_group(
 
 
 def _outcome(
-    config: RunConfig, data: Prepared, trained: Trained, started: float, train_seconds: float, from_start: float
+    config: RunConfig, data: WindowedData, trained: Trained, started: float, train_seconds: float, from_start: float
 ) -> Outcome:
     begun = time.monotonic()
     config = config.resolved()

@@ -20,17 +20,17 @@ from bench.experiment.device import device
 from bench.experiment.seeds import derive
 from bench.training.adam import Adam
 from bench.training.checkpoint import Checkpoint
-from bench.training.data import Prepared
+from bench.training.data import WindowedData
 from bench.training.gradient import cost_and_gradient
 from bench.training.model import Model, build_scaled
 
 Curve = list[tuple[int, float, float]]
-"""(update, training cost since the last look, validation cost L_pred), scaled units."""
+"""(update, training cost since the last validation, validation cost L_pred), scaled units."""
 DIVERGED = 1e6
 """A training cost (scaled units) above this has diverged: predictions a thousand deviations off."""
 SAVED = ("theta", "m", "v", "best")
 """Tensors of a checkpoint."""
-Looked = Callable[[list[Curve]], Iterable[int]]
+OnValidation = Callable[[list[Curve]], Iterable[int]]
 """Called with every model's curve so far; gives the models, by place, that need not go on."""
 
 
@@ -49,11 +49,11 @@ class Trained:
 
 
 @dataclass
-class Run:
+class RunState:
     """Where one model of the group stands."""
 
     config: RunConfig
-    data: Prepared
+    data: WindowedData
     curve: Curve = field(default_factory=list)
     best: float = math.inf
     best_update: int = 0
@@ -62,7 +62,7 @@ class Run:
     ended_at: int = 0
 
 
-def independent(config: RunConfig, data: Prepared) -> bool:
+def batchable(config: RunConfig, data: WindowedData) -> bool:
     """Whether runs like this are trained in updates, and keep their bits in a group.
 
     They do when they draw no random numbers while training, when their batches are whole vectors (see
@@ -72,7 +72,7 @@ def independent(config: RunConfig, data: Prepared) -> bool:
     sizes = (hidden, getattr(config.initializer, "hidden", hidden))
     return (
         config.predictor.training == "gradient"
-        and side_by_side(config)
+        and supports_batching(config)
         and device(config).type == "cpu"
         and not dropout
         and getattr(config.initializer, "start", "zero") == "zero"
@@ -82,17 +82,17 @@ def independent(config: RunConfig, data: Prepared) -> bool:
     )
 
 
-def side_by_side(config: RunConfig) -> bool:
+def supports_batching(config: RunConfig) -> bool:
     """Whether weights, inputs and outputs have a leading model dimension in training."""
-    return config.predictor.side_by_side and (config.initializer is None or config.initializer.side_by_side)
+    return config.predictor.supports_batching and (config.initializer is None or config.initializer.supports_batching)
 
 
 def train(
     configs: Sequence[RunConfig],
-    data: Sequence[Prepared],
+    data: Sequence[WindowedData],
     progress: Callable[[int], None] = lambda updates: None,
     checkpoint: Path | None = None,
-    looked: Looked = lambda curves: (),
+    on_validation: OnValidation = lambda curves: (),
 ) -> list[Trained]:
     """Train models of one shape side by side.
 
@@ -100,17 +100,19 @@ def train(
         configs: equal but for `bench.experiment.run_key.FREE`.
         data: what each run trains on.
         progress: called with the number of updates done since the last call, summed over models.
-        checkpoint: file for the state at every look at the validation part; a second call goes on from there. It is
-            the caller's to remove once the outcome is safe.
-        looked: called after each look, and when a checkpoint is gone on from; what it gives ends as "pruned".
+        checkpoint: file for the state at every validation; a second call goes on from there. It is the caller's to
+            remove once the outcome is safe.
+        on_validation: called after each validation, and when a checkpoint is resumed; what it gives ends as "pruned".
     """
     models = [build_scaled(c, d) for c, d in zip(configs, data, strict=True)]
     if configs[0].predictor.training != "gradient":
         return [_closed_form(m, d) for m, d in zip(models, data, strict=True)]
-    return Group(models, [Run(c, d) for c, d in zip(configs, data, strict=True)], checkpoint).train(progress, looked)
+    return Group(models, [RunState(c, d) for c, d in zip(configs, data, strict=True)], checkpoint).train(
+        progress, on_validation
+    )
 
 
-def _closed_form(model: Model, data: Prepared) -> Trained:
+def _closed_form(model: Model, data: WindowedData) -> Trained:
     """Fit a baseline on at most 20,000 training windows, evenly spread."""
     u_history, y_history, u, y = data.gather(data.train.every(20_000).starts)
     p = model.predictor
@@ -126,11 +128,11 @@ class Group:
     weights of ``network`` are views of ``theta``, (M, …) each; without M for a run that cannot have others beside it.
     """
 
-    def __init__(self, models: list[Model], runs: list[Run], checkpoint: Path | None = None) -> None:
+    def __init__(self, models: list[Model], runs: list[RunState], checkpoint: Path | None = None) -> None:
         self.runs, self.models = runs, models
         self.options: Training = runs[0].config.training
         self.device = device(runs[0].config)
-        self.lead = slice(None) if side_by_side(runs[0].config) else 0
+        self.lead = slice(None) if supports_batching(runs[0].config) else 0
         """What to take of (M, …)."""
         for model in models:
             model.to(self.device)
@@ -153,7 +155,7 @@ class Group:
         flat = torch.cat([p.detach().flatten() for p in model.parameters()])
         return torch.nn.functional.pad(flat, (0, -len(flat) % 64))
 
-    def _scaled(self, model: Model, data: Prepared) -> Prepared:
+    def _scaled(self, model: Model, data: WindowedData) -> WindowedData:
         """The run's data in scaled units, once."""
         p = model.predictor
         inputs, outputs, context = (x.to(self.device) for x in (data.inputs, data.outputs, data.context))
@@ -211,22 +213,22 @@ class Group:
             self.orders[seed] = epoch, torch.from_numpy(drawn)
         return self.orders[seed][1]
 
-    def train(self, progress: Callable[[int], None], looked: Looked = lambda curves: ()) -> list[Trained]:
-        """Run to the end: budget, early stopping, divergence or `looked`, model by model."""
+    def train(self, progress: Callable[[int], None], on_validation: OnValidation = lambda curves: ()) -> list[Trained]:
+        """Run to the end: budget, early stopping, divergence or `on_validation`, model by model."""
         if self.checkpoint:
             self._resume()
             progress(self.update * len(self.runs))
-            self._prune(looked)
+            self._prune(on_validation)
         o = self.options
         while self.update < o.updates and self.active:
             self.step()
             if self.update % o.evaluate_every == 0 or self.update == o.updates:
                 since = (self.update - 1) % o.evaluate_every + 1
-                self._look(since)
+                self._validate(since)
                 if self.checkpoint:
                     self._save()
                 progress(since * len(self.runs))
-                self._prune(looked)
+                self._prune(on_validation)
         progress((o.updates - self.update) * len(self.runs))
         return [self._trained(i) for i in range(len(self.runs))]
 
@@ -251,8 +253,8 @@ class Group:
                     self.runs[i].ended, self.runs[i].ended_at = "diverged", self.update
             self._leave_ended()
 
-    def _look(self, since: int) -> None:
-        """Cost of free runs on the validation part, ``since`` updates after the last look.
+    def _validate(self, since: int) -> None:
+        """Cost of free runs on the validation part, ``since`` updates after the last validation.
 
         Keeps the best weights and ends a run that has stopped improving.
         """
@@ -278,9 +280,9 @@ class Group:
         self.train_cost.zero_()
         self._leave_ended()
 
-    def _prune(self, looked: Looked) -> None:
+    def _prune(self, on_validation: OnValidation) -> None:
         """Show the curves, and end the runs that need not go on."""
-        for i in looked([r.curve for r in self.runs]):
+        for i in on_validation([r.curve for r in self.runs]):
             if not self.runs[i].ended:
                 self.runs[i].ended, self.runs[i].ended_at = "pruned", self.update
         self._leave_ended()

@@ -7,7 +7,7 @@ horizon k0+1 .. k0+T. A prediction ŷ_k may use the inputs u_j for j ≤ k. SI i
 from registry.contracts.dataset import Dataset
 from registry.contracts.entries import InitializerEntry, PredictorEntry
 from registry.contracts.initializer import Initializer, InitialVJP
-from registry.contracts.measurements import Channel, Finding, Loaded, Recording, Split, places
+from registry.contracts.measurements import Channel, Finding, Recording, RecordingSet, Split, places
 from registry.contracts.predictor import (
     Composite,
     CostVJP,
@@ -30,12 +30,12 @@ __all__ = [
     "InitialVJP",
     "Initializer",
     "InitializerEntry",
-    "Loaded",
     "Predictor",
     "PredictorEntry",
     "Problem",
     "ReadoutVJP",
     "Recording",
+    "RecordingSet",
     "RunVJP",
     "Scaler",
     "Split",

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
-from registry.contracts.measurements import Channel, Finding, Loaded, Recording, Split, places
+from registry.contracts.measurements import Channel, Finding, Recording, RecordingSet, Split, places
 from registry.core import DATASETS
 from registry.errors import BenchError
 from registry.units import SIGNALS
@@ -46,7 +46,7 @@ class Dataset(ABC):
         """What tables and titles call the data: the registered name, unless the data have one of their own."""
         return DATASETS.name_of(type(self))
 
-    def load(self) -> Loaded:
+    def load(self) -> RecordingSet:
         """Read, clean and check. Duplicated recordings are dropped and named in the findings.
 
         Raises:
@@ -67,7 +67,7 @@ class Dataset(ABC):
                 kept[digest] = recording
         if not kept:
             raise BenchError(f"Dataset {type(self).__name__} holds no usable recording.")
-        return Loaded(tuple(kept.values()), tuple(findings))
+        return RecordingSet(tuple(kept.values()), tuple(findings))
 
     def channels(self) -> tuple[Channel, ...]:
         """Channels of every recording, inputs first; read from the data where they are not known before."""
@@ -90,7 +90,7 @@ class Dataset(ABC):
         return tuple(known[i].name for i in places(known, self.predicted(), f"The data set {self.label}"))
 
     @abstractmethod
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """The cleaned recordings, duplicates included; called by `load`."""
 
     @abstractmethod

@@ -21,7 +21,7 @@ class PredictorEntry(ABC):
     stateful: ClassVar[bool] = True
     """Whether an initializer is needed."""
 
-    side_by_side: ClassVar[bool] = False
+    supports_batching: ClassVar[bool] = False
     """Whether several models of one shape are trained together: each weight then has a leading model dimension, as
     inputs and outputs have, and no random numbers are drawn. Without, training is plain PyTorch."""
 
@@ -44,8 +44,8 @@ class InitializerEntry(ABC):
     history: int
     sized: ClassVar[bool] = False
     """Whether the notation carries the size of a hidden layer (field ``hidden``)."""
-    side_by_side: ClassVar[bool] = False
-    """Whether weights may have a leading model dimension; see `PredictorEntry.side_by_side`."""
+    supports_batching: ClassVar[bool] = False
+    """Whether weights may have a leading model dimension; see `PredictorEntry.supports_batching`."""
 
     @abstractmethod
     def build(self, predictor: Predictor, problem: Problem) -> Initializer:

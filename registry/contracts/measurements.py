@@ -122,7 +122,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Loaded:
+class RecordingSet:
     """What `Dataset.load` returns: the recordings that are left, and everything that was found in them."""
 
     recordings: tuple[Recording, ...]

@@ -80,9 +80,9 @@ class Predictor(nn.Module, ABC):
 
     layout: StateLayout
     history: int = 1
-    """Samples of history that `fill` needs."""
+    """Samples of history that `init_buffers` needs."""
     by_hand: bool = True
-    """Whether this one, of a class with `rollout_vjp` or `teach_vjp`, can do without autograd."""
+    """Whether this one, of a class with `rollout_vjp` or `training_rollout_vjp`, can do without autograd."""
     views: tuple[str, ...] = ()
     """Names of further predictions that are judged beside the free run; see `view`."""
 
@@ -102,7 +102,7 @@ class Predictor(nn.Module, ABC):
         return torch.cat([self.output_scaler(measured), self.context_scaler(context)], -1)
 
     @abstractmethod
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Buffers (B, s_b) at k0 from the scaled measured history (B, τ, m), (B, τ, n + c)."""
 
     @abstractmethod
@@ -119,7 +119,7 @@ class Predictor(nn.Module, ABC):
             outputs (B, T, n) and the state (B, s) at k0+T.
         """
 
-    def teach(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+    def training_rollout(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
         """What the training cost looks at (B, T, n), scaled: the free run, unless measured outputs (B, T, n) are fed.
 
         Tests and validation always run free.
@@ -130,12 +130,12 @@ class Predictor(nn.Module, ABC):
         """L_pred (…) of scaled outputs (…, B, T, n); lower is better."""
         return prediction_cost(predicted, measured)
 
-    def vary(self, windows: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+    def augment(self, windows: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
         """Training windows, scaled, as they are or changed at random by what the system cannot tell, such as mirrored.
 
         Args:
             windows: history inputs (…, B, τ, m) and outputs (…, B, τ, n + c), horizon inputs (…, B, T, m) and outputs
-                (…, B, T, n). Draw from torch's global generator; then `PredictorEntry.side_by_side` must be False.
+                (…, B, T, n). Draw from torch's global generator; then `PredictorEntry.supports_batching` must be False.
         """
         return windows
 
@@ -144,7 +144,7 @@ class Predictor(nn.Module, ABC):
         return list(range(self.n_outputs))
 
     def view(self, name: str, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
-        """A further prediction (B, T, len(viewed)), one of `views`, scaled, given what `rollout` and `teach` are."""
+        """A further prediction (B, T, len(viewed)), one of `views`, scaled, from what `rollout` is given."""
         raise NotImplementedError(f"{type(self).__name__} has no view {name!r}")
 
     def rollout_vjp(
@@ -157,8 +157,8 @@ class Predictor(nn.Module, ABC):
         """
         raise NotImplementedError
 
-    def teach_vjp(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> tuple[Tensor, CostVJP]:
-        """`teach` and its vector-Jacobian product; see `rollout_vjp`."""
+    def training_rollout_vjp(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> tuple[Tensor, CostVJP]:
+        """`training_rollout` and its vector-Jacobian product; see `rollout_vjp`."""
         predicted, _, run = self.rollout_vjp(inputs, state)
         return predicted, lambda d_outputs: run(d_outputs, None)
 

@@ -7,17 +7,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from registry.contracts import Channel, Dataset, Finding, Loaded, Recording, Split
+from registry.contracts import Channel, Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
-from registry.datasets.cleaning import airborne, extent, resample, runs
 from registry.datasets.crazyflie import CONSTANTS, UNCERTAINTY
 from registry.datasets.locate import locate
-from registry.datasets.usd_log import read_usd_log
+from registry.datasets.logs.usd import read_usd_log
+from registry.datasets.reading.cleaning import airborne, extent, resample, runs
 from registry.errors import BenchError
 from registry.units import to_si
 
 RATE = 100.0
-LONGEST = 0.03
+MAX_GAP = 0.03
 """Missing samples are bridged up to this distance between two logged ones [s]."""
 GROUND, MARGIN = 0.25, 20
 """Flight is above this height [m], and this many samples away from take-off and landing."""
@@ -62,7 +62,7 @@ class Crazypad(Dataset):
         "torque_coefficient": 0.7,
     }
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """See `Dataset.read`."""
         files = locate(
             "crazypad_mass_prop",
@@ -80,7 +80,7 @@ class Crazypad(Dataset):
                 findings += found
         if not recordings:
             raise BenchError(f"crazypad holds no flight of vehicle {self.vehicle} with weight {self.weight}.")
-        return Loaded(tuple(recordings), tuple(findings))
+        return RecordingSet(tuple(recordings), tuple(findings))
 
     def split(self, names: Sequence[str]) -> Split:
         """Of each vehicle and weight the last flight tests and the one before validates (our choice)."""
@@ -104,7 +104,7 @@ def _flight(file: Path, name: str) -> tuple[list[Recording], list[Finding]]:
         return [], [Finding(name, "short", len(t), "less than 1 s of usable samples: left out")]
     t = t - t[0]
     grid = np.arange(t[good][0], t[good][-1] + 1e-6, 1 / RATE)
-    x, valid = resample(t[good], table[good], grid, LONGEST)
+    x, valid = resample(t[good], table[good], grid, MAX_GAP)
     position, rates, commands, thrust = x[:, :3], x[:, 3:6] * (1, -1, 1), x[:, 6:9], x[:, 9]
     pwm = np.clip(thrust[:, None] + (commands * (0.5, 0.5, 1.0)) @ _MIX.T, 0, FULL)
     running = thrust > 0
@@ -131,4 +131,8 @@ def _flight(file: Path, name: str) -> tuple[list[Recording], list[Finding]]:
         Channel("specific_force.z", "m/s^2"),
     )
     motors = tuple(Channel(f"pwm.{i}", "pwm") for i in range(1, 5))
-    return [Recording(name, RATE, pwm[part], outputs, motors, channels, valid[part])], findings
+    return [
+        Recording(
+            name, RATE, pwm[part], outputs=outputs, input_channels=motors, output_channels=channels, valid=valid[part]
+        )
+    ], findings

@@ -9,18 +9,18 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from registry.contracts import Dataset, Finding, Loaded, Recording, Split
+from registry.contracts import Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS
-from registry.datasets.cleaning import airborne, extent, held, resample, runs, spikes
 from registry.datasets.crazyflie import CONSTANTS, UNCERTAINTY
 from registry.datasets.locate import locate
-from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
+from registry.datasets.reading.cleaning import airborne, extent, held, resample, runs, spikes
+from registry.datasets.reading.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
 from registry.datasets.signals import recording
 from registry.errors import BenchError
 from registry.units import to_si
 
 RATE = 100.0
-LONGEST = 0.06
+MAX_GAP = 0.06
 """Missing samples are bridged up to this distance between two measured ones [s]."""
 CLIMB, MARGIN = 0.15, 50
 """Flight is this far above the lowest point [m], and this many samples away from take-off and landing."""
@@ -58,7 +58,7 @@ class Nanobench(Dataset):
     physics: ClassVar[dict[str, Any]] = CONSTANTS
     uncertainty: ClassVar[dict[str, float]] = UNCERTAINTY
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """See `Dataset.read`."""
         files = locate(
             "nanobench",
@@ -71,7 +71,7 @@ class Nanobench(Dataset):
             flight, found = _flight(file)
             recordings += flight
             findings += found
-        return Loaded(tuple(recordings), tuple(findings))
+        return RecordingSet(tuple(recordings), tuple(findings))
 
     def split(self, names: Sequence[str]) -> Split:
         """Of every trajectory with two or more flights the last tests; of those, every third one's first validates
@@ -116,7 +116,7 @@ def _flight(file: Path) -> tuple[list[Recording], list[Finding]]:
     t = t - t[0]
     grid = np.arange(t[good][0], t[good][-1] + 1e-6, 1 / RATE)
     stacked = np.column_stack(list(x.values()))
-    values, valid = resample(t[good], stacked[good], grid, LONGEST)
+    values, valid = resample(t[good], stacked[good], grid, MAX_GAP)
     bounds = np.cumsum([v.shape[1] for v in x.values()])[:-1]
     x = dict(zip(x, np.split(values, bounds, axis=1), strict=True))
     note("dropped", int((np.diff(t) > 1.5 / RATE).sum()), "pauses of the clock, bridged where short")

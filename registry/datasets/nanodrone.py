@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from pyarrow import ArrowException
 
-from registry.contracts import Dataset, Finding, Loaded, Recording, Split
+from registry.contracts import Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
-from registry.datasets.cleaning import airborne, delay, extent, held, resample, runs, smooth, spikes, widen
 from registry.datasets.locate import locate
-from registry.datasets.rotations import euler_from_quaternion, euler_rates_from_body, rotate, unit_quaternion
+from registry.datasets.reading.cleaning import airborne, delay, extent, held, resample, runs, smooth, spikes, widen
+from registry.datasets.reading.rotations import euler_from_quaternion, euler_rates_from_body, rotate, unit_quaternion
 from registry.datasets.signals import recording
 from registry.errors import BenchError
 
@@ -24,7 +24,7 @@ FASTEST = 2e5
 """Electrical rpm that no rotor reaches: the rest are telegram errors (up to 6e6)."""
 JUMP = 0.3
 """Distance from the running median that no flight covers within 3 samples [m]."""
-LONGEST = 0.06
+MAX_GAP = 0.06
 """Lost packets are bridged up to this distance between two received ones [s]."""
 GROUND, MARGIN = 0.3, 150
 """Flight is above this height [m], and this many samples away from take-off and landing."""
@@ -91,7 +91,7 @@ class Nanodrone(Dataset):
                 f"nanodrone.smoothing = {self.smoothing} must be 0 or an odd number of at least 5 samples."
             )
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """See `Dataset.read`."""
         files = locate(
             "nanodrone_idsia/raw_parquet",
@@ -105,7 +105,7 @@ class Nanodrone(Dataset):
             flight, found = self._flight(file, common)
             recordings += flight
             findings += found
-        return Loaded(tuple(recordings), tuple(findings))
+        return RecordingSet(tuple(recordings), tuple(findings))
 
     def split(self, names: Sequence[str]) -> Split:
         """Melon tests, as published; of the other kinds the last flight of each validates (our choice)."""
@@ -123,93 +123,151 @@ class Nanodrone(Dataset):
         return float(np.median([f.count for f in found if f.kind == "lag"]))
 
     def _flight(self, file: Path, common: float | None = None) -> tuple[list[Recording], list[Finding]]:
-        name = file.stem
-        try:
-            table = pd.read_parquet(file, columns=[*_STATE, *_MOTORS, *_CLOCKS])
-        except (OSError, ArrowException, ValueError, KeyError) as error:
-            raise BenchError(f"{file} is damaged or not the published file ({error}): download it again.") from error
-        if table.empty:
-            raise BenchError(f"{file} holds a header and no samples: download it again.")
-        state, motors, clocks = (table[c].to_numpy(dtype=float) for c in (_STATE, _MOTORS, _CLOCKS))
-        findings: list[Finding] = []
-
-        def note(kind: str, count: float, detail: str) -> None:
-            if count:
-                findings.append(Finding(name, kind, count, detail))
-
-        jumps = spikes(state[:, :3], JUMP)
-        fresh = np.diff(clocks[:, 0], prepend=-np.inf) > 0
-        kept = fresh & ~held(state[:, :13]) & ~jumps & np.isfinite(state).all(axis=1)
-        wild = (motors > FASTEST).any(axis=1)
-        missing = np.isnan(motors).any(axis=1)
-        kept_motors = (np.diff(clocks[:, 1], prepend=-np.inf) > 0) & ~wild & ~missing
-        t, t_motors = clocks[kept, 0], clocks[kept_motors, 1]
-        if len(t) < 3 or len(t_motors) < 3:
-            raise BenchError(f"{file} holds fewer than 3 usable samples: download it again.")
-        grid = np.arange(t[0], t[-1], 1 / RATE)
-        x, valid = resample(t, state[kept], grid, LONGEST)
-        erpm, motors_valid = resample(t_motors, motors[kept_motors], grid, LONGEST)
-        attitude = unit_quaternion(x[:, 6:10])
+        """The flight of a file, none where it is short, and what was found; ``common`` as `_training_lag` has it."""
+        log = _read(file)
+        x, measured = resample(log.t, log.state[log.kept], log.grid, MAX_GAP)
+        speed, heard = log.rotor_speed()
         flying = airborne(x[:, 2], GROUND, MARGIN)
-        in_air = flying & valid & motors_valid
-
-        torque = smooth((erpm * ERPM) ** 2, 9) @ np.column_stack([ARMS[:, 1], -ARMS[:, 0]])
-        turning = np.gradient(smooth(x[:, 10:12], 9), axis=0)
-        lag, agreement = delay(torque * in_air[:, None], turning * in_air[:, None], widest=6)
+        lag, agreement = _lag(x, speed, flying & measured & heard)
         if self.align_lag:
-            shift = lag if common is None else common
-            erpm, motors_valid = resample(t_motors + shift / RATE, motors[kept_motors], grid, LONGEST)
+            speed, heard = log.rotor_speed(later=lag if common is None else common)
         # The smoothing mixes what lies inside a gap into its neighbours.
-        valid = flying & ~widen(~(valid & motors_valid), self.smoothing // 2)
+        valid = flying & ~widen(~(measured & heard), self.smoothing // 2)
         part = extent(valid)
-
-        on_clock = np.interp(clocks[:, 0], grid, flying) > 0.5
-        note("spike", int(wild.sum()), f"rotor speeds above {FASTEST:.0f} electrical rpm, bridged")
-        note("spike", int(jumps.sum()), f"positions more than {JUMP} m from their neighbours, bridged")
-        note("held", int((~kept & ~jumps & on_clock).sum()), "state samples that only repeat the last packet, bridged")
-        note("dropped", int((~kept_motors & ~wild & on_clock).sum()), "rotor-speed packets lost, bridged where short")
-        pause = np.diff(t)
-        if pause.max() > 1:
-            at = int(pause.argmax())
-            detail = f"the longest of them {pause[at]:.2f} s at {t[at] - t[0]:.2f} s; the column t shows none"
-            note("pause", int((pause > LONGEST).sum()), f"pauses of the reception clock, {detail}")
-        for start, stop in runs(~valid[part]):
-            at, end = part.start + start, part.start + stop
-            reason = "packets lost" if flying[at:end].mean() > 0.5 else "on or near the ground"
-            note("gap", stop - start, f"{(stop - start) / RATE:.2f} s from {at / RATE:.2f} s: {reason}, masked")
-        note("trimmed", len(grid) - (part.stop - part.start), "samples of take-off and landing cut off at the ends")
         done = "removed" if self.align_lag else "left in"
         if common is not None:
             done = f"{common:+.2f} removed, as of every flight"
-        findings.append(
-            Finding(
-                name,
-                "lag",
-                lag,
-                f"the body turns {lag:+.2f} samples after the rotor speeds that turn it (correlation {agreement:.2f}), "
-                + done,
-            )
-        )
+        turns = f"the body turns {lag:+.2f} samples after the rotor speeds that turn it (correlation {agreement:.2f})"
+        findings = [*_bridged(log, flying), *_masked(log, flying, valid, part)]
+        findings.append(Finding(log.name, "lag", lag, f"{turns}, {done}"))
         if part.stop - part.start < RATE:
-            note("short", len(grid), "less than 1 s of flight: left out")
+            findings.append(Finding(log.name, "short", len(log.grid), "less than 1 s of flight: left out"))
             return [], findings
-        rates = smooth(x[:, 10:13], self.smoothing)
-        outputs = {
-            "position": x[:, :3],
-            "velocity": smooth(x[:, 3:6], self.smoothing),
-            "attitude": attitude,
-            "body_rates": rates,
-            "euler_rates": euler_rates_from_body(euler_from_quaternion(attitude), rates),
-            # Logged along the axes of the world, with the weight: there it is the acceleration (correlation .98).
-            "specific_force": rotate(attitude * [-1.0, -1.0, -1.0, 1.0], x[:, 13:16]),
-            "battery": x[:, 16:],
-        }
-        return [
-            recording(
-                name,
-                RATE,
-                {"rotor_speed": erpm[part] * ERPM},
-                {signal: values[part] for signal, values in outputs.items()},
-                valid[part],
-            )
-        ], findings
+        inputs = {"rotor_speed": speed[part]}
+        outputs = {signal: values[part] for signal, values in _outputs(x, self.smoothing).items()}
+        return [recording(log.name, RATE, inputs, outputs, valid[part])], findings
+
+
+@dataclass(frozen=True, eq=False)
+class _Log:
+    """One file as it was received, a row a packet of the state (N,), and which rows measure something new."""
+
+    name: str
+    state: np.ndarray
+    """(N, 17) `_STATE`."""
+    motors: np.ndarray
+    """(N, 4) `_MOTORS`, electrical rpm."""
+    clocks: np.ndarray
+    """(N, 2) when state and motors were received [s]."""
+    jumps: np.ndarray
+    """(N,) positions that no flight reaches."""
+    kept: np.ndarray
+    """(N,) rows whose state is used."""
+    wild: np.ndarray
+    """(N,) rotor speeds that no rotor has."""
+    kept_motors: np.ndarray
+    """(N,) rows whose rotor speeds are used."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """Reception of the states that are used [s]."""
+        return self.clocks[self.kept, 0]
+
+    @property
+    def grid(self) -> np.ndarray:
+        """Times of the recording's samples [s]."""
+        return np.arange(self.t[0], self.t[-1], 1 / RATE)
+
+    def rotor_speed(self, later: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Rotor speeds (K, 4) [rad/s] on the grid, ``later`` [samples] than received; where there are any (K,)."""
+        t = self.clocks[self.kept_motors, 1] + later / RATE
+        erpm, valid = resample(t, self.motors[self.kept_motors], self.grid, MAX_GAP)
+        return erpm * ERPM, valid
+
+
+def _read(file: Path) -> _Log:
+    try:
+        table = pd.read_parquet(file, columns=[*_STATE, *_MOTORS, *_CLOCKS])
+    except (OSError, ArrowException, ValueError, KeyError) as error:
+        raise BenchError(f"{file} is damaged or not the published file ({error}): download it again.") from error
+    if table.empty:
+        raise BenchError(f"{file} holds a header and no samples: download it again.")
+    state, motors, clocks = (table[c].to_numpy(dtype=float) for c in (_STATE, _MOTORS, _CLOCKS))
+    fresh, fresh_motors = (np.diff(clock, prepend=-np.inf) > 0 for clock in clocks.T)
+    jumps, wild = spikes(state[:, :3], JUMP), (motors > FASTEST).any(axis=1)
+    log = _Log(
+        name=file.stem,
+        state=state,
+        motors=motors,
+        clocks=clocks,
+        jumps=jumps,
+        kept=fresh & ~held(state[:, :13]) & ~jumps & np.isfinite(state).all(axis=1),
+        wild=wild,
+        kept_motors=fresh_motors & ~wild & ~np.isnan(motors).any(axis=1),
+    )
+    if log.kept.sum() < 3 or log.kept_motors.sum() < 3:
+        raise BenchError(f"{file} holds fewer than 3 usable samples: download it again.")
+    return log
+
+
+def _lag(x: np.ndarray, speed: np.ndarray, in_air: np.ndarray) -> tuple[float, float]:
+    """By how many samples the body turns after the rotors that turn it, and the correlation then.
+
+    Args:
+        x: (K, 17) states on the grid.
+        speed: (K, 4) of the rotors [rad/s].
+        in_air: (K,) samples that count.
+    """
+    torque = smooth(speed**2, 9) @ np.column_stack([ARMS[:, 1], -ARMS[:, 0]])
+    turning = np.gradient(smooth(x[:, 10:12], 9), axis=0)
+    return delay(torque * in_air[:, None], turning * in_air[:, None], widest=6)
+
+
+def _bridged(log: _Log, flying: np.ndarray) -> list[Finding]:
+    """What was not a measurement of its own and is bridged from its neighbours; ``flying`` (K,) on the grid."""
+    in_flight = np.interp(log.clocks[:, 0], log.grid, flying) > 0.5
+    again = ~log.kept & ~log.jumps & in_flight
+    lost = ~log.kept_motors & ~log.wild & in_flight
+    counted = (
+        ("spike", log.wild.sum(), f"rotor speeds above {FASTEST:.0f} electrical rpm, bridged"),
+        ("spike", log.jumps.sum(), f"positions more than {JUMP} m from their neighbours, bridged"),
+        ("held", again.sum(), "state samples that only repeat the last packet, bridged"),
+        ("dropped", lost.sum(), "rotor-speed packets lost, bridged where short"),
+    )
+    findings = [Finding(log.name, kind, int(count), detail) for kind, count, detail in counted if count]
+    pause = np.diff(log.t)
+    if pause.max() > 1:
+        at = int(pause.argmax())
+        detail = f"the longest of them {pause[at]:.2f} s at {log.t[at] - log.t[0]:.2f} s; the column t shows none"
+        count = int((pause > MAX_GAP).sum())
+        findings.append(Finding(log.name, "pause", count, f"pauses of the reception clock, {detail}"))
+    return findings
+
+
+def _masked(log: _Log, flying: np.ndarray, valid: np.ndarray, part: slice) -> list[Finding]:
+    """Gaps within the part of the grid that is kept, and what is cut off at its ends; ``flying``, ``valid`` (K,)."""
+    findings = []
+    for start, stop in runs(~valid[part]):
+        at, end = part.start + start, part.start + stop
+        reason = "packets lost" if flying[at:end].mean() > 0.5 else "on or near the ground"
+        detail = f"{(stop - start) / RATE:.2f} s from {at / RATE:.2f} s: {reason}, masked"
+        findings.append(Finding(log.name, "gap", stop - start, detail))
+    if trimmed := len(log.grid) - (part.stop - part.start):
+        detail = "samples of take-off and landing cut off at the ends"
+        findings.append(Finding(log.name, "trimmed", trimmed, detail))
+    return findings
+
+
+def _outputs(x: np.ndarray, smoothing: int) -> dict[str, np.ndarray]:
+    """Signal → values out of the states (K, 17) on the grid."""
+    attitude, rates = unit_quaternion(x[:, 6:10]), smooth(x[:, 10:13], smoothing)
+    return {
+        "position": x[:, :3],
+        "velocity": smooth(x[:, 3:6], smoothing),
+        "attitude": attitude,
+        "body_rates": rates,
+        "euler_rates": euler_rates_from_body(euler_from_quaternion(attitude), rates),
+        # Logged along the axes of the world, with the weight: there it is the acceleration (correlation .98).
+        "specific_force": rotate(attitude * [-1.0, -1.0, -1.0, 1.0], x[:, 13:16]),
+        "battery": x[:, 16:],
+    }

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from registry.contracts import Dataset, Finding, Loaded, Recording, Split
+from registry.contracts import Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
 from registry.datasets.locate import locate
-from registry.datasets.matlab import read_cell_structs
-from registry.datasets.rotations import (
+from registry.datasets.reading.matlab import read_cell_structs
+from registry.datasets.reading.rotations import (
     body_rates_from_euler,
     euler_rates_from_body,
     quaternion_from_euler,
@@ -51,7 +51,7 @@ class Pelican(Dataset):
     targets: ClassVar[tuple[str, ...]] = ("body_rates",)
     chain: ClassVar[tuple[str, ...]] = ("velocity", "body_rates")
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """See `Dataset.read`."""
         (file,) = locate(
             "pelican",
@@ -82,7 +82,7 @@ class Pelican(Dataset):
                 values = ", ".join(f"{v:.4f}" for v in found)
                 detail = f"maxima of {signal} are {values} and differ from the paper's table by up to {off:.1%}"
                 findings.append(Finding("all flights", "maxima", off, detail))
-        return Loaded(tuple(recordings), tuple(findings))
+        return RecordingSet(tuple(recordings), tuple(findings))
 
     def split(self, names: Sequence[str]) -> Split:
         """Of every six flights four train, one validates and one tests (our choice: the paper names none)."""

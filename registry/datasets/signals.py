@@ -54,4 +54,4 @@ def recording(
         return np.concatenate([np.empty((len(valid), 0)), *signals.values()], axis=1), named
 
     (u, u_channels), (y, y_channels) = side(inputs), side(outputs)
-    return Recording(name, rate, u, y, u_channels, y_channels, valid)
+    return Recording(name, rate, u, outputs=y, input_channels=u_channels, output_channels=y_channels, valid=valid)

@@ -6,11 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from registry.contracts import Dataset, Finding, Loaded, Split
+from registry.contracts import Dataset, Finding, RecordingSet, Split
 from registry.core import DATASETS
 from registry.datasets.locate import locate
-from registry.datasets.matlab import read_v5
-from registry.datasets.rotations import body_rates_from_euler, quaternion_from_euler
+from registry.datasets.reading.matlab import read_v5
+from registry.datasets.reading.rotations import body_rates_from_euler, quaternion_from_euler
 from registry.datasets.signals import recording
 from registry.errors import BenchError
 
@@ -35,7 +35,7 @@ class Tailsitter(Dataset):
     targets: ClassVar[tuple[str, ...]] = ("body_rates",)
     chain: ClassVar[tuple[str, ...]] = ("velocity", "body_rates")
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """See `Dataset.read`."""
         files = locate(
             "tailsitter_polyu",
@@ -71,7 +71,7 @@ class Tailsitter(Dataset):
                 findings.append(Finding(file.stem, "saturated", int(stuck.sum()), detail))
             inputs = {"pwm": pwm[:, :4], "elevon": pwm[:, 4:]}
             recordings.append(recording(file.stem, RATE, inputs, outputs, np.ones(len(pwm), dtype=bool)))
-        return Loaded(tuple(recordings), tuple(findings))
+        return RecordingSet(tuple(recordings), tuple(findings))
 
     def split(self, names: Sequence[str]) -> Split:
         """Of each kind, the third repetition tests and the second validates (our choice: none is published)."""

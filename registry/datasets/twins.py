@@ -5,11 +5,10 @@ Flights are simulated once and kept in the user's cache folder.
 
 import hashlib
 import logging
-import os
-import tempfile
 import zipfile
 from abc import abstractmethod
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -18,10 +17,12 @@ import numpy as np
 import torch
 
 from registry import cache
-from registry.contracts import Channel, Dataset, Loaded, Recording, Split
+from registry.atomic_io import replacing
+from registry.contracts import Channel, Dataset, Recording, RecordingSet, Split
 from registry.core import DATASETS, check_options, option
-from registry.datasets import twin_helicopter, twin_quadrotor
-from registry.datasets.twin_reference import DT, REGIMES
+from registry.datasets.twin import helicopter as twin_helicopter
+from registry.datasets.twin import quadrotor as twin_quadrotor
+from registry.datasets.twin.reference import DT, REGIMES
 from registry.units import SIGNALS
 
 _log = logging.getLogger(__name__)
@@ -86,7 +87,7 @@ class Twin(Dataset):
     def simulate(self) -> list[np.ndarray]:
         """The recorded columns (N_i, len(recorded)) of each flight."""
 
-    def read(self) -> Loaded:
+    def read(self) -> RecordingSet:
         """The flights, from the cache or simulated now."""
         recordings = []
         for i, columns in enumerate(self._flights()):
@@ -101,7 +102,7 @@ class Twin(Dataset):
                     valid=np.ones(len(columns), dtype=bool),
                 )
             )
-        return Loaded(tuple(recordings), ())
+        return RecordingSet(tuple(recordings), ())
 
     def split(self, names: Sequence[str]) -> Split:
         """By recording: of every regime about 60 % train, 15 % validate, 25 % test."""
@@ -133,17 +134,10 @@ def _read_cache(file: Path) -> np.ndarray | None:
 
 
 def _write_cache(file: Path, samples: np.ndarray) -> None:
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        handle, partial = tempfile.mkstemp(dir=file.parent, suffix=".partial")
-    except OSError:
-        return  # a cache that cannot be written costs time, not results
-    try:
-        with os.fdopen(handle, "wb") as out:
-            np.savez(out, samples=samples, sha256=np.array(hashlib.sha256(samples.tobytes()).hexdigest()))
-        os.replace(partial, file)
-    except OSError:
-        Path(partial).unlink(missing_ok=True)
+    digest = np.array(hashlib.sha256(samples.tobytes()).hexdigest())
+    # A cache that cannot be written costs time, not results.
+    with suppress(OSError), replacing(file, flushed=False) as draft, draft.open("wb") as out:
+        np.savez(out, samples=samples, sha256=digest)
 
 
 @DATASETS.register("pelican_twin")

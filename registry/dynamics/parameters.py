@@ -68,7 +68,16 @@ def parameters_of(entry: Any) -> Iterator[Parameter]:
             spread, neutral, typical = m["uncertainty"], f.default, m["typical"]
             value = getattr(entry, f.name)
             yield Parameter(
-                f.name, m["unit"], value, m["low"], m["high"], spread, neutral, typical, m["source"], m["help"]
+                name=f.name,
+                unit=m["unit"],
+                value=value,
+                low=m["low"],
+                high=m["high"],
+                uncertainty=spread,
+                neutral=neutral,
+                typical=typical,
+                source=m["source"],
+                about=m["help"],
             )
 
 

@@ -10,7 +10,7 @@ from registry.contracts import Gradients, Initializer, InitializerEntry, Initial
 from registry.core import INITIALIZERS, option
 from registry.kernels.mlp import mlp, mlp_vjp
 from registry.kernels.pointwise import tanh_grad
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 WEIGHTS = "hidden_weight", "hidden_bias", "output_weight", "output_bias"
 
@@ -46,12 +46,12 @@ class MLPInitializer(Initializer):
 
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
         """See `Initializer.initialize`."""
-        return bounded(predictor, predictor.fill(inputs, outputs), mlp(*self._run(inputs, outputs)))
+        return bounded(predictor, predictor.init_buffers(inputs, outputs), mlp(*self._run(inputs, outputs)))
 
     def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
         """See `Initializer.initialize_vjp`."""
         states, back = mlp_vjp(*self._run(inputs, outputs))
-        state = bounded(predictor, predictor.fill(inputs, outputs), states)
+        state = bounded(predictor, predictor.init_buffers(inputs, outputs), states)
 
         def vjp(d_state: Tensor) -> tuple[Gradients, Gradients]:
             _, gradients = back(bounded_vjp(predictor, state, d_state), False)
@@ -75,7 +75,7 @@ class MLP(InitializerEntry):
     """
 
     sized: ClassVar[bool] = True
-    side_by_side: ClassVar[bool] = True
+    supports_batching: ClassVar[bool] = True
 
     hidden: int = option(60, "neurons in the hidden layer", low=1, high=50000, log=True, search=(10, 100))
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)

@@ -26,7 +26,7 @@ class OptimizedInitializer(Initializer):
         """
         window = inputs[..., -self.period :, :], outputs[..., -self.period :, :]
         _, state = _run(predictor, self.start(predictor, *window), *window)
-        return torch.cat([predictor.fill(inputs, outputs), state[..., predictor.layout.buffer :]], -1)
+        return torch.cat([predictor.init_buffers(inputs, outputs), state[..., predictor.layout.buffer :]], -1)
 
     def start(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Network states (…, B, s_h + s_c) at the first sample from which the others are explained best.
@@ -48,7 +48,7 @@ class OptimizedInitializer(Initializer):
 
 def _run(predictor: Predictor, states: Tensor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
     """From unbounded network states at the first sample to the last, measured outputs fed back."""
-    filled = predictor.fill(inputs[..., :1, :], outputs[..., :1, :])
+    filled = predictor.init_buffers(inputs[..., :1, :], outputs[..., :1, :])
     state = bounded(predictor, filled, states)
     measured = outputs[..., 1:, : predictor.n_outputs]
     return predictor.rollout(inputs[..., 1:, :], state, measured) if measured.shape[-2] else (measured, state)
@@ -73,7 +73,7 @@ class Optimized(InitializerEntry):
     and a short history with many states is fitted too well.
     """
 
-    side_by_side: ClassVar[bool] = True
+    supports_batching: ClassVar[bool] = True
 
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000, search=(5, 40))
     iterations: int = option(10, "gradient steps on the states of a window", low=0, high=1000)

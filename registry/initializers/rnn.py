@@ -12,7 +12,7 @@ from registry.initializers.mlp import bounded, bounded_vjp
 from registry.kernels.lstm import Layer, lstm, lstm_vjp
 from registry.kernels.mlp import affine, mlp_vjp
 from registry.predictors.lstm import LSTMWeights
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 WEIGHTS = "input_weight", "recurrent_weight", "bias", "peephole", "output_weight", "output_bias"
 
@@ -36,13 +36,13 @@ class RNNInitializer(Initializer):
         """See `Initializer.initialize`."""
         _, after = lstm(*self._run(inputs, outputs))
         states = affine(after[..., : self.hidden], self.output_weight, self.output_bias)
-        return bounded(predictor, predictor.fill(inputs, outputs), states)
+        return bounded(predictor, predictor.init_buffers(inputs, outputs), states)
 
     def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
         """See `Initializer.initialize_vjp`."""
         _, after, through_time = lstm_vjp(*self._run(inputs, outputs))
         states, back = mlp_vjp(after[..., : self.hidden], [(self.output_weight, self.output_bias)])
-        state = bounded(predictor, predictor.fill(inputs, outputs), states)
+        state = bounded(predictor, predictor.init_buffers(inputs, outputs), states)
 
         def vjp(d_state: Tensor) -> tuple[Gradients, Gradients]:
             d_last, head = back(bounded_vjp(predictor, state, d_state), True)
@@ -70,7 +70,7 @@ class RNN(InitializerEntry):
     """
 
     sized: ClassVar[bool] = True
-    side_by_side: ClassVar[bool] = True
+    supports_batching: ClassVar[bool] = True
 
     hidden: int = option(60, "LSTM cells", low=1, high=10000, log=True, search=(10, 100))
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)

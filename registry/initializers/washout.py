@@ -46,14 +46,14 @@ class WashoutInitializer(Initializer):
         hidden, cell = inputs.new_zeros(*lead, layout.hidden), inputs.new_zeros(*lead, layout.cell)
         if self.start == "random":
             hidden, cell = hidden.uniform_(-1, 1), cell.uniform_(-1, 1)
-        state = torch.cat([predictor.fill(inputs[..., :1, :], outputs[..., :1, :]), hidden, cell], -1)
+        state = torch.cat([predictor.init_buffers(inputs[..., :1, :], outputs[..., :1, :]), hidden, cell], -1)
         measured = outputs[..., 1:, : predictor.n_outputs] if self.feedback == "measured" else None
         return state, (inputs[..., 1:, :], state, measured) if inputs.shape[-2] > 1 else None
 
     def _at_the_end(self, predictor: Predictor, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
         """Measured buffers, the network's states."""
         inputs, outputs = inputs[..., -self.period :, :], outputs[..., -self.period :, :]
-        return torch.cat([predictor.fill(inputs, outputs), state[..., predictor.layout.buffer :]], -1)
+        return torch.cat([predictor.init_buffers(inputs, outputs), state[..., predictor.layout.buffer :]], -1)
 
 
 @INITIALIZERS.register("Washout")
@@ -64,7 +64,7 @@ class Washout(InitializerEntry):
     Paper, section "RNN State Initialization: Washout" (Jaeger 2002; Zimmermann et al. 2012).
     """
 
-    side_by_side: ClassVar[bool] = True
+    supports_batching: ClassVar[bool] = True
 
     history: int = option(10, "washout period τ", unit="samples", low=1, high=10000, search=(5, 40))
     start: str = option("zero", "states at the start of the period", choices=("zero", "random"))

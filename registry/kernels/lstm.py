@@ -60,7 +60,7 @@ def lstm(
     core = library.core_for(inputs, state, forced, *weights)
     if core is None:
         return lstm_torch.run(inputs, state, forced, mask, weights, delays)
-    return native.lstm(core, inputs, state, forced, mask, weights, delays)
+    return native.lstm(core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays)
 
 
 VJP = Callable[[Tensor | None, Tensor | None], tuple[Tensor, list[Tensor]]]
@@ -82,7 +82,7 @@ def lstm_vjp(
     weights, mask = _weights(layers, output_weight, output_bias), _mask(dropout, inputs, layers)
     core = library.core_for(inputs, state, forced, *weights)
     assert core is not None
-    run = native.Run(core, inputs, state, forced, mask, weights, delays, keep=True)
+    run = native.LstmCall(core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, keep=True)
     outputs, end = run.forward()
 
     def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, list[Tensor]]:

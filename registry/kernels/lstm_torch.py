@@ -92,7 +92,7 @@ class _LSTM(torch.autograd.Function):
     ) -> tuple[Tensor, Tensor]:
         (M, B, T, m), D, L, H = inputs.shape, delays, len(weights) // 4, weights[1].shape[-1]
         n = weights[-2].shape[1] if len(weights) > 4 * L else 0
-        s = Shape(M, B, T, m, n, D, L, H, mask is not None)
+        s = Shape(M=M, B=B, T=T, m=m, n=n, D=D, L=L, H=H, masked=mask is not None)
         space = Reused((s, inputs.dtype, inputs.device), lambda: History(s, inputs))
         h = space.thing
         layers = [_Layer(weights[4 * i : 4 * i + 4], 0 if i else D * m, s.width(i), B) for i in range(L)]

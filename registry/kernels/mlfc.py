@@ -42,10 +42,26 @@ def mlfc(
     """
     core = library.core_for(inputs, fed, hidden, forced, readout, *layers)
     if core is not None:
-        return native.mlfc(core, inputs, fed, hidden, forced, _mask(dropout, inputs, hidden), [*layers, readout])
+        return native.mlfc(
+            core,
+            inputs,
+            fed,
+            hidden=hidden,
+            forced=forced,
+            mask=_mask(dropout, inputs, hidden),
+            weights=[*layers, readout],
+        )
     if inputs.dim() == 3:
         one, of = (lambda x: x.unsqueeze(0)), None if forced is None else forced.unsqueeze(0)
-        outputs, hidden = mlfc(one(inputs), one(fed), one(hidden), [*map(one, layers)], one(readout), of, dropout)
+        outputs, hidden = mlfc(
+            one(inputs),
+            one(fed),
+            one(hidden),
+            layers=[*map(one, layers)],
+            readout=one(readout),
+            forced=of,
+            dropout=dropout,
+        )
         return outputs[0], hidden[0]
     batch, mask = inputs.shape[1], _mask(dropout, inputs, hidden)
     inputs, fed, hidden = (pad_batch(x) for x in (inputs, fed, hidden))
@@ -72,7 +88,9 @@ def mlfc_vjp(
     core = library.core_for(inputs, fed, hidden, forced, readout, *layers)
     assert core is not None
     mask = _mask(dropout, inputs, hidden)
-    run = native.Run(core, inputs, fed, hidden, forced, mask, [*layers, readout], keep=True)
+    run = native.MlfcCall(
+        core, inputs, fed, hidden=hidden, forced=forced, mask=mask, weights=[*layers, readout], keep=True
+    )
     outputs, end = run.forward()
 
     def vjp(d_outputs: Tensor, d_end: Tensor) -> tuple[Tensor, Tensor, list[Tensor]]:

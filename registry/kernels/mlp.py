@@ -53,7 +53,7 @@ def mlp_vjp(x: Tensor, layers: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, VJP
     weights = [w for layer in layers for w in layer]
     core = library.core_for(x, *weights)
     assert core is not None
-    run = native.Run(core, x, weights)
+    run = native.MlpCall(core, x, weights)
     y = run.forward()
 
     def vjp(dy: Tensor, inputs_too: bool) -> tuple[Tensor | None, list[Tensor]]:

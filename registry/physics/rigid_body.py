@@ -182,7 +182,18 @@ class RigidBody(PhysicsModel):
         slopes = torch.zeros_like(inputs) if input_rates is None else input_rates
         acting, slopes = model.actuate(inputs[..., :drives], slopes[..., :drives])
         thrust = model.rotor_thrust(acting)
-        motion = Motion(model, position, velocity, rotation, rates, air, acting, slopes, thrust, extras)
+        motion = Motion(
+            model=model,
+            position=position,
+            velocity=velocity,
+            rotation=rotation,
+            body_rates=rates,
+            air_velocity=air,
+            inputs=acting,
+            input_rates=slopes,
+            thrust=thrust,
+            extras=extras,
+        )
         for effect in self.effects:
             if isinstance(effect, ThrustEffect):
                 motion = replace(motion, thrust=motion.thrust * effect.thrust_factor(motion))

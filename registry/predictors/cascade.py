@@ -70,9 +70,11 @@ class CascadePredictor(Composite):
         pieces = state.split(sizes, -1)
         return torch.cat(pieces[::2], -1), torch.cat(pieces[1::2], -1)
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """See `Predictor.fill`."""
-        return torch.cat([p.fill(*self.part_history(i, inputs, outputs)) for i, p in enumerate(self.parts())], -1)
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """See `Predictor.init_buffers`."""
+        return torch.cat(
+            [p.init_buffers(*self.part_history(i, inputs, outputs)) for i, p in enumerate(self.parts())], -1
+        )
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """See `Predictor.rollout`."""
@@ -83,15 +85,15 @@ class CascadePredictor(Composite):
         velocity, two = self.second.rollout(torch.cat([inputs, seen], -1), two, fed[1])
         return torch.cat([velocity, rates], -1), self.join([one, two], inputs, velocity)
 
-    def teach(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
-        """Each network runs free, and the second sees measured rates; see `Predictor.teach`."""
+    def training_rollout(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+        """Each network runs free, and the second sees measured rates; see `Predictor.training_rollout`."""
         one, two = self._separate(state)
         rates, _ = self.first.rollout(inputs, one)
         velocity, _ = self.second.rollout(torch.cat([inputs, outputs[..., self.slow :]], -1), two)
         return torch.cat([velocity, rates], -1)
 
-    def teach_vjp(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> tuple[Tensor, CostVJP]:
-        """See `Predictor.teach_vjp`."""
+    def training_rollout_vjp(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> tuple[Tensor, CostVJP]:
+        """See `Predictor.training_rollout_vjp`."""
         one, two = self._separate(state)
         rates, _, first = self.first.rollout_vjp(inputs, one)
         velocity, _, second = self.second.rollout_vjp(torch.cat([inputs, outputs[..., self.slow :]], -1), two)
@@ -109,7 +111,7 @@ class CascadePredictor(Composite):
 
     def view(self, name: str, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
         """Velocity when the second network sees measured rates."""
-        return self.teach(inputs, outputs, state)[..., : self.slow]
+        return self.training_rollout(inputs, outputs, state)[..., : self.slow]
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
         """Of both networks, velocity first. LSTM read-outs do not look at the inputs."""

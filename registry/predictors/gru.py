@@ -10,7 +10,7 @@ from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.kernels.gru import Layer, gru
 from registry.kernels.mlp import affine
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 class GRUPredictor(Predictor):
@@ -31,7 +31,7 @@ class GRUPredictor(Predictor):
         self.output_weight = uniform(n, h, fan_in=h, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(n))
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """The last measured output."""
         return outputs[..., -1, : self.n_outputs]
 
@@ -45,10 +45,10 @@ class GRUPredictor(Predictor):
             lead(inputs),
             lead(fed),
             lead(hidden),
-            [Layer(*(lead(w) for w in layer)) for layer in layers],
-            lead(self.output_weight),
-            lead(self.output_bias),
-            None if feedback is None else lead(feedback),
+            layers=[Layer(*(lead(w) for w in layer)) for layer in layers],
+            output_weight=lead(self.output_weight),
+            output_bias=lead(self.output_bias),
+            forced=None if feedback is None else lead(feedback),
         )
         if single:
             outputs, hidden = outputs[0], hidden[0]
@@ -71,7 +71,7 @@ class GRU(PredictorEntry):
     """
 
     network: ClassVar[bool] = True
-    side_by_side: ClassVar[bool] = True
+    supports_batching: ClassVar[bool] = True
 
     layers: int = option(1, "layers in series", low=1, high=20, search=(1, 2))
     hidden: int = option(50, "units in each layer", low=1, high=2000, log=True, search=(10, 100))

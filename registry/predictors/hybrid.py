@@ -26,10 +26,16 @@ from registry.kernels.mlp import affine, mlp_vjp
 from registry.kernels.native import hybrid as native
 from registry.kernels.native.library import core_for
 from registry.physics.quadrotor import Quadrotor
+from registry.predictors.baselines.physics import digest
 from registry.predictors.lstm import LSTMWeights, names
-from registry.predictors.middle import AnyMiddle, Middle, RigidBodyMiddle, fitted, with_constants
-from registry.predictors.physics import digest
-from registry.predictors.white_box import WhiteBox, default_signals
+from registry.predictors.parts.physics_core import (
+    GeneralCore,
+    PhysicsCore,
+    RigidBodyCore,
+    uncertain_constants,
+    with_constants,
+)
+from registry.predictors.parts.white_box import WhiteBox, default_signals
 
 States = native.Ends
 Ran = tuple[Tensor, Tensor, Tensor, States]
@@ -58,7 +64,7 @@ class Network(Predictor):
         each = [_single(w, dims) for ws in zip(*series, strict=True) for w, dims in zip(ws, (2, 2, 1, 2), strict=True)]
         return [*each, _single(self.output_weight, 2), _single(self.output_bias, 1)]
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """No buffers (B, 0)."""
         return inputs[..., -1, :0]
 
@@ -124,7 +130,7 @@ class HybridPredictor(Composite):
         if thrust and not self.residual:
             with torch.no_grad():
                 self.input_network.output_bias[0] = 1.0  # as much thrust as weight
-        count = sum(torch.as_tensor(p.value).numel() for p in fitted(self.box.model))
+        count = sum(torch.as_tensor(p.value).numel() for p in uncertain_constants(self.box.model))
         self.constants = nn.Parameter(torch.zeros(count)) if entry.fit_constants else None
         layouts = [part.layout for part in self.parts()]
         self.layout = StateLayout(drives + self.box.size, sum(x.hidden for x in layouts), sum(x.cell for x in layouts))
@@ -153,15 +159,15 @@ class HybridPredictor(Composite):
     def join(self, states: Sequence[Tensor], inputs: Tensor, outputs: Tensor) -> Tensor:
         """See `Composite.join`."""
         _, hidden, cell = zip(*(p.layout.split(s) for p, s in zip(self.parts(), states, strict=True)), strict=True)
-        return torch.cat([self.fill(inputs, outputs), *hidden, *cell], -1)
+        return torch.cat([self.init_buffers(inputs, outputs), *hidden, *cell], -1)
 
     def separate(self, d_state: Tensor) -> list[Tensor]:
         """See `Composite.separate`."""
         return [torch.cat(pair, -1) for pair in self._ends(d_state)]
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """What drives the physics model at k0, and its full state as the history leaves it, SI."""
-        return self.box.fill(self, inputs, outputs)
+        return self.box.init_buffers(self, inputs, outputs)
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor | None:
         """ŷ_{k0}: what the output model adds at k0 to the measured y_{k0}, from which the physics model starts."""
@@ -215,10 +221,10 @@ class HybridPredictor(Composite):
                 return d_state.unsqueeze(0), {name: g.unsqueeze(0) for name, g in found.items()}
 
             return outputs.unsqueeze(0), end.unsqueeze(0), of_one
-        last, start, middle = self._start(inputs, state)
+        last, start, motion = self._start(inputs, state)
         core = core_for(inputs, state, feedback, self.input_network.output_weight)
-        assert core is not None and isinstance(middle, RigidBodyMiddle)
-        run = self._native(inputs, start, middle, self._ends(state), feedback)
+        assert core is not None and isinstance(motion, RigidBodyCore)
+        run = self._native(inputs, start, motion, self._ends(state), feedback)
         outputs, x, ends, through_time = native.hybrid_vjp(core, *run)
         end = self._end(last, x, ends)
 
@@ -241,21 +247,21 @@ class HybridPredictor(Composite):
         if inputs.dim() == 4:
             one = self._run(inputs[0], state[0], None if feedback is None else feedback[0])
             return one[0].unsqueeze(0), one[1].unsqueeze(0), one[2].unsqueeze(0)
-        last, start, middle = self._start(inputs, state)
+        last, start, motion = self._start(inputs, state)
         core = core_for(inputs, state, feedback, self.input_network.output_weight)
-        if core is not None and isinstance(middle, RigidBodyMiddle):
-            run = self._native(inputs, start, middle, self._ends(state), feedback)
+        if core is not None and isinstance(motion, RigidBodyCore):
+            run = self._native(inputs, start, motion, self._ends(state), feedback)
             after, before, x, ends = native.hybrid(core, *run)
         else:
-            after, before, x, ends = self._loop(inputs, start, middle, self._ends(state), feedback)
+            after, before, x, ends = self._loop(inputs, start, motion, self._ends(state), feedback)
         return after, before, self._end(last, x, ends)
 
-    def _start(self, inputs: Tensor, state: Tensor) -> tuple[Tensor, Tensor, Middle]:
+    def _start(self, inputs: Tensor, state: Tensor) -> tuple[Tensor, Tensor, PhysicsCore]:
         """What drives the physics model at the end of a run, its state before it, and what moves it."""
         buffer, _, _ = self.layout.split(state)
         driving = self.input_scaler.invert(inputs)[..., self.box.drives]
         last = driving[..., -1, :] if inputs.shape[-2] else buffer[..., : len(self.box.drives)]
-        return last, self._states(buffer), self._middle(buffer[..., : len(self.box.drives)], driving)
+        return last, self._states(buffer), self._motion(buffer[..., : len(self.box.drives)], driving)
 
     def _ends(self, state: Tensor) -> States:
         """The states of each network, parts of the state."""
@@ -268,7 +274,7 @@ class HybridPredictor(Composite):
         hidden, cell = (torch.cat(pair, -1) for pair in zip(*ends, strict=True))
         return torch.cat([last, x, hidden, cell], -1)
 
-    def _loop(self, inputs: Tensor, x: Tensor, middle: Middle, states: States, feedback: Tensor | None) -> Ran:
+    def _loop(self, inputs: Tensor, x: Tensor, motion: PhysicsCore, states: States, feedback: Tensor | None) -> Ran:
         """Step by step, for any physics."""
         networks = [_Running(p, *pair) for p, pair in zip(self._networks(), states, strict=True)]
         first, second = networks[0], networks[1] if len(networks) > 1 else None
@@ -279,13 +285,13 @@ class HybridPredictor(Composite):
         y = torch.addmm(ground, picking, x)
         u = inputs.permute(1, 2, 0).contiguous()  # (T, m, B)
         fed = None if feedback is None else feedback.permute(1, 2, 0)
-        start = middle.load(first.read())
+        start = motion.load(first.read())
         outputs: list[Tensor] = []
         uncompensated: list[Tensor] = []
         for k in range(len(u)):
             given = first.step(u[k], y)
-            end = middle.load(given)
-            x = middle.step(k, x, start, end)
+            end = motion.load(given)
+            x = motion.step(k, x, start, end)
             moved = torch.addmm(ground, picking, x)
             y = moved
             if second is not None:
@@ -301,29 +307,29 @@ class HybridPredictor(Composite):
         return after, before, x.T, [network.ends() for network in networks]
 
     def _native(
-        self, inputs: Tensor, x: Tensor, middle: RigidBodyMiddle, states: States, feedback: Tensor | None
+        self, inputs: Tensor, x: Tensor, motion: RigidBodyCore, states: States, feedback: Tensor | None
     ) -> tuple[Any, ...]:
         """What `native.hybrid` is given, for all steps in one call."""
         scaler = self.output_scaler
-        between = native.Between(
-            self.rows, scaler.scale, scaler.offset, middle.scale.squeeze(-1), middle.held, self.added
+        links = native.HybridCoupling(
+            self.rows, scaler.scale, scaler.offset, motion.scale.squeeze(-1), motion.held, self.added
         )
         networks = [native.Network(p.weights(), *pair) for p, pair in zip(self._networks(), states, strict=True)]
-        return inputs, x, middle.body, between, networks, middle.given, feedback
+        return inputs, x, motion.body, links, networks, motion.given, feedback
 
     def _states(self, buffer: Tensor) -> Tensor:
         return buffer[..., len(self.box.drives) :]
 
-    def _middle(self, before: Tensor, driving: Tensor) -> Middle:
+    def _motion(self, before: Tensor, driving: Tensor) -> PhysicsCore:
         model: Any = self.box.model
         if self.constants is not None:
             model = with_constants(model, _single(self.constants, 1))
         if self.box.bare:
             assert isinstance(model, Quadrotor)
-            return RigidBodyMiddle(self.box, model, before, driving, self.residual)
+            return RigidBodyCore(self.box, model, before, driving, self.residual)
         own = self.box.drives[: len(self.box.drives) - self.box.extras]
         scale = self.input_scaler.offset[own], self.input_scaler.scale[own]
-        return AnyMiddle(self.box, model, before, driving, self.residual, scale)
+        return GeneralCore(self.box, model, before, driving, self.residual, scale)
 
 
 @PREDICTORS.register("Hybrid")

@@ -14,9 +14,9 @@ from registry.errors import BenchError
 from registry.kernels.loaded_body import LoadedBody
 from registry.physics.quadrotor import Quadrotor
 from registry.physics.rigid_body import rotation_matrix
-from registry.predictors.learned_load import SWING, LearnedLoad, Rotors, Sizes, Units
-from registry.predictors.mirror import Mirrors
-from registry.predictors.white_box import WhiteBox, measured_signals
+from registry.predictors.parts.learned_load import SWING, LearnedLoad, Rotors, Sizes, Units
+from registry.predictors.parts.mirror import Mirrors
+from registry.predictors.parts.white_box import WhiteBox, measured_signals
 from registry.stated import refuse_unstated
 from registry.units import SIGNALS
 
@@ -68,13 +68,13 @@ class LoadHybridPredictor(Predictor):
 
     # --------------------------------------------------------------------------------------------- the history
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """See `Predictor.fill`: what the history says, once for every mirror image.
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+        """See `Predictor.init_buffers`: what the history says, once for every mirror image.
 
-        In training only the vehicle itself is run, and its state stands for all: `vary` mirrors windows at random.
+        In training only the vehicle itself is run, and its state stands for all: `augment` mirrors windows at random.
         """
         if inputs.dim() == 4:
-            return self.fill(inputs[0], outputs[0]).unsqueeze(0)
+            return self.init_buffers(inputs[0], outputs[0]).unsqueeze(0)
         images = 1 if self.training else len(self.mirrors)
         u, y = self._speeds(inputs, images), self.output_scaler.invert(outputs[..., : self.n_outputs])
         if self.context_scaler is not None:
@@ -162,7 +162,7 @@ class LoadHybridPredictor(Predictor):
             total = total + (relative + smooth**2).sqrt().mean(-1) / typical
         return batch_mean(total)
 
-    def vary(self, windows: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
+    def augment(self, windows: tuple[Tensor, ...]) -> tuple[Tensor, ...]:
         """A mirror image of each window, drawn at random, its rotor speeds a little earlier or later.
 
         The delay between rotor speeds and motion is known to a fraction of a sample only. At the ends of the window

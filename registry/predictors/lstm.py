@@ -10,7 +10,7 @@ from registry.contracts import Gradients, Predictor, PredictorEntry, Problem, Re
 from registry.core import PREDICTORS, option
 from registry.kernels.lstm import Layer, lstm, lstm_vjp
 from registry.kernels.mlp import affine, mlp_vjp
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 class LSTMWeights(nn.Module):
@@ -55,7 +55,7 @@ class LSTMPredictor(Predictor):
         self.output_bias = nn.Parameter(torch.zeros(n_outputs))
         self.names = names(entry.layers)
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Newest first: u_{k0} .. u_{k0−D+2}, then y_{k0} .. y_{k0−D+1}; a short history repeats its first sample."""
         y = newest_first(outputs[..., : self.n_outputs], self.delays)
         return y if self.delays == 1 else torch.cat([newest_first(inputs, self.delays - 1), y], -1)
@@ -134,7 +134,7 @@ class LSTM(PredictorEntry):
     """
 
     network: ClassVar[bool] = True
-    side_by_side: ClassVar[bool] = True
+    supports_batching: ClassVar[bool] = True
 
     layers: int = option(1, "layers in series", low=1, high=20, search=(1, 2))
     hidden: int = option(50, "cells in each layer", low=1, high=2000, log=True, search=(10, 100))

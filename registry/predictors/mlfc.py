@@ -11,7 +11,7 @@ from registry.core import PREDICTORS, option
 from registry.kernels.mlfc import mlfc, mlfc_vjp
 from registry.kernels.mlp import affine, mlp_vjp
 from registry.predictors.lstm import newest_first
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 class MLFCPredictor(Predictor):
@@ -33,7 +33,7 @@ class MLFCPredictor(Predictor):
         self.direct_weight = uniform(n_outputs, n_inputs, fan_in=size + n_inputs, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(n_outputs))
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """The last measured output."""
         return newest_first(outputs[..., : self.n_outputs], 1)
 
@@ -120,7 +120,7 @@ class MLFC(PredictorEntry):
     """
 
     network: ClassVar[bool] = True
-    side_by_side: ClassVar[bool] = True
+    supports_batching: ClassVar[bool] = True
 
     layers: int = option(1, "layers", low=1, high=20, search=(1, 3))
     hidden: int = option(50, "neurons in each layer", low=1, high=2000, log=True, search=(10, 100))

@@ -10,7 +10,7 @@ from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.kernels.mlp import mlp
 from registry.predictors.lstm import newest_first
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 class NARXPredictor(Predictor):
@@ -28,7 +28,7 @@ class NARXPredictor(Predictor):
         self.output_weight = uniform(self.n_outputs, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(self.n_outputs))
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """The measured history in the order of the state; a short one repeats its first sample."""
         u = newest_first(inputs, self.delays - 1)
         return torch.cat([u, newest_first(outputs[..., : self.n_outputs], self.delays)], -1)
@@ -49,7 +49,7 @@ class NARXPredictor(Predictor):
             fed = newest(buffer[1], feedback)
         return outputs, torch.cat([newest(buffer[0], inputs), fed], -1)
 
-    def teach(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+    def training_rollout(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
         """One-step predictions from measured outputs (series-parallel) or the free run (parallel)."""
         return self.rollout(inputs, state, outputs if self.teaching else None)[0]
 
@@ -85,7 +85,7 @@ class NARX(PredictorEntry):
     """
 
     network: ClassVar[bool] = True
-    side_by_side: ClassVar[bool] = True
+    supports_batching: ClassVar[bool] = True
     stateful: ClassVar[bool] = False
 
     layers: int = option(1, "tanh layers in series", low=1, high=20, search=(1, 3))

@@ -10,11 +10,11 @@ import torch
 from scipy.interpolate import CubicSpline
 
 from registry.core import DATASETS, PHYSICS
-from registry.datasets.cascaded_tanks import CascadedTanks
+from registry.datasets.benchmarks.cascaded_tanks import CascadedTanks
+from registry.datasets.benchmarks.emps import Emps
+from registry.datasets.benchmarks.silverbox import RATE, Silverbox, band_limited
 from registry.datasets.crazypad import Crazypad
-from registry.datasets.emps import Emps
-from registry.datasets.silverbox import RATE, Silverbox, band_limited
-from registry.datasets.usd_log import read_usd_log
+from registry.datasets.logs.usd import read_usd_log
 from registry.effects.friction import STICKING, CoulombFriction, OffsetForce, ViscousFriction
 from registry.effects.process import Overflow
 from registry.effects.stiffness import CubicStiffness

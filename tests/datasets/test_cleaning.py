@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from registry.datasets import cleaning, rotations
+from registry.datasets.reading import cleaning, rotations
 
 RNG = np.random.default_rng(7)
 

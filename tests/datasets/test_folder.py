@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from registry.core import PHYSICS
-from registry.datasets.folder import Folder, check, draft
+from registry.datasets.folder.dataset import Folder, check, draft
 from registry.errors import BenchError
 from registry.stated import refuse_unstated
 

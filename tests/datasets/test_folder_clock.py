@@ -10,8 +10,8 @@ from click.testing import CliRunner
 
 from bench.cli import cli
 from bench.cli.diagnosing import load
-from registry.contracts import Loaded
-from registry.datasets.folder import Folder, check
+from registry.contracts import RecordingSet
+from registry.datasets.folder.dataset import Folder, check
 from registry.errors import BenchError
 
 TOML = 'name = "x"\nrate_hz = {rate}\nfiles = "*.csv"\ntime = "t"\ninput = "u"\ninput_hold = "previous"\n[signals]\n'
@@ -24,7 +24,7 @@ def motion(t: np.ndarray) -> np.ndarray:
 
 def logged(
     folder: Path, rate: float, change: Callable[[pd.DataFrame], pd.DataFrame], wanted: float | None = None
-) -> Loaded:
+) -> RecordingSet:
     """Two seconds at ``rate``, changed, read at the rate that is wanted."""
     t = np.arange(round(2 * rate)) / rate
     table = pd.DataFrame({"t": t, "y": motion(t), "u": np.floor(4 * t)})
@@ -33,7 +33,7 @@ def logged(
     return check(folder)
 
 
-def kept(loaded: Loaded) -> tuple[np.ndarray, np.ndarray]:
+def kept(loaded: RecordingSet) -> tuple[np.ndarray, np.ndarray]:
     """Output (N,) of the only recording and its mask."""
     (r,) = loaded.recordings
     return r.outputs[:, 0], r.valid

@@ -12,7 +12,7 @@ from datasets.test_folder import TOML, table
 from bench.diagnose.logs.smoothing import stated
 from bench.training.predict import read_table
 from registry import model_file
-from registry.datasets.folder import check
+from registry.datasets.folder.dataset import check
 from registry.datasets.nanobench import Nanobench
 from registry.errors import BenchError
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 import scipy.io
 
-from registry.datasets.inspect import inspect
 from registry.datasets.nanobench import Nanobench
 from registry.datasets.nanodrone import Nanodrone
 from registry.datasets.pelican import Pelican
+from registry.datasets.reading.inspect import inspect
 from registry.datasets.tailsitter import Tailsitter
 from registry.errors import BenchError
 

@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from registry.datasets.inspect import inspect
 from registry.datasets.nanobench import Nanobench
 from registry.datasets.nanodrone import Nanodrone
-from registry.datasets.rotations import euler_from_quaternion
+from registry.datasets.reading.inspect import inspect
+from registry.datasets.reading.rotations import euler_from_quaternion
 from registry.datasets.tailsitter import Tailsitter
 
 pytestmark = [

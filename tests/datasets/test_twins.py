@@ -11,8 +11,10 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from registry.core import DATASETS
-from registry.datasets import twin_helicopter, twin_quadrotor, twins
-from registry.datasets.twin_reference import slow_error
+from registry.datasets import twins
+from registry.datasets.twin import helicopter as twin_helicopter
+from registry.datasets.twin import quadrotor as twin_quadrotor
+from registry.datasets.twin.reference import slow_error
 from registry.errors import BenchError
 
 
@@ -114,7 +116,7 @@ def test_flights_are_deterministic_and_do_not_depend_on_their_number():
 
 def test_thread_count_does_not_matter():
     code = (
-        "import torch, hashlib; torch.set_num_threads({}); from registry.datasets import twin_quadrotor as t\n"
+        "import torch, hashlib; torch.set_num_threads({}); from registry.datasets.twin import quadrotor as t\n"
         "print(hashlib.sha256(b''.join(f.tobytes() for f in t.flights(0, [80] * 5)[0])).hexdigest())"
     )
     env = {**os.environ, "OMP_NUM_THREADS": "2"}
@@ -134,7 +136,7 @@ def test_cache_gives_the_same_and_a_torn_one_is_made_again(pelican, monkeypatch,
     assert caplog.messages == ["Simulating the 28 flights of pelican_twin, once; they are kept for the next time."]
     file.write_bytes(whole)
     assert twins.PelicanTwin().load().digest() == pelican.digest()
-    assert not list(file.parent.glob("*.partial"))
+    assert not list(file.parent.glob(".*"))
 
 
 @pytest.mark.parametrize("name", ["pelican_twin", "helicopter_twin"])

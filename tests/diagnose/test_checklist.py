@@ -14,7 +14,7 @@ from bench.diagnose.checks.checklist import check, check_folder, check_subject
 from bench.diagnose.checks.mistake import Mistake
 from bench.diagnose.checks.recorded import flying, of_folder
 from bench.diagnose.logs.load import load
-from registry.datasets.folder import check as read_folder
+from registry.datasets.folder.dataset import check as read_folder
 
 
 @pytest.fixture(scope="module")

@@ -87,7 +87,7 @@ TWIN = (
     ("rotor_gyroscopic_torque", "rotor_inertia", 4e-5),
     ("rotor_drag", "k_d", 8.1e-5),
 )
-"""What `registry.datasets.twin_quadrotor` is made with; no delay."""
+"""What `registry.datasets.twin.quadrotor` is made with; no delay."""
 
 
 @pytest.fixture(scope="module")

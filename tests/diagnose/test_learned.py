@@ -211,7 +211,7 @@ def test_it_is_no_member_of_the_catalogue() -> None:
 
 # ------------------------------------------------------------------------------ flights of another simulator
 
-hidden = pytest.importorskip("bench.score.hidden", reason="needs RotorPy: pip install .[score]")
+hidden = pytest.importorskip("bench.score.multirotor.hidden", reason="needs RotorPy: pip install .[score]")
 
 
 def flights(monkeypatch: pytest.MonkeyPatch, method: str, extra: Callable[[np.ndarray, np.ndarray], object]) -> Subject:

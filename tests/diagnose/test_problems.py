@@ -13,8 +13,8 @@ from bench.diagnose.checks.problems import Checked, problems
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.result import DataProblem
-from bench.score.corrupt import KINDS, Columns, time_shift
 from bench.score.logs import subject
+from bench.score.multirotor.corrupt import KINDS, Columns, time_shift
 from registry.datasets.signals import recording
 from registry.physics.oscillator import Oscillator
 

@@ -122,7 +122,7 @@ def test_a_sweep_on_a_cluster_is_that_of_one_process(tmp_path: Path, faults: Cal
 
     def told(folder: Path) -> int:
         journal = folder / "sweeps" / "s" / sweep.JOURNAL
-        return len(sweep.told(sweep.load(journal.parent))) if journal.is_file() and journal.stat().st_size else 0
+        return len(sweep.finished(sweep.load(journal.parent))) if journal.is_file() and journal.stat().st_size else 0
 
     with (
         started(*scheduler, says="Scheduler at", log=tmp_path / "s"),

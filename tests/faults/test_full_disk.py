@@ -12,11 +12,12 @@ from rich.console import Console
 from synthetic_sweep import essence, swept, toy
 
 from bench.execution import engine
-from bench.records import durable, record
-from bench.records.concluded import concluded
+from bench.records import record
+from bench.records.finished import finished_studies
 from bench.reporting import conclude
 from bench.sweep.journal import JOURNAL
 from bench.training import checkpoint
+from registry import atomic_io
 from registry.errors import BenchError
 
 
@@ -25,7 +26,7 @@ def full(*args: object, **kwargs: object) -> None:
 
 
 @pytest.mark.parametrize(
-    ("owner", "name"), [(durable, "flush"), (record, "sha256"), (os, "replace"), (record.pq, "write_table")]
+    ("owner", "name"), [(atomic_io, "flush"), (record, "sha256"), (os, "replace"), (record.pq, "write_table")]
 )
 def test_a_record_that_does_not_fit_is_one_sentence(
     owner: object, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -43,21 +44,17 @@ def test_a_record_that_does_not_fit_is_one_sentence(
 
 def test_checkpoints_that_do_not_fit_cost_no_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = engine.execute(engine.plan(study(1), tmp_path / "a"), tmp_path / "a")
-    monkeypatch.setattr(checkpoint.safetensors.torch, "save_file", _torn(record.safetensors.torch.save_file))
+    real, torn = Path.write_bytes, []
+
+    def half(path: Path, content: bytes) -> int:
+        torn.append(path)
+        real(path, content[: len(content) // 2])
+        return full()
+
+    monkeypatch.setattr(Path, "write_bytes", half)
     again = engine.execute(engine.plan(study(1), tmp_path / "b"), tmp_path / "b")
     assert record.differences(whole[0], again[0]) == []
-
-
-def _torn(real: Callable[..., None]) -> Callable[..., None]:
-    """Writes half of every checkpoint; records are spared."""
-
-    def save(tensors: dict[str, object], path: Path, *metadata: dict[str, str]) -> None:
-        real(tensors, path, *metadata)
-        if metadata:
-            os.truncate(path, path.stat().st_size // 2)
-            full()
-
-    return save
+    assert torn and all(".safetensors" in p.name and not p.exists() for p in torn)
 
 
 def test_a_torn_checkpoint_is_not_gone_on_from(tmp_path: Path) -> None:
@@ -104,7 +101,7 @@ def test_a_study_whose_report_does_not_fit_keeps_its_runs(
     with monkeypatch.context() as patch, pytest.raises(BenchError, match="No space left on device; every finished"):
         patch.setattr(conclude.pq.ParquetWriter, "write_table", full)
         conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
-    assert sound(runs) == before and not list(concluded(tmp_path))
+    assert sound(runs) == before and not list(finished_studies(tmp_path))
     conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
-    assert [c.title for c in concluded(tmp_path)] == ["s"]
+    assert [c.title for c in finished_studies(tmp_path)] == ["s"]
     faults("the disk, full at every place that writes (ENOSPC, RLIMIT_FSIZE)", 8, 0, 0, "what did not fit")

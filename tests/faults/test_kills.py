@@ -13,10 +13,11 @@ import pytest
 from conftest import Toy
 
 from bench.execution import engine
-from bench.execution.executor import work_off
+from bench.execution.executor import run_jobs
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.notation import parse
-from bench.records import durable, record
+from bench.records import record
+from registry import atomic_io
 from registry.errors import BenchError
 
 KILLS = 50
@@ -131,7 +132,7 @@ def test_a_kill_at_any_step_of_writing_leaves_a_whole_record_or_none(tmp_path: P
 
             return call
 
-        durable.flush = dying(durable.flush)  # type: ignore[assignment]
+        atomic_io.flush = dying(atomic_io.flush)  # type: ignore[assignment]
         os.replace = dying(os.replace)  # type: ignore[assignment]
         record.write(runs, *content)
 
@@ -146,10 +147,10 @@ def test_a_kill_at_any_step_of_writing_leaves_a_whole_record_or_none(tmp_path: P
 def test_a_worker_that_dies_is_replaced(tmp_path: Path) -> None:
     """The job kills its own process the first time."""
     jobs = [(i, _fragile, (str(tmp_path / str(i)), i)) for i in range(3)]
-    with closing(work_off(iter(jobs), 2, lambda message: None, str)) as done:
+    with closing(run_jobs(iter(jobs), 2, lambda message: None, str)) as done:
         assert sorted(done) == [(0, 0), (1, 10), (2, 20)]
     with pytest.raises(BenchError, match="died 3 times in a row, the last one at 7"):
-        list(work_off(iter([(7, os.abort, ())]), 2, lambda message: None, str))
+        list(run_jobs(iter([(7, os.abort, ())]), 2, lambda message: None, str))
 
 
 def _fragile(mark: str, i: int) -> int:

@@ -24,14 +24,14 @@ from bench.execution import engine
 from bench.experiment.config import changed, from_json, to_json
 from bench.experiment.notation import parse
 from bench.records import archive
-from bench.records.concluded import concluded
+from bench.records.finished import finished_studies
 from bench.records.record import RunRecord
 from bench.records.record_check import check as check_record
 from bench.reporting import conclude
 from bench.training.predict import read_table
 from registry import model_file
-from registry.datasets.folder import check as check_folder
-from registry.datasets.matlab import read_cell_structs, read_v5
+from registry.datasets.folder.dataset import check as check_folder
+from registry.datasets.reading.matlab import read_cell_structs, read_v5
 
 CLAIMS = Path(__file__).parents[2] / "results" / "paper" / "claims.toml"
 
@@ -175,7 +175,7 @@ def results(place: Path) -> Path:
     made = place / "results"
     records = engine.execute(engine.plan(study(1), made / "runs"), made / "runs")
     conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", made / "studies" / "s")
-    (finished,) = concluded(made)
+    (finished,) = finished_studies(made)
     archive.write(finished, made / "runs", place / "s.zip")
     return made
 
@@ -249,7 +249,7 @@ def test_study_json(place: Path, results: Path, edits: list[tuple[float, bytes, 
     here = place / "again" / "studies" / "s"
     here.mkdir(parents=True, exist_ok=True)
     (here / "study.json").write_bytes(edited((results / "studies" / "s" / "study.json").read_bytes(), edits))
-    one_sentence(lambda: list(concluded(place / "again")))
+    one_sentence(lambda: list(finished_studies(place / "again")))
     one_sentence(lambda: list(evidence.folders(place / "again")))
 
 

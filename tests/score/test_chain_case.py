@@ -14,11 +14,11 @@ pytest.importorskip("rotorpy")
 from bench.diagnose.logs.load import load
 from bench.score import cases as first
 from bench.score.chain import flight, paths, recorder, suite
-from bench.score.chain.airframe import AIRFRAMES
-from bench.score.chain.body import Body, P
 from bench.score.chain.case import ROUGH, UNCERTAINTY, ChainCase, built, measured, stated, true_model, write
-from bench.score.chain.motors import Motors
 from bench.score.chain.recorder import Logging
+from bench.score.chain.vehicle.airframe import AIRFRAMES
+from bench.score.chain.vehicle.body import Body, P
+from bench.score.chain.vehicle.motors import Motors
 from bench.score.chains import write_folder
 from bench.score.judge import Judged
 from registry.core import EFFECTS

@@ -8,13 +8,14 @@ from scipy.spatial.transform import Rotation
 pytest.importorskip("rotorpy")
 from rotorpy.vehicles.multirotor import Multirotor
 
-from bench.score.chain import flight, paths, pilot, turbulence
-from bench.score.chain.airframe import AIRFRAMES, GRAVITY, specimen
-from bench.score.chain.body import LOAD, Body, Moment, Q, V, W, rotation
+from bench.score.chain import flight, paths, pilot
 from bench.score.chain.case import _tuples, constants
-from bench.score.chain.motors import Motors
 from bench.score.chain.strengths import TYPICAL, draw, identity
 from bench.score.chain.suite import SLOWEST, VEHICLES
+from bench.score.chain.vehicle import turbulence
+from bench.score.chain.vehicle.airframe import AIRFRAMES, GRAVITY, specimen
+from bench.score.chain.vehicle.body import LOAD, Body, Moment, Q, V, W, rotation
+from bench.score.chain.vehicle.motors import Motors
 from registry.core import EFFECTS
 from registry.physics.quadrotor import Quadrotor
 

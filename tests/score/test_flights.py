@@ -15,7 +15,7 @@ from rotorpy.vehicles.hummingbird_params import quad_params
 from rotorpy.vehicles.multirotor import Multirotor
 from scipy.spatial.transform import Rotation
 
-from bench.score import corrupt, flights, hidden, oracle
+from bench.score import oracle
 from bench.score.cases import (
     DEVELOPMENT,
     REPORTED,
@@ -28,8 +28,9 @@ from bench.score.cases import (
     truth,
     write_folder,
 )
-from bench.score.measure import LEVELS, SMOOTHINGS, Noise, measure
-from bench.score.strengths import TYPICAL, draw, drive, identity
+from bench.score.multirotor import corrupt, flights, hidden
+from bench.score.multirotor.measure import LEVELS, SMOOTHINGS, Noise, measure
+from bench.score.multirotor.strengths import TYPICAL, draw, drive, identity
 from registry.core import EFFECTS
 
 SHORT = {"recordings": 2, "seconds": 3.0}
@@ -323,8 +324,8 @@ def test_folder_is_what_a_user_would_bring(cache: Path, tmp_path: Path) -> None:
 
 def test_flights_know_nothing_of_what_they_judge() -> None:
     code = (
-        "import sys, bench.score.flights, bench.score.hidden, bench.score.measure, bench.score.corrupt\n"
-        "import bench.score.references, bench.score.strengths\n"
+        "import sys\n"
+        "from bench.score.multirotor import corrupt, flights, hidden, measure, references, strengths\n"
         "sys.exit(any(m.split('.')[0] == 'registry' or m.startswith('bench.diagnose') for m in sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

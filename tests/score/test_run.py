@@ -53,7 +53,7 @@ def test_what_is_finished_is_not_done_again(tmp_path: Path) -> None:
 
 
 def test_a_case_that_kills_its_worker_loses_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executor, "PATIENCE", 1)
+    monkeypatch.setattr(executor, "MAX_DEATHS", 1)
     seen = tmp_path / "seen"
     seen.mkdir()
     todo = sorted(jobs(SUITE, alternatives=False), key=lambda job: job.case.id)

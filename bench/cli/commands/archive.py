@@ -45,7 +45,7 @@ def import_command(file: Path, results: Path) -> None:
     """
     from bench.execution import lock
     from bench.records import archive
-    from bench.records.concluded import slug
+    from bench.records.finished import slug
     from bench.records.record import RunRecord
     from bench.reporting import conclude
 

@@ -26,10 +26,10 @@ def start_command(workers: int | None, host: str, port: int) -> None:
     """
     from bench.execution.cluster import serve
 
-    def said(sentence: str) -> None:
-        if sentence.startswith("tcp://"):
-            click.echo(f"Scheduler: {sentence}\nbench run STUDY --cluster {sentence}\nCtrl-C stops it.")
-        else:
-            click.echo(f"bench: {sentence}", err=True)
+    def ready(address: str) -> None:
+        click.echo(f"Scheduler: {address}\nbench run STUDY --cluster {address}\nCtrl-C stops it.")
 
-    serve(workers or os.cpu_count() or 1, host, port, said)
+    def warn(sentence: str) -> None:
+        click.echo(f"bench: {sentence}", err=True)
+
+    serve(workers or os.cpu_count() or 1, host, port, ready, warn)

@@ -29,7 +29,7 @@ def inspect_command(name: str, assignments: tuple[str, ...]) -> None:
     check_dataset(name)
 
     from bench.experiment.datasets import choose
-    from registry.datasets.inspect import inspect
+    from registry.datasets.reading.inspect import inspect
 
     _render(*inspect(choose(name, given)))
 
@@ -47,7 +47,7 @@ def init_command(folder: Path, system: str) -> None:
     bench data init flights/
     bench data init spring/ --system oscillator    `bench list physics` names the systems, `bench show` their signals
     """
-    from registry.datasets.folder_draft import NO_PHYSICS, draft
+    from registry.datasets.folder.draft import NO_PHYSICS, draft
 
     target = folder / "dataset.toml"
     if target.exists():
@@ -80,7 +80,7 @@ def import_command(files: tuple[Path, ...], folder: Path, rate: float | None) ->
     bench data import flight1.ulg flight2.ulg -o flights/
     bench data import run.bag -o flights/ --rate 200
     """
-    from registry.datasets.importing import convert
+    from registry.datasets.logs.importing import convert
 
     for sentence in convert(files, folder, rate):
         click.echo(sentence)
@@ -99,7 +99,7 @@ def check_command(folder: Path) -> None:
     from bench.diagnose.checks.checklist import check_folder
     from bench.diagnose.logs.smoothing import stated
     from registry.core import PHYSICS
-    from registry.datasets.folder import Folder, check
+    from registry.datasets.folder.dataset import Folder, check
     from registry.stated import refuse_unstated
 
     loaded, dataset = check(folder), Folder(path=str(folder))

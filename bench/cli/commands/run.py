@@ -1,13 +1,13 @@
 """`bench run`: a study or one configuration, from data to table, figure and MLflow page."""
 
 import sys
-from pathlib import Path
 
 import click
 from rich.markup import escape
 
 from bench.cli import options
-from bench.cli.names import check_dataset, check_target
+from bench.cli.names import check_dataset, check_request
+from bench.cli.place import Place, placed
 from bench.experiment import study
 from registry.errors import BenchError
 
@@ -36,11 +36,7 @@ ALL = "all"
     help="The physics of `physics` and `Hybrid`, as `bench diagnose` and `bench extend` write it; default: nominal.",
 )
 @options.assignments
-@options.workers
-@options.cluster
-@options.results
-@options.tracking
-@options.no_track
+@placed
 @click.option("--dry-run", is_flag=True, help="Say what would be run and how long it would take; train nothing.")
 @click.pass_context
 def run_command(
@@ -53,11 +49,7 @@ def run_command(
     outputs: str | None,
     physics: str | None,
     assignments: tuple[str, ...],
-    workers: int | None,
-    cluster: str | None,
-    results: Path,
-    tracking: str | None,
-    no_track: bool,
+    place: Place,
     dry_run: bool,
 ) -> None:
     """Run a STUDY of the paper (`bench list studies`), one configuration SPEC, or all studies.
@@ -77,21 +69,19 @@ def run_command(
     goes on where it stopped.
     """
     changes = options.parsed(assignments)
-    check_dataset(dataset)
-    if target != ALL:
-        check_target(target)
-        if target not in study.titles():
-            options.preset_belongs_to_a_study(ctx)
+    if target == ALL:
+        check_dataset(dataset)
+    else:
+        check_request(ctx, target, dataset)
 
     from bench.cli.cost import estimate
-    from bench.cli.job import Job, Place, carry_out
+    from bench.cli.job import Job, carry_out
     from bench.execution import engine
     from bench.experiment.request import Options, by_owner, request
-    from bench.training.data import remarks
+    from bench.training.split import remarks
 
     out = options.console()
     asked = Options(dataset, preset, seeds, *by_owner(changes, horizon, outputs), physics)
-    place = Place(results, tracking, no_track, workers, cluster)
     planned = []
     for name in study.titles() if target == ALL else [target]:
         try:

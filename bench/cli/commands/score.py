@@ -127,7 +127,7 @@ def score_discovery_command(
     if not table:
         _run(out, jobs(chosen, alternatives), store, cache or _cache(), workers or os.cpu_count() or 1)
     whole = seed == "reported" and chain == "first" and not (quick or only or named) and fraction == 1
-    command = _command(quick, seed, chain, named, only, fraction, alternatives)
+    command = _command(quick, seed, chain, named=named, only=only, fraction=fraction, alternatives=alternatives)
     _conclude(out, chosen, store, command, results, whole)
 
 

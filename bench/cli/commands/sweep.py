@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 from bench.cli import options
-from bench.cli.names import check_dataset, check_target
+from bench.cli.names import check_request
+from bench.cli.place import Place, placed, portable
 from bench.experiment import study
 from registry.errors import BenchError
 
@@ -37,13 +38,9 @@ from registry.errors import BenchError
 @options.outputs
 @click.option("--preset", type=click.Choice(study.PRESETS), default="laptop", show_default=True, help="Of a STUDY.")
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the proposals.")
-@options.workers
-@options.cluster
 @click.option("--name", help="Of the sweep's folder, `<results>/sweeps/NAME`; default: made of what is searched.")
 @click.option("--resume", is_flag=True, help="Go on with a sweep that was stopped or killed, or add trials to it.")
-@options.results
-@options.tracking
-@options.no_track
+@placed
 @click.option("--dry-run", is_flag=True, help="Say what would be searched and how long it would take; train nothing.")
 @click.pass_context
 def sweep_command(
@@ -58,13 +55,9 @@ def sweep_command(
     outputs: str | None,
     preset: str,
     seed: int,
-    workers: int | None,
-    cluster: str | None,
     name: str | None,
     resume: bool,
-    results: Path,
-    tracking: str | None,
-    no_track: bool,
+    place: Place,
     dry_run: bool,
 ) -> None:
     """Search the options of a SPEC, or the configurations of a STUDY, for the smallest error on the validation part.
@@ -88,35 +81,19 @@ def sweep_command(
     is faster. At the end the best configuration and the default one are trained from three fresh seeds and compared on
     the validation and, for the first time, on the test part.
 
-    Nothing that was told is lost: after Ctrl-C, a crash or a power cut, the same command with --resume goes on.
+    No finished trial is lost: after Ctrl-C, a crash or a power cut, the same command with --resume goes on.
     """
     changes = options.parsed(assignments)
-    check_dataset(dataset)
-    check_target(target)
-    if target not in study.titles():
-        options.preset_belongs_to_a_study(ctx)
+    check_request(ctx, target, dataset)
 
-    from bench.cli.job import Place, portable
     from bench.cli.sweeping import carry_out, estimate
     from bench.experiment.request import Options, by_owner
-    from bench.records.concluded import slug
-    from bench.sweep import journal as sweeps
     from bench.sweep.request import request
 
     out = options.console()
-    place = Place(results, tracking, no_track, workers, cluster)
     asked = Options(dataset, preset, None, *by_owner(changes, horizon, outputs))
-    command = shlex.join(["bench", *portable(sys.argv[1:])])
-    sweep = request(target, asked, searches, objectives, seed, command)
-    if name is not None and (not slug(name) or not set(name).isdisjoint("/\\")):
-        raise BenchError(f"--name {name!r} is no name of a folder: use letters and digits.")
-    folder = results / "sweeps" / slug(name or sweep.title)
-    if resume and not (folder / sweeps.DEFINITION).is_file():
-        there = "; ".join(f.name for f in sweeps.sweeps(results)) or "none"
-        raise BenchError(
-            f"There is no sweep in {folder} to go on with: leave --resume out, or repeat the command of one of those "
-            f"in {results} with its --name ({there})."
-        )
+    sweep = request(target, asked, searches, objectives, seed, shlex.join(["bench", *portable(sys.argv[1:])]))
+    folder = _folder(place.results, name, sweep.title, resume)
     if dry_run:
         estimate(out, sweep, trials, place)
         return
@@ -124,5 +101,26 @@ def sweep_command(
         carry_out(out, sweep, folder, trials, resume, place)
     except KeyboardInterrupt:
         again = shlex.join(["bench", *(a for a in sys.argv[1:] if a != "--resume"), "--resume"])
-        click.echo(f"\nbench: stopped. Every trial that was told is kept; go on with {again}", err=True)
+        click.echo(f"\nbench: stopped. Every finished trial is kept; go on with {again}", err=True)
         sys.exit(130)
+
+
+def _folder(results: Path, name: str | None, title: str, resume: bool) -> Path:
+    """Where the sweep is kept.
+
+    Raises:
+        BenchError: ``name`` names no folder, or there is nothing to resume.
+    """
+    from bench.records.finished import slug
+    from bench.sweep import journal as sweeps
+
+    if name is not None and (not slug(name) or not set(name).isdisjoint("/\\")):
+        raise BenchError(f"--name {name!r} is no name of a folder: use letters and digits.")
+    folder = results / "sweeps" / slug(name or title)
+    if resume and not (folder / sweeps.DEFINITION).is_file():
+        there = "; ".join(f.name for f in sweeps.sweeps(results)) or "none"
+        raise BenchError(
+            f"There is no sweep in {folder} to go on with: leave --resume out, or repeat the command of one of those "
+            f"in {results} with its --name ({there})."
+        )
+    return folder

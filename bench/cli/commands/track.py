@@ -43,13 +43,13 @@ def sync_command(results: Path, tracking: str | None) -> None:
 
 def _sync(results: Path, tracking: str | None) -> None:
     from bench.records import record
-    from bench.records.concluded import concluded
+    from bench.records.finished import finished_studies
     from bench.sweep import journal as sweep
     from bench.tracking import track
 
     own = track.default_uri(results)
     uri, logged = tracking or own, 0
-    for study in concluded(results):
+    for study in finished_studies(results):
         folders = [results / "runs" / key for key in study.keys]
         present = [f for f in folders if (f / "record.json").is_file()]
         there = track.whole(uri, study.title, study.study)
@@ -59,13 +59,13 @@ def _sync(results: Path, tracking: str | None) -> None:
         click.echo(f"{study.title}: {len(present)} runs")
     for folder in sweep.sweeps(results):
         kept, keys = sweep.read(folder)
-        told = sweep.told(sweep.load(folder))
-        track.mirror_trials(uri, kept.title, folder.name, kept.configs, told)
+        finished = sweep.finished(sweep.load(folder))
+        track.mirror_trials(uri, kept.title, folder.name, kept.configs, finished)
         present = [results / "runs" / key for key in keys if record.exists(results / "runs", key)]
         track.mirror(present, uri, kept.title, folder.name)
         track.attach(uri, kept.title, folder.name, [f for f in (folder / sweep.REPORT,) if f.is_file()])
-        logged += len(told) + len(present)
-        click.echo(f"{kept.title}: {len(told)} trials, {len(present)} runs")
+        logged += len(finished) + len(present)
+        click.echo(f"{kept.title}: {len(finished)} trials, {len(present)} runs")
     repaired = track.repair(uri, results / "runs", own=uri == own)
     if repaired:
         click.echo(f"{repaired} runs that were left half logged are repaired.")

@@ -11,7 +11,7 @@ from bench.diagnose.checks.recorded import Recorded, flying, of_folder, of_subje
 from bench.diagnose.checks.thrust import thrust
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import DataProblem
-from registry.datasets.folder_description import describe
+from registry.datasets.folder.description import describe
 
 
 def check(recorded: Recorded, carried: bool) -> list[Mistake]:

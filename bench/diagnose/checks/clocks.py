@@ -9,9 +9,9 @@ from bench.diagnose.checks.mistake import Mistake, lines
 from bench.diagnose.checks.recorded import Flight, Reading, Recorded
 from bench.diagnose.checks.relations import Signals, acceleration, boxed, felt
 from bench.diagnose.logs.consistency import slope
-from registry.datasets.cleaning import delay
-from registry.datasets.folder_conversion import GRAVITY
-from registry.datasets.rotations import rotate
+from registry.datasets.folder.conversion import GRAVITY
+from registry.datasets.reading.cleaning import delay
+from registry.datasets.reading.rotations import rotate
 
 Array = np.ndarray
 

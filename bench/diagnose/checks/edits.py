@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 from bench.diagnose.checks.recorded import Reading
-from registry.datasets.folder_signals import SignalColumns
+from registry.datasets.folder.signals import SignalColumns
 
 UNITS = {
     "position": ("m", "cm", "mm"),

@@ -7,7 +7,7 @@ import numpy as np
 
 from bench.diagnose.logs.consistency import ENDS, HALF, View, accumulated, change, modelled, outlying, slope, spread
 from bench.diagnose.result import DataProblem
-from registry.datasets.cleaning import fill, runs, widen
+from registry.datasets.reading.cleaning import fill, runs, widen
 
 Array = np.ndarray
 

@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 
 from bench.diagnose.checks.recorded import Reading
-from registry.datasets.folder_signals import SignalColumns
+from registry.datasets.folder.signals import SignalColumns
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from bench.diagnose.checks.shifts import shifts
 from bench.diagnose.logs.consistency import ENDS, View, accumulated, change, integral, slope, spread
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import DataProblem
-from registry.datasets.cleaning import held, runs
+from registry.datasets.reading.cleaning import held, runs
 from registry.dynamics import PhysicsModel
 
 Array = np.ndarray

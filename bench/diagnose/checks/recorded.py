@@ -9,13 +9,13 @@ import numpy as np
 
 from registry.contracts import Recording
 from registry.core import PHYSICS
-from registry.datasets.cleaning import extent
-from registry.datasets.folder import Folder, read_columns, recording_files
-from registry.datasets.folder_clock import nearest
-from registry.datasets.folder_conversion import attitude, own_units, vector
-from registry.datasets.folder_signals import SignalColumns
-from registry.datasets.ground import resting
-from registry.datasets.rotations import unit_quaternion
+from registry.datasets.folder.clock import nearest
+from registry.datasets.folder.conversion import attitude, own_units, vector
+from registry.datasets.folder.dataset import Folder, read_columns, recording_files
+from registry.datasets.folder.signals import SignalColumns
+from registry.datasets.reading.cleaning import extent
+from registry.datasets.reading.ground import resting
+from registry.datasets.reading.rotations import unit_quaternion
 from registry.units import SIGNALS, is_listed
 
 if TYPE_CHECKING:

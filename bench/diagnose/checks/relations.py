@@ -13,9 +13,9 @@ from scipy.ndimage import uniform_filter1d
 
 from bench.diagnose.checks.recorded import Flight, Reading
 from bench.diagnose.logs.consistency import accumulated, change, integral
-from registry.datasets.cleaning import widen
-from registry.datasets.folder_conversion import GRAVITY
-from registry.datasets.rotations import rotate
+from registry.datasets.folder.conversion import GRAVITY
+from registry.datasets.reading.cleaning import widen
+from registry.datasets.reading.rotations import rotate
 
 Array = np.ndarray
 Signals = Mapping[str, Array]

@@ -6,7 +6,7 @@ import torch
 from bench.diagnose.logs.consistency import Array, pairs, slope
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import DataProblem
-from registry.datasets.cleaning import delay, extent, smooth, widen
+from registry.datasets.reading.cleaning import delay, extent, smooth, widen
 from registry.dynamics import PhysicsModel
 
 SUSPECT = 0.5

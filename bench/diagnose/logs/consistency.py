@@ -7,7 +7,7 @@ import torch
 from scipy.ndimage import median_filter
 
 from bench.diagnose.logs.subject import Log
-from registry.datasets.cleaning import widen
+from registry.datasets.reading.cleaning import widen
 from registry.dynamics import PhysicsModel
 from registry.physics.rigid_body import RigidBody
 

@@ -14,7 +14,7 @@ from bench.diagnose.logs.subject import Subject, log_of
 from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
 from registry.core import DATASETS, PHYSICS
-from registry.datasets.folder import Folder
+from registry.datasets.folder.dataset import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
 from registry.model_file import constants_of

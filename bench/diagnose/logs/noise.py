@@ -11,7 +11,7 @@ from scipy.signal.windows import blackmanharris
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log, Subject
 from registry.contracts import Channel
-from registry.datasets.cleaning import runs
+from registry.datasets.reading.cleaning import runs
 
 DERIVED_FROM = {"velocity": "position", "body_rates": "attitude", "speed": "displacement", "angle_rate": "angle"}
 """Signals that are often read from the pose."""

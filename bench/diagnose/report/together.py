@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.diagnose.report import model_file, page
 from bench.diagnose.result import Diagnosis
-from bench.records import durable
+from registry import atomic_io
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
@@ -46,7 +46,7 @@ def write(folder: Path, diagnosis: Diagnosis, model: PhysicsModel) -> list[Path]
 def _exchange(draft: Path, folder: Path) -> list[Path]:
     made = [name for name in (PAGE, VALUES, MODEL) if (draft / name).is_file()]
     for name in made:
-        durable.flush(draft / name)
+        atomic_io.flush(draft / name)
     kept = []
     before = (folder / MODEL).read_bytes() if (folder / MODEL).is_file() else None
     for name in (PAGE, VALUES):
@@ -55,5 +55,5 @@ def _exchange(draft: Path, folder: Path) -> list[Path]:
         os.replace(folder / MODEL, folder / FORMER)
         kept = [folder / FORMER]
     for name in made:
-        durable.move(draft / name, folder / name)
+        atomic_io.move(draft / name, folder / name)
     return [*(folder / name for name in made), *kept]

@@ -23,7 +23,7 @@ from bench.diagnose.simulate.free_run import (
     measured_windows,
     starts,
 )
-from registry.datasets.rotations import euler_from_quaternion
+from registry.datasets.reading.rotations import euler_from_quaternion
 from registry.dynamics import PhysicsModel
 
 MOST = 6

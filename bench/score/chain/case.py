@@ -12,11 +12,12 @@ import numpy as np
 
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject
-from bench.score.chain import flight, folder, oracle, paths, pilot, recorder, turbulence
-from bench.score.chain.airframe import AIRFRAMES, Airframe, specimen
-from bench.score.chain.body import Body, Effects
+from bench.score.chain import flight, folder, oracle, paths, pilot, recorder
 from bench.score.chain.condition import ChainCase
-from bench.score.chain.motors import Motors
+from bench.score.chain.vehicle import turbulence
+from bench.score.chain.vehicle.airframe import AIRFRAMES, Airframe, specimen
+from bench.score.chain.vehicle.body import Body, Effects
+from bench.score.chain.vehicle.motors import Motors
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 
@@ -121,14 +122,21 @@ def _flown(case: ChainCase, vessel: Body) -> flight.Truth:
     # The pilot was tuned on a vehicle that weighs and lifts what this one does.
     tuned = replace(craft, mass=vessel.mass, thrust=vessel.thrust_coefficient)
     rng = np.random.default_rng([case.flight_seed, 5])
-    return flight.fly(rng, vessel, tuned, drives, period, wanted, wind)
+    return flight.fly(rng, vessel, tuned, motors=drives, period=period, wanted=wanted, wind=wind)
 
 
 def logging(case: ChainCase) -> recorder.Logging:
     """How it is logged."""
     volts = "slope" in acting(case).get("battery_sag", {})
     return recorder.Logging(
-        case.log_hz, case.states, case.noise, case.clock, case.jitter, case.telemetry, case.accelerometer, volts
+        rate=case.log_hz,
+        states=case.states,
+        quality=case.noise,
+        clock=case.clock,
+        jitter=case.jitter,
+        telemetry=case.telemetry,
+        accelerometer=case.accelerometer,
+        battery=volts,
     )
 
 
@@ -149,7 +157,7 @@ def write(case: ChainCase, path: Path) -> None:
 def _key(case: ChainCase) -> str:
     """Of everything that determines the folder, the code included."""
     code = hashlib.sha256(json.dumps(asdict(case), sort_keys=True).encode() + repr(AIRFRAMES).encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
         if source.name != "suite.py":
             code.update(source.read_bytes())
     return code.hexdigest()[:20]

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.score.chain.airframe import Airframe
-from bench.score.chain.body import Body, Moment, W, moments
-from bench.score.chain.motors import Motors
 from bench.score.chain.pilot import Pilot, gains
+from bench.score.chain.vehicle.airframe import Airframe
+from bench.score.chain.vehicle.body import Body, Moment, W, moments
+from bench.score.chain.vehicle.motors import Motors
 
 Array = np.ndarray
 DT = 0.001

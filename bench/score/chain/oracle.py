@@ -4,9 +4,9 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from bench.score.chain.body import Body, P, Q, V, W, moments
 from bench.score.chain.flight import DT, Truth
 from bench.score.chain.sensors import Estimate
+from bench.score.chain.vehicle.body import Body, P, Q, V, W, moments
 
 Array = np.ndarray
 HORIZON, APART = 0.5, 0.5

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.score.chain.airframe import GRAVITY, Airframe
-from bench.score.chain.body import P, Q, V, cross, rotation
+from bench.score.chain.vehicle.airframe import GRAVITY, Airframe
+from bench.score.chain.vehicle.body import P, Q, V, cross, rotation
 
 Array = np.ndarray
 TILT = np.deg2rad(50)
@@ -31,7 +31,15 @@ def gains(lag: float, period: float) -> Gains:
     """What motors of time constant ``lag`` and a controller of ``period`` bear with a margin [s]."""
     rate = min(1 / (1.6 * (lag + 1.2 * period)), 28.0)
     attitude = rate / 2.4
-    return Gains(rate, attitude, attitude / 2.6, attitude / 6, rate / 3, rate / 9, attitude / 3)
+    return Gains(
+        rate=rate,
+        attitude=attitude,
+        velocity=attitude / 2.6,
+        position=attitude / 6,
+        climb=rate / 3,
+        height=rate / 9,
+        yaw=attitude / 3,
+    )
 
 
 class Pilot:

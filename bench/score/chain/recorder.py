@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.score.chain import sensors
-from bench.score.chain.body import Body
 from bench.score.chain.flight import DT, Truth
 from bench.score.chain.sensors import CUTOFF, QUALITIES, TICK, Estimate
+from bench.score.chain.vehicle.body import Body
 
 Array = np.ndarray
 CLOCKS = ("even", "stamped", "hidden")

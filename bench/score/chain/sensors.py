@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import butter, lfilter, savgol_filter
 
-from bench.score.chain.airframe import GRAVITY
-from bench.score.chain.body import P, Q, V, W, rotation
 from bench.score.chain.flight import DT, Truth
+from bench.score.chain.vehicle.airframe import GRAVITY
+from bench.score.chain.vehicle.body import P, Q, V, W, rotation
 
 Array = np.ndarray
 
@@ -42,9 +42,45 @@ class Quality:
 
 
 QUALITIES = {
-    "low": Quality(1e-4, np.deg2rad(0.01), 9, 0.005, 0.001, 0.05, 0.01, 1e-3, np.deg2rad(0.1), 0.0005, 0.003),
-    "medium": Quality(4e-4, np.deg2rad(0.03), 11, 0.02, 0.003, 0.15, 0.04, 5e-3, np.deg2rad(0.3), 0.0015, 0.006),
-    "high": Quality(1e-3, np.deg2rad(0.08), 15, 0.05, 0.006, 0.4, 0.1, 2e-2, np.deg2rad(0.8), 0.004, 0.012),
+    "low": Quality(
+        position=1e-4,
+        attitude=np.deg2rad(0.01),
+        window=9,
+        gyroscope=0.005,
+        gyroscope_bias=0.001,
+        accelerometer=0.05,
+        accelerometer_bias=0.01,
+        fix=1e-3,
+        compass=np.deg2rad(0.1),
+        rotor=0.0005,
+        battery=0.003,
+    ),
+    "medium": Quality(
+        position=4e-4,
+        attitude=np.deg2rad(0.03),
+        window=11,
+        gyroscope=0.02,
+        gyroscope_bias=0.003,
+        accelerometer=0.15,
+        accelerometer_bias=0.04,
+        fix=5e-3,
+        compass=np.deg2rad(0.3),
+        rotor=0.0015,
+        battery=0.006,
+    ),
+    "high": Quality(
+        position=1e-3,
+        attitude=np.deg2rad(0.08),
+        window=15,
+        gyroscope=0.05,
+        gyroscope_bias=0.006,
+        accelerometer=0.4,
+        accelerometer_bias=0.1,
+        fix=2e-2,
+        compass=np.deg2rad(0.8),
+        rotor=0.004,
+        battery=0.012,
+    ),
 }
 CAPTURE, TICK = 0.005, 0.002
 """Periods of motion capture and of the estimator [s]."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.score.chain.airframe import GRAVITY, Airframe
+from bench.score.chain.vehicle.airframe import GRAVITY, Airframe
 
 Values = dict[str, float]
 

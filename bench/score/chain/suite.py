@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.score.chain.airframe import AIRFRAMES, specimen
 from bench.score.chain.case import ChainCase
 from bench.score.chain.recorder import CLOCKS
 from bench.score.chain.strengths import BESIDE, TYPICAL, draw, identity
+from bench.score.chain.vehicle.airframe import AIRFRAMES, specimen
 
 DEVELOPMENT, REPORTED = 101, 106
 """Seeds: what is tuned on one is reported on the other."""
@@ -159,7 +159,11 @@ def _singles(rng: np.random.Generator, first: int) -> list[ChainCase]:
     for row, key in enumerate(TYPICAL):
         for column, vehicle in enumerate(VEHICLES):
             factor = factors[(row + column) % len(factors)]
-            out.append(_case(rng, conditions, (key,), vehicle, factor, first + len(out), "single"))
+            out.append(
+                _case(
+                    rng, conditions, (key,), vehicle=vehicle, factor=factor, flight=first + len(out), condition="single"
+                )
+            )
     return out
 
 
@@ -170,7 +174,17 @@ def _several(rng: np.random.Generator, first: int) -> list[ChainCase]:
         for row, keys in enumerate(sets):
             for vehicle in (VEHICLES[row % 4], VEHICLES[(row + 1 + row // 4) % 4]):
                 factor = round(float(rng.uniform(0.7, 1.5)), 2)
-                out.append(_case(rng, conditions, keys, vehicle, factor, first + len(out), condition))
+                out.append(
+                    _case(
+                        rng,
+                        conditions,
+                        keys,
+                        vehicle=vehicle,
+                        factor=factor,
+                        flight=first + len(out),
+                        condition=condition,
+                    )
+                )
     return out
 
 

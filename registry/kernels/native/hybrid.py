@@ -27,7 +27,7 @@ class Network:
 
 
 @dataclass(frozen=True)
-class Between:
+class HybridCoupling:
     """What stands between the networks and the body."""
 
     rows: Tensor
@@ -57,23 +57,23 @@ class _Structure(ctypes.Structure):
     )
 
 
-class Run(Call):
+class HybridCall(Call):
     """Arguments as for `hybrid`; ``keep``: for a way back."""
 
     family: ClassVar[str] = "hybrid"
     structure: ClassVar[type[ctypes.Structure]] = _Structure
 
     def __init__(
-        self, core: Core, body: RigidBodyStep, between: Between, arrays: dict[str, Tensor | None],
+        self, core: Core, body: RigidBodyStep, links: HybridCoupling, arrays: dict[str, Tensor | None],
         networks: list[Network], keep: bool,
     ) -> None:  # fmt: skip
         u = arrays["u"]
         assert u is not None
-        (batch, steps, m), n, count = u.shape, len(between.rows), len(networks[0].weights)
+        (batch, steps, m), n, count = u.shape, len(links.rows), len(networks[0].weights)
         cells = networks[0].weights[1].shape[-1]
         super().__init__(
             core, u, batch=batch, steps=steps, inputs=m, outputs=n, layers=count // 4, cells=cells,
-            networks=len(networks), added=between.added, held=between.held, keep=keep, dt=body.dt, gravity=body.gravity,
+            networks=len(networks), added=links.added, held=links.held, keep=keep, dt=body.dt, gravity=body.gravity,
         )  # fmt: skip
         self.weights = [w.contiguous() for network in networks for w in network.weights]
         self.y, self.states = (batch, steps, n), networks[0].hidden.shape
@@ -81,7 +81,7 @@ class Run(Call):
         for name, x in arrays.items():
             self.point(name, x)
         for name in ("load_scale", "scale", "offset", "rows"):
-            self.point(name, getattr(between, name))
+            self.point(name, getattr(links, name))
         for i, network in enumerate(networks):
             self.point("hidden", network.hidden, i)
             self.point("cell", network.cell, i)
@@ -119,11 +119,11 @@ class Run(Call):
 class _Hybrid(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any, core: Core, body: RigidBodyStep, between: Between, forced: Tensor | None, count: int,
+        ctx: Any, core: Core, body: RigidBodyStep, links: HybridCoupling, forced: Tensor | None, count: int,
         *tensors: Any,
     ) -> tuple[Tensor, ...]:  # fmt: skip
         ctx.save_for_backward(*tensors[4 + 2 * count :])
-        ctx.run = _assembled(core, body, between, forced, count, tensors, keep=True)
+        ctx.run = _assembled(core, body, links, forced, count, tensors, keep=True)
         made: tuple[Tensor, ...] = ctx.run.forward()
         return made
 
@@ -135,15 +135,15 @@ class _Hybrid(torch.autograd.Function):
 
 
 def _assembled(
-    core: Core, body: RigidBodyStep, between: Between, forced: Tensor | None, count: int, tensors: Any, keep: bool
-) -> Run:
+    core: Core, body: RigidBodyStep, links: HybridCoupling, forced: Tensor | None, count: int, tensors: Any, keep: bool
+) -> HybridCall:
     """From a flat list: inputs, state, given, coupling, states of each network, weights of each."""
     u, state, given, coupling, *rest = tensors
     states, weights = rest[: 2 * count], rest[2 * count :]
     each = len(weights) // count
     networks = [Network(weights[i * each : (i + 1) * each], states[2 * i], states[2 * i + 1]) for i in range(count)]
     arrays = {"u": u, "forced": forced, "state": state, "given": given, "coupling": coupling}
-    return Run(core, body, between, arrays, networks, keep)
+    return HybridCall(core, body, links, arrays, networks, keep)
 
 
 def hybrid(
@@ -151,7 +151,7 @@ def hybrid(
     inputs: Tensor,
     state: Tensor,
     body: RigidBodyStep,
-    between: Between,
+    links: HybridCoupling,
     networks: list[Network],
     given: Tensor | None = None,
     forced: Tensor | None = None,
@@ -163,7 +163,7 @@ def hybrid(
         inputs: (B, T, m), scaled.
         state: (B, 13) of the body, SI, before the run.
         body: the body; its coupling may carry a gradient.
-        between: scales, and how the parts are joined.
+        links: scales, and how the parts are joined.
         networks: the input model, and the output model if there is one.
         given: (T, 3, 4, B) a further part of the loads, at start, middle and end of each step.
         forced: (B, T, n) outputs that are fed back in place of the model's own.
@@ -176,9 +176,9 @@ def hybrid(
     weights = [w for network in networks for w in network.weights]
     tensors = (inputs, state, given, body.coupling, *states, *weights)
     if torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in tensors):
-        made: tuple[Tensor, ...] = _Hybrid.apply(core, body, between, forced, len(networks), *tensors)
+        made: tuple[Tensor, ...] = _Hybrid.apply(core, body, links, forced, len(networks), *tensors)
     else:
-        made = _assembled(core, body, between, forced, len(networks), tensors, keep=False).forward()
+        made = _assembled(core, body, links, forced, len(networks), tensors, keep=False).forward()
     after, before, end, *ends = made
     return after, before, end, list(zip(ends[::2], ends[1::2], strict=True))
 
@@ -193,14 +193,14 @@ def hybrid_vjp(
     inputs: Tensor,
     state: Tensor,
     body: RigidBodyStep,
-    between: Between,
+    links: HybridCoupling,
     networks: list[Network],
     given: Tensor | None = None,
     forced: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Ends, VJP]:
     """`hybrid` without autograd: outputs, the ends, and its vector-Jacobian product, to be called at most once."""
     arrays = {"u": inputs, "forced": forced, "state": state, "given": given, "coupling": body.coupling}
-    run, count = Run(core, body, between, arrays, networks, keep=True), len(networks)
+    run, count = HybridCall(core, body, links, arrays, networks, keep=True), len(networks)
     after, before, end, *ends = run.forward()
 
     def vjp(d_after: Tensor, d_end: Tensor, d_ends: Ends) -> tuple[Tensor, Ends, list[Tensor]]:

@@ -6,13 +6,13 @@ compiler and CPU. Where that fails the PyTorch kernel does the work, which is sa
 """
 
 import ctypes
+import errno
 import hashlib
 import logging
 import os
 import platform
 import shutil
 import subprocess
-import tempfile
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -20,6 +20,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from registry.atomic_io import replacing
 from registry.cache import cache_folder
 from registry.errors import BenchError, near
 
@@ -146,17 +147,15 @@ def _build(command: list[str], library: Path) -> None:
     """Compile under another name and rename: a process sees a whole library or none; of two, the last one stays."""
     try:
         library.parent.mkdir(parents=True, exist_ok=True)
-        handle, draft = tempfile.mkstemp(".so", ".draft-", library.parent)
-        os.close(handle)
+        if not os.access(library.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     except OSError as error:
         raise _Unavailable(f"the cache folder {library.parent} cannot be written ({error.strerror})") from None
     try:
-        _run(*command, "-o", draft, cwd=library.parent)
-        os.replace(draft, library)
+        with replacing(library, flushed=False) as draft:
+            _run(*command, "-o", str(draft), cwd=library.parent)
     except subprocess.CalledProcessError as error:
         lines = [line for line in error.stderr.splitlines() if "error" in line] or error.stderr.splitlines() or ["?"]
         raise _Unavailable(f"{command[0]} does not compile it ({lines[0].strip()})") from None
     except (OSError, subprocess.SubprocessError) as error:
         raise _Unavailable(f"{command[0]} does not compile it ({error})") from None
-    finally:
-        Path(draft).unlink(missing_ok=True)

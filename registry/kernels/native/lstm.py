@@ -21,7 +21,7 @@ class _Structure(ctypes.Structure):
     )
 
 
-class Run(Call):
+class LstmCall(Call):
     """Arguments as for `lstm`; ``keep``: for a way back."""
 
     family: ClassVar[str] = "lstm"
@@ -74,7 +74,7 @@ class _LSTM(torch.autograd.Function):
     ) -> tuple[Tensor, Tensor]:  # fmt: skip
         ctx.save_for_backward(*weights)  # a change in place before the way back is an error
         ctx.set_materialize_grads(False)
-        ctx.run = Run(core, inputs, state, forced, mask, weights, delays, keep=True)
+        ctx.run = LstmCall(core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, keep=True)
         done: tuple[Tensor, Tensor] = ctx.run.forward()
         return done
 
@@ -99,4 +99,4 @@ def lstm(
     if torch.is_grad_enabled() and any(x.requires_grad for x in (inputs, state, *weights)):
         done: tuple[Tensor, Tensor] = _LSTM.apply(core, delays, inputs, state, forced, mask, *weights)
         return done
-    return Run(core, inputs, state, forced, mask, weights, delays, keep=False).forward()
+    return LstmCall(core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, keep=False).forward()

@@ -21,7 +21,7 @@ class _Structure(ctypes.Structure):
     )
 
 
-class Run(Call):
+class MlfcCall(Call):
     """Arguments as for `mlfc`; ``keep``: for a way back."""
 
     family: ClassVar[str] = "mlfc"
@@ -72,7 +72,7 @@ class _MLFC(torch.autograd.Function):
         *weights: Tensor,
     ) -> tuple[Tensor, Tensor]:  # fmt: skip
         ctx.save_for_backward(*weights)  # a change in place before the way back is an error
-        ctx.run = Run(core, inputs, fed, hidden, forced, mask, weights, keep=True)
+        ctx.run = MlfcCall(core, inputs, fed, hidden=hidden, forced=forced, mask=mask, weights=weights, keep=True)
         done: tuple[Tensor, Tensor] = ctx.run.forward()
         return done
 
@@ -107,4 +107,4 @@ def mlfc(
     if torch.is_grad_enabled() and any(x.requires_grad for x in (inputs, fed, hidden, *weights)):
         done: tuple[Tensor, Tensor] = _MLFC.apply(core, inputs, fed, hidden, forced, mask, *weights)
         return done
-    return Run(core, inputs, fed, hidden, forced, mask, weights, keep=False).forward()
+    return MlfcCall(core, inputs, fed, hidden=hidden, forced=forced, mask=mask, weights=weights, keep=False).forward()

@@ -18,7 +18,7 @@ class _Structure(ctypes.Structure):
     _fields_ = structure("models batch layers input_gradient", arrays="x y dy dx widths weights gradients")
 
 
-class Run(Call):
+class MlpCall(Call):
     """Arguments as for `mlp`."""
 
     family: ClassVar[str] = "mlp"
@@ -56,7 +56,7 @@ class _MLP(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, core: Core, x: Tensor, *weights: Tensor) -> Tensor:
         ctx.save_for_backward(*weights)  # a change in place before the way back is an error
-        ctx.run = Run(core, x, weights)
+        ctx.run = MlpCall(core, x, weights)
         y: Tensor = ctx.run.forward()
         return y
 
@@ -72,4 +72,4 @@ def mlp(core: Core, x: Tensor, weights: list[Tensor]) -> Tensor:
     if torch.is_grad_enabled() and any(w.requires_grad for w in (x, *weights)):
         y: Tensor = _MLP.apply(core, x, *weights)
         return y
-    return Run(core, x, weights).forward()
+    return MlpCall(core, x, weights).forward()

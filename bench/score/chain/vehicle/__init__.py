@@ -1,0 +1,1 @@
+"""What flies in the second simulator: airframes, their equations of motion, motors and gusts."""

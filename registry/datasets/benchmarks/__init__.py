@@ -1,0 +1,1 @@
+"""Benchmarks of system identification: one a file."""

@@ -1,0 +1,76 @@
+"""From the columns of a file to signals in SI and in the frames of this project, as a dataset.toml says."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from registry.datasets.folder.signals import SignalColumns
+from registry.datasets.reading.rotations import quaternion_from_euler, rotate, unit_quaternion
+from registry.units import conversion, to_si
+
+Array = np.ndarray
+
+HALF_TURN = np.array([1.0, -1.0, -1.0])
+"""Half a turn about x: from north-east-down to north-west-up, from forward-right-down to forward-left-up."""
+GRAVITY = np.array([0.0, 0.0, 9.80665])
+"""What an accelerometer at rest shows in the world frame [m/s²]."""
+
+
+def own_units(columns: Mapping[str, Array], signal: SignalColumns) -> Array:
+    """The columns (N, c) of a signal with their signs, in the unit in which it is kept."""
+    picked = np.stack([-columns[c[1:]] if c.startswith("-") else columns[c] for c in signal.columns], axis=1)
+    factor, offset = conversion(signal.unit, signal.kept) if signal.kept else (to_si(signal.unit)[1], 0.0)
+    return picked * factor + offset if offset else picked * factor
+
+
+def attitude(values: Array, signal: SignalColumns) -> Array:
+    """Quaternions xyzw (N, 4), body to world, of unit length, from angles [rad] or quaternions as ``signal`` says.
+
+    Raises:
+        ValueError: a quaternion of length zero.
+    """
+    if signal.convention == "euler_zyx":
+        q = quaternion_from_euler(values)
+    elif signal.convention == "euler_xyz":
+        q = _xyz(values)
+    else:
+        q = unit_quaternion(values if signal.convention == "quaternion_xyzw" else values[:, [1, 2, 3, 0]])
+    return q * [1.0, -1.0, -1.0, 1.0] if signal.frame == "ned" else q
+
+
+def in_frames(x: dict[str, Array], signals: Mapping[str, SignalColumns]) -> dict[str, Array]:
+    """Vectors turned into the frames of this project; ``x`` holds the attitude as `attitude` gives it."""
+    out = dict(x)
+    for name in ("position", "velocity", "body_rates", "specific_force"):
+        if name in x:
+            out[name] = vector(name, x[name], signals[name], x.get("attitude"))
+    return out
+
+
+def vector(name: str, values: Array, signal: SignalColumns, q: Array | None) -> Array:
+    """One vector signal (N, 3) in its frame: world of position and velocity, body of the others.
+
+    Args:
+        name: of the signal.
+        values: (N, 3), SI.
+        signal: what the description says of it.
+        q: attitude (N, 4), where it was measured.
+    """
+    if signal.frame in ("ned", "frd"):
+        values = values * HALF_TURN
+    if name == "velocity" and signal.frame in ("body", "frd"):
+        assert q is not None
+        return rotate(q, values)
+    if name == "specific_force" and (signal.frame in ("world", "ned") or signal.gravity == "removed"):
+        assert q is not None
+        inverse = q * [-1.0, -1.0, -1.0, 1.0]
+        turned = rotate(inverse, values) if signal.frame in ("world", "ned") else values
+        return turned + rotate(inverse, np.broadcast_to(GRAVITY, values.shape)) * (signal.gravity == "removed")
+    return values
+
+
+def _xyz(angles: Array) -> Array:
+    """Quaternions xyzw (N, 4) of roll, then pitch, then yaw (N, 3) [rad], each about the axis turned so far."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(angles.T / 2), np.sin(angles.T / 2)
+    x, y, z = sr * cp * cy + cr * sp * sy, cr * sp * cy - sr * cp * sy, cr * cp * sy + sr * sp * cy
+    return unit_quaternion(np.stack([x, y, z, cr * cp * cy - sr * sp * sy], axis=1))

@@ -1,0 +1,1 @@
+"""Logs of autopilots and robots, each in the format of its maker."""

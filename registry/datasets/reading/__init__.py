@@ -1,0 +1,1 @@
+"""From files to clean signals in the frames of this project: what several data sets need."""

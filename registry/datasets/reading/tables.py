@@ -1,0 +1,126 @@
+"""CSV and Parquet files as tables of finite numbers, or a sentence that says where they are not."""
+
+import gzip
+import zlib
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+from pyarrow import ArrowException
+
+from registry.errors import BenchError, near
+from registry.regular_file import regular
+
+ENDINGS = (".csv", ".csv.gz", ".parquet")
+
+
+class MissingValue(BenchError):
+    """There is nothing where a number should be."""
+
+
+def header(file: Path) -> list[str]:
+    """Column names.
+
+    Raises:
+        BenchError: the file is empty, damaged or of no known kind.
+    """
+    return [str(c) for c in read(file, rows=0).columns]
+
+
+def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> np.ndarray:
+    """The ``columns`` (N, len), every one a finite number.
+
+    Args:
+        file: a CSV or Parquet file.
+        columns: their names.
+        gaps: those that may lack values, which are NaN then, but for all of them.
+
+    Raises:
+        MissingValue: the first that is no finite number is NaN or empty.
+        BenchError: with file, column and row (as a spreadsheet counts: the header is row 1; in Parquet the first
+            record is).
+    """
+    table = read(file)
+    for column in columns:
+        if column not in table:
+            raise BenchError(f"{file} has no column {column!r}: {near(column, map(str, table.columns))}")
+    if len(table) == 0:
+        raise BenchError(f"{file} holds no samples.")
+    values = np.empty((len(table), len(columns)))
+    for j, column in enumerate(columns):
+        raw = table[column]
+        number = pd.to_numeric(raw, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+        bad = ~np.isfinite(number)
+        if column in gaps and not bad.all():
+            bad &= ~raw.isna().to_numpy()
+        if bad.any():
+            i = int(bad.argmax())
+            where = f"{file}, column {column!r}, row {first_row(file) + i}"
+            if pd.isna(raw.iloc[i]):
+                raise MissingValue(f"{where}: no number (NaN or empty).")
+            raise BenchError(f"{where}: {str(raw.iloc[i])!r}, not a finite number.")
+        values[:, j] = number
+    return values
+
+
+def first_row(file: Path) -> int:
+    """The row number of the first sample."""
+    return 1 if file.name.endswith(".parquet") else 2
+
+
+def read(file: Path, rows: int | None = None, any_ending: bool = False) -> pd.DataFrame:
+    """The table in a file, its columns named as they are there.
+
+    Args:
+        file: CSV, CSV.gz or Parquet.
+        rows: the first ones only.
+        any_ending: whether a name that ends otherwise is read as CSV.
+
+    Raises:
+        BenchError: the file is absent, no regular file, empty, damaged or of no known kind, has a column twice or rows
+            that are longer than its header.
+    """
+    regular(file)
+    if not any_ending and not file.name.endswith(ENDINGS):
+        raise BenchError(f"{file} is neither CSV, CSV.gz nor Parquet.")
+    try:
+        return _parquet(file, rows) if file.name.endswith(".parquet") else _csv(file, rows)
+    except FileNotFoundError:
+        raise BenchError(f"There is no file {file}.") from None
+    except UnicodeDecodeError as error:
+        raise BenchError(f"{file} is not UTF-8 text (byte {error.start}).") from error
+    except pd.errors.EmptyDataError as error:
+        raise BenchError(f"{file} is empty.") from error
+    except (gzip.BadGzipFile, zlib.error, EOFError, ArrowException, OSError, ValueError, OverflowError) as error:
+        raise BenchError(f"{file} cannot be read: {str(error).splitlines()[0]:.300}.") from error
+
+
+def _parquet(file: Path, rows: int | None) -> pd.DataFrame:
+    names = pyarrow.parquet.read_schema(file).names
+    _refuse_twice(file, names)
+    return pd.DataFrame(columns=names) if rows == 0 else pd.read_parquet(file)
+
+
+def _csv(file: Path, rows: int | None) -> pd.DataFrame:
+    told: dict[str, Any] = {"encoding": "utf-8", "skip_blank_lines": False, "skipinitialspace": True}
+    first = pd.read_csv(file, **told, header=None, nrows=1, dtype=str, keep_default_na=False)
+    _refuse_twice(file, [str(name) for name in first.iloc[0]])
+    table = pd.read_csv(file, **told, low_memory=False, nrows=rows)
+    if not isinstance(table.index, pd.RangeIndex):  # pandas takes the first columns for names of the rows
+        raise BenchError(
+            f"{file} has rows that are longer than its header of {len(table.columns)} names: name every column, or "
+            "remove the commas at the ends of the rows."
+        )
+    return table
+
+
+def _refuse_twice(file: Path, names: Sequence[str]) -> None:
+    """Raise where a name stands for two columns."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen and name:
+            raise BenchError(f"{file} has two columns named {name!r:.200}: rename one of them.")
+        seen.add(name)

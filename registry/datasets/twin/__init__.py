@@ -1,0 +1,1 @@
+"""Simulated aircraft, their pilots and what would have been measured of them."""

@@ -1,0 +1,1 @@
+"""What a network is judged beside: nothing in them is learnt by gradient."""
