@@ -50,9 +50,7 @@ class IndustrialRobot(Dataset):
         for part in ("train", "test"):
             u, y = data[f"u_{part}"], data[f"y_{part}"]
             if u.shape != y.shape or u.shape[0] != len(JOINTS) or u.shape[1] % SAMPLES or not np.isfinite([u, y]).all():
-                raise BenchError(
-                    f"{file}: u_{part} and y_{part} are not six rows of trajectories of {SAMPLES} samples."
-                )
+                raise BenchError(f"{file}: u_{part} and y_{part} are not six rows of trajectories: download it again.")
             for i in range(u.shape[1] // SAMPLES):
                 at = slice(i * SAMPLES, (i + 1) * SAMPLES)
                 inputs, outputs = {"motor_torque": u[:, at].T}, {"joint_angle": np.deg2rad(y[:, at].T)}
