@@ -8,8 +8,7 @@ import pandas as pd
 
 from bench.analysis.tables import is_baseline, sound, unit_of
 from bench.experiment.study import Reference, Study
-from bench.records.record import RunRecord
-from bench.training.simulate import PREFIX
+from bench.records.record import SIMULATION, RunRecord
 
 HERE = "here"
 
@@ -21,10 +20,10 @@ def table(records: Sequence[RunRecord], references: Sequence[Reference]) -> pd.D
         recording, output, model, weights (0: not known), rmse (mean over seeds), unit, seeds, source.
     """
     rows: list[dict[str, Any]] = []
-    simulated = [r for r in records if any(name.startswith(PREFIX) for name in r.summary["metrics"])]
-    found = dict.fromkeys(n for r in simulated for n in r.summary["metrics"] if n.startswith(PREFIX))
+    simulated = [r for r in records if any(name.startswith(SIMULATION) for name in r.summary["metrics"])]
+    found = dict.fromkeys(n for r in simulated for n in r.summary["metrics"] if n.startswith(SIMULATION))
     for name in found:
-        output, _, recording = name.removeprefix(PREFIX).partition("@")
+        output, _, recording = name.removeprefix(SIMULATION).partition("@")
         unit, factor = unit_of(simulated[0], output)
         where = {"recording": recording, "output": output, "unit": unit}
         for spec in dict.fromkeys(r.summary["spec"] for r in simulated):
@@ -35,7 +34,7 @@ def table(records: Sequence[RunRecord], references: Sequence[Reference]) -> pd.D
             rows.append({**where, **said, "rmse": rmse, "seeds": len(errors), "source": HERE})
         dataset = simulated[0].summary["dataset"]
         for r in references:
-            if (r.dataset, PREFIX + r.quantity) == (dataset, name):
+            if (r.dataset, SIMULATION + r.quantity) == (dataset, name):
                 rows.append({**where, "model": r.model, "rmse": factor * r.rmse, "weights": 0, "source": r.source})
     made = pd.DataFrame(rows)
     return made.sort_values(["recording", "output", "rmse"], kind="stable") if rows else made

@@ -5,13 +5,11 @@ import torch
 from torch import Tensor
 
 from bench.experiment.config import RunConfig
+from bench.records.record import SIMULATION
 from bench.training.data import load
 from bench.training.model import Model
 from registry.contracts import Recording
 from registry.errors import BenchError
-
-PREFIX = "simulation."
-"""Of the names of these errors among the metrics of a run: "simulation.level.h@validation"."""
 
 
 def simulation_errors(model: Model, config: RunConfig, names: tuple[str, ...]) -> dict[str, float | None]:
@@ -27,7 +25,7 @@ def simulation_errors(model: Model, config: RunConfig, names: tuple[str, ...]) -
     for recording, (measured, predicted) in zip(recordings, simulated(model, config, recordings), strict=True):
         errors = np.sqrt(np.square(measured - predicted, dtype=np.float64).mean(0))
         for channel, error in zip(model.predictor.problem.outputs, errors, strict=True):
-            found[f"{PREFIX}{channel.name}@{recording.name}"] = float(error) if np.isfinite(error) else None
+            found[f"{SIMULATION}{channel.name}@{recording.name}"] = float(error) if np.isfinite(error) else None
     return found
 
 
