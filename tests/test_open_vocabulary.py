@@ -92,7 +92,8 @@ def test_every_predictor_and_study_runs_on_every_data_set_or_says_why_not(tmp_pa
     here = [d for d in matrix.registered() if "download" not in matrix.attempt("constant", d, tmp_path)]
     assert {"emps", "cascaded_tanks", "silverbox", "pelican_twin", "helicopter_twin"} <= set(here)
     rows = {(name, d): said for make in (matrix.single, matrix.whole) for name, d, said in make(here, tmp_path)}
-    black_box = {"LSTM", "LSTM TDL", "GRU", "MLFC", "NARX", "linear", "constant"}
+    networks = {"LSTM", "LSTM TDL", "GRU", "MLFC", "NARX", "TCN", "LRU", "SUBNET", "Neural ODE"}
+    black_box = {*networks, "linear", "constant"}
     assert {rows[name, d] for name in black_box for d in here} == {matrix.RAN}
 
 

@@ -47,6 +47,9 @@ class RunConfig:
     train: tuple[str, ...] = option((), "recordings to train on (names or patterns); empty: the data set's split")
     validation: tuple[str, ...] = option((), "recordings for early stopping; empty: the data set's split")
     test: tuple[str, ...] = option((), "recordings to test on; empty: the data set's split")
+    simulate: bool = option(
+        False, "whether each test recording is also predicted as a whole, from its first samples and the inputs alone"
+    )
     training: Training = field(default_factory=Training)
     seed: int = option(0, "seed of weights and batches; the same for all models compared", low=0)
 

@@ -16,6 +16,20 @@ PRESETS = ("smoke", "laptop", "paper")
 
 
 @dataclass(frozen=True)
+class Reference:
+    """A simulation error that others published, shown beside those of the runs."""
+
+    dataset: str
+    quantity: str
+    """Channel and test recording, "level.h@validation"."""
+    model: str
+    rmse: float
+    """Root mean square, SI."""
+    source: str
+    """Citation."""
+
+
+@dataclass(frozen=True)
 class Study:
     """One comparison."""
 
@@ -35,6 +49,8 @@ class Study:
     """(a, b) quantities whose errors are compared within each spec, such as ("velocity", "velocity_forced")."""
     paper_says: str = ""
     """What the paper's figure shows, in words and numbers; a line a paragraph. Empty: the question says it."""
+    references: "Callable[[], tuple[Reference, ...]] | None" = None
+    """Published figures that its table shows beside the runs; None: there are none."""
     presets: Mapping[str, str] = field(default_factory=dict)
     """What each preset is, in a line."""
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:  # who asks for errors alone need not wait for torch
 
 T = TypeVar("T")
 STEP_COLUMNS = ["quantity", "norm", "unit", "step", "time_s", "statistic", "value"]
+SIMULATION = "simulation."
+"""Of the names of simulation errors among the metrics: "simulation.level.h@validation", channel and recording."""
 WINDOW_COLUMNS = ["window", "recording", "step", "time_s", "channel", "unit", "measured", "predicted"]
 
 

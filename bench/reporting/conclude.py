@@ -50,10 +50,11 @@ def conclude(
     Returns:
         The files worth attaching to a tracker.
     """
-    from bench.reporting import report
+    from bench.reporting import report, simulations
 
     pairs = tuple(matched(study.pairs, specs(records))) if study else ()
     report.render_terminal(records, pairs, out, study.contrasts if study else ())
+    simulations.render_terminal(records, study, out)
     try:
         return _write(records, title, study, command, folder)
     except OSError as error:
@@ -65,7 +66,7 @@ def conclude(
 
 def _write(records: Sequence[RunRecord], title: str, study: Study | None, command: str, folder: Path) -> list[Path]:
     """The files of the folder; ``study.json``, which says that the study is finished, comes last."""
-    from bench.reporting import figures, report, study_page
+    from bench.reporting import figures, report, simulations, study_page
 
     folder.mkdir(parents=True, exist_ok=True)
     pairs = tuple(matched(study.pairs, specs(records))) if study else ()
@@ -73,7 +74,9 @@ def _write(records: Sequence[RunRecord], title: str, study: Study | None, comman
     figures.per_step_figure(records, folder / "error_per_step.png")
     if study is None and records[0].finished:
         figures.box_figure(records[0], folder / "error_distribution.png")
-    (folder / "table.md").write_text(report.to_markdown(records, pairs, title, command, "error_per_step.png", within))
+    text = report.to_markdown(records, pairs, title, command, "error_per_step.png", within)
+    whole = simulations.lines(records, study)
+    (folder / "table.md").write_text("\n".join([text, *whole]).rstrip() + "\n" if whole else text)
     study_page.write(folder / REPORT, records, title, study, command)
     write_steps(records, folder / STEPS)
     write_evidence(records, folder / FILE)

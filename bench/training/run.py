@@ -20,6 +20,7 @@ from bench.experiment.seeds import derive
 from bench.records.record import STEP_COLUMNS, WINDOW_COLUMNS
 from bench.training import evaluate
 from bench.training.data import WindowedData, prepare
+from bench.training.simulate import simulation_errors
 from bench.training.split import digest
 from bench.training.train import Trained, train
 
@@ -62,6 +63,8 @@ def _outcome(
         measured, predicted = evaluate.predict(trained.model, data, data.test.starts.numpy())
         errors = measured - predicted
         metrics = evaluate.metrics(errors, channels)
+        if config.simulate:
+            metrics |= simulation_errors(trained.model, config, data.split.test)
         steps = evaluate.per_step(errors, channels, data, data.test.recording)
         windows = evaluate.example_windows(measured, predicted, channels, data)
     summary = {

@@ -23,6 +23,8 @@ class Dataset(ABC):
     """Signals that drive a predictor by default."""
     targets: ClassVar[tuple[str, ...]] = ()
     """Signals that studies and single configurations predict; empty: all that is measured beside the inputs."""
+    initial_window: ClassVar[int] = 0
+    """Samples at the start of a test recording that its benchmark lets a simulation look at; 0: it is none."""
     chain: ClassVar[tuple[str, ...]] = ()
     """Signals that studies of the whole motion predict together, each driven by the one after it and the last by the
     inputs, such as velocity and body rates; empty: the targets."""

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.io
 import torch
 from scipy.interpolate import CubicSpline
 
@@ -250,6 +251,24 @@ def test_a_broken_crazyflie_log_is_refused(tmp_path):
         file.write_bytes(content)
         with pytest.raises(BenchError, match=message):
             read_usd_log(file)
+
+
+@pytest.mark.data
+@pytest.mark.skipif(not os.path.isdir(os.environ.get("BENCH_DATA", "")), reason="BENCH_DATA names no folder")
+def test_official_parts_are_the_raw_samples(bench_data):
+    """As the package nonlinear_benchmarks cuts them: V1 and V2 of rows 100 .., position and voltage as stored."""
+    table = np.loadtxt(bench_data / "silverbox/SNLS80mV.csv", delimiter=",", skiprows=1, usecols=(0, 1))
+    parts = {r.name: r for r in Silverbox(official=True).load().recordings}
+    starts = {"multisine": (40_650, 65_062), "multisine_test": (105_712, 21_688), "arrow": (100, 40_475)}
+    for name, (start, length) in {**starts, "arrow_no_extrapolation": (100, 32_000)}.items():
+        assert parts[name].valid.all() and parts[name].rate == pytest.approx(610.35, abs=0.01)
+        both = np.concatenate([parts[name].inputs, parts[name].outputs], 1)
+        np.testing.assert_array_equal(both, table[start : start + length])
+    for recording in Emps(official=True).load().recordings:
+        stored = scipy.io.loadmat(bench_data / f"emps/{recording.name}.mat")
+        np.testing.assert_array_equal(recording.outputs, stored["qm"])
+        np.testing.assert_array_equal(recording.inputs, stored["vir"])
+        assert recording.valid.all() and [c.name for c in recording.output_channels] == ["displacement.q"]
 
 
 def test_absent_files_say_where_they_can_be_had(tmp_path, monkeypatch):

@@ -160,7 +160,25 @@ def test_mat_of_matrices(place: Path, edits: list[tuple[float, bytes, int]]) -> 
     one_sentence(lambda: read_v5(path, ["u", "y"]))
 
 
-SPEC_PARTS = ["LSTM", "MLFC", "GRU", "NARX", "Hybrid", "linear", "LSTM TDL", "Washout", "MLP", "RNN", "Optimized", ":"]
+SPEC_PARTS = [
+    "LSTM",
+    "MLFC",
+    "GRU",
+    "NARX",
+    "TCN",
+    "LRU",
+    "SUBNET",
+    "Neural ODE",
+    "Hybrid",
+    "linear",
+    "LSTM TDL",
+    "Washout",
+    "MLP",
+    "RNN",
+    "Optimized",
+    "Encoder",
+    ":",
+]
 SPEC_PARTS += [" - ", "x", "×", "1x50", "60x10", "10", "0", "-1", "９", "1e3", "  ", "–", "\n", "(", ")", "²", "٣"]
 
 

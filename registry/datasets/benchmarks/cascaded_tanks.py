@@ -35,6 +35,7 @@ class CascadedTanks(Dataset):
     system: ClassVar[str] = "tanks"
     inputs: ClassVar[tuple[str, ...]] = ("voltage",)
     input_hold: ClassVar[str] = "previous"
+    initial_window: ClassVar[int] = 5
 
     def read(self) -> RecordingSet:
         """See `Dataset.read`."""

@@ -32,13 +32,19 @@ class LinearPredictor(Predictor):
         return torch.cat([u.flatten(-2), y.flatten(-2)], -1)
 
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """See `Predictor.rollout`; the state after the run is not defined by this baseline and stays."""
+        """See `Predictor.rollout`; where the history holds more than inputs and outputs, the state stays as it is."""
         steps = inputs.shape[-2]
         if steps > self.horizon:
             raise BenchError(f"The linear baseline was fitted for {self.horizon} steps and cannot predict {steps}.")
         x = torch.cat([torch.ones_like(state[..., :1]), state, inputs.flatten(-2)], -1)
         w = self.coefficients[:steps, : x.shape[-1]]
-        return torch.einsum("bd,tdn->btn", x, w), state
+        outputs = torch.einsum("bd,tdn->btn", x, w)
+        if self.n_context:
+            return outputs, state
+        u, y = state.split([self.history * self.n_inputs, self.history * self.n_outputs], -1)
+        y = torch.cat([y.unflatten(-1, (self.history, -1)), outputs if feedback is None else feedback], -2)
+        u = torch.cat([u.unflatten(-1, (self.history, self.n_inputs)), inputs], -2)
+        return outputs, self.fill(u, y)
 
     def fit(self, history_inputs: Tensor, history_outputs: Tensor, inputs: Tensor, outputs: Tensor) -> None:
         """Ridge on scaled windows (W, τ, m), (W, τ, n + c), (W, T, m), (W, T, n), in float64 whatever they are."""

@@ -23,7 +23,7 @@ class PhysicsPredictor(Predictor):
 
     def __init__(self, entry: "Physics", problem: Problem) -> None:
         super().__init__(problem)
-        self.box = WhiteBox(problem, entry.model)
+        self.box = WhiteBox(problem, entry.model, sought=entry.start == "sought")
         self.history = problem.history
         self.layout = StateLayout(len(self.box.drives) + self.box.size, 0, 0)
 
@@ -58,6 +58,12 @@ class Physics(PredictorEntry):
     stateful: ClassVar[bool] = False
 
     model: str = option("", "path of a model.toml, as `bench extend` writes it; empty: nominal constants")
+
+    start: str = option(
+        "zero",
+        "unmeasured states at the start of the history: zero, or sought so that a free run meets the history best",
+        choices=("zero", "sought"),
+    )
 
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
         """See `PredictorEntry.signals`."""

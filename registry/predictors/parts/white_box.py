@@ -12,6 +12,7 @@ from torch import Tensor
 from registry.contracts import Dataset, Predictor, Problem
 from registry.core import PHYSICS
 from registry.dynamics import PhysicsModel
+from registry.dynamics.start import fitted_start
 from registry.errors import BenchError
 from registry.model_file import read
 from registry.physics.quadrotor import Quadrotor
@@ -26,17 +27,18 @@ Signals = tuple[str, ...]
 class WhiteBox:
     """The physics model of a problem. It lives in SI; its full state is that of `PhysicsModel`."""
 
-    def __init__(self, problem: Problem, file: str = "", driven: bool = True) -> None:
+    def __init__(self, problem: Problem, file: str = "", driven: bool = True, sought: bool = False) -> None:
         """
         Args:
             problem: what is predicted from what.
             file: a model.toml; empty: the registered model with the data's nominal constants.
             driven: whether the inputs drive the model; else something that is learnt does.
+            sought: whether unmeasured states begin where a free run meets the history best; else at zero.
 
         Raises:
             BenchError: a signal is missing that the model needs, or one is to be predicted that it does not have.
         """
-        self.dt = 1 / problem.rate
+        self.dt, self.sought = 1 / problem.rate, sought
         model = read(Path(file), problem.system) if file else _nominal(problem)
         groups = [c.group for c in problem.inputs]
         looked_at = model.extras if model.effects else ()
@@ -101,6 +103,9 @@ class WhiteBox:
         driving = inputs[..., self.drives]
         if len(rows) == proper == self.size:
             return self.model.project(states[..., -1, :])
+        hidden = [i for i in range(proper) if i not in rows]
+        if self.sought and hidden:
+            states[..., 0, hidden] = fitted_start(self.model, states[..., 0, :], hidden, driving, states, self.dt)
         full = self.model.initial(states[..., 0, :], driving[..., 0, :], self.dt)
         known = torch.zeros(self.size, dtype=torch.bool, device=full.device)
         known[rows] = True

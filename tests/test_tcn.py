@@ -1,0 +1,119 @@
+"""The TCN against a plain-numpy transcription: convolutions as sums over taps, the free run from scratch every step."""
+
+from functools import partial
+
+import numpy as np
+import oracle
+import pytest
+import torch
+from test_networks import noise, vivid, weights
+from torch.func import functional_call
+
+from bench.experiment.notation import parse, write
+from registry import PREDICTORS
+from registry.contracts import Predictor, Problem
+from registry.errors import BenchError
+
+close = partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
+SHAPES = [(1, 3, 2, 2), (2, 3, 2, 2), (3, 2, 3, 1), (2, 0, 2, 1)]
+
+
+def built(
+    layers: int = 2, m: int = 3, kernel: int = 2, n: int = 2, hidden: int = 4, mode: str = "parallel"
+) -> Predictor:
+    entry = PREDICTORS.get("TCN")(layers=layers, hidden=hidden, kernel=kernel, mode=mode)
+    return vivid(entry.build(Problem.plain(m, n, 12, 5)))
+
+
+def convolution(w: oracle.Weights, name: str, x, dilation: int):
+    """(N, c) → (N, width); what is before the first sample counts as none, and is not looked at by the caller."""
+    taps, y = w[f"{name}.weight"], []
+    for k in range(len(x)):
+        y.append(w[f"{name}.bias"] + sum(taps[j] @ x[k - j * dilation] for j in range(len(taps)) if k >= j * dilation))
+    return np.array(y)
+
+
+def network(w: oracle.Weights, x):
+    """Output (n,) at the last of the samples (N, m + n)."""
+    for i in range(sum(name.endswith("first.bias") for name in w)):
+        inner = np.maximum(convolution(w, f"blocks.{i}.first", x, 2**i), 0)
+        inner = np.maximum(convolution(w, f"blocks.{i}.second", inner, 2**i), 0)
+        skip = w.get(f"blocks.{i}.skip")
+        x = np.maximum((x if skip is None else x @ skip.T) + inner, 0)
+    return w["output_weight"] @ x[-1] + w["output_bias"]
+
+
+def tcn(w: oracle.Weights, field: int, past_u, past_y, u, y=None):
+    """One window: histories (τ, m), (τ, n), inputs (T, m), measured outputs (T, n) or None → outputs (T, n)."""
+    short = max(0, field - len(past_u))
+    us, ys = [past_u[0]] * short + [*past_u, *u], [past_y[0]] * short + [*past_y]
+    predicted = []
+    for k in range(len(us) - len(u), len(us)):
+        x = np.array([np.concatenate([us[j], ys[j - 1]]) for j in range(k - field + 1, k + 1)])
+        predicted.append(network(w, x))
+        ys.append(predicted[-1] if y is None else y[len(predicted) - 1])
+    return np.array(predicted)
+
+
+@pytest.mark.parametrize(("layers", "m", "kernel", "n"), SHAPES)
+@pytest.mark.parametrize("measured", [False, True], ids=["own", "measured"])
+@pytest.mark.parametrize("tau", [2, 30])
+def test_runs_follow_the_equations(layers: int, m: int, kernel: int, n: int, measured: bool, tau: int) -> None:
+    predictor = built(layers, m, kernel, n)
+    assert predictor.history == 1 + 2 * (kernel - 1) * (2**layers - 1)
+    past_u, past_y, u, y = (noise(3, *s, seed=i) for i, s in enumerate([(tau, m), (tau, n), (9, m), (9, n)]))
+    feedback, state = y if measured else None, predictor.fill(past_u, past_y)
+    assert state.shape[-1] == predictor.layout.size
+    windows = zip(past_u.numpy(), past_y.numpy(), u.numpy(), y.numpy(), strict=True)
+    w = weights(predictor)
+    want = np.array([tcn(w, predictor.history, *d[:3], d[3] if measured else None) for d in windows])
+    outputs, end = predictor.rollout(u, state, feedback)
+    close(outputs.detach(), want)
+    sequence = torch.cat([past_y, y if measured else torch.from_numpy(want)], 1)
+    if tau > predictor.history:
+        close(end.detach(), predictor.fill(torch.cat([past_u, u], 1), sequence))
+    for cut in (1, 7):
+        pieces = (None, None) if feedback is None else (feedback[:, :cut], feedback[:, cut:])
+        first, middle = predictor.rollout(u[:, :cut], state, pieces[0])
+        second, last = predictor.rollout(u[:, cut:], middle, pieces[1])
+        close(torch.cat([first, second], 1).detach(), want)
+        close(last.detach(), end.detach())
+
+
+@pytest.mark.parametrize("mode", ["parallel", "series-parallel"])
+def test_gradients_are_the_finite_differences(mode: str) -> None:
+    predictor = built(2, 2, 2, 1, hidden=2, mode=mode)
+    names = [n for n, _ in predictor.named_parameters()]
+    u, y = noise(2, 4, 2, seed=1).requires_grad_(), noise(2, 4, 1, seed=2)
+    state = noise(2, predictor.layout.size, seed=4).requires_grad_()
+
+    class Taught(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.predictor = predictor
+
+        def forward(self, u, state):
+            return self.predictor.teach(u, y, state)
+
+    def run(u, state, *values):
+        return functional_call(Taught(), {f"predictor.{n}": v for n, v in zip(names, values, strict=True)}, (u, state))
+
+    assert torch.autograd.gradcheck(
+        run, (u, state, *(p.detach().clone().requires_grad_() for p in predictor.parameters()))
+    )
+
+
+def test_series_parallel_training_looks_at_one_step_predictions() -> None:
+    predictor, free = built(mode="series-parallel"), built()
+    u, y, state = noise(2, 9, 3, seed=1), noise(2, 9, 2, seed=2), noise(2, predictor.layout.size, seed=4)
+    assert torch.equal(predictor.teach(u, y, state), predictor.rollout(u, state, y)[0])
+    assert torch.equal(free.teach(u, y, state), free.rollout(u, state)[0])
+    assert not torch.allclose(free.teach(u, y, state), predictor.teach(u, y, state))
+
+
+def test_notation_has_a_size_and_no_initializer() -> None:
+    predictor, initializer = parse("TCN: 4x30")
+    assert (predictor.layers, predictor.hidden, initializer) == (4, 30, None)
+    assert write(predictor, None) == "TCN: 4x30"
+    with pytest.raises(BenchError, match="no states to initialize"):
+        parse("TCN: 4x30 - MLP: 9x10")
