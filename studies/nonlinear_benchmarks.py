@@ -10,7 +10,7 @@ from bench.experiment.config import RunConfig
 from bench.experiment.grid import effort, grid
 from bench.experiment.study import Reference, Study
 from registry.contracts import Dataset
-from registry.predictors.physics import Physics
+from registry.predictors.baselines.physics import Physics
 
 SIZES = {"smoke": (8, 4, 8), "laptop": (32, 8, 32), "paper": (64, 16, 64)}
 """Width of networks, of convolutions, and of what initializes them."""

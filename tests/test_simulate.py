@@ -17,7 +17,7 @@ from bench.reporting import simulations
 from bench.training.data import load, prepare
 from bench.training.model import build_scaled
 from bench.training.simulate import simulated, simulation_errors
-from registry.datasets.silverbox import OFFICIAL
+from registry.datasets.benchmarks.silverbox import OFFICIAL
 from registry.errors import BenchError
 from studies.nonlinear_benchmarks import references
 

@@ -177,7 +177,7 @@ def test_the_encoder_is_a_network_beside_a_linear_map(name: str) -> None:
         want = bypassed(weights(encoder), "network", x)
         want[:hidden] = np.tanh(want[:hidden])
         close(state[i, buffer:].detach(), want)
-        close(state[i, :buffer].detach(), predictor.fill(u[i : i + 1], y[i : i + 1])[0].detach())
+        close(state[i, :buffer].detach(), predictor.init_buffers(u[i : i + 1], y[i : i + 1])[0].detach())
 
 
 # ----------------------------------------------------------------------------------------------------- contracts

@@ -62,7 +62,7 @@ def test_runs_follow_the_equations(layers: int, m: int, kernel: int, n: int, mea
     predictor = built(layers, m, kernel, n)
     assert predictor.history == 1 + 2 * (kernel - 1) * (2**layers - 1)
     past_u, past_y, u, y = (noise(3, *s, seed=i) for i, s in enumerate([(tau, m), (tau, n), (9, m), (9, n)]))
-    feedback, state = y if measured else None, predictor.fill(past_u, past_y)
+    feedback, state = y if measured else None, predictor.init_buffers(past_u, past_y)
     assert state.shape[-1] == predictor.layout.size
     windows = zip(past_u.numpy(), past_y.numpy(), u.numpy(), y.numpy(), strict=True)
     w = weights(predictor)
@@ -71,7 +71,7 @@ def test_runs_follow_the_equations(layers: int, m: int, kernel: int, n: int, mea
     close(outputs.detach(), want)
     sequence = torch.cat([past_y, y if measured else torch.from_numpy(want)], 1)
     if tau > predictor.history:
-        close(end.detach(), predictor.fill(torch.cat([past_u, u], 1), sequence))
+        close(end.detach(), predictor.init_buffers(torch.cat([past_u, u], 1), sequence))
     for cut in (1, 7):
         pieces = (None, None) if feedback is None else (feedback[:, :cut], feedback[:, cut:])
         first, middle = predictor.rollout(u[:, :cut], state, pieces[0])
@@ -93,7 +93,7 @@ def test_gradients_are_the_finite_differences(mode: str) -> None:
             self.predictor = predictor
 
         def forward(self, u, state):
-            return self.predictor.teach(u, y, state)
+            return self.predictor.training_rollout(u, y, state)
 
     def run(u, state, *values):
         return functional_call(Taught(), {f"predictor.{n}": v for n, v in zip(names, values, strict=True)}, (u, state))
@@ -106,9 +106,9 @@ def test_gradients_are_the_finite_differences(mode: str) -> None:
 def test_series_parallel_training_looks_at_one_step_predictions() -> None:
     predictor, free = built(mode="series-parallel"), built()
     u, y, state = noise(2, 9, 3, seed=1), noise(2, 9, 2, seed=2), noise(2, predictor.layout.size, seed=4)
-    assert torch.equal(predictor.teach(u, y, state), predictor.rollout(u, state, y)[0])
-    assert torch.equal(free.teach(u, y, state), free.rollout(u, state)[0])
-    assert not torch.allclose(free.teach(u, y, state), predictor.teach(u, y, state))
+    assert torch.equal(predictor.training_rollout(u, y, state), predictor.rollout(u, state, y)[0])
+    assert torch.equal(free.training_rollout(u, y, state), free.rollout(u, state)[0])
+    assert not torch.allclose(free.training_rollout(u, y, state), predictor.training_rollout(u, y, state))
 
 
 def test_notation_has_a_size_and_no_initializer() -> None:

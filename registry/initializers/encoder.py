@@ -25,7 +25,7 @@ class EncoderInitializer(Initializer):
         """See `Initializer.initialize`."""
         u, y = inputs[..., -self.history :, :], outputs[..., -self.history :, :]
         states = self.network(torch.cat([u.flatten(-2), y.flatten(-2)], -1))
-        return bounded(predictor, predictor.fill(inputs, outputs), states)
+        return bounded(predictor, predictor.init_buffers(inputs, outputs), states)
 
 
 @INITIALIZERS.register("Encoder")

@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 def scan(decay: Tensor, driven: Tensor) -> Tensor:
@@ -80,7 +80,7 @@ class LRUPredictor(Predictor):
         self.output_weight = uniform(self.n_outputs, self.hidden, fan_in=self.hidden, scale=scale)
         self.output_bias = nn.Parameter(torch.zeros(self.n_outputs))
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Nothing: no measured sample is part of the state."""
         return outputs[..., -1, :0]
 

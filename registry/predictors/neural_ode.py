@@ -10,7 +10,7 @@ from registry.contracts import Channel, Predictor, PredictorEntry, Problem, Stat
 from registry.core import PREDICTORS, option
 from registry.dynamics.model import RATE_OF
 from registry.kernels.mlp import mlp
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 VECTORS = ("position", "displacement", "angle")
 """Poses whose time derivative is their rate, axis by axis; that of an attitude is not."""
@@ -45,7 +45,7 @@ class NeuralODEPredictor(Predictor):
         self.bias = nn.ParameterList([nn.Parameter(torch.zeros(h)) for h in heights])
         self.pace = entry.pace * problem.rate
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """The last inputs and outputs."""
         return torch.cat([inputs[..., -1, :], outputs[..., -1, : self.n_outputs]], -1)
 

@@ -9,7 +9,7 @@ from torch.nn import functional
 
 from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 class Bypassed(nn.Module):
@@ -42,7 +42,7 @@ class SubnetPredictor(Predictor):
         self.transition = Bypassed(entry.states + self.n_inputs, entry.states, *sizes)
         self.output = Bypassed(entry.states, self.n_outputs, *sizes)
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Nothing: no measured sample is part of the state."""
         return outputs[..., -1, :0]
 

@@ -10,7 +10,7 @@ from torch.nn import functional
 from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.predictors.lstm import newest_first
-from registry.predictors.weights import uniform
+from registry.predictors.parts.weights import uniform
 
 
 class Convolution(nn.Module):
@@ -80,7 +80,7 @@ class TCNPredictor(Predictor):
         self.past = (self.history - 1) * self.n_inputs
         self.layout = StateLayout(self.past + self.history * self.n_outputs, 0, 0)
 
-    def fill(self, inputs: Tensor, outputs: Tensor) -> Tensor:
+    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """The measured history in the order of the state; a short one repeats its first sample."""
         u = newest_first(inputs, self.history - 1)
         return torch.cat([u, newest_first(outputs[..., : self.n_outputs], self.history)], -1)
@@ -97,7 +97,7 @@ class TCNPredictor(Predictor):
         after = torch.cat([u, inputs], 1), torch.cat([y, feedback], 1)
         return outputs, torch.cat([newest_first(after[0], self.history - 1), newest_first(after[1], self.history)], -1)
 
-    def teach(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
+    def training_rollout(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> Tensor:
         """One-step predictions from measured outputs (series-parallel) or the free run (parallel)."""
         return self.rollout(inputs, state, outputs if self.teaching else None)[0]
 

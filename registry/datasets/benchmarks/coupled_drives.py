@@ -9,7 +9,7 @@ import numpy as np
 from registry.contracts import Dataset, RecordingSet, Split
 from registry.core import DATASETS
 from registry.datasets.locate import locate
-from registry.datasets.matlab import read_v5
+from registry.datasets.reading.matlab import read_v5
 from registry.datasets.signals import recording
 from registry.errors import BenchError
 from registry.units import Signal

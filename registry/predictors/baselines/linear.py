@@ -44,7 +44,7 @@ class LinearPredictor(Predictor):
         u, y = state.split([self.history * self.n_inputs, self.history * self.n_outputs], -1)
         y = torch.cat([y.unflatten(-1, (self.history, -1)), outputs if feedback is None else feedback], -2)
         u = torch.cat([u.unflatten(-1, (self.history, self.n_inputs)), inputs], -2)
-        return outputs, self.fill(u, y)
+        return outputs, self.init_buffers(u, y)
 
     def fit(self, history_inputs: Tensor, history_outputs: Tensor, inputs: Tensor, outputs: Tensor) -> None:
         """Ridge on scaled windows (W, τ, m), (W, τ, n + c), (W, T, m), (W, T, n), in float64 whatever they are."""
