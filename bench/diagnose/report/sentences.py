@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bench.diagnose.by_equation import EffectSaving
+from bench.diagnose.evidence import LINES, Calibration
 from bench.diagnose.report.phrases import listed, named, number, percent, shown
-from bench.diagnose.result import LINES, ByGroup, Calibration, Diagnosis, NamedEffect
+from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect
 from bench.diagnose.settings import TELLING
 
 _FREE = "of the squared error of free runs above the noise floor"
