@@ -14,7 +14,7 @@ from synthetic_sweep import essence, swept, toy
 from bench.execution import engine
 from bench.records import durable, record
 from bench.records.concluded import concluded
-from bench.reporting import conclude
+from bench.reporting import study_outputs
 from bench.sweep.journal import JOURNAL
 from bench.training import checkpoint
 from registry.errors import BenchError
@@ -102,9 +102,9 @@ def test_a_study_whose_report_does_not_fit_keeps_its_runs(
     records = engine.execute(engine.plan(study(2), runs), runs)
     before, folder = sound(runs), tmp_path / "studies" / "s"
     with monkeypatch.context() as patch, pytest.raises(BenchError, match="No space left on device; every finished"):
-        patch.setattr(conclude.pq.ParquetWriter, "write_table", full)
-        conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
+        patch.setattr(study_outputs.pq.ParquetWriter, "write_table", full)
+        study_outputs.write_outputs(Console(quiet=True), records, "s", None, "bench run s", folder)
     assert sound(runs) == before and not list(concluded(tmp_path))
-    conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
+    study_outputs.write_outputs(Console(quiet=True), records, "s", None, "bench run s", folder)
     assert [c.title for c in concluded(tmp_path)] == ["s"]
     faults("the disk, full at every place that writes (ENOSPC, RLIMIT_FSIZE)", 8, 0, 0, "what did not fit")
