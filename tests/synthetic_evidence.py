@@ -12,7 +12,7 @@ from rich.console import Console
 from bench.claims.evidence import COST, Evidence, StudyRun
 from bench.experiment import study
 from bench.records.record import RunRecord
-from bench.reporting.conclude import conclude
+from bench.reporting.study_outputs import write_outputs
 
 Truth = Callable[[str, str, np.ndarray], np.ndarray]
 """(configuration, signal, step) → mean error."""
@@ -105,4 +105,4 @@ def concluded(records: Sequence[RunRecord], command: str, folder: Path) -> None:
         for name in ("figures.per_step_figure", "report.render_terminal", "study_page.write"):
             quick.setattr(f"bench.reporting.{name}", lambda *_: None)
         quick.setattr("bench.reporting.report.to_markdown", lambda *_: "")
-        conclude(Console(file=StringIO()), records, "made up", study.get("washout_vs_mlp"), command, folder)
+        write_outputs(Console(file=StringIO()), records, "made up", study.get("washout_vs_mlp"), command, folder)

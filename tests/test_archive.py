@@ -23,7 +23,7 @@ from bench.records import archive, record
 from bench.records.finished import finished_studies
 from bench.records.record import RunRecord
 from bench.records.stamp import canonical, plain, stamped
-from bench.reporting import conclude
+from bench.reporting import study_outputs
 from registry.errors import BenchError
 
 
@@ -33,7 +33,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     results = tmp_path_factory.mktemp("made")
     records = engine.execute(engine.plan(study(2), results / "runs"), results / "runs")
     title = "<script>alert(1)</script> [/bold] on toy"
-    conclude.conclude(Console(quiet=True), records, title, None, "bench run x", results / "studies" / "x")
+    study_outputs.write_outputs(Console(quiet=True), records, title, None, "bench run x", results / "studies" / "x")
     archive.write(next(finished_studies(results)), results / "runs", results / "a.zip")
     return results
 

@@ -10,7 +10,7 @@ from bench.execution import engine
 from bench.experiment.config import RunConfig
 from bench.experiment.datasets import choose
 from bench.experiment.notation import parse
-from bench.reporting import conclude
+from bench.reporting import study_outputs
 
 PUBLISHED = Path(__file__).parent.parent / "results" / "published" / "washout_vs_mlp"
 SPEC = "MLFC: 1x50 - MLP: 60x10"
@@ -28,7 +28,7 @@ def test_a_published_network_is_found_again(name: str, tmp_path: Path, request: 
     (again,) = engine.execute(engine.plan([config], tmp_path / "runs"), tmp_path / "runs")
     folder = tmp_path / "studies" / "again"
     folder.mkdir(parents=True)
-    study["runs"] = [{field: again.summary[field] for field in conclude.PUBLISHED}]
+    study["runs"] = [{field: again.summary[field] for field in study_outputs.PUBLISHED}]
     (folder / "study.json").write_text(json.dumps(study))
     held = check(PUBLISHED / name, tmp_path)
     assert held and max(h.band for h in held) < 0.3

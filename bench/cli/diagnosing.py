@@ -138,24 +138,23 @@ def say_written(console: Any, written: Sequence[Path]) -> None:
 
 
 def show_discovery(console: Any, found: "Discovery") -> None:
-    """Print the effects found with their fitted numbers, or what is left to say, and what the rest follows."""
-    from bench.diagnose.report import phrases
+    """Print the verdict, the effects found with their fitted numbers, and what the rest follows."""
+    from bench.diagnose.report import phrases, sentences
     from bench.diagnose.summaries import parameter_estimates
 
+    effects, left = [(f.id, f.rivals) for f in found.found], found.traces[:3]
+    axes, follows = ([getattr(t, name) for t in left] for name in ("axis", "signal"))
+    console.print(sentences.verdict_line(found.verdict, effects, axes, follows), highlight=False, markup=False)
     for f in found.found:
         console.print(f"[bold]{f.id}[/]  {escape(EFFECTS.get(f.id).equation)}", highlight=False)
         for name, p in parameter_estimates(f.estimates).items():
             console.print(f"    {name} = {phrases.estimate(name, p)}", highlight=False, markup=False)
         if f.rivals:
-            console.print(f"    these data cannot tell it from {', '.join(f.rivals)}")
-    if not found.found:
+            console.print(f"    these recordings cannot tell it from {phrases.listed(f.rivals, 'or')}")
+    for t in left if found.found else ():
         console.print(
-            "Something systematic is missing that the catalogue does not have."
-            if found.verdict == "unknown_effect"
-            else "Nothing is missing."
+            f"  something systematic is left in {t.axis}: it follows {t.signal}", highlight=False, markup=False
         )
-    for trace in found.traces[:3]:
-        console.print(f"  left in {trace.axis}: follows {trace.signal}", highlight=False, markup=False)
 
 
 def show_extension(console: Any, done: "Extension") -> None:

@@ -57,7 +57,7 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
         BenchError: another driver is at this study, the results folder cannot be written, or workers die.
     """
     from bench.records.finished import slug
-    from bench.reporting import conclude
+    from bench.reporting import study_outputs
 
     folder = place.results / "studies" / slug(job.title)
     with (
@@ -89,7 +89,7 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
         if mirror:
             mirror.add(place.runs / key for key in todo.done)
         command = shlex.join(["bench", *portable(job.command)])
-        files = conclude.conclude(out, records, job.title, job.asked.study, command, folder)
+        files = study_outputs.write_outputs(out, records, job.title, job.asked.study, command, folder)
         out.print(f"Figure and tables: {escape(str(folder))}")
         if mirror:
             mirror.attach(files)

@@ -5,22 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from bench.diagnose.checks.problems import Checked
+from bench.diagnose.evidence import Calibration, Candidate, Evidence
 from bench.diagnose.extend import Extension, pooled
 from bench.diagnose.flight import Flight
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.locate import Location
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.result import (
-    ByGroup,
-    Calibration,
-    Candidate,
-    DataProblem,
-    Diagnosis,
-    Errors,
-    Evidence,
-    Unexplained,
-)
+from bench.diagnose.result import ByGroup, DataProblem, Diagnosis, Errors, Unexplained
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.settings import DECIDING
 from bench.diagnose.simulate.unmeasured import hidden

@@ -12,10 +12,11 @@ from torch import Tensor
 
 from bench.analysis.display import Displayed
 from bench.analysis.stats import MIN_RECORDINGS
+from bench.diagnose.evidence import LINES as DRAWN
+from bench.diagnose.evidence import Curves, Line, plot_curves
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
-from bench.diagnose.result import LINES as DRAWN
-from bench.diagnose.result import ByGroup, Curves, GroupError, Line, plot_curves
+from bench.diagnose.result import ByGroup, GroupError
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.settings import COMPARING
 from bench.diagnose.simulate.floor import floor, reach

@@ -9,7 +9,8 @@ from bench.diagnose.checks.checklist import check_subject
 from bench.diagnose.checks.problems import Checked, problems
 from bench.diagnose.compare import compare
 from bench.diagnose.discover import discover
-from bench.diagnose.extend import Extension, extend, fitted, stage
+from bench.diagnose.extend import Extension, extend, stage
+from bench.diagnose.fit import fitted
 from bench.diagnose.learned import curves, judged, learned
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load

@@ -10,21 +10,18 @@ import pandas as pd
 
 from bench.analysis.display import Displayed
 from bench.diagnose.compare import Comparison, compare
-from bench.diagnose.discover import close
+from bench.diagnose.evidence import Stage
+from bench.diagnose.fit import fitted
 from bench.diagnose.learn.candidates import equation_of
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.request import is_request, parsed
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.report.learned_words import described
-from bench.diagnose.result import ByGroup, NamedEffect, Stage
-from bench.diagnose.select import by_simulation
-from bench.diagnose.select.choose import updated
+from bench.diagnose.result import ByGroup, NamedEffect
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import Search
-from bench.diagnose.select.verify import Estimate, estimates
-from bench.diagnose.settings import EXTENDING
-from bench.diagnose.simulate.shoot import Shot, shoot
+from bench.diagnose.select.verify import Estimate
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.diagnose.summaries import parameter_estimates
 from registry.core import EFFECTS
@@ -76,55 +73,6 @@ class Extension(Displayed):
     def plot(self) -> "list[Axes]":
         """Error against the horizon, model by model: matplotlib axes, one a group of outputs."""
         return self.comparison.plot()
-
-
-def fitted(
-    subject: Subject,
-    model: PhysicsModel,
-    noise: Noise | None = None,
-    tick: Callable[[str], None] = lambda what: None,
-    through_simulator: bool = True,
-) -> tuple[PhysicsModel, list[Estimate]]:
-    """Constants within their uncertainty and all effects of ``model``, fitted on the training recordings.
-
-    The weak form first, which needs no good start; then, with ``through_simulator``, multi-step shooting, whose numbers
-    are taken where they predict better.
-
-    Raises:
-        BenchError: the recordings are too short.
-    """
-    if hidden(subject.logs):
-        return by_simulation.fitted(subject, model, tick)
-    search = Search(subject, (), tick, noise)
-    found: list[Estimate] = []
-    for _ in range(6):
-        views = search.views(search.look(model, broad=False))
-        view = min(views, key=lambda v: v.subsets.fit().prior)
-        fit = view.subsets.fit()
-        before, model = model, updated(view, fit)
-        found = estimates(view, fit)
-        if close(before, model, subject):
-            break
-    if not through_simulator:
-        return model, found
-    tick("shooting")
-    shot = shoot(model, subject, subject.training, tick)
-    return (shot.model, _moved(found, shot)) if shot.after < EXTENDING.shooting_gain * shot.before else (model, found)
-
-
-def _moved(found: Sequence[Estimate], shot: Shot) -> list[Estimate]:
-    """Estimates of the weak form, moved to where shooting has them."""
-    by_name = {(e.owner, e.label): e.value for e in shot.free}
-    sigma = np.sqrt(np.maximum(np.diag(shot.covariance), 0.0))
-    spread = {(e.owner, e.label): s for e, s in zip(shot.free, sigma, strict=True)}
-    moved = []
-    for x in found:
-        key = (x.entry.owner, x.entry.label)
-        value = by_name.get(key, x.value)
-        # Two estimates that differ are worth no more than their difference.
-        half = max((x.high - x.low) / 2, EXTENDING.interval * spread.get(key, 0.0), abs(value - x.value))
-        moved.append(replace(x, value=value, low=max(value - half, x.entry.low), high=min(value + half, x.entry.high)))
-    return moved
 
 
 def extend(

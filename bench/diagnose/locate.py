@@ -10,12 +10,13 @@ import pandas as pd
 import torch
 
 from bench.analysis.display import Displayed, draw_bars, new_axes
+from bench.diagnose.evidence import ResidualMap, Window
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.conditions import Condition, conditions
 from bench.diagnose.regression.residuals import residual_maps
 from bench.diagnose.regression.weak import Stack
-from bench.diagnose.result import Region, ResidualMap, Window
+from bench.diagnose.result import Region
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.settings import LOCATING
 from bench.diagnose.simulate.floor import floor, reach

@@ -13,8 +13,22 @@ from bench.experiment.study import Study
 from bench.records.record import RunRecord
 from bench.reporting import figures, report
 from bench.reporting.drawing import Look
+from bench.reporting.page import Drawing
 
 QUANTILES = ("q05", "q25", "median", "q75", "q95")
+
+
+Legend = Sequence[tuple[Look, str]]
+Titled = Sequence[tuple[str, Sequence[Drawing]]]
+"""Drawings below a heading each."""
+
+
+@dataclass(frozen=True)
+class Plain:
+    """A table of texts, the first of each row its name."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
 
 @dataclass(frozen=True)
@@ -172,3 +186,8 @@ class Content:
             str(rows["recording"].iloc[0]),
             int(run.summary["seed"]),
         )
+
+
+def looks(c: Content, baselines: bool = True) -> Legend:
+    """The legend of all configurations."""
+    return [(look, s) for s, look in c.looks.items() if baselines or not tables.is_baseline(s)]

@@ -11,8 +11,7 @@ from bench.analysis import tables
 from bench.records.record import RunRecord
 from bench.reporting import figures, report
 from bench.reporting import study_page_figures as drawings
-from bench.reporting.study_page_content import Content
-from bench.reporting.study_page_sections import Legend, Plain, Titled, looks
+from bench.reporting.study_page_content import Content, Legend, Plain, Titled, looks
 
 
 def _predicted(record: RunRecord) -> str:

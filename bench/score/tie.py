@@ -8,7 +8,8 @@ import numpy as np
 import torch
 
 from bench.diagnose.compare import compare
-from bench.diagnose.extend import extend, fitted
+from bench.diagnose.extend import extend
+from bench.diagnose.fit import fitted
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.simulate.floor import reach

@@ -6,25 +6,18 @@ from dataclasses import replace
 import numpy as np
 
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
+from bench.diagnose.evidence import Calibration, Candidate, Curves, Evidence, Line, ResidualMap, Stage, Window
 from bench.diagnose.flight import AFTER, Flight, Path, Signal, Trace
 from bench.diagnose.result import (
     ByGroup,
-    Calibration,
-    Candidate,
-    Curves,
     DataProblem,
     Diagnosis,
     Errors,
-    Evidence,
     GroupError,
-    Line,
     NamedEffect,
     ParameterEstimate,
     Region,
-    ResidualMap,
-    Stage,
     Unexplained,
-    Window,
 )
 
 UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "body_rates": "rad/s"}

@@ -17,19 +17,12 @@ from rich.console import Console
 
 from bench.cli.diagnosing import show_extension
 from bench.diagnose.by_equation import ConstantEstimate
+from bench.diagnose.evidence import Calibration, Stage
 from bench.diagnose.extend import shares_of
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.report import phrases, sentences, terminal_summary
 from bench.diagnose.report.phrases import gathered
-from bench.diagnose.result import (
-    Calibration,
-    DataProblem,
-    Diagnosis,
-    NamedEffect,
-    ParameterEstimate,
-    Stage,
-    schema,
-)
+from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, ParameterEstimate, schema
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate

@@ -11,7 +11,7 @@ import pytest
 
 from bench.cli.diagnosing import check_catalogue
 from bench.diagnose import compare, diagnose, extend
-from bench.diagnose.extend import fitted
+from bench.diagnose.fit import fitted
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.logs.subject import Subject, log_of

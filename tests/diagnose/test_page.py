@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 import samples
 
+from bench.diagnose.evidence import LINES
 from bench.diagnose.flight import RUNS
 from bench.diagnose.report import page, phrases, sentences
-from bench.diagnose.result import LINES, VERDICTS
+from bench.diagnose.result import VERDICTS
 
 
 class Parsed(HTMLParser):

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from bench.diagnose import settings
-from bench.diagnose.settings import Basis, documented
+from bench.diagnose.settings import documented
+from bench.diagnose.settings.threshold import Basis
 
-SOURCES = Path(settings.__file__).parent
+SOURCES = Path(settings.__file__).parent.parent
 
 
 @cache

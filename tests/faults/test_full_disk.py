@@ -13,8 +13,8 @@ from synthetic_sweep import essence, swept, toy
 
 from bench.execution import engine
 from bench.records import record
-from bench.records.finished import finished_studies
-from bench.reporting import conclude
+from bench.records.finished import concluded
+from bench.reporting import study_outputs
 from bench.sweep.journal import JOURNAL
 from bench.training import checkpoint
 from registry import atomic_io
@@ -99,9 +99,9 @@ def test_a_study_whose_report_does_not_fit_keeps_its_runs(
     records = engine.execute(engine.plan(study(2), runs), runs)
     before, folder = sound(runs), tmp_path / "studies" / "s"
     with monkeypatch.context() as patch, pytest.raises(BenchError, match="No space left on device; every finished"):
-        patch.setattr(conclude.pq.ParquetWriter, "write_table", full)
-        conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
+        patch.setattr(study_outputs.pq.ParquetWriter, "write_table", full)
+        study_outputs.write_outputs(Console(quiet=True), records, "s", None, "bench run s", folder)
     assert sound(runs) == before and not list(finished_studies(tmp_path))
-    conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", folder)
+    study_outputs.write_outputs(Console(quiet=True), records, "s", None, "bench run s", folder)
     assert [c.title for c in finished_studies(tmp_path)] == ["s"]
     faults("the disk, full at every place that writes (ENOSPC, RLIMIT_FSIZE)", 8, 0, 0, "what did not fit")

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from bench.cli import cli
 from bench.execution import engine
-from bench.reporting import conclude
+from bench.reporting import study_outputs
 from registry.errors import BenchError
 
 LINES = [w for w in WORDS if "\x00" not in w]
@@ -80,7 +80,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     spring(here / "data")
     runs = here / "results" / "runs"
     records = engine.execute(engine.plan(study(1), runs), runs)
-    conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", here / "results" / "studies" / "s")
+    study_outputs.write_outputs(
+        Console(quiet=True), records, "s", None, "bench run s", here / "results" / "studies" / "s"
+    )
     return {"DATA": str(here / "data"), "RESULTS": str(here / "results"), "KEY": records[0].key[:8], "HERE": str(here)}
 
 

@@ -27,7 +27,7 @@ from bench.records import archive
 from bench.records.finished import finished_studies
 from bench.records.record import RunRecord
 from bench.records.record_check import check as check_record
-from bench.reporting import conclude
+from bench.reporting import study_outputs
 from bench.training.predict import read_table
 from registry import model_file
 from registry.datasets.folder.dataset import check as check_folder
@@ -192,7 +192,7 @@ def test_spec(spec: str) -> None:
 def results(place: Path) -> Path:
     made = place / "results"
     records = engine.execute(engine.plan(study(1), made / "runs"), made / "runs")
-    conclude.conclude(Console(quiet=True), records, "s", None, "bench run s", made / "studies" / "s")
+    study_outputs.write_outputs(Console(quiet=True), records, "s", None, "bench run s", made / "studies" / "s")
     (finished,) = finished_studies(made)
     archive.write(finished, made / "runs", place / "s.zip")
     return made

@@ -47,7 +47,7 @@ def import_command(file: Path, results: Path) -> None:
     from bench.records import archive
     from bench.records.finished import slug
     from bench.records.record import RunRecord
-    from bench.reporting import conclude
+    from bench.reporting import study_outputs
 
     out = options.console()
     done = archive.read(file, results / "runs")
@@ -61,7 +61,7 @@ def import_command(file: Path, results: Path) -> None:
     with lock.held(folder, done.title):
         try:
             found = study.studies().get(done.study or "")
-            conclude.conclude(out, records, done.title, found, done.command, folder)
+            study_outputs.write_outputs(out, records, done.title, found, done.command, folder)
         except BenchError:
             raise
         except Exception as error:  # records that fit one by one and make no study together

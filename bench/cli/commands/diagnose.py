@@ -100,7 +100,7 @@ def compare_command(
     subject, model = load(source, system, model_file)
 
     from bench.diagnose.compare import compare
-    from bench.diagnose.extend import fitted
+    from bench.diagnose.fit import fitted
     from bench.diagnose.report import phrases
 
     with announcer(options.console()) as tick:
@@ -143,7 +143,7 @@ def locate_command(source: str, system: str | None, model_file: Path | None, to_
     """
     subject, model = load(source, system, model_file)
 
-    from bench.diagnose.extend import fitted
+    from bench.diagnose.fit import fitted
     from bench.diagnose.locate import locate
 
     with announcer(options.console()) as tick:

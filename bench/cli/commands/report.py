@@ -31,7 +31,7 @@ def report_command(name: str, dataset: str | None, preset: str | None, results: 
     from bench.cli.finished import finished_study, sweep_page
     from bench.records import record
     from bench.reporting import study_page
-    from bench.reporting.conclude import REPORT
+    from bench.reporting.study_outputs import REPORT
 
     page = sweep_page(name, dataset, preset, results)
     if page is not None:

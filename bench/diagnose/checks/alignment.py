@@ -8,15 +8,8 @@ import numpy as np
 from bench.diagnose.logs.consistency import Array, Pair, accumulated, change, integral
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.result import DataProblem
+from bench.diagnose.settings import ALIGNING
 
-WINDOW = 0.3
-"""Time over which changes are compared [s]: noise of single samples hardly counts then."""
-BLOCK = 4.0
-"""Time over which the clock is judged at once [s]."""
-CLOCK = 0.025
-"""Least error of a clock's rate that is called one."""
-GAIN = 1.25
-"""Least factor between a signal and what its rate says that is called a wrong scale."""
 KNOWN = {57.29578: "degrees for radians", 9.549297: "rpm for rad/s", 1000.0: "a thousandth", 100.0: "centi"}
 """Factors between units that are taken for each other."""
 
@@ -46,7 +39,7 @@ def alignment(
         usable: (N,) samples that count.
     """
     found: list[DataProblem] = []
-    sound, paces, length = [], [], max(3, round(WINDOW * log.rate))
+    sound, paces, length = [], [], max(3, round(ALIGNING.window * log.rate))
     for pair in among:
         measured, said = _windows(pair, x, log.dt, length)
         inside = _within(usable, length)
@@ -58,7 +51,7 @@ def alignment(
         found += wrong
         if not wrong:
             sound.append(pair)
-            paces.append(_paces(measured, said, inside, round(BLOCK * log.rate)))
+            paces.append(_paces(measured, said, inside, round(ALIGNING.clock_block * log.rate)))
     if not found:
         found += _clock(log, sound, paces, length)
     if not found:
@@ -125,7 +118,7 @@ def _axes(log: Log, pair: Pair, fit: Fit, x: Array, modelled: Array, usable: Arr
 def _blamed(log: Log, pair: Pair, axes: tuple[int, int], x: Array, modelled: Array, usable: Array) -> str:
     """Which of the two signals the model speaks against, along an axis, or two that are swapped."""
     i, j = axes
-    length = max(3, round(WINDOW * log.rate))
+    length = max(3, round(ALIGNING.window * log.rate))
     channels = [pair.rates[i], pair.rates[j]]
     measured, said = (
         accumulated(s) for s in (np.diff(x[:, channels], axis=0), integral(modelled[:, channels], log.dt))
@@ -144,7 +137,7 @@ def _scale(log: Log, pair: Pair, fit: Fit) -> list[DataProblem]:
     if not clear.any():
         return []
     low, high = float(fit.low[clear].min()), float(fit.high[clear].max())
-    if high > 1 / GAIN and low < GAIN:
+    if high > 1 / ALIGNING.scale and low < ALIGNING.scale:
         return []
     factor = float(np.median((fit.low[clear] + fit.high[clear]) / 2))
     size = max(factor, 1 / factor)
@@ -176,7 +169,7 @@ def _clock(log: Log, sound: Sequence[Pair], paces: Sequence[Array], length: int)
         return []
     low, high = np.min([p[:, 0] for p in paces], axis=0), np.max([p[:, 1] for p in paces], axis=0)
     known = np.isfinite(low) & np.isfinite(high)
-    fast, slow = known & (low > 1 + CLOCK), known & (high < 1 - CLOCK)
+    fast, slow = known & (low > 1 + ALIGNING.clock_error), known & (high < 1 - ALIGNING.clock_error)
     for off in (fast, slow):
         agree = off & (high - low < 0.4 * np.abs(low - 1) + 0.01)
         if agree.sum() < min(2, known.sum()) or not agree.any():
@@ -198,7 +191,7 @@ def _against_model(log: Log, sound: Sequence[Pair], x: Array, modelled: Array, u
     """Motion against the force that drives it, in signals that agree with each other."""
     found = []
     for pair in sound:
-        length = max(3, round((WINDOW / 2 if pair.turns else WINDOW) * log.rate))
+        length = max(3, round((ALIGNING.window / 2 if pair.turns else ALIGNING.window) * log.rate))
         channels = list(pair.rates)
         own, said = (accumulated(s) for s in (np.diff(x[:, channels], axis=0), integral(modelled[:, channels], log.dt)))
         inside = _within(usable, length)

@@ -9,23 +9,15 @@ from bench.diagnose.checks.mistake import Mistake, lines
 from bench.diagnose.checks.recorded import Flight, Reading, Recorded
 from bench.diagnose.checks.relations import Signals, acceleration, boxed, felt
 from bench.diagnose.logs.consistency import slope
-from registry.datasets.folder.conversion import GRAVITY
+from bench.diagnose.settings import OFFSETTING
 from registry.datasets.reading.cleaning import delay
+from registry.datasets.folder.conversion import GRAVITY
 from registry.datasets.reading.rotations import rotate
 
 Array = np.ndarray
 
-WIDEST = 0.3
-"""Offset that is looked for [s]."""
 SAMPLES, TIME = 1.2, 0.012
 """Least offset that is one: in samples, and in seconds."""
-SURE = 0.9
-"""Least correlation of two signals whose offset is told."""
-APART = 1.5
-"""Times as much of two motions that must disagree without an offset as with it."""
-STEADY = 0.25
-"""Least spread of the offset over recordings, relative and in samples ×3, from which no one number mends it."""
-MOST = 0.75
 GROUPS: tuple[tuple[str, ...], ...] = (
     ("specific_force",),
     ("attitude",),
@@ -89,7 +81,7 @@ def clocks(recorded: Recorded, carried: bool = True) -> list[Mistake]:
     # Wind shifts tilt against acceleration as well: that pair only says which side of another is late.
     if all(f.pair.braked for f in wrong):
         return []
-    free = [f for f in wrong if f.spread > max(1.0, STEADY * abs(f.middle))]
+    free = [f for f in wrong if f.spread > max(1.0, OFFSETTING.steady * abs(f.middle))]
     told = [_varying(f, rate) for f in free if not f.pair.braked]
     found, wrong = ([f for f in fs if f not in free] for fs in (found, wrong))
     best: tuple[int, int, tuple[str, ...], float] | None = None
@@ -130,18 +122,18 @@ def _lag(flights: Sequence[Flight], reading: Reading, pair: _Pair) -> _Lag | Non
     lags = {}
     for flight in flights:
         x = flight.signals(reading, ("attitude", "velocity", *names))
-        widest = round(WIDEST * flight.rate)
+        widest = round(OFFSETTING.widest * flight.rate)
         if len(flight) < 8 * widest:
             continue
         a, b, inside = pair.show(flight, x)
         a, b = (np.where(inside[:, None], v - v[inside].mean(axis=0), 0.0) if inside.any() else v for v in (a, b))
         beside = np.where(inside[:, None], x["velocity"][:, :2], 0.0) if pair.braked else None
         shift, how = delay(a, b, widest, beside)
-        if how > SURE and abs(shift) < 0.9 * widest:
+        if how > OFFSETTING.least_correlation and abs(shift) < 0.9 * widest:
             # Slow motion agrees with itself at many offsets, and noise picks one.
-            agrees = 1 - _together(a, b) < APART * (1 - how) and not pair.braked
+            agrees = 1 - _together(a, b) < OFFSETTING.least_disagreement * (1 - how) and not pair.braked
             lags[flight.name] = 0.0 if agrees else shift
-    return _Lag(pair, lags) if len(lags) >= max(1, MOST * len(flights)) else None
+    return _Lag(pair, lags) if len(lags) >= max(1, OFFSETTING.recordings * len(flights)) else None
 
 
 def _together(a: Array, b: Array) -> float:

@@ -10,27 +10,14 @@ from bench.diagnose.checks.mistake import Mistake, lines
 from bench.diagnose.checks.recorded import Flight, Reading, Recorded, joined
 from bench.diagnose.checks.relations import CARRIED, KINEMATIC, Relation, lifting, misfit
 from bench.diagnose.checks.rotors import pace_of, torque
+from bench.diagnose.settings import MENDING
 
 Array = np.ndarray
 
-WRONG = 0.6
-"""Misfit from which an axis is said not to agree …"""
-FALL = 0.4
-"""… by how much it must fall …"""
 RIGHT, LOOSE = 0.4, 0.72
 """… and below what, in relations that nothing but reading spoils and in others."""
-MOST = 0.75
-"""Share of the recordings that must say so."""
-WORSE = 0.25
-"""How much worse another axis may become that agreed."""
 ROTORS = ("rotor_speed", "rotor_command", "pwm")
 """Inputs that are one a rotor."""
-ALIKE = 0.15
-"""Total misfit between two changes that are told together: either may be right."""
-SURE = 0.08
-"""Misfit below which two signals agree beyond doubt. Where one is the integral of the other and it is more, …"""
-CLEARED = 0.15
-"""… a change is named that leaves no more than this share of it."""
 PROBE, PROBED, KEPT = 6.0, 4, 10
 """Seconds of each of so many recordings on which all changes are tried, and how many are tried on everything."""
 _SIDES = {
@@ -38,10 +25,6 @@ _SIDES = {
     "moving": (("position",), ("velocity",)),
     "tilting": (("attitude",), ("velocity", "position")),
 }
-SAME = 1e-6
-"""Total misfit between changes that are the same by another name."""
-PASSES = 4
-"""Mistakes of one folder that are looked for, one after the other."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +58,7 @@ def conventions(recorded: Recorded, carried: bool = True) -> list[Mistake]:
     if not relations:
         return []
     reading, before = first, _score(recorded.flights, first, relations)
-    for _ in range(PASSES):
+    for _ in range(MENDING.passes):
         step = _best(recorded.flights, reading, relations, before)
         if step is None:
             break
@@ -134,7 +117,7 @@ def _best(
     flights: Sequence[Flight], reading: Reading, relations: Sequence[Relation], before: _Scores
 ) -> tuple[Edit, _Scores, list[Edit]] | None:
     """The change after which most agrees, and others that do as well."""
-    wrong = [r for r in relations if (before.middle()[r.name] > (SURE if r.exact else WRONG)).any()]
+    wrong = [r for r in relations if (before.middle()[r.name] > (MENDING.sure if r.exact else MENDING.wrong)).any()]
     if not wrong:
         return None
     signals = list(dict.fromkeys(n for r in wrong for n in (*r.needs, *r.either)))
@@ -151,9 +134,9 @@ def _best(
     others = [
         e
         for total, _, e, scores in tried[1:]
-        if total < least + ALIKE
+        if total < least + MENDING.alike
         and (e.kind, e.signals) != (edit.kind, edit.signals)
-        and abs(scores.total() - after.total()) > SAME
+        and abs(scores.total() - after.total()) > MENDING.same
     ]
     return edit, after, others
 
@@ -163,7 +146,7 @@ def _breaks(edit: Edit, reading: Reading, relations: Sequence[Relation], before:
     for relation in relations:
         if relation.name == "tilting" and edit.kind == "frame" and edit.signals == ("velocity",):
             continue  # a vehicle that keeps its heading hardly shows it in its tilt
-        if relation.name in _SIDES and (before.middle()[relation.name] < SURE).all():
+        if relation.name in _SIDES and (before.middle()[relation.name] < MENDING.sure).all():
             one, other = ([n for n in side if n in reading.signals][:1] for side in _SIDES[relation.name])
             if any(n in edit.signals for n in one) != any(n in edit.signals for n in other):
                 return True
@@ -181,7 +164,7 @@ def _promising(
     totals = [
         (_score(probe, e.reading, relations, before, e.signals).total() + e.cost, i, e) for i, e in enumerate(among)
     ]
-    return [e for total, _, e in sorted(totals, key=lambda t: t[:2])[:KEPT] if total < level - SURE / 2]
+    return [e for total, _, e in sorted(totals, key=lambda t: t[:2])[:KEPT] if total < level - MENDING.sure / 2]
 
 
 def _plain(relations: Sequence[Relation], before: _Scores, after: _Scores) -> bool:
@@ -189,18 +172,18 @@ def _plain(relations: Sequence[Relation], before: _Scores, after: _Scores) -> bo
     old, new, mended = before.middle(), after.middle(), False
     for relation in relations:
         was, now = old[relation.name], new[relation.name]
-        if ((now > was + WORSE) & (was < WRONG)).any():
+        if ((now > was + MENDING.worse) & (was < MENDING.wrong)).any():
             return False
         a, b = before.of[relation.name], after.of[relation.name]
         told = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
         if not told.any():
             continue
-        fallen = (was > WRONG) & (was - now > FALL) & (now < (RIGHT if relation.firm else LOOSE))
-        often = ((a[told] - b[told]) > FALL / 2).mean(axis=0) >= MOST
+        fallen = (was > MENDING.wrong) & (was - now > MENDING.fall) & (now < (RIGHT if relation.firm else LOOSE))
+        often = ((a[told] - b[told]) > MENDING.fall / 2).mean(axis=0) >= MENDING.recordings
         mended |= bool((fallen & often).any())
         if relation.exact:
-            cleared = (was > SURE) & (now < CLEARED * was) & (now < SURE)
-            mended |= bool((cleared & ((b[told] < a[told] / 2).mean(axis=0) >= MOST)).any())
+            cleared = (was > MENDING.sure) & (now < MENDING.cleared * was) & (now < MENDING.sure)
+            mended |= bool((cleared & ((b[told] < a[told] / 2).mean(axis=0) >= MENDING.recordings)).any())
     return mended
 
 
@@ -222,7 +205,9 @@ def _mistake(
     axis = int((old[most.name] - new[most.name]).argmax())
     was, now = (float(x[most.name][axis]) for x in (old, new))
     table = before.of[most.name][:, axis] - after.of[most.name][:, axis]
-    recordings = tuple(f.name for f, d in zip(recorded.flights, table, strict=True) if d > min(FALL, was - now) / 2)
+    recordings = tuple(
+        f.name for f, d in zip(recorded.flights, table, strict=True) if d > min(MENDING.fall, was - now) / 2
+    )
     subject = _called(edit)
     # A misfit beyond one is as good as none: the signal would better be left out.
     fall = 1 - now / min(was, 1.0) if most.firm else 1 - (1 - (1 - min(now, 1.0)) ** 2) / 1.0

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 from bench.diagnose.checks.recorded import Reading
+from bench.diagnose.settings import MENDING
 from registry.datasets.folder.signals import SignalColumns
 
 UNITS = {
@@ -15,10 +16,6 @@ UNITS = {
 }
 """In which each signal is logged by one vehicle or another."""
 WORLD, BODY = ("position", "velocity"), ("body_rates", "specific_force")
-ODD = 0.06
-"""Total misfit by which an uncommon change must be better than a common one."""
-SOME = 0.03
-"""The same of one that is less common."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,7 @@ def edits(reading: Reading, signals: Sequence[str]) -> Iterator[Edit]:
     if all(n in known for n in WORLD):
         yield from _units(reading, WORLD)
         yield from _axes(reading, WORLD)
-        yield Edit("frame", WORLD, "north-east-down", _framed(reading, WORLD, "ned"), SOME)
+        yield Edit("frame", WORLD, "north-east-down", _framed(reading, WORLD, "ned"), MENDING.less_common)
     if reading.drive in known and reading.positions:
         yield from _rotors(reading)
 
@@ -75,12 +72,12 @@ def _everything(reading: Reading) -> Iterator[Edit]:
     if "attitude" in s:
         body = _framed(_framed(reading, ("attitude",), "ned"), BODY, "frd")
         told = tuple(n for n in ("attitude", *BODY) if n in s)
-        yield Edit("frame", told, "forward-right-down to north-east-down", body, SOME)
+        yield Edit("frame", told, "forward-right-down to north-east-down", body, MENDING.less_common)
         rates = _framed(_framed(reading, (*WORLD, "attitude"), "ned"), ("body_rates",), "frd")
         if "specific_force" in s:
-            yield Edit("frame", names[:-1], "north-east-down, forward-right-down", rates, SOME)
+            yield Edit("frame", names[:-1], "north-east-down, forward-right-down", rates, MENDING.less_common)
     if all(n in s for n in BODY):
-        yield Edit("frame", BODY, "forward-right-down", _framed(reading, BODY, "frd"), SOME)
+        yield Edit("frame", BODY, "forward-right-down", _framed(reading, BODY, "frd"), MENDING.less_common)
 
 
 def _units(reading: Reading, names: Sequence[str]) -> Iterator[Edit]:
@@ -92,7 +89,7 @@ def _units(reading: Reading, names: Sequence[str]) -> Iterator[Edit]:
             differs |= other != reading.signals[name].unit
             changed = changed.with_signal(name, unit=other)
         if differs:
-            yield Edit("unit", tuple(names), unit, changed, SOME * (len(names) - 1))
+            yield Edit("unit", tuple(names), unit, changed, MENDING.less_common * (len(names) - 1))
 
 
 def _frames(reading: Reading, name: str) -> Iterator[Edit]:
@@ -143,7 +140,7 @@ def _gravity(reading: Reading, turned: bool) -> Iterator[Edit]:
             said.append({"body": "forward-left-up", "frd": "forward-right-down"}.get(frame, "in the world frame"))
         changes = (gravity != (now.gravity or "included"), unit != now.unit, columns != now.columns)
         kind = next((k for k, c in zip(("gravity", "unit", "swapped sign"), changes, strict=True) if c), "frame")
-        cost = SOME * (len(said) - 1) + ODD * (frame == "ned")
+        cost = MENDING.less_common * (len(said) - 1) + MENDING.uncommon * (frame == "ned")
         yield Edit(
             kind, ("specific_force",), ", ".join(said), reading.with_signal("specific_force", **vars(changed)), cost
         )
@@ -166,7 +163,9 @@ def _axes(reading: Reading, names: Sequence[str]) -> Iterator[Edit]:
                 changed = changed.with_signal(name, columns=_signed([columns[i] for i in order], signs))
             moved, turned = sum(o != i for i, o in enumerate(order)), signs.count(-1)
             kind = "swapped axes" if moved else "swapped sign"
-            cost = SOME * (turned > 1 or (moved and turned) or moved > 2) + ODD * (len(names) - 1)
+            cost = MENDING.less_common * (turned > 1 or (moved and turned) or moved > 2) + MENDING.uncommon * (
+                len(names) - 1
+            )
             yield Edit(kind, tuple(names), ", ".join(changed.signals[names[0]].columns), changed, cost)
 
 
@@ -197,7 +196,7 @@ def _attitude(reading: Reading) -> Iterator[Edit]:
         said += ["world to body"] if inverse else []
         said += ["north-east-down"] if framed != now.frame else []
         changed = reading.with_signal("attitude", convention=convention, columns=columns, frame=framed)
-        yield Edit(kind, ("attitude",), ", ".join(said), changed, SOME * (len(said) - 1))
+        yield Edit(kind, ("attitude",), ", ".join(said), changed, MENDING.less_common * (len(said) - 1))
 
 
 def _angles(reading: Reading, now: SignalColumns) -> Iterator[Edit]:
@@ -207,7 +206,7 @@ def _angles(reading: Reading, now: SignalColumns) -> Iterator[Edit]:
             kind = "unit" if changes[0] else "euler convention" if changes[1] else "frame"
             said = [x for x, c in zip((unit, convention, "north-east-down"), changes, strict=True) if c]
             changed = reading.with_signal("attitude", unit=unit, convention=convention, frame=frame)
-            yield Edit(kind, ("attitude",), ", ".join(said), changed, SOME * (len(said) - 1))
+            yield Edit(kind, ("attitude",), ", ".join(said), changed, MENDING.less_common * (len(said) - 1))
     for order in permutations(range(3)):
         for signs in product((1, -1), repeat=3):
             moved, turned = order != (0, 1, 2), signs.count(-1)
@@ -215,7 +214,7 @@ def _angles(reading: Reading, now: SignalColumns) -> Iterator[Edit]:
                 columns = _signed([now.columns[i] for i in order], signs)
                 kind = "swapped axes" if moved else "swapped sign"
                 changed = reading.with_signal("attitude", columns=columns)
-                cost = SOME * (turned > 1 or bool(moved and turned)) + SOME
+                cost = MENDING.less_common * (turned > 1 or bool(moved and turned)) + MENDING.less_common
                 yield Edit(kind, ("attitude",), ", ".join(columns), changed, cost)
 
 
@@ -239,14 +238,14 @@ def _rotors(reading: Reading) -> Iterator[Edit]:
             kind = "rotor order" if moved else "rotor directions"
             told = f"{said}, with directions of the opposite sign" if moved else "of the opposite sign"
             turned = replace(changed, directions=against)
-            yield Edit(kind, (reading.drive,), told, turned, ODD * moved)
+            yield Edit(kind, (reading.drive,), told, turned, MENDING.uncommon * moved)
     for swapped, sx, sy in product((False, True), (1, -1), (1, -1)):
         if (swapped, sx, sy) != (False, 1, 1):
             hubs = tuple((sx * (y if swapped else x), sy * (x if swapped else y), z) for x, y, z in _whole(reading))
             what = ", ".join(
                 (["x and y swapped"] if swapped else []) + [f"{a} negative" for a, s in (("x", sx), ("y", sy)) if s < 0]
             )
-            yield Edit("rotor positions", (reading.drive,), what, replace(reading, positions=hubs), SOME)
+            yield Edit("rotor positions", (reading.drive,), what, replace(reading, positions=hubs), MENDING.less_common)
 
 
 def _whole(reading: Reading) -> list[tuple[float, float, float]]:

@@ -5,24 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.diagnose.logs.consistency import ENDS, HALF, View, accumulated, change, modelled, outlying, slope, spread
+from bench.diagnose.logs.consistency import View, accumulated, change, modelled, outlying, slope, spread
 from bench.diagnose.result import DataProblem
+from bench.diagnose.settings import READING, SPIKING
 from registry.datasets.reading.cleaning import fill, runs, widen
 
 Array = np.ndarray
-
-FAR = 10.0
-"""How far an excursion lies from its neighbours, over the spread of what two signals say of each other."""
-TAIL = 4.0
-"""The same over the size that one sample in a hundred exceeds."""
-APART = 3.0
-"""How many times larger than every lesser excursion of the same signal one must be: real sensors have long tails."""
-INPUT = 0.15
-"""Least spike of an input, over its mean size."""
-RESPONSE = 12
-"""Samples about a spike of an input in which the motion would answer, however it was smoothed."""
-MANY = 5
-"""Spikes of one signal in a recording that are listed one by one, and that a measured input may have."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +32,12 @@ def standing_out(events: Sequence[Event]) -> tuple[list[DataProblem], list[DataP
     for kind in dict.fromkeys((e.problem.signal, e.problem.kind) for e in events):
         alike = sorted((e for e in events if (e.problem.signal, e.problem.kind) == kind), key=lambda e: -e.strength)
         following = [*(e.strength for e in alike[1:]), 1.0]
-        apart = [i for i, e in enumerate(alike) if e.strength > APART * following[i]]
+        apart = [i for i, e in enumerate(alike) if e.strength > SPIKING.ratio * following[i]]
         first = apart[-1] + 1 if apart else 0
         far, rest = ([e.problem for e in part] for part in (alike[:first], alike[first:]))
         for recording in dict.fromkeys(p.recording for p in far):
             some = [p for p in far if p.recording == recording]
-            stopping += some if len(some) <= MANY else [_summed(some)]
+            stopping += some if len(some) <= SPIKING.listed else [_summed(some)]
         if rest:
             minor.append(_summed(rest))
     return stopping, minor
@@ -78,7 +66,9 @@ def excursions(view: View) -> list[Event]:
 
 def _beside(spike: Event, jump: Event) -> bool:
     (first, last), (before, after) = spike.problem.rows or (0, 0), jump.problem.rows or (0, 0)
-    return spike.strength < jump.strength and first - HALF <= after and before <= last + HALF
+    return (
+        spike.strength < jump.strength and first - READING.half_width <= after and before <= last + READING.half_width
+    )
 
 
 # --------------------------------------------------------------------------------------------------------- spikes
@@ -108,22 +98,24 @@ def _of_signal(view: View, signal: str, channels: tuple[int, ...], y: Array, own
 
 
 def _outliers(y: Array, own: Array, usable: Array) -> list[tuple[int, int, float, float]]:
-    """Excursions of up to `HALF` samples of y (N, c) that are the signal's ``own`` (N, c): first, last, strength, size.
+    """Excursions of y (N, c) that are the signal's ``own`` (N, c): first, last, strength, size.
+
+    They are up to `READING.half_width` samples long.
 
     In ``y`` the motion itself has cancelled; in ``own`` it has not, but faults of the other signal are not in it.
     """
-    if usable.sum() < 4 * ENDS:
+    if usable.sum() < 4 * READING.ends:
         return []
     far, confirmed = outlying(y), outlying(own)
     noise = spread(np.diff(y, 2, axis=0)[usable[1:-1]]) / 6**0.5
-    limit = np.maximum(FAR * noise, TAIL * np.quantile(np.abs(far[usable]), 0.99, axis=0))
+    limit = np.maximum(SPIKING.distance * noise, SPIKING.tail * np.quantile(np.abs(far[usable]), 0.99, axis=0))
     limit = np.maximum(limit, 1e-9 * np.abs(own).max(axis=0) + 1e-300)
     strength = np.where((far * confirmed > 0.5 * far * far) & usable[:, None], np.abs(far) / limit, 0.0)
     found, greatest = [], strength.max(axis=1)
     for a, b in runs(greatest > 1):
         # The median beside a spike moves a little: only what is of its size belongs to it.
         core = a + np.flatnonzero(greatest[a:b] > 0.3 * greatest[a:b].max())
-        if np.ptp(core) < HALF:
+        if np.ptp(core) < READING.half_width:
             k = a + int(greatest[a:b].argmax())
             size = np.abs(far[k, strength[k].argmax()])
             found.append((int(core[0]), int(core[-1]), float(greatest[k]), float(size)))
@@ -151,8 +143,8 @@ def _input_spikes(view: View) -> list[Event]:
     if view.model.input_hold == "previous" or not rates or not view.driving.shape[1] or not view.usable.any():
         return []
     mean = np.abs(view.driving[view.usable]).mean()
-    candidates = [c for c in _outliers(view.driving, view.driving, view.usable) if c[3] > INPUT * mean]
-    if not 0 < len(candidates) <= MANY:
+    candidates = [c for c in _outliers(view.driving, view.driving, view.usable) if c[3] > SPIKING.input * mean]
+    if not 0 < len(candidates) <= SPIKING.listed:
         return []  # what comes again and again is how the system is driven
     inputs = view.log.inputs.numpy().copy()
     inputs[:, : view.driving.shape[1]] = _bridged(view.driving, [(a, b) for a, b, _, _ in candidates])
@@ -162,12 +154,12 @@ def _input_spikes(view: View) -> list[Event]:
     noise = np.maximum(spread(np.diff(without, axis=0)[view.usable[1:-1]]) / 2**0.5, 1e-12)
     found = []
     for first, last, strength, size in candidates:
-        near, wide = slice(first - 2, last + 2), slice(max(0, first - RESPONSE), last + RESPONSE)
+        near, wide = slice(first - 2, last + 2), slice(max(0, first - SPIKING.response), last + SPIKING.response)
         usual = np.median(without[wide], axis=0)
         wrong, right = (float((((e[near] - usual) / noise) ** 2).sum()) for e in (given, without))
         # Smoothing spreads an answer over time but keeps its sum.
         total, rest = (float((((e[wide] - usual).sum(axis=0) / noise) ** 2).sum()) for e in (given, without))
-        if wrong - right > FAR**2 and right < 0.3 * wrong and rest < 0.3 * total:
+        if wrong - right > SPIKING.distance**2 and right < 0.3 * wrong and rest < 0.3 * total:
             found.append(Event(_spike(view, view.drive, first, last, size, "the motion"), strength))
     return found
 
@@ -180,7 +172,7 @@ def _jumps(view: View) -> list[Event]:
     kinematic = {p.signal: view.steps(p) for p in view.pairs}
     dynamic = {p.rate: view.beyond_model(p.rates) for p in view.pairs}
     usable = _steps(view.usable)
-    if not kinematic or len({**kinematic, **dynamic}) < 2 or usable.sum() < 4 * ENDS:
+    if not kinematic or len({**kinematic, **dynamic}) < 2 or usable.sum() < 4 * READING.ends:
         return []
     sizes = {s: _sizes(e, usable) for s, e in {**kinematic, **dynamic}.items()}
     around = {s: np.max([z, np.roll(z, 1), np.roll(z, -1)], axis=0) for s, z in sizes.items()}
@@ -201,7 +193,7 @@ def _sizes(steps: Array, usable: Array) -> Array:
     """Each step (N − 1,) against its neighbours, over the least that is looked at; the greatest of the axes."""
     far = np.abs(outlying(steps))
     noise = spread(np.diff(steps, axis=0)[widen(~usable, 1)[1:] == 0]) / 2**0.5
-    limit = np.maximum(FAR * noise, TAIL * np.quantile(far[usable], 0.99, axis=0))
+    limit = np.maximum(SPIKING.distance * noise, SPIKING.tail * np.quantile(far[usable], 0.99, axis=0))
     return np.where(usable, np.where(limit > 0, far / np.maximum(limit, 1e-300), 0.0).max(axis=1), 0.0)
 
 

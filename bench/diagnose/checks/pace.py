@@ -4,11 +4,10 @@ import numpy as np
 
 from bench.diagnose.checks.mistake import Mistake
 from bench.diagnose.checks.recorded import Recorded
+from bench.diagnose.settings import SPIKING
 
 SLOW, SLOWER = 60.0, 20.0
 """Rates [Hz] from which body rates are looked at, and at which a small rotorcraft always turns too fast."""
-MISSED = 0.3
-"""Share of the body rates (rms) that a sample's neighbours do not tell, from which rotations are lost."""
 
 
 def pace(recorded: Recorded) -> list[Mistake]:
@@ -22,7 +21,7 @@ def pace(recorded: Recorded) -> list[Mistake]:
         if len(between) > 10:
             size = np.sqrt(np.mean((rates - rates.mean(axis=0)) ** 2))
             missed.append(float(np.sqrt(np.mean(between**2)) / max(float(size), 1e-12)))
-    if not missed or (np.median(missed) < MISSED and recorded.rate > SLOWER):
+    if not missed or (np.median(missed) < SPIKING.missed and recorded.rate > SLOWER):
         return []
     detail = (
         f"{recorded.rate:g} Hz is too slow for rotations: {np.median(missed):.0%} of the body rates cannot be told "

@@ -13,21 +13,14 @@ import numpy as np
 from bench.diagnose.checks.alignment import alignment
 from bench.diagnose.checks.excursions import Event, excursions, standing_out
 from bench.diagnose.checks.shifts import shifts
-from bench.diagnose.logs.consistency import ENDS, View, accumulated, change, integral, slope, spread
+from bench.diagnose.logs.consistency import View, accumulated, change, integral, slope, spread
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import DataProblem
+from bench.diagnose.settings import FREEZING, READING
 from registry.datasets.reading.cleaning import held, runs
 from registry.dynamics import PhysicsModel
 
 Array = np.ndarray
-
-HELD_TIME = 0.15
-"""Shortest time for which a sensor that repeats its value is taken for frozen [s]."""
-HELD_SAMPLES = 10
-RARE = 0.001
-"""Share of repeated values elsewhere, below which a signal does not repeat itself by nature."""
-UNIT_LENGTH = 0.02
-"""How far the length of a quaternion may be from one."""
 
 
 class Checked(NamedTuple):
@@ -69,7 +62,7 @@ def problems(subject: Subject) -> Checked:
 
 def _of_log(model: PhysicsModel, log: Log) -> tuple[list[DataProblem], list[Event]]:
     broken = list(_broken(log))
-    if broken or len(log) < 4 * ENDS:
+    if broken or len(log) < 4 * READING.ends:
         return broken, []
     view = View(model, log)
     found = list(_clipped(view)) or list(_frozen(view))
@@ -97,7 +90,7 @@ def _broken(log: Log) -> Iterator[DataProblem]:
     at = [i for i, c in enumerate(channels) if c.group == "attitude"]
     if len(at) == 4 and not wrong[:, at].any():
         length = np.linalg.norm(columns[:, at], axis=1)
-        bad = (np.abs(length - 1) > UNIT_LENGTH) & valid
+        bad = (np.abs(length - 1) > FREEZING.unit_length) & valid
         if bad.any():
             worst = float(length[bad][np.abs(length[bad] - 1).argmax()])
             detail = f"{int(bad.sum())} quaternions are not of unit length, one has length {worst:.3g}."
@@ -136,7 +129,7 @@ def _clipped(view: View) -> Iterator[DataProblem]:
 def _frozen(view: View) -> Iterator[DataProblem]:
     """A sensor that repeats its value while the other one says that it changes."""
     valid = view.log.valid.numpy()
-    shortest = max(HELD_SAMPLES, round(HELD_TIME / view.dt))
+    shortest = max(FREEZING.held_samples, round(FREEZING.held / view.dt))
     moving = ~held(view.x[:, list(view.log.measured)])
     for pair in view.pairs:
         for signal, own, other in ((pair.signal, pair.channels, pair.rates), (pair.rate, pair.rates, pair.channels)):
@@ -173,7 +166,7 @@ def _repeats(still: Array, valid: Array, first: int, end: int) -> bool:
     """Whether a signal repeats values by nature: it does so elsewhere as well."""
     elsewhere = valid.copy()
     elsewhere[first:end] = False
-    return bool(still[elsewhere].sum() > RARE * max(1, elsewhere.sum()))
+    return bool(still[elsewhere].sum() > FREEZING.rare * max(1, elsewhere.sum()))
 
 
 def _frozen_problem(view: View, signal: str, first: int, end: int, other: str) -> DataProblem:

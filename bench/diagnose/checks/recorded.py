@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from bench.diagnose.settings import SAMPLING
 from registry.contracts import Recording
 from registry.core import PHYSICS
 from registry.datasets.folder.clock import nearest
@@ -23,11 +24,6 @@ if TYPE_CHECKING:
 
 Array = np.ndarray
 T = TypeVar("T")
-
-MOST = 8
-"""Recordings that are looked at, spread over all."""
-LONGEST = 30.0
-"""Of each, from its middle [s]."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +135,7 @@ def of_folder(folder: str | Path) -> Recorded:
         if description.input:
             x = flight.signals(reading, ("attitude", "velocity", "body_rates", description.input))
             flight.valid &= ~resting(x, x[description.input], description.rate)
-        flights.append(flight.part(LONGEST))
+        flights.append(flight.part(SAMPLING.longest))
     stated = {**physics, **description.environment}
     return Recorded(tuple(flights), reading, description.rate, stated, description.input_hold)
 
@@ -157,7 +153,7 @@ def of_subject(subject: "Subject") -> Recorded:
         if hasattr(subject.model, p)
     }
     reading = _reading(_as_read(recordings), drive, constants)
-    flights = tuple(_flight(r).part(LONGEST) for r in _spread(recordings))
+    flights = tuple(_flight(r).part(SAMPLING.longest) for r in _spread(recordings))
     return Recorded(flights, reading, recordings[0].rate, constants, subject.model.input_hold)
 
 
@@ -195,7 +191,7 @@ def _reading(signals: Mapping[str, SignalColumns], drive: str, stated: Mapping[s
 
 
 def _spread(of: Sequence[T]) -> list[T]:
-    count = min(len(of), MOST)
+    count = min(len(of), SAMPLING.recordings)
     return [of[round((i + 0.5) * len(of) / count - 0.5)] for i in range(count)]
 
 

@@ -13,23 +13,13 @@ from scipy.ndimage import uniform_filter1d
 
 from bench.diagnose.checks.recorded import Flight, Reading
 from bench.diagnose.logs.consistency import accumulated, change, integral
-from registry.datasets.folder.conversion import GRAVITY
+from bench.diagnose.settings import SAMPLING
 from registry.datasets.reading.cleaning import widen
+from registry.datasets.folder.conversion import GRAVITY
 from registry.datasets.reading.rotations import rotate
 
 Array = np.ndarray
 Signals = Mapping[str, Array]
-
-WINDOW = 0.3
-"""Over which changes are compared [s]."""
-HALF = 0.06
-"""Half of the time over which an acceleration is the change of the velocity [s]."""
-FEW = 60
-"""Samples that are too few to judge."""
-STRIDE = 3
-"""Of the samples that are compared: windows overlap."""
-TAIL = 0.01
-"""Share of the samples at either end that are brought in to their neighbours' size."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +46,16 @@ class Relation:
 
 def misfit(measured: Array, said: Array) -> Array:
     """Of each axis (c,) of (N, c); the largest samples count no more than those that one in a hundred exceeds."""
-    m, s = calmed(measured[::STRIDE]), calmed(said[::STRIDE])
+    m, s = calmed(measured[:: SAMPLING.stride]), calmed(said[:: SAMPLING.stride])
     size = (m * m + s * s).sum(axis=0)
     out: Array = np.where(size > 0, ((m - s) ** 2).sum(axis=0) / np.where(size > 0, size, 1.0), 1.0)
     return out
 
 
 def calmed(x: Array) -> Array:
-    """Columns (N, c) of which the largest samples are brought in; see `TAIL`."""
+    """Columns (N, c) of which the largest samples are brought in; see `SAMPLING.tail`."""
     ordered = np.sort(x, axis=0)
-    count = int(TAIL * len(x))
+    count = int(SAMPLING.tail * len(x))
     return np.clip(x, ordered[count], ordered[-1 - count])
 
 
@@ -81,10 +71,10 @@ def _moving(flight: Flight, reading: Reading, x: Signals) -> tuple[Array, Array]
 
 
 def _changes(flight: Flight, steps: Array, rate: Array) -> tuple[Array, Array] | None:
-    length = max(2, round(WINDOW * flight.rate))
+    length = max(2, round(SAMPLING.window * flight.rate))
     a, b = accumulated(steps), accumulated(integral(rate, 1 / flight.rate))
     inside = _within(flight.valid, length)
-    if inside.sum() < FEW:
+    if inside.sum() < SAMPLING.few:
         return None
     return (a[length:] - a[:-length])[inside], (b[length:] - b[:-length])[inside]
 
@@ -100,7 +90,7 @@ def _within(valid: Array, length: int) -> Array:
 
 def acceleration(flight: Flight, x: Signals) -> tuple[Array, Array]:
     """dv/dt (N, 3) in the world from velocity, else from position [m/s²], and where it can be trusted (N,)."""
-    half = max(1, round(HALF * flight.rate))
+    half = max(1, round(SAMPLING.half_width * flight.rate))
     dt = 1 / flight.rate
     if "velocity" in x:
         slope = _centred(x["velocity"], half, dt)
@@ -120,7 +110,7 @@ def _centred(x: Array, half: int, dt: float) -> Array:
 
 def boxed(flight: Flight, x: Array) -> Array:
     """The mean (N, c) over the time over which accelerations are taken."""
-    half = max(1, round(HALF * flight.rate))
+    half = max(1, round(SAMPLING.half_width * flight.rate))
     out: Array = uniform_filter1d(x, 2 * half + 1, axis=0)
     return out
 
@@ -130,7 +120,7 @@ def _tilting(flight: Flight, reading: Reading, x: Signals) -> tuple[Array, Array
     a, inside = acceleration(flight, x)
     up = boxed(flight, rotate(x["attitude"], np.broadcast_to([0.0, 0.0, 1.0], a.shape)))
     inside &= np.abs(up[:, 2]) > 0.3
-    if inside.sum() < FEW:
+    if inside.sum() < SAMPLING.few:
         return None
     pull = (a[:, 2] + GRAVITY[2])[inside]
     said = (pull / np.abs(up[inside, 2]))[:, None] * up[inside, :2]
@@ -146,7 +136,7 @@ def felt(flight: Flight, x: Signals) -> tuple[Array, Array]:
 
 def _weighing(flight: Flight, reading: Reading, x: Signals) -> tuple[Array, Array] | None:
     said, inside = felt(flight, x)
-    if inside.sum() < FEW:
+    if inside.sum() < SAMPLING.few:
         return None
     measured = boxed(flight, x["specific_force"])[inside]
     said = said[inside]
@@ -159,7 +149,7 @@ def _weighing(flight: Flight, reading: Reading, x: Signals) -> tuple[Array, Arra
 def _hanging(flight: Flight, reading: Reading, x: Signals) -> tuple[Array, Array] | None:
     """Without an attitude: in the mean, body z carries the weight."""
     measured = x["specific_force"][flight.valid, 2:]
-    if len(measured) < FEW:
+    if len(measured) < SAMPLING.few:
         return None
     mean = np.full_like(measured, measured.mean())
     return mean, np.full_like(mean, GRAVITY[2])
@@ -195,7 +185,7 @@ def kicks(flight: Flight, rates: Array, thrusts: Array, burst: float) -> tuple[A
     """
     length = max(1, round(burst * flight.rate))
     inside = _within(flight.valid, 2 * length)
-    if inside.sum() < FEW:
+    if inside.sum() < SAMPLING.few:
         return None
     impulse = accumulated((thrusts[1:] + thrusts[:-1]) / 2 / flight.rate)
     spin = np.sqrt(np.maximum(thrusts, 0))
@@ -208,7 +198,7 @@ def _lifting(flight: Flight, reading: Reading, x: Signals) -> tuple[Array, Array
         force, inside = felt(flight, x)
     else:
         force, inside = boxed(flight, x["specific_force"]), flight.valid.copy()
-    if inside.sum() < FEW:
+    if inside.sum() < SAMPLING.few:
         return None
     thrust = boxed(flight, (x[reading.drive] ** 2).sum(axis=1, keepdims=True))[inside]
     measured = force[inside, 2:]

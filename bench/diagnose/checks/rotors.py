@@ -7,17 +7,10 @@ import numpy as np
 from scipy.optimize import nnls
 
 from bench.diagnose.checks.recorded import Flight, Reading
-from bench.diagnose.checks.relations import STRIDE, Relation, Signals, calmed, followed, kicks
+from bench.diagnose.checks.relations import Relation, Signals, calmed, followed, kicks
+from bench.diagnose.settings import SAMPLING, TURNING
 
 Array = np.ndarray
-
-BURSTS = (0.05, 0.1, 0.2)
-"""Times over which the change of the change of the body rates is looked at [s]: the shortest that noise allows, since
-what moves slowly with the speed of flight, such as drag and flapping, then falls out."""
-LAGS = (0.0, 0.02, 0.04, 0.08, 0.15)
-"""Of first order, with which rotors may follow what is logged of them [s]."""
-ENOUGH = 4
-"""Recordings from which the pace is taken."""
 
 
 @dataclass(frozen=True)
@@ -73,19 +66,19 @@ def _sized(x: Array) -> Array:
 
 def pace_of(flights: Sequence[Flight], reading: Reading) -> Pace:
     """The pace that explains most, whichever rotor is which: each has free gains."""
-    left = np.zeros((len(LAGS), len(BURSTS), 2))
-    for flight in flights[:ENOUGH]:
+    left = np.zeros((len(TURNING.lags), len(TURNING.bursts), 2))
+    for flight in flights[: TURNING.recordings]:
         x = flight.signals(reading, ("body_rates", reading.drive))
-        for i, lag in enumerate(LAGS):
+        for i, lag in enumerate(TURNING.lags):
             acting = followed(x[reading.drive] ** 2, lag, flight.rate)
-            for j, burst in enumerate(BURSTS):
+            for j, burst in enumerate(TURNING.bursts):
                 found = kicks(flight, x["body_rates"], acting, burst)
                 if found is not None:
-                    rates, impulse, spin = (calmed(v[::STRIDE]) for v in found)
+                    rates, impulse, spin = (calmed(v[:: SAMPLING.stride]) for v in found)
                     left[i, j, 0] += _unexplained(rates[:, :2], impulse)
                     left[i, j, 1] += _unexplained(rates[:, 2:], np.column_stack([impulse, spin]))
-    at, tilt = divmod(int(left[..., 0].argmin()), len(BURSTS))
-    return Pace(LAGS[at], BURSTS[tilt], BURSTS[int(left[at, :, 1].argmin())])
+    at, tilt = divmod(int(left[..., 0].argmin()), len(TURNING.bursts))
+    return Pace(TURNING.lags[at], TURNING.bursts[tilt], TURNING.bursts[int(left[at, :, 1].argmin())])
 
 
 def _unexplained(y: Array, x: Array) -> float:

@@ -6,27 +6,12 @@ import torch
 from bench.diagnose.logs.consistency import Array, pairs, slope
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import DataProblem
+from bench.diagnose.settings import SHIFTING
 from registry.datasets.reading.cleaning import delay, extent, smooth, widen
 from registry.dynamics import PhysicsModel
 
-SUSPECT = 0.5
-"""Shift of all recordings that is mentioned [samples]."""
-CERTAIN = 0.7
-"""Samples by which recordings, all of them by some, must move before their inputs for a fault of the log."""
-DIFFERENT = 1.5
-"""Shift of one recording against the others that is a fault [samples]."""
-APART = 5.0
-"""Times as far as the others are from each other that it must be."""
-SMOOTHING = 13
-"""Local quadratic that all go through before they are compared [samples]: slopes are noisy."""
-SLOW = 121
-"""What a local quadratic over as many samples follows is left out: missing physics shifts it."""
-ENDS = SLOW // 2
+ENDS = SHIFTING.slow // 2
 """Samples at either end where that is another filter, which a shifted signal meets at another place."""
-SURE = 0.8
-"""Least correlation where a recording differs from the others."""
-CLEAR = 0.5
-"""Least correlation of modelled and measured acceleration at the shift."""
 
 
 def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
@@ -35,7 +20,7 @@ def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
     The first stop the analysis; the second is a suspicion, since a delay or a lag of the vehicle looks the same.
     """
     lags = {log.name: lag_of(subject.model, log) for log in subject.logs}
-    clear = {name: by for name, (by, how) in lags.items() if how > CLEAR}
+    clear = {name: by for name, (by, how) in lags.items() if how > SHIFTING.clear}
     if not clear:
         return [], []
     middle = float(np.median(list(clear.values())))
@@ -46,7 +31,11 @@ def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
         others = [v for other, v in clear.items() if other != name]
         usual = float(np.median(others)) if others else lag
         spread = max((abs(v - usual) for v in others), default=0.0)
-        if len(others) >= 3 and lags[name][1] > SURE and abs(lag - usual) > max(DIFFERENT, APART * spread):
+        if (
+            len(others) >= 3
+            and lags[name][1] > SHIFTING.least_correlation
+            and abs(lag - usual) > max(SHIFTING.different, SHIFTING.apart * spread)
+        ):
             ms = 1e3 * by_name[name].dt
             detail = (
                 f"the motion comes {lag:.1f} samples ({lag * ms:.3g} ms) after what {signal} says, in the other "
@@ -55,7 +44,7 @@ def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
             problems.append(DataProblem(name, signal, "time shift", (0, len(by_name[name]) - 1), detail))
     if (
         problems
-        or abs(middle) <= SUSPECT
+        or abs(middle) <= SHIFTING.suspect
         or 2 * len(clear) < len(lags)
         or min(clear.values()) * max(clear.values()) <= 0
     ):
@@ -71,7 +60,7 @@ def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
         f"the motion comes {abs(middle):.1f} samples ({abs(middle) * ms:.3g} ms) {side} what {signal} says: {cause}"
     )
     sentence = f"in {len(clear)} of {len(lags)} recordings {detail}"
-    if middle < -CERTAIN:
+    if middle < -SHIFTING.certain:
         # No vehicle moves before its inputs: what acts is filed too late, whatever else is missing.
         return [
             DataProblem(n, signal, "time shift", (0, len(by_name[n]) - 1), f"{sentence} No input_delay explains that.")
@@ -89,7 +78,7 @@ def lag_of(model: PhysicsModel, log: Log) -> tuple[float, float]:
     valid = extent(~widen(~log.valid.numpy(), 2))
     among = pairs(model, log.measured)
     turning = [p for p in among if p.turns] or among
-    if not count or not turning or valid.stop - valid.start < 2 * SLOW:
+    if not count or not turning or valid.stop - valid.start < 2 * SHIFTING.slow:
         return 0.0, 0.0
     channels = [c for p in turning for c in (p.rates[:2] if p.turns else p.rates)]
     x = log.states.numpy()
@@ -98,7 +87,10 @@ def lag_of(model: PhysicsModel, log: Log) -> tuple[float, float]:
     own, forced = (_rates(model, log, u)[:, channels] for u in (steady, log.inputs))
     moving = x[:, channels]
     caused, seen = forced - own, slope(moving, False, log.dt) - own
-    bands = [(smooth(a[valid], SMOOTHING) - smooth(a[valid], SLOW))[ENDS:-ENDS] for a in (caused, seen, moving)]
+    bands = [
+        (smooth(a[valid], SHIFTING.smoothing) - smooth(a[valid], SHIFTING.slow))[ENDS:-ENDS]
+        for a in (caused, seen, moving)
+    ]
     lag, how = delay(bands[0], bands[1], beside=bands[2])
     # A held command acts after its sample: the slope about a sample has half of it from the step before.
     return lag - (0.5 if model.input_hold == "previous" else 0.0), how

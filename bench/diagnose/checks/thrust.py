@@ -11,27 +11,13 @@ from bench.diagnose.checks.conventions import ROTORS
 from bench.diagnose.checks.mistake import Mistake, lines
 from bench.diagnose.checks.recorded import Flight, Reading, Recorded
 from bench.diagnose.checks.relations import boxed, felt, followed
-from bench.diagnose.checks.rotors import LAGS
+from bench.diagnose.settings import LIFTING, TURNING
 from registry.units import to_si
 
 Array = np.ndarray
 
-FAR = 2.5
-"""Factor between weight and thrust from which something else is wrong than a coefficient that is 20 or 50 % off."""
-NEAR = 1.8
-"""The same, below which another unit is right."""
 PER_RPM = to_si("rpm")[1] ** -2
 """Of a thrust coefficient given for revolutions a minute to one for rad/s."""
-MOVES = 0.05
-"""Share of the weight by which the force must vary for inputs to be judged by it."""
-CALM = 0.5
-"""Over which the force is averaged for that [s]."""
-DEAF = 0.2
-"""Correlation below which inputs have nothing to do with the force."""
-FLAT = 0.25
-"""Share of the force's variation below which a map from inputs to rotor speeds hardly moves the thrust."""
-FITS = 0.5
-"""Correlation from which a map is estimated with an offset."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +65,7 @@ def _force(flight: Flight, reading: Reading) -> _Force | None:
     if inside.sum() < 0.5 * flight.rate:
         return None
     needed, best = values[inside, 2], None
-    for lag in LAGS:
+    for lag in TURNING.lags:
         driving = boxed(flight, followed(x[reading.drive], lag, flight.rate))[inside]
         level = (driving**2).sum(axis=1)
         moving = min(float(level.std()), float(needed.std())) > 0
@@ -90,10 +76,10 @@ def _force(flight: Flight, reading: Reading) -> _Force | None:
 
 
 def _deaf(forces: Sequence[_Force], reading: Reading, rate: float) -> Mistake | None:
-    length = max(1, round(CALM * rate))
+    length = max(1, round(LIFTING.calm * rate))
     # Noise of a differentiated velocity hardly lasts that long.
-    moved = [f for f in forces if uniform_filter1d(f.needed, length).std() > MOVES * abs(f.needed.mean())]
-    if len(moved) < max(1, len(forces) / 2) or np.median([abs(f.correlation) for f in moved]) > DEAF:
+    moved = [f for f in forces if uniform_filter1d(f.needed, length).std() > LIFTING.moves * abs(f.needed.mean())]
+    if len(moved) < max(1, len(forces) / 2) or np.median([abs(f.correlation) for f in moved]) > LIFTING.deaf:
         return None
     r, size = (float(np.median(v)) for v in zip(*((f.correlation, f.needed.std()) for f in moved), strict=True))
     detail = (
@@ -125,12 +111,14 @@ def _weight(recorded: Recorded, forces: Sequence[_Force]) -> list[Mistake]:
     ratio = float(np.median([np.median(f.needed) / max(float(np.median(carried(f))), 1e-12) for f in forces]))
     names = tuple(f.name for f in forces)
     flat = [carried(f).std() / max(carried(f).mean(), 1e-12) / (f.needed.std() / abs(f.needed.mean())) for f in forces]
-    moved = [f.needed.std() > MOVES * abs(f.needed.mean()) and abs(f.correlation) > FITS for f in forces]
-    hardly = sum(moved) > len(forces) / 2 and float(np.median(np.array(flat)[moved])) < FLAT
-    if 1 / FAR < ratio < FAR and not hardly:
+    moved = [
+        f.needed.std() > LIFTING.moves * abs(f.needed.mean()) and abs(f.correlation) > LIFTING.fits for f in forces
+    ]
+    hardly = sum(moved) > len(forces) / 2 and float(np.median(np.array(flat)[moved])) < LIFTING.flat
+    if 1 / LIFTING.far < ratio < LIFTING.far and not hardly:
         return []
     what = f"the thrust that {reading.drive} gives with the stated constants is {1 / ratio:.3g} times what is needed"
-    if 1 / FAR < ratio < FAR:
+    if 1 / LIFTING.far < ratio < LIFTING.far:
         what = f"{reading.drive} hardly moves the thrust with the stated pwm_gain and pwm_offset"
     found = _unit(reading, ratio, stated) if reading.drive != "pwm" else None
     if found is not None:
@@ -153,10 +141,10 @@ def _unit(reading: Reading, ratio: float, stated: object) -> tuple[str, tuple[st
     signal = reading.signals[reading.drive]
     for unit in ("rpm", "rad/s"):
         factor = (to_si(unit)[1] / to_si(signal.unit)[1]) ** 2
-        if unit != signal.unit and 1 / NEAR < ratio / factor < NEAR:
+        if unit != signal.unit and 1 / LIFTING.near < ratio / factor < LIFTING.near:
             after = reading.with_signal(reading.drive, unit=unit)
             return f"in {unit} it would be {factor / ratio:.2f} times", lines(reading, after), after
-    if 1 / NEAR < ratio / PER_RPM < NEAR:
+    if 1 / LIFTING.near < ratio / PER_RPM < LIFTING.near:
         constants = [n for n in ("thrust_coefficient", "torque_coefficient") if n in stated]  # type: ignore[operator]
         mend = tuple(f"{n} = {float(stated[n]) * PER_RPM:.4g}" for n in constants)
         said = f"a coefficient for rpm², turned into one for (rad/s)², would give {PER_RPM / ratio:.2f} times"
@@ -171,7 +159,7 @@ def _map(forces: Sequence[_Force], mass: float, k_f: float) -> tuple[float, floa
     level = np.concatenate([np.sqrt((f.driving**2).mean(axis=1)) for f in forces])
     r = float(np.corrcoef(level, speed)[0, 1]) if level.std() > 0 and speed.std() > 0 else 0.0
     gain = r * float(speed.std() / max(level.std(), 1e-300))
-    if r < FITS or gain * level.mean() > 1.2 * speed.mean():
+    if r < LIFTING.fits or gain * level.mean() > 1.2 * speed.mean():
         return float(speed.mean() / max(level.mean(), 1e-300)), 0.0, r
     return gain, float(speed.mean() - gain * level.mean()), r
 

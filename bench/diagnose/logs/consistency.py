@@ -7,16 +7,12 @@ import torch
 from scipy.ndimage import median_filter
 
 from bench.diagnose.logs.subject import Log
+from bench.diagnose.settings import READING
 from registry.datasets.reading.cleaning import widen
 from registry.dynamics import PhysicsModel
 from registry.physics.rigid_body import RigidBody
 
 Array = np.ndarray
-
-ENDS = 8
-"""Samples at either end of a stretch, where filters have neighbours on one side only."""
-HALF = 3
-"""Samples on either side of one that say what it should be: spikes of up to as many are seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +102,7 @@ def accumulated(steps: Array) -> Array:
 
 def outlying(y: Array) -> Array:
     """How far each sample (N, c) is from the median of those around it."""
-    out: Array = y - median_filter(y, size=(2 * HALF + 1, 1), mode="mirror")
+    out: Array = y - median_filter(y, size=(2 * READING.half_width + 1, 1), mode="mirror")
     return out
 
 
@@ -143,7 +139,7 @@ class View:
 
     def ignore(self, rows: tuple[int, int]) -> None:
         """Leave these rows and their neighbours out of what follows."""
-        self.usable[max(0, rows[0] - ENDS) : rows[1] + ENDS + 1] = False
+        self.usable[max(0, rows[0] - READING.ends) : rows[1] + READING.ends + 1] = False
 
     def steps(self, pair: Pair) -> Array:
         """By how much the signal changes over each step beyond what its rate says (N − 1, axes)."""
@@ -156,4 +152,4 @@ class View:
 
 def _inside(valid: Array) -> Array:
     """Valid samples (N,) with enough valid ones around them."""
-    return ~widen(np.concatenate([[True], ~valid, [True]]), ENDS)[1:-1]
+    return ~widen(np.concatenate([[True], ~valid, [True]]), READING.ends)[1:-1]

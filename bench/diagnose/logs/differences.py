@@ -8,9 +8,7 @@ import torch
 
 from bench.diagnose.logs.consistency import Pair, change, pairs
 from bench.diagnose.logs.subject import Log, Subject
-
-PLAIN = 0.5
-"""Most that the difference of a sample and the one before leaves of a rate, against the differences about it."""
+from bench.diagnose.settings import READING
 
 
 def centred(subject: Subject) -> Subject:
@@ -41,7 +39,7 @@ def _late(logs: Sequence[Log], pair: Pair) -> bool:
         difference = change(x[:, pair.channels], pair.turns) / log.dt
         own, before, after = x[1:-1, pair.rates][usable], difference[:-1][usable], difference[1:][usable]
         left += [((own - d) ** 2).sum() for d in (before, after, (before + after) / 2)]
-    return bool(left[0] < PLAIN**2 * left[1:].min())
+    return bool(left[0] < READING.plain_difference**2 * left[1:].min())
 
 
 def _moved(log: Log, rates: Sequence[int]) -> Log:

@@ -11,6 +11,7 @@ from bench.diagnose.logs.meant import as_meant
 from bench.diagnose.logs.own_system import own_class
 from bench.diagnose.logs.smoothing import Smoothing, stated
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.settings import READING
 from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
 from registry.core import DATASETS, PHYSICS
@@ -19,9 +20,6 @@ from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
 from registry.model_file import constants_of
 from registry.stated import refuse_unstated
-
-HELD_OUT = 1 / 3
-"""Share of the recordings that only test."""
 
 
 def load(source: str | Path | Dataset, system: str | None = None, model: PhysicsModel | None = None) -> Subject:
@@ -153,7 +151,7 @@ def partition(dataset: Dataset, names: Sequence[str]) -> tuple[tuple[str, ...], 
     if not isinstance(dataset, Folder):
         split = dataset.split(names)
         return (*split.train, *split.validation), split.test
-    ordered, n = sorted(names), max(1, round(len(names) * HELD_OUT))
+    ordered, n = sorted(names), max(1, round(len(names) * READING.held_out))
     # Spread over the session, so that neither part is all of one kind of flight or of one state of the battery.
     test = {ordered[round((i + 0.5) * len(ordered) / n - 0.5)] for i in range(n)}
     return tuple(x for x in ordered if x not in test), tuple(x for x in ordered if x in test)

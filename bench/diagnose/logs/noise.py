@@ -10,21 +10,14 @@ from scipy.signal.windows import blackmanharris
 
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.settings import HEARING
 from registry.contracts import Channel
 from registry.datasets.reading.cleaning import runs
 
 DERIVED_FROM = {"velocity": "position", "body_rates": "attitude", "speed": "displacement", "angle_rate": "angle"}
 """Signals that are often read from the pose."""
-SEGMENT = 128
-"""Samples of a spectrum; half or a quarter of them where no recording is as long."""
-QUIET = slice(SEGMENT // 4, SEGMENT // 2)
+QUIET = slice(HEARING.segment // 4, HEARING.segment // 2)
 """Frequencies of a spectrum, from a quarter to half the sampling rate, at which motion is small against noise."""
-UNLIKE = 0.35
-"""Mean distance, in natural logarithms, from which no known filter has the spectrum that was found."""
-FAINT = 1e-4
-"""Of a filter's largest gain: spectra are not believed to fall lower."""
-DIGITS = 1e-9
-"""Of a signal's largest value: files hold nine digits, and no noise is believed to be less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +77,7 @@ def noise_of(subject: Subject) -> Noise:
         if group in followers:
             shapes.append(_gain(smoothing, True, length) * logs[0].rate ** 2)
             found.append(height[followers[group]])
-        least = DIGITS * max(float(log.states[:, list(places[group])].abs().max()) for log in logs)
+        least = HEARING.digits * max(float(log.states[:, list(places[group])].abs().max()) for log in logs)
         sigma[group] = max(least, subject.noise.get(group, _level(found, shapes) ** 0.5))
     if estimated := sorted(set(sigma) - set(subject.noise)):
         notes.append(f"The noise of {', '.join(estimated).replace('_', ' ')} was estimated from the spectra.")
@@ -128,17 +121,17 @@ def _gain(s: Smoothing, derived: bool, length: int) -> np.ndarray:
     weights, taper = impulse_response(s, derived), _taper(length)
     n, lags = len(weights), np.arange(len(weights))
     own = np.correlate(weights, weights, "full")[n - 1 :]
-    seen = own * np.array([taper[: SEGMENT - k] @ taper[k:] for k in lags]) / (taper @ taper)
-    frequency = np.arange(SEGMENT // 2 + 1)[:, None] / SEGMENT
+    seen = own * np.array([taper[: HEARING.segment - k] @ taper[k:] for k in lags]) / (taper @ taper)
+    frequency = np.arange(HEARING.segment // 2 + 1)[:, None] / HEARING.segment
     power = seen[0] + 2 * (seen[1:] * np.cos(2 * np.pi * frequency * lags[1:])).sum(1)
-    return np.asarray(np.maximum(power, FAINT * power.max())[QUIET])
+    return np.asarray(np.maximum(power, HEARING.faint * power.max())[QUIET])
 
 
 @lru_cache(maxsize=3)
 def _taper(length: int) -> np.ndarray:
-    """Of ``length`` samples, with zeros up to `SEGMENT`."""
+    """Of ``length`` samples, with zeros up to `HEARING.segment`."""
     # Its side lobes lie at -92 dB: slow motion does not leak into the quiet frequencies.
-    return np.pad(blackmanharris(length, sym=False), (0, SEGMENT - length))
+    return np.pad(blackmanharris(length, sym=False), (0, HEARING.segment - length))
 
 
 def _filter(height: dict[str, np.ndarray], length: int) -> tuple[Smoothing, bool]:
@@ -154,7 +147,7 @@ def _filter(height: dict[str, np.ndarray], length: int) -> tuple[Smoothing, bool
             distance.append(float(np.abs(np.log(found / shape)).mean()))
         if distance and loss < least:
             best, least, unlike = smoothing, loss, float(np.mean(distance))
-    return (best, True) if unlike < UNLIKE else (Smoothing(), False)
+    return (best, True) if unlike < HEARING.unlike else (Smoothing(), False)
 
 
 def _candidates() -> list[Smoothing]:
@@ -178,9 +171,9 @@ def channel_indices(channels: Sequence[Channel], measured: Sequence[bool]) -> di
 
 
 def _segment(logs: Sequence[Log]) -> int:
-    """Samples of a spectrum: `SEGMENT`, or less where no recording is as long without a gap."""
+    """Samples of a spectrum: `HEARING.segment`, or less where no recording is as long without a gap."""
     longest = max((b - a for log in logs for a, b in runs(log.valid.numpy())), default=0)
-    return next((n for n in (SEGMENT, SEGMENT // 2) if n <= longest), SEGMENT // 4)
+    return next((n for n in (HEARING.segment, HEARING.segment // 2) if n <= longest), HEARING.segment // 4)
 
 
 def _height(logs: Sequence[Log], at: Sequence[int], length: int) -> np.ndarray:
@@ -199,9 +192,11 @@ def _spectrum(series: Sequence[np.ndarray], valid: Sequence[np.ndarray], length:
             if good[k : k + length].all():
                 piece = x[k : k + length] - x[k : k + length].mean(0)
                 piece = piece - line * (line * piece).sum(0) / (line**2).sum()
-                parts.append(np.abs(np.fft.rfft(piece * taper[:, None], SEGMENT, axis=0)) ** 2 / (taper**2).sum())
+                parts.append(
+                    np.abs(np.fft.rfft(piece * taper[:, None], HEARING.segment, axis=0)) ** 2 / (taper**2).sum()
+                )
     if not parts:  # too short to be heard
-        return np.zeros((SEGMENT // 2 + 1, series[0].shape[1]))
+        return np.zeros((HEARING.segment // 2 + 1, series[0].shape[1]))
     return np.asarray(np.median(parts, axis=0) / np.log(2))
 
 
@@ -236,13 +231,13 @@ def _input_noise(subject: Subject, smoothing: Smoothing, length: int) -> tuple[t
         if mean.min() > 0
         else (0.0, 1.0)
     )
-    filtered = alike < UNLIKE < unlike
+    filtered = alike < HEARING.unlike < unlike
     signal = logs[0].recording.input_channels[0].group if logs[0].recording.input_channels else ""
     if signal in subject.noise:
         sigma = (subject.noise[signal],) * drives
     elif filtered:
         sigma = tuple(_level([p], [shape]) ** 0.5 for p in power[QUIET].T)
     else:
-        top = power[round(0.4 * SEGMENT) : SEGMENT // 2]
+        top = power[round(0.4 * HEARING.segment) : HEARING.segment // 2]
         sigma = tuple(float(v) for v in np.sqrt(np.median(top, axis=0)))
     return (*sigma, *still), smoothing if filtered else Smoothing()

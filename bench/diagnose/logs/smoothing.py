@@ -5,13 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import savgol_coeffs
 
+from bench.diagnose.settings import HEARING
 from registry.errors import BenchError, near
 
 KINDS = ("none", "savgol", "mean")
-LONGEST = 2001
-"""Samples of a window."""
-HIGHEST = 20
-"""Order of a local polynomial; beyond it its weights are rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +31,15 @@ class Smoothing:
             raise BenchError(f"smoothing: kind = {self.kind!r}: {near(str(self.kind), KINDS)}")
         if self.kind != "none" and (self.window < 3 or self.window % 2 == 0):
             raise BenchError(f"smoothing: window = {self.window!r} must be an odd number of samples, 3 or more.")
-        if self.window > LONGEST:
-            raise BenchError(f"smoothing: window = {self.window!r:.60} is longer than {LONGEST} samples: no filter is.")
-        if self.kind == "savgol" and self.order > HIGHEST:
-            raise BenchError(f"smoothing: order = {self.order!r:.60} is no local polynomial: give {HIGHEST} at most.")
+        if self.window > HEARING.longest_window:
+            raise BenchError(
+                f"smoothing: window = {self.window!r:.60} is longer than {HEARING.longest_window} samples: "
+                "no filter is."
+            )
+        if self.kind == "savgol" and self.order > HEARING.highest_order:
+            raise BenchError(
+                f"smoothing: order = {self.order!r:.60} is no local polynomial: give {HEARING.highest_order} at most."
+            )
         if self.kind == "savgol" and not 0 < self.order < self.window:
             raise BenchError(f"smoothing: order = {self.order!r} must lie between 1 and window − 1.")
 

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from bench.diagnose.evidence import ResidualMap
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.regression.conditions import Condition
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
-from bench.diagnose.result import ResidualMap
 from registry.dynamics import PhysicsModel, tensor
 from registry.physics.rigid_body import RigidBody
 

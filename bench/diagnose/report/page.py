@@ -8,10 +8,11 @@ from pathlib import Path
 from jinja2 import Environment
 from markupsafe import Markup, escape
 
+from bench.diagnose.evidence import Candidate
 from bench.diagnose.report import page_figures, phrases, sentences
 from bench.diagnose.report.page_flights import script
 from bench.diagnose.report.page_sections import sections
-from bench.diagnose.result import Candidate, Diagnosis, NamedEffect, ParameterEstimate, write_text
+from bench.diagnose.result import Diagnosis, NamedEffect, ParameterEstimate, write_text
 from bench.reporting import page
 
 _BADGES = {

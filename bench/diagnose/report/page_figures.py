@@ -14,9 +14,9 @@ from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bench.diagnose.evidence import Curves, Line, ResidualMap, Window
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.report.phrases import named, number, shown
-from bench.diagnose.result import Curves, Line, ResidualMap, Window
 
 # A stand-in for each colour of the page, put in its place so that a panel follows the page into the dark.
 _VARIABLES = {

@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.diagnose.evidence import LINES, Candidate
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import phrases, sentences
 from bench.diagnose.report.page_equations import equation_by_equation
 from bench.diagnose.report.page_flights import over_time
-from bench.diagnose.result import LINES, Candidate, Diagnosis, NamedEffect, Region
+from bench.diagnose.result import Diagnosis, NamedEffect, Region
 from bench.diagnose.settings import TELLING
 from bench.reporting.page import Drawing, Section
 

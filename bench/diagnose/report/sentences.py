@@ -2,12 +2,13 @@
 
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from bench.diagnose.by_equation import EffectSaving
+from bench.diagnose.evidence import LINES, Calibration
 from bench.diagnose.report.phrases import listed, named, number, percent, shown
-from bench.diagnose.result import LINES, ByGroup, Calibration, Diagnosis, NamedEffect
+from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect
 from bench.diagnose.settings import TELLING
 
 _FREE = "of the squared error of free runs above the noise floor"
@@ -19,21 +20,36 @@ def headline(diagnosis: Diagnosis) -> str:
         problem = diagnosis.data_problems[0] if diagnosis.data_problems else None
         what = f": {problem.kind} in {named(problem.signal)} of {problem.recording}" if problem else ""
         return f"The recordings must be mended before the model can be judged{what}."
-    if diagnosis.verdict == "named":
-        sure = [named(e.id) for e in diagnosis.effects if not e.indistinguishable_from and not e.learned]
-        return f"The model lacks {listed(sure)}."
-    if diagnosis.verdict == "tie":
-        tied = ties(diagnosis)
+    if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
+        return f"The catalogue does not have what the model lacks; learned instead: {'; '.join(_terms(diagnosis))}."
+    effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if not e.learned]
+    left = diagnosis.unexplained
+    return verdict_line(diagnosis.verdict, effects, left.axes, left.follows)
+
+
+def verdict_line(
+    verdict: str, effects: Sequence[tuple[str, Sequence[str]]], axes: Iterable[str], follows: Iterable[str]
+) -> str:
+    """A verdict on the model in one plain sentence, the same after a search for effects as after a whole diagnosis.
+
+    Args:
+        verdict: one of `VERDICTS` but "data_problem".
+        effects: ids of those found, each with those that explain the recordings as well.
+        axes: channels in which something systematic is left.
+        follows: signals that it follows.
+    """
+    if verdict == "named":
+        return f"The model lacks {listed(named(i) for i, rivals in effects if not rivals)}."
+    if verdict == "tie":
+        tied = _tied(effects)
         if len(tied) > 1:
             return f"The model lacks {_count(tied)} effects that these recordings cannot name: {'; '.join(tied)}."
         return f"The model lacks something, and these recordings cannot tell whether it is {tied[0]}."
-    if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
-        return f"The catalogue does not have what the model lacks; learned instead: {'; '.join(_terms(diagnosis))}."
-    if diagnosis.verdict == "unknown_effect":
-        left = diagnosis.unexplained
-        acts = f"acts on {listed(map(named, left.axes))}" if left.axes else "moves the system"
-        follows = f" and follows {listed(map(named, left.follows))}" if left.follows else ""
-        return f"Something systematic that is not in the catalogue {acts}{follows}."
+    if verdict == "unknown_effect":
+        where, signals = list(dict.fromkeys(map(named, axes))), list(dict.fromkeys(map(named, follows)))
+        acts = f"acts on {listed(where)}" if where else "moves the system"
+        said = f" and follows {listed(signals)}" if signals else ""
+        return f"Something systematic that is not in the catalogue {acts}{said}."
     return "No effect of the catalogue is missing as far as these recordings can show."
 
 
@@ -43,8 +59,11 @@ def _terms(diagnosis: Diagnosis) -> list[str]:
 
 def ties(diagnosis: Diagnosis) -> list[str]:
     """ "rotor drag or linear drag" for every effect that the recordings cannot name."""
-    tied = [(e.id, *e.indistinguishable_from) for e in diagnosis.effects if e.indistinguishable_from]
-    return [listed(map(named, ids), "or") for ids in tied]
+    return _tied([(e.id, e.indistinguishable_from) for e in diagnosis.effects])
+
+
+def _tied(effects: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
+    return [listed(map(named, (i, *rivals)), "or") for i, rivals in effects if rivals]
 
 
 def _count(items: Sequence[str]) -> str:

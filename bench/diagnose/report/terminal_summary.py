@@ -41,7 +41,7 @@ def _how(effect: NamedEffect) -> str:
     if not effect.learned:
         return phrases.parameters(effect)
     formula = effect.term is not None and effect.term.shape != "spline"
-    return f"{effect.term.formula}: {phrases.parameters(effect)}" if effect.term and formula else effect.described
+    return f"{effect.term.formula}, {phrases.parameters(effect)}" if effect.term and formula else effect.described
 
 
 def _errors(diagnosis: Diagnosis) -> list[str]:

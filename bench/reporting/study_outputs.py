@@ -34,7 +34,7 @@ def write_steps(records: Sequence[RunRecord], path: Path) -> None:
             target.write_table(rows(r))
 
 
-def conclude(
+def write_outputs(
     out: Any, records: Sequence[RunRecord], title: str, study: Study | None, command: str, folder: Path
 ) -> list[Path]:
     """Print the table and write the study's folder.

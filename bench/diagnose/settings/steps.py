@@ -1,35 +1,8 @@
-"""The thresholds of the steps of a diagnosis: each with its unit, its meaning, and what its value rests on.
+"""The thresholds of the steps of a diagnosis, of its verdict and of its sentences."""
 
-A room's own thresholds stand beside what uses them until they move here. A step takes the instance of its class below,
-so that a test (or a study of a threshold) replaces that one: ``replace(LOCATING, regions=12)``.
-"""
+from dataclasses import dataclass
 
-from dataclasses import Field, dataclass, field, fields
-from enum import StrEnum
-from typing import Any
-
-
-class Basis(StrEnum):
-    """What the value of a threshold rests on."""
-
-    CONVENTION = "a convention, such as 95 %"
-    EFFORT = "computing time against scatter: more of it changes no finding"
-    SHOWN = "how much a page or a sentence shows: it changes no finding"
-    ROUNDING = "rounding errors, far below what data have"
-    MEASURED = "measured; the meaning gives the figure"
-    JUDGED = "judged, and kept while `bench score-discovery` finds what it should; no calibration is recorded"
-
-
-def threshold(value: Any, meaning: str, basis: Basis, unit: str = "1") -> Any:
-    """A field of a settings class.
-
-    Args:
-        value: its default.
-        meaning: what it bounds, and what happens beyond it.
-        basis: what ``value`` rests on.
-        unit: SI, "count" for numbers of things, "1" for ratios and shares.
-    """
-    return field(default=value, metadata={"meaning": meaning, "unit": unit, "basis": basis})
+from bench.diagnose.settings.threshold import Basis, threshold
 
 
 @dataclass(frozen=True)
@@ -172,13 +145,3 @@ class Telling:
         2, "constants, and ratios of them, that a sentence says are off; the page has them all", Basis.SHOWN, "count"
     )
     lines: int = threshold(20, "lines of the summary on a terminal of 100 columns, at most", Basis.SHOWN, "count")
-
-
-COMPARING, LOCATING, DISCOVERING = Comparing(), Locating(), Discovering()
-EXTENDING, DECIDING, TELLING = Extending(), Deciding(), Telling()
-
-
-def documented() -> list[tuple[str, Field[Any]]]:
-    """Every threshold with the name of its class."""
-    every = (COMPARING, LOCATING, DISCOVERING, EXTENDING, DECIDING, TELLING)
-    return [(type(part).__name__, f) for part in every for f in fields(part)]

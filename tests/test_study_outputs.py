@@ -8,14 +8,14 @@ import synthetic_study
 from rich.console import Console
 
 from bench.claims.evidence import COST, FILE
-from bench.reporting import conclude
+from bench.reporting import study_outputs
 
 
 def test_the_tables_hold_every_step_of_every_run_that_did_not_diverge(tmp_path: Path) -> None:
     lost = synthetic_study.record(tmp_path / "runs", synthetic_study.MLP, ("body_rates.q",), 7, 3, 2, diverged=True)
     rest = synthetic_study.study(tmp_path / "runs", {5: 2, 7: 1}, axes="p", recordings=2)
-    conclude.conclude(Console(quiet=True), [lost, *rest], "s", None, "bench run s", tmp_path / "out")
-    steps = pd.read_parquet(tmp_path / "out" / conclude.STEPS)
+    study_outputs.write_outputs(Console(quiet=True), [lost, *rest], "s", None, "bench run s", tmp_path / "out")
+    steps = pd.read_parquet(tmp_path / "out" / study_outputs.STEPS)
     evidence = pd.read_parquet(tmp_path / "out" / FILE)
     assert list(dict.fromkeys(steps.key)) == list(dict.fromkeys(evidence.key)) == [r.key for r in rest]
     for r in rest:
@@ -32,6 +32,6 @@ def test_the_tables_hold_every_step_of_every_run_that_did_not_diverge(tmp_path: 
 
 def test_a_study_of_which_every_run_diverged_has_empty_tables(tmp_path: Path) -> None:
     lost = synthetic_study.record(tmp_path / "runs", synthetic_study.MLP, ("body_rates.q",), 7, 3, 2, diverged=True)
-    conclude.conclude(Console(quiet=True), [lost], "s", None, "bench run s", tmp_path / "out")
-    for name in (conclude.STEPS, FILE):
+    study_outputs.write_outputs(Console(quiet=True), [lost], "s", None, "bench run s", tmp_path / "out")
+    for name in (study_outputs.STEPS, FILE):
         assert pd.read_parquet(tmp_path / "out" / name).empty

@@ -1,0 +1,160 @@
+"""The evidence behind a diagnosis: what its page shows beyond the contract."""
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from bench.analysis.display import draw_curves, new_axes
+from bench.diagnose.flight import Flight
+from bench.diagnose.learned_shape import LearnedCurve
+from registry.units import display
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LINES = ("nominal", "calibrated", "extended", "floor")
+"""The four lines of every comparison, in the order of drawing."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """Error of one model at every horizon, SI: over all held-out recordings, its 95 % interval, and one by one."""
+
+    rmse: tuple[float, ...]
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    recordings: dict[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Error of one output group against the horizon; the keys of ``lines`` are among `LINES`."""
+
+    unit: str
+    horizon_s: tuple[float, ...]
+    lines: dict[str, Line]
+
+    def plot(self, axes: "Axes", name: str) -> None:
+        """Draw the error of the group called ``name`` against the horizon, with 95 % intervals."""
+        unit, factor = display(self.unit, name)
+        drawn = {
+            n: [[factor * v for v in values] for values in (of.rmse, of.low, of.high)] for n, of in self.lines.items()
+        }
+        draw_curves(axes, self.horizon_s, drawn, ("horizon [s]", f"rms error of {name} [{unit}]"))
+
+
+def plot_curves(curves: dict[str, Curves]) -> "list[Axes]":
+    """One matplotlib axes a group."""
+    axes = new_axes(max(1, len(curves)))
+    for ax, (name, of) in zip(axes, curves.items(), strict=False):
+        of.plot(ax, name)
+    return axes
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One step of the waterfall: "nominal", "calibrated", the id of the effect added, or "floor"."""
+
+    name: str
+    error: dict[str, float]
+    """By output group, SI, at the horizon of `Diagnosis.error`."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect that was tried in a round."""
+
+    id: str
+    gain: float
+    """Share of the error above the floor that it explains, with its 95 % interval."""
+    low: float
+    high: float
+    parameters: str = ""
+    """Its fitted values as text."""
+    why: str = ""
+    """A sentence: why it lost; empty for the one taken."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A base constant, or the ratio of two, before and after calibration."""
+
+    constant: str
+    """A ratio: "thrust_coefficient / mass"."""
+    nominal: float
+    calibrated: float
+    unit: str
+    sigma: float
+    """By how many of its stated uncertainties it moved."""
+    low: float = math.nan
+    high: float = math.nan
+    """95 % interval; NaN: there is none."""
+
+    @property
+    def moved(self) -> bool:
+        """Whether the interval excludes the nominal value."""
+        return self.low > self.nominal or self.high < self.nominal
+
+
+@dataclass(frozen=True)
+class ResidualMap:
+    """A residual against a signal, SI: all samples (thinned as you like) and means in bins of the signal."""
+
+    x_signal: str
+    x_unit: str
+    y_quantity: str
+    y_unit: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    """Of the calibrated model, before any effect."""
+    centres: tuple[float, ...]
+    before: tuple[float, ...]
+    after: tuple[float, ...] = ()
+    region: str = ""
+    """The region of `Diagnosis.where` that it belongs to."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A stretch of a recording and what the models make of it: N samples of c channels, SI."""
+
+    recording: str
+    start_s: float
+    group: str
+    unit: str
+    channels: tuple[str, ...]
+    t: tuple[float, ...]
+    """(N,) [s] from the start of the window."""
+    measured: tuple[tuple[float, ...], ...]
+    """(c, N), as the other two."""
+    nominal: tuple[tuple[float, ...], ...]
+    extended: tuple[tuple[float, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the page shows beyond the contract. Every part may be missing."""
+
+    source: str = ""
+    """The data as the user named them: what follows `bench diagnose`."""
+    recordings: int = 0
+    seconds: float = 0.0
+    """Of all recordings together."""
+    held_out: tuple[str, ...] = ()
+    curves: dict[str, Curves] = field(default_factory=dict)
+    calibrated: float = 0.0
+    """Share of the squared error above the floor that the calibration of constants takes before any effect."""
+    waterfall: tuple[Stage, ...] = ()
+    ranking: tuple[tuple[Candidate, ...], ...] = ()
+    """One tuple a round, best first."""
+    calibration: tuple[Calibration, ...] = ()
+    residuals: tuple[ResidualMap, ...] = ()
+    windows: tuple[Window, ...] = ()
+    hypothesis: str = ""
+    """A symbolic form of what is left, offered as a hypothesis."""
+    notes: tuple[str, ...] = ()
+    """Sentences: what was estimated, what was assumed, what the data cannot show."""
+    learned: tuple[LearnedCurve, ...] = ()
+    """The shapes of learned terms."""
+    flights: tuple[Flight, ...] = ()
+    """Whole recordings, held-out ones first."""

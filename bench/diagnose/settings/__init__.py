@@ -1,0 +1,56 @@
+"""The thresholds of a diagnosis: each with its unit, its meaning, and what its value rests on.
+
+Those of rooms that are not here stand beside what uses them until they move here. Code takes the instance of a class
+below, so that a test (or a study of a threshold) replaces that one: ``replace(LOCATING, regions=12)``.
+"""
+
+from dataclasses import Field, fields
+from typing import Any
+
+from bench.diagnose.settings.checks import Aligning, Freezing, Shifting, Spiking
+from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
+from bench.diagnose.settings.logs import Hearing, Reading
+from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Telling
+
+COMPARING = Comparing()
+LOCATING = Locating()
+DISCOVERING = Discovering()
+EXTENDING = Extending()
+DECIDING = Deciding()
+TELLING = Telling()
+ALIGNING = Aligning()
+SPIKING = Spiking()
+FREEZING = Freezing()
+SHIFTING = Shifting()
+OFFSETTING = Offsetting()
+MENDING = Mending()
+SAMPLING = Sampling()
+TURNING = Turning()
+LIFTING = Lifting()
+READING = Reading()
+HEARING = Hearing()
+
+EVERY = (
+    COMPARING,
+    LOCATING,
+    DISCOVERING,
+    EXTENDING,
+    DECIDING,
+    TELLING,
+    ALIGNING,
+    SPIKING,
+    FREEZING,
+    SHIFTING,
+    OFFSETTING,
+    MENDING,
+    SAMPLING,
+    TURNING,
+    LIFTING,
+    READING,
+    HEARING,
+)
+
+
+def documented() -> list[tuple[str, Field[Any]]]:
+    """Every threshold with the name of its class."""
+    return [(type(part).__name__, f) for part in EVERY for f in fields(part)]

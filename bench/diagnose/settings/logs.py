@@ -1,0 +1,71 @@
+"""The thresholds of `bench.diagnose.logs`."""
+
+from dataclasses import dataclass
+
+from bench.diagnose.settings.threshold import Basis, threshold
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Recordings as they are read."""
+
+    ends: int = threshold(
+        8,
+        "samples at either end of a stretch, where filters have neighbours on one side only",
+        Basis.JUDGED,
+        "samples",
+    )
+    half_width: int = threshold(
+        3,
+        "samples on either side of one that say what it should be: spikes of up to as many are seen",
+        Basis.JUDGED,
+        "samples",
+    )
+    plain_difference: float = threshold(
+        0.5,
+        "most that the difference of a sample and the one before leaves of a rate, against the differences about it",
+        Basis.JUDGED,
+    )
+    held_out: float = threshold(
+        1 / 3,
+        "share of the recordings that only test",
+        Basis.CONVENTION,
+    )
+
+
+@dataclass(frozen=True)
+class Hearing:
+    """Noise and filter from spectra."""
+
+    segment: int = threshold(
+        128,
+        "length of a spectrum; half or a quarter of it where no recording is as long",
+        Basis.JUDGED,
+        "samples",
+    )
+    unlike: float = threshold(
+        0.35,
+        "mean distance, in natural logarithms, from which no known filter has the spectrum that was found",
+        Basis.JUDGED,
+    )
+    faint: float = threshold(
+        0.0001,
+        "of a filter's largest gain: spectra are not believed to fall lower",
+        Basis.ROUNDING,
+    )
+    digits: float = threshold(
+        1e-09,
+        "of a signal's largest value: files hold nine digits, and no noise is believed to be less",
+        Basis.ROUNDING,
+    )
+    longest_window: int = threshold(
+        2001,
+        "window of a stated filter, at most",
+        Basis.CONVENTION,
+        "samples",
+    )
+    highest_order: int = threshold(
+        20,
+        "order of a stated local polynomial, at most: beyond it its weights are rounding errors",
+        Basis.ROUNDING,
+    )
