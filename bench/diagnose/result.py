@@ -13,6 +13,7 @@ from bench.analysis.display import Displayed
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
 from bench.diagnose.evidence import Evidence, plot_curves
 from bench.diagnose.learned_shape import LearnedShape
+from registry.atomic_io import replacing
 from registry.errors import BenchError
 
 if TYPE_CHECKING:

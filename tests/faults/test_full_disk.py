@@ -13,7 +13,7 @@ from synthetic_sweep import essence, swept, toy
 
 from bench.execution import engine
 from bench.records import record
-from bench.records.finished import concluded
+from bench.records.finished import finished_studies
 from bench.reporting import study_outputs
 from bench.sweep.journal import JOURNAL
 from bench.training import checkpoint

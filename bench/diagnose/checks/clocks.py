@@ -10,8 +10,8 @@ from bench.diagnose.checks.recorded import Flight, Reading, Recorded
 from bench.diagnose.checks.relations import Signals, acceleration, boxed, felt
 from bench.diagnose.logs.consistency import slope
 from bench.diagnose.settings import OFFSETTING
-from registry.datasets.reading.cleaning import delay
 from registry.datasets.folder.conversion import GRAVITY
+from registry.datasets.reading.cleaning import delay
 from registry.datasets.reading.rotations import rotate
 
 Array = np.ndarray

@@ -14,8 +14,8 @@ from scipy.ndimage import uniform_filter1d
 from bench.diagnose.checks.recorded import Flight, Reading
 from bench.diagnose.logs.consistency import accumulated, change, integral
 from bench.diagnose.settings import SAMPLING
-from registry.datasets.reading.cleaning import widen
 from registry.datasets.folder.conversion import GRAVITY
+from registry.datasets.reading.cleaning import widen
 from registry.datasets.reading.rotations import rotate
 
 Array = np.ndarray
