@@ -57,7 +57,7 @@ def percent(share: float) -> str:
     if 0 < share < 0.01:
         return "< 1 %"
     if -0.01 < share < 0:
-        return f"−{-100 * share:.1g} %"
+        return f"−{-100 * share:.1g} %" if share < -1e-4 else "0 %"
     return f"{100 * share:.0f} %".replace("-", "−")
 
 

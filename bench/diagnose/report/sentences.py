@@ -92,7 +92,14 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == "named":
         each = "It explains" if len(shares) == 1 else "Together they explain"
         constants = _constants_first(diagnosis)
-        found.append(f"{each} {percent(sum(shares))} {_FREE}{constants}.")
+        if abs(sum(shares)) < 0.01 and any(e.saves for e in diagnosis.effects):
+            them = "it explains" if len(shares) == 1 else "they explain"
+            found.append(
+                f"What {them} shows in the equations, each judged by itself; less than 1 % {_FREE} goes with it"
+                f"{constants}."
+            )
+        else:
+            found.append(f"{each} {percent(sum(shares))} {_FREE}{constants}.")
         if tied := ties(diagnosis):
             more = "One more effect acts" if len(tied) == 1 else f"{_count(tied).capitalize()} more effects act"
             found.append(f"{more} that these recordings cannot name: {'; '.join(tied)}.")
