@@ -93,9 +93,8 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         each = "It explains" if len(shares) == 1 else "Together they explain"
         constants = _constants_first(diagnosis)
         if abs(sum(shares)) < 0.01 and any(e.saves for e in diagnosis.effects):
-            them = "it explains" if len(shares) == 1 else "they explain"
             found.append(
-                f"What {them} shows in the equations, each judged by itself; less than 1 % {_FREE} goes with it"
+                f"{each} errors of single equations, each judged by itself; less than 1 % {_FREE} goes with that"
                 f"{constants}."
             )
         else:
