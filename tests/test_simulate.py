@@ -14,9 +14,10 @@ from bench.experiment.config import RunConfig, Training, from_json, to_json
 from bench.experiment.notation import parse
 from bench.experiment.study import Reference
 from bench.reporting import simulations
-from bench.training.data import load, prepare
+from bench.training.data import prepare
 from bench.training.model import build_scaled
 from bench.training.simulate import simulated, simulation_errors
+from bench.training.split import load
 from registry.datasets.benchmarks.silverbox import OFFICIAL
 from registry.errors import BenchError
 from studies.nonlinear_benchmarks import references

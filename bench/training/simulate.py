@@ -6,8 +6,8 @@ from torch import Tensor
 
 from bench.experiment.config import RunConfig
 from bench.records.record import SIMULATION
-from bench.training.data import load
 from bench.training.model import Model
+from bench.training.split import load
 from registry.contracts import Recording
 from registry.errors import BenchError
 

@@ -42,6 +42,6 @@ def test_a_simulation_starts_from_the_level_that_nobody_measured() -> None:
     errors = {}
     for start in ("zero", "sought"):
         predictor = PREDICTORS.get("physics")(start=start).build(problem).double()
-        predicted = predictor(u[:, 5:], predictor.fill(u[:, :5], level[:, :5]))
+        predicted = predictor(u[:, 5:], predictor.init_buffers(u[:, :5], level[:, :5]))
         errors[start] = (predicted - level[:, 5:]).abs().max().item()
     assert errors["sought"] < 1e-3 < 0.5 < errors["zero"]
