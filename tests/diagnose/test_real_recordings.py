@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench.diagnose import diagnose, extend, load
+from bench.diagnose.regression.weak import Stack, mean_rates
 from registry.datasets.crazypad import Crazypad
 
 
@@ -83,3 +85,40 @@ def test_nanodrone_lacks_the_inertia_of_its_rotors_in_yaw(nanodrone):
     assert 0.5e-3 < held < learnt < 1.5e-3
     assert inertia.low < held * model.inertia[2] < learnt * model.inertia[2] < inertia.high
     assert inertia.value / model.inertia[2] == pytest.approx(7.4e-4, rel=0.1)
+
+
+def lateral_regression(stack, felt):
+    """Slopes (2,) of what is felt forward and to the left (L, N − 1, 2) over the velocity there [1/s], and what is left."""
+    states = (stack.states[:, 1:] + stack.states[:, :-1]).numpy() / 2
+    turned = Rotation.from_quat(states[..., 6:10].reshape(-1, 4)).inv()
+    velocity = turned.apply(states[..., 3:6].reshape(-1, 3)).reshape(*states.shape[:2], 3)
+    slopes, left = [], []
+    for axis in range(2):
+        pairs = [
+            (v - v.mean(), f - f.mean())
+            for i, log in enumerate(stack.logs)
+            for part in [(log.valid[1:] & log.valid[:-1]).numpy()]
+            for v, f in [(velocity[i, : len(part), axis][part], felt[i, : len(part), axis][part])]
+        ]
+        v, f = (np.concatenate(x) for x in zip(*pairs, strict=True))
+        slopes.append(v @ f / (v @ v))
+        left.append((f - slopes[-1] * v).std() / f.std())
+    return np.array(slopes), np.array(left)
+
+
+@pytest.mark.data
+@pytest.mark.slow
+def test_nanobench_lacks_drag_although_its_torques_hardly_follow_the_commands(bench_data):
+    """A line through what the accelerometer feels sideways: −.39 and −.41 1/s, a fifth to a third of it is left."""
+    said, model = diagnose("nanobench", brief=True)
+    named = {e.id for e in said.effects if not e.learned}
+    assert said.verdict == "named" and {"motor_lag"} < named and named & {"rotor_drag", "linear_drag"}
+    felt = said.by_equation["accelerations"]
+    assert felt.extended < 0.45 * felt.calibrated and felt.extended < 1.1 * felt.predictable
+    subject = load("nanobench")
+    held = Stack.of(subject.of(subject.held_out))
+    slopes, left = lateral_regression(held, np.diff(held.paths[..., 13:], axis=1) * held.logs[0].rate)
+    assert (left < 0.5).all()
+    modelled, _ = lateral_regression(held, mean_rates(model, held)[..., 13:].numpy())
+    assert modelled == pytest.approx(slopes, rel=0.15)
+    assert any("The stated inertia" in note and "let go" in note for note in said.evidence.notes)
