@@ -88,7 +88,7 @@ def test_nanodrone_lacks_the_inertia_of_its_rotors_in_yaw(nanodrone):
 
 
 def lateral_regression(stack, felt):
-    """Slopes (2,) of what is felt sideways (L, N − 1, 2) over the velocity there [1/s], and the shares that are left."""
+    """Slopes (2,) of what is felt sideways (L, N − 1, 2) over the velocity there [1/s], and the shares left."""
     states = (stack.states[:, 1:] + stack.states[:, :-1]).numpy() / 2
     turned = Rotation.from_quat(states[..., 6:10].reshape(-1, 4)).inv()
     velocity = turned.apply(states[..., 3:6].reshape(-1, 3)).reshape(*states.shape[:2], 3)
