@@ -26,7 +26,7 @@ HOP = 0.06
 """From one test function to the next [s] where the motion is slower; a test function is two hops long."""
 FINE = 6
 """Samples from one test function to the next that are enough."""
-LONGEST = 12_000
+LONGEST = 24_000
 """Samples that are looked at; more would make it slower and no surer."""
 TELLING = 12
 """Columns at most that are fitted before what is left is called noise."""
