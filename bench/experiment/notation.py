@@ -109,7 +109,8 @@ def label(spec: str) -> Label:
     predictor, _, initializer = spec.partition(" - ")
     predictor, _, size = predictor.partition(": ")
     initializer, _, sizes = initializer.partition(": ")
-    return Label(predictor, size, initializer, int(sizes.rpartition("x")[2]) if sizes else None)
+    length = sizes.rpartition("x")[2]
+    return Label(predictor, size, initializer, int(length) if length.isdecimal() else None)
 
 
 def write(predictor: "PredictorEntry", initializer: "InitializerEntry | None") -> str:

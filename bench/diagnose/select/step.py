@@ -8,7 +8,7 @@ about as was promised.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from bench.diagnose.select.choose import updated
+from bench.diagnose.select.choose import VISIBLE, updated
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.verify import LEFT, neighbour
@@ -57,7 +57,7 @@ def next_step(search: Search, view: View, known: int) -> Step:
     if changed is None:
         return stay
     other, promised = advanced(search, view, changed), here.loss - changed.loss
-    kept = stay.loss - other.loss >= min(promised, KEPT * promised) - LEFT * view.floor
+    kept = stay.loss - other.loss >= min(promised, KEPT * promised) - VISIBLE * view.floor
     return other if kept else stay
 
 

@@ -70,7 +70,7 @@ class Locating:
 class Discovering:
     """Step 3: the search for effects, once a set was chosen."""
 
-    exchanges: int = threshold(4, "exchanges of one effect for another at most", Basis.EFFORT, "count")
+    exchanges: int = threshold(8, "exchanges of one effect for another at most", Basis.EFFORT, "count")
     faint_trace: float = threshold(
         0.002,
         "share of what noise leaves that a signal must explain on recordings not fitted to be mentioned; noise alone "
