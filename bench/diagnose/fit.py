@@ -9,8 +9,8 @@ from bench.diagnose.discover import close
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select import by_simulation
-from bench.diagnose.select.choose import updated
 from bench.diagnose.select.search import Search
+from bench.diagnose.select.step import advanced
 from bench.diagnose.select.verify import Estimate, estimates
 from bench.diagnose.settings import EXTENDING
 from bench.diagnose.simulate.shoot import Shot, shoot
@@ -41,7 +41,7 @@ def fitted(
         views = search.views(search.look(model, broad=False))
         view = min(views, key=lambda v: v.subsets.fit().prior)
         fit = view.subsets.fit()
-        before, model = model, updated(view, fit)
+        before, model = model, advanced(search, view, fit).model
         found = estimates(view, fit)
         if close(before, model, subject):
             break
