@@ -17,6 +17,9 @@ from bench.diagnose.simulate.shoot import Shot, shoot
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
 
+NEUTRAL = 1e-3
+"""Distance from no effect, relative to that of the weak form, from which a number counts as gone."""
+
 
 def fitted(
     subject: Subject,
@@ -49,7 +52,22 @@ def fitted(
         return model, found
     tick("shooting")
     shot = shoot(model, subject, subject.training, tick)
-    return (shot.model, _moved(found, shot)) if shot.after < EXTENDING.shooting_gain * shot.before else (model, found)
+    better = shot.after < EXTENDING.shooting_gain * shot.before and not _lost(found, shot)
+    return (shot.model, _moved(found, shot)) if better else (model, found)
+
+
+def _lost(found: Sequence[Estimate], shot: Shot) -> bool:
+    """Whether free runs take a number that the weak form is sure of to where it makes no effect.
+
+    Where torques are a riddle free runs lose the attitude, and say nothing of what acts in forces.
+    """
+    ends = {(e.owner, e.label): e.value for e in shot.free}
+    sure = [x for x in found if not x.entry.constant and not x.low <= x.entry.neutral <= x.high]
+    return any(
+        abs(ends.get((x.entry.owner, x.entry.label), x.value) - x.entry.neutral)
+        < NEUTRAL * abs(x.value - x.entry.neutral)
+        for x in sure
+    )
 
 
 def _moved(found: Sequence[Estimate], shot: Shot) -> list[Estimate]:
