@@ -112,9 +112,9 @@ def test_nanobench_lacks_drag_although_its_torques_hardly_follow_the_commands(be
     """A line through what the accelerometer feels sideways: −.39 and −.41 1/s, a fifth to a third of it is left."""
     said, model = diagnose("nanobench", brief=True)
     named = {e.id for e in said.effects if not e.learned}
-    assert said.verdict == "named" and {"motor_lag"} < named and named & {"rotor_drag", "linear_drag"}
+    assert said.verdict == "named" and {"motor_lag", "battery_sag"} < named and named & {"rotor_drag", "linear_drag"}
     felt = said.by_equation["accelerations"]
-    assert felt.extended < 0.45 * felt.calibrated and felt.extended < 1.1 * felt.predictable
+    assert felt.extended < 0.45 * felt.calibrated and felt.extended < 1.35 * felt.predictable
     subject = load("nanobench")
     held = Stack.of(subject.of(subject.held_out))
     slopes, left = lateral_regression(held, np.diff(held.paths[..., 13:], axis=1) * held.logs[0].rate)
