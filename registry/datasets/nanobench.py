@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 
 from registry.contracts import Dataset, Finding, Recording, RecordingSet, Split
-from registry.core import DATASETS
+from registry.core import DATASETS, option
 from registry.datasets.crazyflie import CONSTANTS, UNCERTAINTY
 from registry.datasets.locate import locate
-from registry.datasets.reading.cleaning import airborne, extent, held, resample, runs, spikes
+from registry.datasets.reading.cleaning import airborne, delay, extent, held, resample, runs, spikes
 from registry.datasets.reading.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
 from registry.datasets.signals import recording
 from registry.errors import BenchError
@@ -26,6 +26,11 @@ CLIMB, MARGIN = 0.15, 50
 """Flight is this far above the lowest point [m], and this many samples away from take-off and landing."""
 GLITCH = {"position": 0.1, "velocity": 0.5, "body_rates": 2.0, "specific_force": 10.0}
 """Distance from the running median that only a glitch has (m, m/s, rad/s, m/s²)."""
+WIDEST = 15
+"""Samples that the clocks of the vehicle and of the motion capture may be apart."""
+ON_BOARD = ("gyroscope", "specific_force", "pwm", "battery")
+"""What the vehicle measured, on its own clock."""
+_GYROSCOPE = {"gyroscope": ["imu_gyro_x", "imu_gyro_y", "imu_gyro_z"]}
 _COLUMNS = {
     "position": ["px", "py", "pz"],
     "velocity": ["vx", "vy", "vz"],
@@ -42,10 +47,16 @@ _COLUMNS = {
 class Nanobench(Dataset):
     """Crazyflie 2.1 tracking flights, 100 Hz, with the PWM commands (0–65535) of the motors; 37 flights.
 
-    Motion-capture position [m], velocity [m/s], attitude xyzw and body rates [rad/s], all on one clock; the on-board
-    estimate and gyroscope lead or lag them by up to several samples, differently in every flight, and are left out.
-    Specific force [m/s²] is the on-board accelerometer, with that delay. Ground parts are cut off.
+    Motion-capture position [m], velocity [m/s], attitude xyzw and body rates [rad/s], all on one clock; what the
+    vehicle measured is mostly within a sample of it and up to twelve off, differently in every flight. Specific force
+    [m/s²] is the on-board accelerometer, with that delay. Ground parts are cut off.
     """
+
+    gyroscope: bool = option(
+        False,
+        "body rates are the on-board gyroscope's, and all that the vehicle measured is shifted by the whole samples "
+        "with which that agrees best with the motion capture, whose rates are differences of poses: noise from 6 Hz on",
+    )
 
     source: ClassVar[str] = (
         "NanoBench (IROS 2026), https://github.com/syediu/nanobench-iros2026, BSD-3-Clause, commit 0ae7d68"
@@ -68,7 +79,7 @@ class Nanobench(Dataset):
         )
         recordings, findings = [], []
         for file in files:
-            flight, found = _flight(file)
+            flight, found = _flight(file, self.gyroscope)
             recordings += flight
             findings += found
         return RecordingSet(tuple(recordings), tuple(findings))
@@ -85,16 +96,17 @@ class Nanobench(Dataset):
         return Split(tuple(n for n in names if n not in test and n not in validation), validation, test)
 
 
-def _flight(file: Path) -> tuple[list[Recording], list[Finding]]:
+def _flight(file: Path, gyroscope: bool) -> tuple[list[Recording], list[Finding]]:
     name = file.name.partition(".")[0]
-    columns = [c for group in _COLUMNS.values() for c in group]
+    groups = {**_COLUMNS, **(_GYROSCOPE if gyroscope else {})}
+    columns = [c for group in groups.values() for c in group]
     try:
         table = pd.read_csv(file, usecols=["t", *columns], dtype=float, engine="c")
     except (OSError, ValueError, EOFError, zlib.error) as error:
         raise BenchError(f"{file} is damaged or not the published file ({error}): download it again.") from error
     if table.empty:
         raise BenchError(f"{file} holds a header and no samples: download it again.")
-    t, x = table["t"].to_numpy(), {group: table[c].to_numpy() for group, c in _COLUMNS.items()}
+    t, x = table["t"].to_numpy(), {group: table[c].to_numpy() for group, c in groups.items()}
     findings: list[Finding] = []
 
     def note(kind: str, count: float, detail: str) -> None:
@@ -121,7 +133,11 @@ def _flight(file: Path) -> tuple[list[Recording], list[Finding]]:
     x = dict(zip(x, np.split(values, bounds, axis=1), strict=True))
     note("dropped", int((np.diff(t) > 1.5 / RATE).sum()), "pauses of the clock, bridged where short")
     height = x["position"][:, 2]
-    valid &= airborne(height, height.min() + CLIMB, MARGIN)
+    flying = airborne(height, height.min() + CLIMB, MARGIN)
+    if gyroscope:
+        lag, agreement, valid = _on_one_clock(x, valid, flying)
+        note("lag", lag, f"the vehicle is {lag:+.2f} samples late (correlation {agreement:.2f}), whole ones removed")
+    valid &= flying
     part = extent(valid)
     for start, stop in runs(~valid[part]):
         note("gap", stop - start, f"{(stop - start) / RATE:.2f} s from {(part.start + start) / RATE:.2f} s, masked")
@@ -141,3 +157,18 @@ def _flight(file: Path) -> tuple[list[Recording], list[Finding]]:
     }
     inputs = {"pwm": x["pwm"], "battery": x["battery"]}
     return [recording(name, RATE, inputs, outputs, valid[part])], findings
+
+
+def _on_one_clock(x: dict[str, np.ndarray], valid: np.ndarray, flying: np.ndarray) -> tuple[float, float, np.ndarray]:
+    """Shift in ``x`` what the vehicle measured so that its gyroscope turns with the motion capture, and take its rates.
+
+    Returns:
+        How late it was [samples], the correlation of both rates then, and which samples are valid (N,).
+    """
+    counted = (valid & flying)[:, None]
+    lag, agreement = delay(x["body_rates"] * counted, x["gyroscope"] * counted, widest=WIDEST)
+    late, there = round(lag), np.arange(len(valid))
+    for group in ON_BOARD:
+        x[group] = np.roll(x[group], -late, axis=0)
+    x["body_rates"] = x["gyroscope"]
+    return lag, agreement, valid & np.roll(valid, -late) & (there + late >= 0) & (there + late < len(valid))

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import butter, sosfiltfilt
 
 from registry.datasets.nanobench import Nanobench
 from registry.datasets.nanodrone import Nanodrone
@@ -119,6 +120,23 @@ def test_nanobench_duplicates_ground_and_short_files():
         height, force = r.pick(["position.z"])[0], r.pick(["specific_force.z"])[0]
         assert height[r.valid].min() > 0.15
         assert force.mean() == pytest.approx(9.8, abs=0.3)  # SI, and hovering on the mean
+
+
+def test_the_gyroscope_of_nanobench_follows_the_motors_where_differences_of_poses_hardly_do():
+    """A line through roll and pitch accelerations over what the motors did 40 ms before, between 1.5 and 6.5 Hz."""
+    turning = np.array([[-1, -1, 1, 1], [-1, 1, 1, -1]]).T
+    band = butter(3, [1.5, 6.5], "band", fs=100, output="sos")
+
+    def explained(dataset):
+        pairs = []
+        for r in dataset.load().recordings:
+            rates, pwm = (sosfiltfilt(band, r.pick([name])[0], axis=0) for name in ("body_rates", "pwm"))
+            pairs.append(((pwm @ turning)[100:-104], np.gradient(rates[:, :2], axis=0)[104:-100]))
+        x, y = (np.concatenate(side) for side in zip(*pairs, strict=True))
+        return 1 - (y - x * (x * y).sum(0) / (x * x).sum(0)).var(0) / y.var(0)
+
+    assert (explained(Nanobench(gyroscope=True)) > 0.7).all()
+    assert (explained(Nanobench()) < 0.5).all()
 
 
 def test_tailsitter_body_rates_are_body_rates():
