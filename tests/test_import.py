@@ -219,4 +219,4 @@ def test_without_the_libraries_it_says_what_to_install(tmp_path: Path) -> None:
     code = "import sys; sys.modules['pyulog'] = None; from bench.cli import main; main()"
     arguments = ["data", "import", str(tmp_path / "flight.ulg"), "-o", str(tmp_path / "out")]
     done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2 and 'pip install "multistep-bench[import]"' in done.stderr
+    assert done.returncode == 2 and "-m pip install 'pyulog>=1.3'" in done.stderr

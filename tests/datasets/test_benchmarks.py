@@ -244,7 +244,7 @@ def test_a_broken_crazyflie_log_is_refused(tmp_path):
     for content, message in (
         (whole[:-9] + whole[-8:], "checksum"),
         (b"text, no log", "0xBC"),
-        (usd_log(version=1), "version 1"),
+        (usd_log(version=3), "version 3"),
         (usd_log(rows=0), "no fixedFrequency"),
         (whole[:60] + zlib.crc32(whole[:60]).to_bytes(4, "little"), "damaged"),
     ):

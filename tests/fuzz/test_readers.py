@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from datasets.test_crazyflie_logs import whole as crazyflie_log
 from datasets.test_folder import TOML, table
 from faults.test_kills import study
 from fuzz.inputs import EDITS, WORDS, cases, edited, one_sentence
@@ -31,6 +32,7 @@ from bench.reporting import study_outputs
 from bench.training.predict import read_table
 from registry import model_file
 from registry.datasets.folder.dataset import check as check_folder
+from registry.datasets.logs.importing import convert
 from registry.datasets.reading.matlab import read_cell_structs, read_v5
 
 CLAIMS = Path(__file__).parents[2] / "results" / "paper" / "claims.toml"
@@ -297,3 +299,29 @@ def test_zip_of_wrong_values(place: Path, results: Path, name: str, key: int, va
                 content = json.dumps(plain).encode()
             wrong.writestr(info, content)
     one_sentence(lambda: archive.read(path, place / "imported2"))
+
+
+def _import(place: Path, name: str, content: bytes) -> None:
+    """The content as a log of that name, imported into a folder that is read as a user's next command does."""
+    out = place / "imported_log"
+    shutil.rmtree(out, ignore_errors=True)
+    (place / name).write_bytes(content)
+
+    def all_of_it() -> None:
+        convert([place / name], out)
+        check_folder(out)
+
+    one_sentence(all_of_it)
+
+
+@cases(200)
+@given(edits=EDITS, version=st.sampled_from([1, 2]))
+def test_crazyflie_log(place: Path, edits: list[tuple[float, bytes, int]], version: int) -> None:
+    _import(place, "log00", edited(crazyflie_log(version), edits))
+
+
+@cases(100)
+@given(edits=EDITS)
+def test_cfclient_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    rows = "".join(f"{10 * k},{k},{k % 7},{k / 9}\n" for k in range(300))
+    _import(place, "block.csv", edited(f"Timestamp,gyro.x,gyro.y,gyro.z\n{rows}".encode(), edits))

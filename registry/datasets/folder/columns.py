@@ -11,6 +11,7 @@ from registry.units import SIGNALS, checked
 TIME = r"%?time(?:_?(?:s|ms|us|ns))?|t|t_?(?:s|ms|us|ns)|timestamp(?:_?(?:s|ms|us|ns))?|tick|(?:.*\.)?stamp"
 """Of the column that holds the time."""
 _ROS = r"(?:.*\.)?"
+_EULER = ("roll", "pitch", "yaw")
 _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("attitude", 'unit = "1", convention = "quaternion_wxyz", frame = "ned"', tuple(rf"q\[{i}\]" for i in range(4))),
     ("body_rates", 'unit = "rad/s", frame = "frd"', tuple(rf"(?:.*\.)?xyz\[{i}\]|gyro_rad\[{i}\]" for i in range(3))),
@@ -25,13 +26,27 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         'unit = "1", convention = "quaternion_xyzw"',
         tuple(rf"q[_.]?{a}|stateEstimate\.q{a}|{_ROS}orientation\.{a}" for a in "xyzw"),
     ),
+    ("attitude", 'unit = "1", convention = "quaternion_wxyz"', tuple(rf"kalman\.q{i}" for i in range(4))),
     ("attitude", 'unit = "rad", convention = "euler_zyx"', ("roll|phi", "pitch|theta", "yaw|psi")),
+    (
+        "attitude",  # the Crazyflie's pitch is positive with the nose up
+        'unit = "deg", convention = "euler_zyx"',
+        tuple(rf"{'-' * (a == 'pitch')}(?:stateEstimate|stabilizer)\.{a}" for a in _EULER),
+    ),
+    ("position", 'unit = "mm"', tuple(rf"stateEstimateZ\.{a}" for a in "xyz")),
+    ("velocity", 'unit = "mm/s", frame = "world"', tuple(rf"stateEstimateZ\.v{a}" for a in "xyz")),
     (
         "velocity",
         'unit = "m/s", frame = "world"',
         tuple(rf"v[_.]?{a}|vel[_.]?{a}|stateEstimate\.v{a}|{_ROS}(?:linear|velocity)\.{a}" for a in "xyz"),
     ),
     ("body_rates", 'unit = "deg/s"', ("gyro\\.x", "gyro\\.y", "gyro\\.z")),
+    (
+        "body_rates",
+        'unit = "mrad/s"',
+        tuple(rf"{'-' * (a == 'pitch')}stateEstimateZ\.rate{a.title()}" for a in _EULER),
+    ),
+    ("body_rates", 'unit = "rad/s"', tuple(rf"{'-' * (a == 'pitch')}controller\.r_{a}" for a in _EULER)),
     (
         "body_rates",
         'unit = "rad/s"',
@@ -50,9 +65,10 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("pilot", 'unit = "1"', ("aileron", "elevator", "rudder", "collective")),
 )
 _NUMBERED = (
-    ("rotor_speed", "rad/s", "(?:rotor|omega|rpm|motor_speed)_?"),
+    ("rotor_speed", "rpm", r"(?:rpm_?|rpm\.m)"),
+    ("rotor_speed", "rad/s", "(?:rotor|omega|motor_speed)_?"),
     ("rotor_command", "rad/s", "(?:cmd|command|rotor_cmd|rotor_command)_?"),
-    ("pwm", "pwm", r"(?:pwm|motor|m|motor\.m|pwm\.m\d_)_?|(?:output|channels)\["),
+    ("pwm", "pwm", r"(?:pwm|motor|m|motor\.m)_?|pwm\.m(?=\d_pwm)|(?:output|channels)\["),
 )
 _NAMED: dict[str, str] = {
     "displacement": "q|x|y|pos|position|disp|displacement",
@@ -66,7 +82,7 @@ _NAMED: dict[str, str] = {
 }
 """Of systems with one axis, whose names are too short to be guessed where the system is not named."""
 _DRIVES = (
-    r"u_?\d*|in(?:put)?_?\d*|(?:.*_)?(?:cmd|command|set_?point|reference|ref|drive|duty|throttle|pwm|pump|valve|heater)"
+    r"u_?\d*|in(?:put)?_?\d*|(?:.*[_.])?(?:cmd|command|set_?point|reference|ref|drive|duty|throttle|pwm|pump|valve|heater)"
     r"(?:_.*|\d+)?"
 )
 """What drives a system of which nothing else is known."""
@@ -80,6 +96,8 @@ class Found:
 
     signals: dict[str, str] = field(default_factory=dict)
     """Name → its entry as a dataset.toml has it."""
+    columns: dict[str, list[str]] = field(default_factory=dict)
+    """Name → the columns that it is made of."""
     left: list[str] = field(default_factory=list)
 
 
@@ -102,20 +120,22 @@ def recognised(names: Sequence[str], wanted: Collection[str] = ()) -> Found:
 
     px4 = any(n.startswith(("q[", "xyz[", "timestamp_sample")) for n in names)
     for signal, about, patterns in _guesses(wanted):
-        columns = [take(p) for p in patterns]
+        columns = [take(p.removeprefix("-")) for p in patterns]
         if signal not in found.signals and all(columns) and len(set(columns)) == len(columns):
+            signs = ["-" * p.startswith("-") for p in patterns]
             said = (
                 about.replace(', frame = "world"', "") + ', frame = "ned"'
                 if px4 and signal in ("position", "velocity")
                 else about
             )
-            found.signals[signal] = _entry([c for c in columns if c], said)
+            found.signals[signal] = _entry([f"{sign}{c}" for sign, c in zip(signs, columns, strict=True)], said)
+            found.columns[signal] = [c for c in columns if c]
             found.left = [n for n in found.left if n not in columns]
     for signal, unit, prefix in _NUMBERED:
-        pattern = re.compile(rf"(?:{prefix})\d+\]?", re.IGNORECASE)
+        pattern = re.compile(rf"(?:{prefix})\d+(?:\]|_pwm)?", re.IGNORECASE)
         numbered = sorted((n for n in found.left if pattern.fullmatch(n)), key=_number)
-        if numbered and (not wanted or signal in wanted):
-            found.signals[signal] = _entry(numbered, f'unit = "{unit}"')
+        if numbered and signal not in found.signals and (not wanted or signal in wanted):
+            found.signals[signal], found.columns[signal] = _entry(numbered, f'unit = "{unit}"'), numbered
             found.left = [n for n in found.left if n not in numbered]
     return found
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from registry.datasets.logs.series import Log, series
-from registry.errors import BenchError
+from registry.errors import BenchError, not_installed
 
 TOPICS = (
     "vehicle_local_position",
@@ -53,16 +53,16 @@ def read_ulog(file: Path) -> Log:
     try:
         from pyulog import ULog
     except ModuleNotFoundError as error:
-        raise BenchError('PX4 logs need pyulog: pip install "multistep-bench[import]".') from error
+        raise not_installed("A PX4 log", "pyulog>=1.3") from error
     try:
         found = ULog(str(file), list(TOPICS)).data_list
     except Exception as error:  # a damaged file makes pyulog raise whatever comes
         raise BenchError(f"{file} cannot be read as a PX4 ULog: {str(error) or type(error).__name__}.") from error
     topics: dict[str, Topic] = {d.name: d.data for d in sorted(found, key=lambda d: -d.multi_id)}
-    log: Log = {}
+    log = Log()
 
     def add(signal: str, topic: str, values: np.ndarray | None, applied: bool = False, keep: object = True) -> None:
-        if values is None or signal in log:
+        if values is None or signal in log.signals:
             return
         of = topics[topic]
         sampled = np.asarray(of.get("timestamp_sample", of["timestamp"]), dtype=float)
@@ -71,7 +71,7 @@ def read_ulog(file: Path) -> Log:
         mask = np.broadcast_to(np.asarray(keep, dtype=bool), stamp.shape)
         made = series(1e-6 * stamp[mask], values[mask], topic)
         if made is not None:
-            log[signal] = made
+            log.signals[signal] = made
 
     place = topics.get("vehicle_local_position", {})
     flags = [np.asarray(place[f], dtype=bool) for f in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid") if f in place]

@@ -8,7 +8,7 @@ import numpy as np
 
 from registry.datasets.logs.series import Log, series
 from registry.datasets.reading.rotations import rotate, unit_quaternion
-from registry.errors import BenchError
+from registry.errors import BenchError, not_installed
 
 Rows = dict[str, list[float]]
 
@@ -67,8 +67,8 @@ def read_bag(file: Path) -> Log:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ModuleNotFoundError as error:
-        raise BenchError('ROS bags need rosbags: pip install "multistep-bench[import]".') from error
-    log: Log = {}
+        raise not_installed("A ROS bag", "rosbags>=0.11") from error
+    log = Log()
     path = file.parent if file.suffix == ".db3" else file
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
@@ -107,5 +107,5 @@ def _add(reader: Any, connection: Any, read: Callable[[Any], Rows], log: Log) ->
         if signal == "pwm":
             x = x[:, np.ptp(x, axis=0) > 0]
         made = series(times, x, connection.topic) if x.shape[1] else None
-        if made is not None and signal not in log:
-            log[signal] = made
+        if made is not None and signal not in log.signals:
+            log.signals[signal] = made

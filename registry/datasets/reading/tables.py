@@ -66,6 +66,21 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
     return values
 
 
+def numeric(file: Path) -> dict[str, np.ndarray]:
+    """The columns (N,) that hold numbers, NaN where a value is missing; texts among them are left out.
+
+    Raises:
+        BenchError: see `read`.
+    """
+    table = read(file)
+    found = {}
+    for column in table:
+        number = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+        if np.isfinite(number).any() and not (np.isnan(number) & ~table[column].isna().to_numpy()).any():
+            found[str(column)] = number
+    return found
+
+
 def first_row(file: Path) -> int:
     """The row number of the first sample."""
     return 1 if file.name.endswith(".parquet") else 2
