@@ -19,6 +19,7 @@ from fuzz.inputs import EDITS, WORDS, cases, edited, one_sentence
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
+from test_import import ROTORS, bag, telemetry, ulog
 
 from bench.claims import claim, evidence
 from bench.execution import engine
@@ -325,3 +326,19 @@ def test_crazyflie_log(place: Path, edits: list[tuple[float, bytes, int]], versi
 def test_cfclient_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
     rows = "".join(f"{10 * k},{k},{k % 7},{k / 9}\n" for k in range(300))
     _import(place, "block.csv", edited(f"Timestamp,gyro.x,gyro.y,gyro.z\n{rows}".encode(), edits))
+
+
+@cases(200)
+@given(edits=EDITS)
+def test_px4_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    if not (place / "whole.ulg").exists():
+        ulog(place / "whole.ulg", telemetry(rate=20, seconds=4.0), ROTORS)
+    _import(place, "flight.ulg", edited((place / "whole.ulg").read_bytes(), edits))
+
+
+@cases(100)
+@given(edits=EDITS)
+def test_ros_bag(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    if not (place / "whole.bag").exists():
+        bag(place / "whole.bag", 1)
+    _import(place, "run.bag", edited((place / "whole.bag").read_bytes(), edits))

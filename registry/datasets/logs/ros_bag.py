@@ -52,6 +52,7 @@ READERS: dict[str, Callable[[Any], Rows]] = {
     "mav_msgs/msg/Actuators": _actuators,
     "actuator_msgs/msg/Actuators": _actuators,
     "mavros_msgs/msg/RCOut": lambda m: {"pwm": [float(x) for x in m.channels]},
+    "mavros_msgs/msg/AttitudeTarget": lambda m: {"rate_command": _vector(m.body_rate), "thrust_command": [m.thrust]},
     "sensor_msgs/msg/BatteryState": lambda m: {"battery": [m.voltage]},
 }
 """By type of message, the best source of a signal first."""
@@ -106,6 +107,6 @@ def _add(reader: Any, connection: Any, read: Callable[[Any], Rows], log: Log) ->
             signal, x = "velocity", rotate(unit_quaternion(np.array(rows["attitude"])), x)
         if signal == "pwm":
             x = x[:, np.ptp(x, axis=0) > 0]
-        made = series(times, x, connection.topic) if x.shape[1] else None
+        made = series(times, x, connection.topic, signal) if x.shape[1] else None
         if made is not None and signal not in log.signals:
             log.signals[signal] = made

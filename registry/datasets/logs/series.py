@@ -40,9 +40,15 @@ class Log:
     """What a user should know of it, in sentences."""
 
 
-def series(t: np.ndarray, values: np.ndarray, source: str) -> Series | None:
+_NO_ATTITUDE = 0.5
+"""Length of a quaternion up to which it is none: zero before the estimator has started."""
+
+
+def series(t: np.ndarray, values: np.ndarray, source: str, signal: str = "") -> Series | None:
     """A series of the finite samples in order of time; None: fewer than three of them."""
     keep = np.isfinite(values).all(axis=1) & np.isfinite(t)
+    if signal == "attitude":
+        keep &= np.linalg.norm(np.where(keep[:, None], values, 0), axis=1) > _NO_ATTITUDE
     t, values = t[keep], values[keep]
     t, first = np.unique(t, return_index=True)
     return Series(t, values[first], source) if len(t) >= 3 else None
