@@ -170,7 +170,7 @@ def test_measured_speeds_drive_where_they_are_fast_enough(tmp_path: Path) -> Non
 
 
 def test_with_mass_and_inertia_no_question_is_left(tmp_path: Path) -> None:
-    """k_f so that mean thrust is mass × mean specific force, k_m by the moment ratio."""
+    """k_f so that the median of thrust is mass × that of specific force, k_m by the moment ratio."""
     rows = telemetry(rate=4)
     rows["sensor_combined"] = [(4000 * k, 0, 0, 0, 0, 0, -9.5) for k in range(2000)]
     FORMATS["sensor_combined"] = "uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;"
@@ -182,7 +182,7 @@ def test_with_mass_and_inertia_no_question_is_left(tmp_path: Path) -> None:
     folder = Folder(str(tmp_path / "out"))
     refuse_unstated(folder, PHYSICS.get("quadrotor"))
     omega = 800 * np.array([row[1] for row in rows["actuator_motors"]])[300:781] + 100
-    assert folder.physics["thrust_coefficient"] == pytest.approx(1.5 * 9.5 / (4 * np.mean(omega**2)), rel=2e-3)
+    assert folder.physics["thrust_coefficient"] == pytest.approx(1.5 * 9.5 / (4 * np.median(omega**2)), rel=2e-3)
     assert folder.physics["torque_coefficient"] == pytest.approx(0.05 * folder.physics["thrust_coefficient"], rel=1e-4)
 
 

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from datasets.test_ardupilot_logs import dataflash, flight
 from datasets.test_crazyflie_logs import whole as crazyflie_log
 from datasets.test_folder import TOML, table
 from faults.test_kills import study
@@ -342,3 +343,9 @@ def test_ros_bag(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
     if not (place / "whole.bag").exists():
         bag(place / "whole.bag", 1)
     _import(place, "run.bag", edited((place / "whole.bag").read_bytes(), edits))
+
+
+@cases(200)
+@given(edits=EDITS)
+def test_ardupilot_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    _import(place, "12.bin", edited(dataflash(flight()), edits))

@@ -79,14 +79,15 @@ def init_command(folder: Path, system: str) -> None:
     help="Whose constants to state: a Crazyflie 2's, or those under [physics] of a file, such as dataset.toml.",
 )
 def import_command(files: tuple[Path, ...], folder: Path, rate: float | None, vehicle: str) -> None:
-    """Logs of PX4, ROS 1 and 2 or a Crazyflie as CSV files with a drafted dataset.toml.
+    """Logs of PX4, ArduPilot, ROS 1 and 2 or a Crazyflie as CSV files with a drafted dataset.toml.
 
-    Of PX4 and ROS all signals on one clock, SI, world z up, body x forward, y left, z up (PX4's NED and FRD are
+    Of autopilots and ROS all signals on one clock, SI, world z up, body x forward, y left, z up (NED and FRD are
     converted). Of a Crazyflie the variables as they are, described with their units and signs; files that cfclient
     wrote at the same time, block by block, are put together.
 
     \b
     bench data import flight1.ulg flight2.ulg -o flights/
+    bench data import 00000012.BIN -o flights/
     bench data import run.bag -o flights/ --rate 200
     bench data import log00 log01 -o flights/ --vehicle crazyflie
     bench data import state.csv motors.csv -o flights/

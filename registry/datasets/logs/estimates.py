@@ -6,6 +6,7 @@ import numpy as np
 
 from registry.datasets.folder.constants import Constant
 from registry.datasets.logs.series import Log
+from registry.datasets.reading.ground import IDLE
 
 _SURE = 0.5
 """Share of the variance of rotor speeds that a straight line of the commands must explain for it to be stated."""
@@ -38,7 +39,7 @@ def motor_map(logs: Sequence[Log]) -> dict[str, Constant]:
 
 
 def lift(parts: Sequence[Values], driver: str, constants: Mapping[str, Constant]) -> float:
-    """Mean specific force along body z over mean Σ ω² [N s²/kg]: k_f of a vehicle of 1 kg; 0: it cannot be told."""
+    """Specific force along body z over Σ ω² [N s²/kg], medians: k_f of a vehicle of 1 kg; 0: it cannot be told."""
     if driver == "pwm" and not {"pwm_gain", "pwm_offset"} <= set(constants):
         return 0.0
     up, squares = [], []
@@ -50,8 +51,12 @@ def lift(parts: Sequence[Values], driver: str, constants: Mapping[str, Constant]
             omega = constants["pwm_gain"].value * omega + constants["pwm_offset"].value
         up.append(x["specific_force"][:, 2])
         squares.append((np.maximum(omega, 0) ** 2).sum(axis=1))
-    force, square = np.concatenate(up).mean(), np.concatenate(squares).mean()
-    return float(force / square) if force > 0 and square > 0 and np.isfinite(force / square) else 0.0
+    force, square = np.concatenate(up), np.concatenate(squares)
+    flying = square > IDLE**2 * np.quantile(square, 0.8)
+    if not flying.any():
+        return 0.0
+    ratio = float(np.median(force[flying]) / np.median(square[flying]))
+    return ratio if 0 < ratio < np.inf else 0.0
 
 
 def rotor_coefficients(
@@ -70,10 +75,10 @@ def rotor_coefficients(
     found, hints = dict[str, Constant](), dict[str, str]()
     force = known.get("thrust_coefficient")
     if force is None and per_mass and "mass" in known:
-        force = Constant(_short(per_mass * known["mass"].value), "mass × mean specific force over mean Σ ω² of the log")
+        force = Constant(_short(per_mass * known["mass"].value), "mass × specific force over Σ ω², medians of the log")
         found["thrust_coefficient"] = force
     elif force is None and per_mass:
-        hints["thrust_coefficient"] = f"by the flights {per_mass:.4g} × mass: mean specific force over mean Σ ω²"
+        hints["thrust_coefficient"] = f"by the flights {per_mass:.4g} × mass: specific force over Σ ω², medians"
     if torque_over_thrust and "torque_coefficient" not in known:
         ratio = f"{torque_over_thrust:.4g} m × thrust_coefficient, as CA_ROTOR*_KM have it"
         if force is not None:

@@ -18,6 +18,7 @@ from registry.datasets.folder.draft import COMMANDS
 from registry.datasets.logs.estimates import lift, motor_map, rotor_coefficients
 from registry.datasets.logs.joining import SHORTEST, Span, on_grid, spans, times
 from registry.datasets.logs.series import Log, round_rate
+from registry.datasets.reading.ground import IDLE
 from registry.errors import BenchError
 
 FASTEST = 100.0
@@ -78,7 +79,7 @@ def write(logs: Mapping[str, Log], folder: Path, rate: float | None, known: Mapp
     tables: dict[str, dict[str, np.ndarray]] = {}
     for name, log in logs.items():
         wanted = {s: log.signals[s] for s in choice.signals}
-        parts = spans(wanted, choice.rate, log.landed)
+        parts = [p for p in spans(wanted, choice.rate, log.landed) if _driven(log, choice.inputs[0], p)]
         for i, span in enumerate(parts, start=1):
             x = on_grid(wanted, span, choice.rate, (*COMMANDS, *SETPOINTS))
             x = {s: values[:, : choice.counts[s]] for s, values in x.items()}
@@ -102,6 +103,14 @@ def write(logs: Mapping[str, Log], folder: Path, rate: float | None, known: Mapp
         constants = {n: c for n, c in constants.items() if not n.startswith(("rotor_p", "rotor_d"))}
     _write(folder, tables, choice, _lines(folder, choice, driver, constants, hints))
     return said
+
+
+def _driven(log: Log, driver: str, span: Span) -> bool:
+    """Whether the motors did in a stretch what they usually do in flight, for a moment at least."""
+    s = log.signals[driver]
+    level = np.sqrt(np.mean(s.values**2, axis=1))
+    inside = level[(s.t >= span[0]) & (s.t <= span[1])]
+    return bool((inside >= IDLE * np.quantile(level, 0.8)).any()) or not len(inside)
 
 
 def _choose(logs: Mapping[str, Log], rate: float | None) -> _Choice:
@@ -169,7 +178,7 @@ def _constants(
     found = {**(motor_map(logs) if driver == "pwm" else {}), **stated, **known}
     ratio = logs[0].torque_over_thrust if stated else 0.0
     more, hints = rotor_coefficients(lift(parts, driver, found), ratio, found)
-    return {**found, **more}, hints
+    return {**found, **more}, {**logs[0].hints, **hints}
 
 
 def _lines(

@@ -8,7 +8,9 @@ from registry.datasets.folder.constants import Constant
 from registry.datasets.folder.description import FILE
 from registry.datasets.folder.draft import MOTION, Known, draft
 from registry.datasets.logs import flights, ground_station, usd
+from registry.datasets.logs.ardupilot import read_dataflash
 from registry.datasets.logs.flights import DRIVERS
+from registry.datasets.logs.px4 import read_ulog
 from registry.datasets.logs.series import Log, round_rate
 from registry.datasets.logs.table import Table, joined, same_recording, write
 from registry.datasets.logs.vehicles import vehicle as constants_of_vehicle
@@ -17,6 +19,7 @@ from registry.regular_file import regular
 
 FORMATS = {
     ".ulg": "PX4 ULog",
+    ".bin": "ArduPilot log",
     ".bag": "ROS bag",
     ".mcap": "ROS bag",
     ".db3": "ROS bag",
@@ -31,8 +34,8 @@ def convert(files: Sequence[Path], folder: Path, rate: float | None = None, vehi
     """Write ``files`` as CSV files with a drafted dataset.toml into ``folder``.
 
     Args:
-        files: logs of one format: PX4 ULogs (.ulg), ROS 1 bags (.bag), ROS 2 bags (.mcap, .db3 or their folder),
-            Crazyflie logs of the memory card, or of cfclient (.csv).
+        files: logs of one format: PX4 ULogs (.ulg), ArduPilot logs (.bin), ROS 1 bags (.bag), ROS 2 bags (.mcap, .db3
+            or their folder), Crazyflie logs of the memory card, or of cfclient (.csv).
         folder: made where it does not exist; must not hold a dataset.toml.
         rate: common sample rate [Hz]; default: as the signals have it.
         vehicle: whose constants to state, see `registry.datasets.logs.vehicles.vehicle`; "": those in the log alone.
@@ -53,8 +56,7 @@ def convert(files: Sequence[Path], folder: Path, rate: float | None = None, vehi
         raise BenchError("Two of the files have the same name: import them into folders of their own.")
     known = constants_of_vehicle(vehicle) if vehicle else {}
     (kind,) = formats
-    if kind in ("PX4 ULog", "ROS bag"):
-        read = _reader(kind)
+    if read := _reader(kind):
         return flights.write({name: read(file) for name, file in zip(names, files, strict=True)}, folder, rate, known)
     said, recordings = _tables(kind, dict(zip(names, files, strict=True)))
     return [*said, *_write(recordings, folder, rate, known)]
@@ -77,20 +79,18 @@ def format_of(file: Path) -> str:
         if stream.read(1) == bytes([usd.START]):
             return "Crazyflie log"
     raise BenchError(
-        f"{file} is neither a PX4 ULog (.ulg) nor a ROS bag (.bag, .mcap, .db3 or a ROS 2 bag's folder), nor a "
-        "Crazyflie's log of its memory card or of cfclient (.csv)."
+        f"{file} is neither a PX4 ULog (.ulg), an ArduPilot log (.bin), a ROS bag (.bag, .mcap, .db3 or a ROS 2 bag's "
+        "folder), nor a Crazyflie's log of its memory card or of cfclient (.csv)."
     )
 
 
-def _reader(kind: str) -> Callable[[Path], Log]:
-    # Each reader's library is an option: it is imported when a file asks for it.
-    if kind == "PX4 ULog":
-        from registry.datasets.logs.px4 import read_ulog
+def _reader(kind: str) -> Callable[[Path], Log] | None:
+    """Of a format whose signals have clocks of their own; None: another one."""
+    if kind == "ROS bag":
+        from registry.datasets.logs.ros_bag import read_bag  # its library is an option
 
-        return read_ulog
-    from registry.datasets.logs.ros_bag import read_bag
-
-    return read_bag
+        return read_bag
+    return {"PX4 ULog": read_ulog, "ArduPilot log": read_dataflash}.get(kind)
 
 
 def _stem(file: Path) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from registry.datasets.folder.constants import Constant
 from registry.datasets.logs import ulog
-from registry.datasets.logs.series import Log, series
+from registry.datasets.logs.series import Log, series, steps
 
 TOPICS = (
     "vehicle_local_position",
@@ -109,7 +109,7 @@ def read_ulog(file: Path) -> Log:
     landed = topics.get("vehicle_land_detected", {})
     if "landed" in landed:
         down = np.any([np.asarray(landed[f], dtype=bool) for f in _ON_GROUND if f in landed], axis=0)
-        log.landed = series(1e-6 * np.asarray(landed["timestamp"], dtype=float), 1.0 * down[:, None], "landed")
+        log.landed = steps(1e-6 * np.asarray(landed["timestamp"], dtype=float), 1.0 * down[:, None], "landed")
     if found.dropped:
         log.said.append(f"{found.dropped:.2g} s are missing here and there: the memory card was too slow.")
     if not found.whole:

@@ -34,6 +34,8 @@ class Log:
     """Those that the vehicle's own parameters state."""
     torque_over_thrust: float = 0.0
     """Of a rotor [m]; 0: not stated."""
+    hints: dict[str, str] = field(default_factory=dict)
+    """What the log says of constants that it does not state."""
     landed: Series | None = None
     """(N, 1), 1 on the ground and 0 in the air, each until the next."""
     said: list[str] = field(default_factory=list)
@@ -52,6 +54,12 @@ def series(t: np.ndarray, values: np.ndarray, source: str, signal: str = "") -> 
     t, values = t[keep], values[keep]
     t, first = np.unique(t, return_index=True)
     return Series(t, values[first], source) if len(t) >= 3 else None
+
+
+def steps(t: np.ndarray, values: np.ndarray, source: str) -> Series:
+    """A series of values that hold until the next; there may be one alone."""
+    t, first = np.unique(t, return_index=True)
+    return Series(t, values[first], source)
 
 
 def round_rate(rate: float) -> float:
