@@ -34,6 +34,7 @@ from bench.reporting import study_outputs
 from bench.training.predict import read_table
 from registry import model_file
 from registry.datasets.folder.dataset import check as check_folder
+from registry.datasets.folder.draft import draft
 from registry.datasets.logs.importing import convert
 from registry.datasets.reading.matlab import read_cell_structs, read_v5
 
@@ -61,6 +62,21 @@ def test_csv(folder: Path, edits: list[tuple[float, bytes, int]]) -> None:
     (folder / "a.csv").write_bytes(edited(table().to_csv(index=False).encode(), edits))
     one_sentence(lambda: check_folder(folder))
     one_sentence(lambda: read_table(folder / "a.csv"))
+
+
+@cases(100)
+@given(edits=EDITS)
+def test_csv_with_units(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    here = place / "units"
+    here.mkdir(exist_ok=True)
+    samples = "".join(f"{10 * k},{k},{k % 3}\n" for k in range(30))
+    (here / "a.csv").write_bytes(edited(f"time,pump,level\nms,L/min,mm\n{samples}".encode(), edits))
+
+    def drafted() -> None:
+        (here / "dataset.toml").write_text(draft(here), encoding="utf-8")
+        check_folder(here)
+
+    one_sentence(drafted)
 
 
 @cases(200)

@@ -2,11 +2,11 @@
 
 import json
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from registry.errors import BenchError
-from registry.units import SIGNALS, checked
+from registry.units import SIGNALS, checked, measures, to_si
 
 TIME = r"%?time(?:_?(?:s|ms|us|ns))?|t|t_?(?:s|ms|us|ns)|timestamp(?:_?(?:s|ms|us|ns))?|tick|(?:.*\.)?stamp"
 """Of the column that holds the time."""
@@ -106,12 +106,13 @@ def time_column(names: Sequence[str]) -> str | None:
     return next((n for n in names if re.fullmatch(TIME, bare(n), re.IGNORECASE)), None)
 
 
-def recognised(names: Sequence[str], wanted: Collection[str] = ()) -> Found:
+def recognised(names: Sequence[str], wanted: Collection[str] = (), units: Mapping[str, str] | None = None) -> Found:
     """The signals whose columns have a known name.
 
     Args:
         names: of the columns, without that of the time.
         wanted: the only signals that are looked for; none: those of a vehicle.
+        units: of columns whose unit the file states.
     """
     found = Found(left=list(names))
 
@@ -128,21 +129,31 @@ def recognised(names: Sequence[str], wanted: Collection[str] = ()) -> Found:
                 if px4 and signal in ("position", "velocity")
                 else about
             )
-            found.signals[signal] = _entry([f"{sign}{c}" for sign, c in zip(signs, columns, strict=True)], said)
             found.columns[signal] = [c for c in columns if c]
+            said = _in_units(said, found.columns[signal], units or {})
+            found.signals[signal] = _entry([f"{sign}{c}" for sign, c in zip(signs, columns, strict=True)], said)
             found.left = [n for n in found.left if n not in columns]
     for signal, unit, prefix in _NUMBERED:
         pattern = re.compile(rf"(?:{prefix})\d+(?:\]|_pwm)?", re.IGNORECASE)
         numbered = sorted((n for n in found.left if pattern.fullmatch(n)), key=_number)
         if numbered and signal not in found.signals and (not wanted or signal in wanted):
-            found.signals[signal], found.columns[signal] = _entry(numbered, f'unit = "{unit}"'), numbered
+            about = _in_units(f'unit = "{unit}"', numbered, units or {})
+            found.signals[signal], found.columns[signal] = _entry(numbered, about), numbered
             found.left = [n for n in found.left if n not in numbered]
     return found
 
 
-def own_signal(column: str, taken: Collection[str]) -> tuple[str, str]:
-    """Name and entry of a signal that holds one column of which nothing is known but its name."""
-    unit = _unit(column)
+def _in_units(about: str, columns: Sequence[str], units: Mapping[str, str]) -> str:
+    """The rest of an entry with the one unit that the file states of its columns, if that measures the same."""
+    (usual,) = re.findall(r'unit = "([^"]*)"', about)
+    stated = {units.get(c, "") for c in columns}
+    unit = stated.pop() if len(stated) == 1 else ""
+    return about.replace(f'"{usual}"', f'"{unit}"', 1) if unit and measures(unit, to_si(usual)[0]) else about
+
+
+def own_signal(column: str, taken: Collection[str], unit: str = "") -> tuple[str, str]:
+    """Name and entry of a signal that holds one column of which nothing is known but its name, and perhaps unit."""
+    unit = unit or _unit(column)
     name = re.sub(r"\W+", "_", bare(column)).strip("_")[:36] or "signal"
     name = name if not name[0].isdigit() else f"s{name}"
     if name in taken:

@@ -13,7 +13,7 @@ from registry.core import PHYSICS
 from registry.datasets.folder.columns import Found, bare, drives, own_signal, recognised, time_column
 from registry.datasets.folder.constants import Constant, physics_lines
 from registry.datasets.folder.description import SECONDS
-from registry.datasets.reading.tables import ENDINGS, MissingValue, header, numbers
+from registry.datasets.reading.tables import ENDINGS, MissingValue, header, numbers, units
 from registry.errors import BenchError
 from registry.units import SIGNALS
 
@@ -56,7 +56,8 @@ def draft(folder: str | Path, system: str = "", known: Known | None = None) -> s
     if not columns:
         raise BenchError(f"{files[0]} has no column beside the time: log what drives the system and what it does.")
     wanted = _signals_of(system) if system else {}
-    found = recognised(columns, wanted)
+    stated = units(files[0])
+    found = recognised(columns, wanted, stated)
     if not system and set(found.signals) & {*MOTION, "pilot"}:
         system = "helicopter" if "pilot" in found.signals else "quadrotor"
         if known and not set(found.signals) & set(PHYSICS.get(system).input_signals):
@@ -66,13 +67,13 @@ def draft(folder: str | Path, system: str = "", known: Known | None = None) -> s
     lines = [
         f"name = {json.dumps(Path(os.path.realpath(folder)).name, ensure_ascii=False)}",
         *([f'system = "{system}"' + ("" if wanted else check)] * bool(system)),
-        *([f"rate_hz = {known.rate:g}"] if known else _clock(files[0], time)),
+        *([f"rate_hz = {known.rate:g}"] if known else _clock(files[0], time, stated)),
         f'files = "*{ending}"',
         f"time = {json.dumps(time, ensure_ascii=False)}" if time else 'time = "t"  # TODO: no column looks like time',
     ]
     if system:
         return "\n".join([*lines, *_of_system(system, wanted, found, known)]) + "\n"
-    return "\n".join([*lines, *_of_networks(files[0], found)]) + "\n"
+    return "\n".join([*lines, *_of_networks(files[0], found, stated)]) + "\n"
 
 
 def _of_system(system: str, wanted: dict[str, str], found: Found, known: Known | None) -> list[str]:
@@ -99,14 +100,14 @@ def _of_system(system: str, wanted: dict[str, str], found: Found, known: Known |
     ]
 
 
-def _of_networks(file: Path, found: Found) -> list[str]:
+def _of_networks(file: Path, found: Found, stated: Mapping[str, str]) -> list[str]:
     """What follows the clock where there is no physics model: every column that holds numbers is a signal."""
     signals, inputs, other = dict(found.signals), [], []
     for column in found.left:
         if not _numeric(file, column):
             other.append(column)
             continue
-        name, entry = own_signal(column, signals)
+        name, entry = own_signal(column, signals, stated.get(column, ""))
         signals[name] = entry
         if drives(column):
             inputs.append(name)
@@ -120,26 +121,27 @@ def _of_networks(file: Path, found: Found) -> list[str]:
         '# targets = ["…"]  what is predicted; left out, all signals beside the input',
         "",
         f"# {NO_PHYSICS} With one, `bench data init FOLDER --system NAME` drafts its constants too.",
-        "[signals]  # TODO: check every unit",
+        "[signals]" + ("" if set(found.left) <= {*stated, *other} else "  # TODO: check every unit"),
         *(f"{signal} = {entry}" for signal, entry in signals.items()),
         *(f"# column {json.dumps(n, ensure_ascii=False)} holds no numbers" for n in other),
     ]
 
 
-def _clock(file: Path, time: str | None) -> list[str]:
+def _clock(file: Path, time: str | None, stated: Mapping[str, str]) -> list[str]:
     """The rate, as the time column of a file has it, and the unit of that column where it is not seconds."""
     t = _times(file, time) if time else np.empty(0)
     steps = np.diff(t)
     if len(steps) < 2 or not (period := float(np.median(steps))) > 0:
         return ["rate_hz = 100  # TODO: check"]
-    unit = time_unit(time or "", period)
+    said = stated.get(time or "")
+    unit = said if said in SECONDS else time_unit(time or "", period)
     rate = 1 / (period * SECONDS[unit])
     uneven = float(np.mean(np.abs(steps - period) > 0.1 * period))
     overall = (len(t) - 1) / (t[-1] - t[0]) / SECONDS[unit]  # stamps may be rounded
     rate = overall if abs(overall - rate) < 0.1 * rate else rate
     rate = round(rate) if round(rate) and abs(rate - round(rate)) < 2e-3 * rate else float(f"{rate:.6g}")
-    said = f"  # {uneven:.0%} of the steps of {file.name} are others: put on this rate" if uneven > 0.01 else ""
-    lines = [f"rate_hz = {rate:g}{said or f'  # as {file.name} has it'}"]
+    jitter = f"  # {uneven:.0%} of the steps of {file.name} are others: put on this rate" if uneven > 0.01 else ""
+    lines = [f"rate_hz = {rate:g}{jitter or f'  # as {file.name} has it'}"]
     return lines if unit == "s" else [*lines, f'time_unit = "{unit}"']
 
 

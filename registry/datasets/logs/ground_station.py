@@ -8,7 +8,7 @@ from registry.datasets.folder.columns import time_column
 from registry.datasets.folder.description import SECONDS
 from registry.datasets.folder.draft import time_unit
 from registry.datasets.logs.table import Table
-from registry.datasets.reading.tables import header, numeric
+from registry.datasets.reading.tables import header, numeric, units
 from registry.errors import BenchError
 
 
@@ -29,5 +29,8 @@ def read_csv(file: Path) -> Table:
     if not columns:
         raise BenchError(f"{file} has no column of numbers beside the time: nothing was logged.")
     steps = np.diff(t[np.isfinite(t)])
-    unit = time_unit(time, float(np.median(steps))) if len(steps) else "s"
-    return Table(t * SECONDS[unit], columns, source=file.stem)
+    stated = units(file)
+    unit = stated.get(time, "")
+    if unit not in SECONDS:
+        unit = time_unit(time, float(np.median(steps))) if len(steps) else "s"
+    return Table(t * SECONDS[unit], columns, {n: u for n, u in stated.items() if n in columns}, file.stem)

@@ -86,9 +86,14 @@ def write(file: Path, table: Table, common: Collection[str]) -> None:
     columns = {name: x for name, x in table.columns.items() if name in common}
     frame = pd.DataFrame({TIME: [f"{t:.6f}" for t in table.t - table.t[0]], **columns})
     with file.open("w", encoding="utf-8", newline="") as stream:
-        head = pd.DataFrame([{TIME: "s", **{n: table.units.get(n, "") for n in columns}}])
+        head = pd.DataFrame([{TIME: "s", **{n: _cell(table.units.get(n, "")) for n in columns}}])
         head[: 1 if any(table.units.get(n) for n in columns) else 0].to_csv(stream, index=False)
         frame.to_csv(stream, index=False, header=False, float_format="%.9g")
+
+
+def _cell(unit: str) -> str:
+    """A unit in a row of units, in which 1 would be a number."""
+    return "-" if unit == "1" else unit
 
 
 def _overlap(a: Table, b: Table) -> bool:

@@ -13,6 +13,7 @@ from pyarrow import ArrowException
 
 from registry.errors import BenchError, near
 from registry.regular_file import regular
+from registry.units import unit_of
 
 ENDINGS = (".csv", ".csv.gz", ".parquet")
 
@@ -81,9 +82,24 @@ def numeric(file: Path) -> dict[str, np.ndarray]:
     return found
 
 
+def units(file: Path) -> dict[str, str]:
+    """The units of the columns, where the second row of a CSV file holds units and no number; else none.
+
+    Raises:
+        BenchError: see `read`.
+    """
+    if file.name.endswith(".parquet"):
+        return {}
+    names, second = header(file), _second_row(file)
+    # A "1" would be a number: what has no unit has "-", or nothing.
+    read_as = {name: unit_of(text) if text.strip() != "1" else "" for name, text in zip(names, second, strict=False)}
+    found = {name: unit for name, unit in read_as.items() if unit}
+    return found if len(second) == len(names) and len(found) == sum(bool(text.strip()) for text in second) else {}
+
+
 def first_row(file: Path) -> int:
     """The row number of the first sample."""
-    return 1 if file.name.endswith(".parquet") else 2
+    return 1 if file.name.endswith(".parquet") else 3 if units(file) else 2
 
 
 def read(file: Path, rows: int | None = None, any_ending: bool = False) -> pd.DataFrame:
@@ -123,13 +139,23 @@ def _csv(file: Path, rows: int | None) -> pd.DataFrame:
     told: dict[str, Any] = {"encoding": "utf-8", "skip_blank_lines": False, "skipinitialspace": True}
     first = pd.read_csv(file, **told, header=None, nrows=1, dtype=str, keep_default_na=False)
     _refuse_twice(file, [str(name) for name in first.iloc[0]])
-    table = pd.read_csv(file, **told, low_memory=False, nrows=rows)
+    skipped = [1] if rows != 0 and units(file) else None
+    table = pd.read_csv(file, **told, low_memory=False, nrows=rows, skiprows=skipped)
     if not isinstance(table.index, pd.RangeIndex):  # pandas takes the first columns for names of the rows
         raise BenchError(
             f"{file} has rows that are longer than its header of {len(table.columns)} names: name every column, or "
             "remove the commas at the ends of the rows."
         )
     return table
+
+
+def _second_row(file: Path) -> list[str]:
+    """The cells of the second line of a CSV file; none where it cannot be told."""
+    try:
+        row = pd.read_csv(file, encoding="utf-8", header=None, skiprows=1, nrows=1, dtype=str, keep_default_na=False)
+    except (OSError, ValueError, EOFError, zlib.error, pd.errors.EmptyDataError):
+        return []
+    return [str(cell) for cell in row.iloc[0]] if len(row) else []
 
 
 def _refuse_twice(file: Path, names: Sequence[str]) -> None:
