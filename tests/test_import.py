@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from bench.cli.commands.data import data_command
 from registry.core import PHYSICS
 from registry.datasets.folder.dataset import Folder, check
+from registry.datasets.logs.formats.ulog import read as read_topics
 from registry.datasets.logs.importing import convert
-from registry.datasets.logs.ulog import read as read_topics
 from registry.errors import BenchError
 from registry.stated import refuse_unstated
 

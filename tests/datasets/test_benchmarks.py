@@ -15,7 +15,7 @@ from registry.datasets.benchmarks.cascaded_tanks import CascadedTanks
 from registry.datasets.benchmarks.emps import Emps
 from registry.datasets.benchmarks.silverbox import RATE, Silverbox, band_limited
 from registry.datasets.crazypad import Crazypad
-from registry.datasets.logs.usd import read_usd_log
+from registry.datasets.logs.formats.usd import read_usd_log
 from registry.effects.friction import STICKING, CoulombFriction, OffsetForce, ViscousFriction
 from registry.effects.process import Overflow
 from registry.effects.stiffness import CubicStiffness

@@ -15,6 +15,7 @@ import scipy.io
 from datasets.test_ardupilot_logs import dataflash, flight
 from datasets.test_crazyflie_logs import whole as crazyflie_log
 from datasets.test_folder import TOML, table
+from datasets.test_matlab_logs import TANK, save
 from faults.test_kills import study
 from fuzz.inputs import EDITS, WORDS, cases, edited, one_sentence
 from hypothesis import given
@@ -365,3 +366,12 @@ def test_ros_bag(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
 @given(edits=EDITS)
 def test_ardupilot_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
     _import(place, "12.bin", edited(dataflash(flight()), edits))
+
+
+@cases(150)
+@given(edits=EDITS, version=st.sampled_from(["5", "7", "7.3"]))
+def test_matlab_log(place: Path, edits: list[tuple[float, bytes, int]], version: str) -> None:
+    whole = place / f"log{version}.mat"
+    if not whole.exists():
+        save(whole, version, TANK)
+    _import(place, "log.mat", edited(whole.read_bytes(), edits))

@@ -79,11 +79,12 @@ def init_command(folder: Path, system: str) -> None:
     help="Whose constants to state: a Crazyflie 2's, or those under [physics] of a file, such as dataset.toml.",
 )
 def import_command(files: tuple[Path, ...], folder: Path, rate: float | None, vehicle: str) -> None:
-    """Logs of PX4, ArduPilot, ROS 1 and 2 or a Crazyflie as CSV files with a drafted dataset.toml.
+    """Logs of PX4, ArduPilot, ROS 1 and 2, a Crazyflie or MATLAB as CSV files with a drafted dataset.toml.
 
     Of autopilots and ROS all signals on one clock, SI, world z up, body x forward, y left, z up (NED and FRD are
     converted). Of a Crazyflie the variables as they are, described with their units and signs; files that cfclient
-    wrote at the same time, block by block, are put together.
+    wrote at the same time, block by block, are put together. Of MATLAB structs with a time, nested or in arrays, or
+    plain variables.
 
     \b
     bench data import flight1.ulg flight2.ulg -o flights/
@@ -91,6 +92,7 @@ def import_command(files: tuple[Path, ...], folder: Path, rate: float | None, ve
     bench data import run.bag -o flights/ --rate 200
     bench data import log00 log01 -o flights/ --vehicle crazyflie
     bench data import state.csv motors.csv -o flights/
+    bench data import tank.mat -o tank/
     """
     from registry.datasets.logs.importing import convert
 

@@ -26,11 +26,14 @@ COMMANDS = ("rotor_command", "pwm")
 
 @dataclass(frozen=True)
 class Known:
-    """What the format of a log says beside names and times: its units and frames, so that none need be checked."""
+    """What an importer knows of the files that it wrote, beside the names of their columns."""
 
     rate: float
     """[Hz]."""
     constants: Mapping[str, Constant] = field(default_factory=dict)
+    """Of the system."""
+    sure: bool = False
+    """Whether the format of the log says units and frames, so that none need be checked."""
 
 
 def draft(folder: str | Path, system: str = "", known: Known | None = None) -> str:
@@ -55,14 +58,15 @@ def draft(folder: str | Path, system: str = "", known: Known | None = None) -> s
     columns = [n for n in names if n != time]
     if not columns:
         raise BenchError(f"{files[0]} has no column beside the time: log what drives the system and what it does.")
+    sure = known is not None and known.sure
     wanted = _signals_of(system) if system else {}
     stated = units(files[0])
     found = recognised(columns, wanted, stated)
     if not system and set(found.signals) & {*MOTION, "pilot"}:
         system = "helicopter" if "pilot" in found.signals else "quadrotor"
-        if known and not set(found.signals) & set(PHYSICS.get(system).input_signals):
+        if sure and not set(found.signals) & set(PHYSICS.get(system).input_signals):
             system = ""  # nothing drives it, and nobody can add what the log lacks
-    check = "" if known else "  # TODO: check; `bench list physics` names the others"
+    check = "" if sure else "  # TODO: check; `bench list physics` names the others"
     ending = next(e for e in ENDINGS[::-1] if files[0].name.endswith(e))
     lines = [
         f"name = {json.dumps(Path(os.path.realpath(folder)).name, ensure_ascii=False)}",
@@ -78,21 +82,22 @@ def draft(folder: str | Path, system: str = "", known: Known | None = None) -> s
 
 def _of_system(system: str, wanted: dict[str, str], found: Found, known: Known | None) -> list[str]:
     """What follows the clock where a physics model is known."""
+    sure = known is not None and known.sure
     driver = next((s for s in PHYSICS.get(system).input_signals if s in found.signals), None)
     missing = [s for s in wanted if s not in found.signals]
     return [
-        *_driven(system, driver, known is not None),
+        *_driven(system, driver, sure),
         "",
-        "[signals]" + ("" if known else "  # TODO: check every unit, and the frame of the velocity"),
+        "[signals]" + ("" if sure else "  # TODO: check every unit, and the frame of the velocity"),
         *(f"{signal} = {entry}" for signal, entry in found.signals.items()),
         *(
             f'# TODO: {m} = {{columns = ["…"], unit = "{SIGNALS[m].unit}"}}, {wanted[m]}, if it was measured'
             for m in missing
-            if not known
+            if not sure
         ),
         *(
-            f"# {'not used:' if known else 'TODO: what is'} column {json.dumps(n, ensure_ascii=False)}"
-            + "?" * (not known)
+            f"# {'not used:' if sure else 'TODO: what is'} column {json.dumps(n, ensure_ascii=False)}"
+            + "?" * (not sure)
             for n in found.left
         ),
         "",

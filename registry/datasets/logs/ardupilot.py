@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from registry.datasets.folder.constants import Constant
-from registry.datasets.logs import dataflash
+from registry.datasets.logs.formats import dataflash
 from registry.datasets.logs.px4 import enu, enu_flu, flu
 from registry.datasets.logs.series import Log, Series, series, steps
 from registry.datasets.reading.rotations import quaternion_from_euler

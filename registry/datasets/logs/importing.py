@@ -1,15 +1,17 @@
 """Logs of autopilots, robots and ground stations as a folder of CSV files with a drafted `dataset.toml`."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from registry.datasets.folder.columns import recognised
-from registry.datasets.folder.constants import Constant
 from registry.datasets.folder.description import FILE
 from registry.datasets.folder.draft import MOTION, Known, draft
-from registry.datasets.logs import flights, ground_station, usd
+from registry.datasets.logs import flights, ground_station
 from registry.datasets.logs.ardupilot import read_dataflash
 from registry.datasets.logs.flights import DRIVERS
+from registry.datasets.logs.formats import usd
+from registry.datasets.logs.matlab import read_matlab
 from registry.datasets.logs.px4 import read_ulog
 from registry.datasets.logs.series import Log, round_rate
 from registry.datasets.logs.table import Table, joined, same_recording, write
@@ -24,8 +26,11 @@ FORMATS = {
     ".mcap": "ROS bag",
     ".db3": "ROS bag",
     ".csv": "table",
+    ".mat": "MATLAB file",
 }
 """By the ending of a file's name; a Crazyflie's log has none."""
+FIRMWARE = ("stateEstimate", "stabilizer.", "kalman.", "gyro.", "acc.", "motor.m", "pwm.m", "controller.")
+"""How the names of a Crazyflie's variables begin, whose units and signs are known."""
 PACE = ("body_rates", *DRIVERS)
 """Signals whose rates limit the common one."""
 
@@ -35,7 +40,7 @@ def convert(files: Sequence[Path], folder: Path, rate: float | None = None, vehi
 
     Args:
         files: logs of one format: PX4 ULogs (.ulg), ArduPilot logs (.bin), ROS 1 bags (.bag), ROS 2 bags (.mcap, .db3
-            or their folder), Crazyflie logs of the memory card, or of cfclient (.csv).
+            or their folder), MATLAB files (.mat), Crazyflie logs of the memory card, or of cfclient (.csv).
         folder: made where it does not exist; must not hold a dataset.toml.
         rate: common sample rate [Hz]; default: as the signals have it.
         vehicle: whose constants to state, see `registry.datasets.logs.vehicles.vehicle`; "": those in the log alone.
@@ -59,7 +64,8 @@ def convert(files: Sequence[Path], folder: Path, rate: float | None = None, vehi
     if read := _reader(kind):
         return flights.write({name: read(file) for name, file in zip(names, files, strict=True)}, folder, rate, known)
     said, recordings = _tables(kind, dict(zip(names, files, strict=True)))
-    return [*said, *_write(recordings, folder, rate, known)]
+    firmware = any(c.startswith(FIRMWARE) for tables in recordings.values() for t in tables for c in t.columns)
+    return [*said, *_write(recordings, folder, rate, Known(0.0, known, firmware))]
 
 
 def format_of(file: Path) -> str:
@@ -80,7 +86,7 @@ def format_of(file: Path) -> str:
             return "Crazyflie log"
     raise BenchError(
         f"{file} is neither a PX4 ULog (.ulg), an ArduPilot log (.bin), a ROS bag (.bag, .mcap, .db3 or a ROS 2 bag's "
-        "folder), nor a Crazyflie's log of its memory card or of cfclient (.csv)."
+        "folder), a MATLAB file (.mat), nor a Crazyflie's log of its memory card or of cfclient (.csv)."
     )
 
 
@@ -102,6 +108,9 @@ def _tables(kind: str, files: Mapping[str, Path]) -> tuple[list[str], dict[str, 
     said: list[str] = []
     if kind == "table":
         return said, same_recording((name, ground_station.read_csv(file)) for name, file in files.items())
+    if kind == "MATLAB file":
+        found = {name: tables for file in files.values() for name, tables in read_matlab(file).items()}
+        return said, found
     recordings = {}
     for name, file in files.items():
         events, whole = usd.read_usd_events(file)
@@ -115,9 +124,7 @@ def _tables(kind: str, files: Mapping[str, Path]) -> tuple[list[str], dict[str, 
     return said, recordings
 
 
-def _write(
-    recordings: Mapping[str, Sequence[Table]], folder: Path, rate: float | None, known: Mapping[str, Constant]
-) -> list[str]:
+def _write(recordings: Mapping[str, Sequence[Table]], folder: Path, rate: float | None, known: Known) -> list[str]:
     """The recordings as CSV files, described by the names of their columns; what was done, in sentences."""
     whole = {name: joined(tables) for name, tables in recordings.items()}
     for name, table in whole.items():
@@ -135,7 +142,7 @@ def _write(
         others = [t.source for t in tables if abs(t.rate - chosen) > 0.01 * chosen]
         made = f"; {', '.join(others)}: values between samples are interpolated when it is read" if others else ""
         said.append(f"{name}: {whole[name].t[-1] - whole[name].t[0]:.1f} s at {chosen:g} Hz: {rates}{made}.")
-    if set(found.signals) & set(MOTION) and not set(found.signals) & set(DRIVERS):
+    if known.sure and set(found.signals) & set(MOTION) and not set(found.signals) & set(DRIVERS):
         said.append("No motor signal is in the log: log motor.m1 to motor.m4, without which only networks can predict.")
     if left:
         said.append(f"Left out, because not every file has it: {', '.join(left)}.")
@@ -143,7 +150,7 @@ def _write(
         folder.mkdir(parents=True, exist_ok=True)
         for name, table in whole.items():
             write(folder / f"{name}.csv", table, common)
-        text = draft(folder, known=Known(chosen, known))
+        text = draft(folder, known=replace(known, rate=chosen))
         (folder / FILE).write_text(text, encoding="utf-8")
     except OSError as error:
         raise BenchError(f"{folder} cannot be written: {error.strerror or error}.") from error

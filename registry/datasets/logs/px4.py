@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from registry.datasets.folder.constants import Constant
-from registry.datasets.logs import ulog
+from registry.datasets.logs.formats import ulog
 from registry.datasets.logs.series import Log, series, steps
 
 TOPICS = (

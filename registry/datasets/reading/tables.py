@@ -1,5 +1,6 @@
 """CSV and Parquet files as tables of finite numbers, or a sentence that says where they are not."""
 
+import csv
 import gzip
 import zlib
 from collections.abc import Collection, Sequence
@@ -15,6 +16,8 @@ from registry.errors import BenchError, near
 from registry.regular_file import regular
 from registry.units import unit_of
 
+LONGEST_LINE = 1 << 20
+"""Bytes of a line that may hold units."""
 ENDINGS = (".csv", ".csv.gz", ".parquet")
 
 
@@ -83,14 +86,8 @@ def numeric(file: Path) -> dict[str, np.ndarray]:
 
 
 def units(file: Path) -> dict[str, str]:
-    """The units of the columns, where the second row of a CSV file holds units and no number; else none.
-
-    Raises:
-        BenchError: see `read`.
-    """
-    if file.name.endswith(".parquet"):
-        return {}
-    names, second = header(file), _second_row(file)
+    """The units of the columns, where the second row of a CSV file holds units and no number; else none."""
+    names, second = _two_rows(file)
     # A "1" would be a number: what has no unit has "-", or nothing.
     read_as = {name: unit_of(text) if text.strip() != "1" else "" for name, text in zip(names, second, strict=False)}
     found = {name: unit for name, unit in read_as.items() if unit}
@@ -149,13 +146,17 @@ def _csv(file: Path, rows: int | None) -> pd.DataFrame:
     return table
 
 
-def _second_row(file: Path) -> list[str]:
-    """The cells of the second line of a CSV file; none where it cannot be told."""
+def _two_rows(file: Path) -> list[list[str]]:
+    """The cells of the first two lines of a CSV file; none where they cannot be told."""
+    if file.name.endswith(".parquet"):
+        return [[], []]
     try:
-        row = pd.read_csv(file, encoding="utf-8", header=None, skiprows=1, nrows=1, dtype=str, keep_default_na=False)
-    except (OSError, ValueError, EOFError, zlib.error, pd.errors.EmptyDataError):
-        return []
-    return [str(cell) for cell in row.iloc[0]] if len(row) else []
+        with gzip.open(file, "rb") if file.name.endswith(".gz") else file.open("rb") as stream:
+            lines = [stream.readline(LONGEST_LINE).decode("utf-8-sig") for _ in range(2)]
+        rows = list(csv.reader(lines, skipinitialspace=True))
+    except (OSError, ValueError, EOFError, zlib.error, csv.Error):
+        return [[], []]
+    return rows if len(rows) == 2 else [[], []]
 
 
 def _refuse_twice(file: Path, names: Sequence[str]) -> None:
