@@ -301,6 +301,54 @@ def test_a_bag_is_read_with_velocities_turned_into_the_world(version: int, tmp_p
     np.testing.assert_allclose(np.concatenate([r.inputs for r in parts])[:, 3], 530 + t, atol=1e-6)
 
 
+def test_a_bag_without_motors_is_driven_by_setpoints(tmp_path: Path) -> None:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    definition = (
+        "std_msgs/Header header\nuint8 type_mask\ngeometry_msgs/Quaternion orientation\n"
+        "geometry_msgs/Vector3 body_rate\nfloat32 thrust\n"
+    )
+    store.register(get_types_from_msg(definition, "mavros_msgs/msg/AttitudeTarget"))
+    kind = store.types
+    turn = kind["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    zero = kind["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+
+    def header(t: float) -> object:
+        stamp = kind["builtin_interfaces/msg/Time"](sec=int(t), nanosec=round(1e9 * (t % 1)))
+        return kind["std_msgs/msg/Header"](seq=0, stamp=stamp, frame_id="map")
+
+    def imu(t: float) -> object:
+        rates = kind["geometry_msgs/msg/Vector3"](0.1, 0.2, float(np.sin(t)))
+        covariance = np.zeros(9)
+        return kind["sensor_msgs/msg/Imu"](header(t), turn, covariance, rates, covariance, zero, covariance)
+
+    def pose(t: float) -> object:
+        point = kind["geometry_msgs/msg/Point"](t, 0.0, 1.0)
+        return kind["geometry_msgs/msg/PoseStamped"](header(t), kind["geometry_msgs/msg/Pose"](point, turn))
+
+    def target(t: float) -> object:
+        wanted = kind["geometry_msgs/msg/Vector3"](0.0, 0.0, float(np.cos(t)))
+        return kind["mavros_msgs/msg/AttitudeTarget"](header(t), 0, turn, wanted, 0.5 + 0.1 * np.sin(t))
+
+    with Writer(tmp_path / "run.bag") as writer:
+        for topic, name, build in (
+            ("/imu", "sensor_msgs/msg/Imu", imu),
+            ("/pose", "geometry_msgs/msg/PoseStamped", pose),
+            ("/target", "mavros_msgs/msg/AttitudeTarget", target),
+        ):
+            connection = writer.add_connection(topic, name, typestore=store)
+            for t in np.arange(1.0, 7.0, 0.02):
+                writer.write(connection, round(1e9 * t), store.serialize_ros1(build(t), name))
+    said = convert([tmp_path / "run.bag"], tmp_path / "out")
+    assert "thrust_command and rate_command can drive networks, no physics model" in " ".join(said)
+    (r,) = check(tmp_path / "out").recordings
+    t = 1 + np.arange(len(r)) / 50
+    expected = np.stack([0.5 + 0.1 * np.sin(t), 0 * t, 0 * t, np.cos(t)], axis=1)
+    np.testing.assert_allclose(r.inputs, expected, atol=1e-6)
+
+
 def test_the_command_says_what_it_did_and_what_is_next(tmp_path: Path) -> None:
     ulog(tmp_path / "flight.ulg", px4())
     done = CliRunner().invoke(data_command, ["import", str(tmp_path / "flight.ulg"), "-o", str(tmp_path / "out")])
