@@ -73,8 +73,8 @@ def read(folder: Path) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_a_memory_card_log_is_read_in_si_with_the_signs_of_the_firmware(version: int, tmp_path: Path) -> None:
-    (tmp_path / "log00").write_bytes(whole(version))
-    said = convert([tmp_path / "log00"], tmp_path / "out")
+    (tmp_path / "log00.bin").write_bytes(whole(version))  # told by its content
+    said = convert([tmp_path / "log00.bin"], tmp_path / "out")
     assert Folder(str(tmp_path / "out")).description.rate == RATE
     x, n = read(tmp_path / "out"), len(TIMES) - 10
     np.testing.assert_allclose(x["position"][:n, 0], 0.5 * TIMES[:n], atol=2e-3)

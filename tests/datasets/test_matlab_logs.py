@@ -91,6 +91,19 @@ def test_a_flight_in_nested_structs_at_two_rates_is_joined(version: str, tmp_pat
     np.testing.assert_allclose(x["battery"][:590, 0], 4 - 0.1 * T[:590], atol=1e-6)
 
 
+def test_units_that_nobody_states_are_asked_for(tmp_path: Path) -> None:
+    """acc.x would be in g if a Crazyflie had logged it; and the second of two clocks is no signal."""
+    log = {
+        "time": T[:, None],
+        "t": T[:, None],
+        "acc": {a: T[:, None] for a in ("x", "y", "z")},
+        "m": T[:, None] @ np.ones((1, 4)),
+    }
+    convert([save(tmp_path / "a.mat", "5", {"log": log})], tmp_path / "out")
+    assert "TODO: check every unit" in (tmp_path / "out" / "dataset.toml").read_text()
+    assert set(read(tmp_path / "out")) == {"specific_force", "pwm"}
+
+
 def test_units_of_a_cell_are_those_of_the_variables_in_order(tmp_path: Path) -> None:
     log = {**TANK, "units": np.array(["L/min", "mm"], dtype=object)}
     convert([save(tmp_path / "tank.mat", "5", {"log": log})], tmp_path / "out")

@@ -10,7 +10,7 @@ from registry.datasets.folder.draft import MOTION, Known, draft
 from registry.datasets.logs import flights, ground_station
 from registry.datasets.logs.ardupilot import read_dataflash
 from registry.datasets.logs.flights import DRIVERS
-from registry.datasets.logs.formats import usd
+from registry.datasets.logs.formats import dataflash, usd
 from registry.datasets.logs.matlab import read_matlab
 from registry.datasets.logs.px4 import read_ulog
 from registry.datasets.logs.series import Log, round_rate
@@ -28,9 +28,11 @@ FORMATS = {
     ".csv": "table",
     ".mat": "MATLAB file",
 }
-"""By the ending of a file's name; a Crazyflie's log has none."""
-FIRMWARE = ("stateEstimate", "stabilizer.", "kalman.", "gyro.", "acc.", "motor.m", "pwm.m", "controller.")
-"""How the names of a Crazyflie's variables begin, whose units and signs are known."""
+"""By the ending of a file's name."""
+BEGINNINGS = {b"ULog": "PX4 ULog", dataflash.HEAD: "ArduPilot log", bytes([usd.START]): "Crazyflie log"}
+"""By the first bytes of a file, whatever it is called."""
+FIRMWARE = ("stateEstimate", "stabilizer.", "kalman.", "motor.m")
+"""How names begin that only a Crazyflie has; the units and signs of all its variables are known."""
 PACE = ("body_rates", *DRIVERS)
 """Signals whose rates limit the common one."""
 
@@ -64,8 +66,9 @@ def convert(files: Sequence[Path], folder: Path, rate: float | None = None, vehi
     if read := _reader(kind):
         return flights.write({name: read(file) for name, file in zip(names, files, strict=True)}, folder, rate, known)
     said, recordings = _tables(kind, dict(zip(names, files, strict=True)))
-    firmware = any(c.startswith(FIRMWARE) for tables in recordings.values() for t in tables for c in t.columns)
-    return [*said, *_write(recordings, folder, rate, Known(0.0, known, firmware))]
+    columns = (c for tables in recordings.values() for t in tables for c in t.columns)
+    sure = kind == "Crazyflie log" or (kind == "table" and any(c.startswith(FIRMWARE) for c in columns))
+    return [*said, *_write(recordings, folder, rate, Known(0.0, known, sure))]
 
 
 def format_of(file: Path) -> str:
@@ -79,11 +82,13 @@ def format_of(file: Path) -> str:
     if (file / "metadata.yaml").is_file():
         return "ROS bag"
     regular(file)
+    with file.open("rb") as stream:
+        first = stream.read(max(map(len, BEGINNINGS)))
+    for beginning, name in BEGINNINGS.items():
+        if first.startswith(beginning):
+            return name
     if file.suffix.lower() in FORMATS:
         return FORMATS[file.suffix.lower()]
-    with file.open("rb") as stream:
-        if stream.read(1) == bytes([usd.START]):
-            return "Crazyflie log"
     raise BenchError(
         f"{file} is neither a PX4 ULog (.ulg), an ArduPilot log (.bin), a ROS bag (.bag, .mcap, .db3 or a ROS 2 bag's "
         "folder), a MATLAB file (.mat), nor a Crazyflie's log of its memory card or of cfclient (.csv)."

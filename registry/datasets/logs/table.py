@@ -72,6 +72,8 @@ def joined(tables: Sequence[Table]) -> Table:
         for name, x in table.columns.items():
             if name in columns:
                 raise BenchError(f"Two blocks of one log hold {name!r:.100}: leave one of them out.")
+            if name == TIME:
+                continue  # another clock
             columns[name] = np.full(len(t), np.nan)
             columns[name][at] = x
     return Table(t, columns, {n: u for table in tables for n, u in table.units.items()})
