@@ -48,6 +48,12 @@ def test_rows_are_counted_as_a_spreadsheet_does(tmp_path: Path) -> None:
         numbers(tmp_path / "a.csv", ["t", "x"])
 
 
+def test_a_number_beyond_all_floats_is_none(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(f"t,x\ns,m\n0,1\n1,{'1' * 400}\n")
+    with pytest.raises(BenchError, match=r"row 4: '1111.* not a finite number"):
+        numbers(tmp_path / "a.csv", ["t", "x"])
+
+
 @pytest.mark.parametrize("second", ["0,1", "1,1", "s,1", "nan,nan", ",", "s,idle", "s", "s,m,s"])
 def test_what_may_be_samples_is_no_row_of_units(second: str, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(f"t,x\n{second}\n1,2\n")

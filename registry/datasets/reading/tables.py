@@ -56,7 +56,7 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
     values = np.empty((len(table), len(columns)))
     for j, column in enumerate(columns):
         raw = table[column]
-        number = pd.to_numeric(raw, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+        number = _floats(raw)
         bad = ~np.isfinite(number)
         if column in gaps and not bad.all():
             bad &= ~raw.isna().to_numpy()
@@ -70,6 +70,21 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
     return values
 
 
+def _floats(column: pd.Series) -> np.ndarray:
+    """The values (N,), NaN where one is none."""
+    try:
+        return pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+    except OverflowError:  # a whole number beyond all floats
+        return np.array([_float(value) for value in column])
+
+
+def _float(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
+
+
 def numeric(file: Path) -> dict[str, np.ndarray]:
     """The columns (N,) that hold numbers, NaN where a value is missing; texts among them are left out.
 
@@ -79,7 +94,7 @@ def numeric(file: Path) -> dict[str, np.ndarray]:
     table = read(file)
     found = {}
     for column in table:
-        number = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+        number = _floats(table[column])
         if np.isfinite(number).any() and not (np.isnan(number) & ~table[column].isna().to_numpy()).any():
             found[str(column)] = number
     return found
