@@ -1,6 +1,8 @@
 """The one exception that a user is meant to read."""
 
 import difflib
+import shlex
+import sys
 from collections.abc import Iterable
 
 MAX_LENGTH = 2000
@@ -15,6 +17,12 @@ class BenchError(Exception):
 
     def __init__(self, message: str = "") -> None:
         super().__init__(message if len(message) <= MAX_LENGTH else f"{message[: MAX_LENGTH - 300]} … {message[-297:]}")
+
+
+def not_installed(what: str, *libraries: str) -> BenchError:
+    """The error where an optional library is absent: what needs it, and the command that installs it here."""
+    command = shlex.join([sys.executable, "-m", "pip", "install", *libraries])
+    return BenchError(f"{what} needs {' and '.join(n.partition('=')[0].rstrip('<>~') for n in libraries)}: {command}")
 
 
 def near(name: str, known: Iterable[str]) -> str:

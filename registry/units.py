@@ -119,6 +119,37 @@ def _units() -> Any:
     return pint.UnitRegistry()
 
 
+_SPELT = {"rpm": "rpm", "°c": "degC", "sec": "s", "-": "1", "none": "1", "volt": "V", "volts": "V", "nm": "N m"}
+_SIGNS = (
+    ("°", "deg"),
+    ("²", "^2"),
+    ("·", " "),
+    ("µ", "u"),
+    ("μ", "u"),
+    ("/sec", "/s"),
+    ("**", "^"),
+    ("m/s/s", "m/s^2"),
+)
+
+
+@cache
+def unit_of(text: str) -> str:
+    """The unit that a cell of a table names, as "m/s", "[deg]", "m/s²" or "RPM"; empty: it names none."""
+    text = text.strip().strip("[]()").strip()
+    text = _SPELT.get(text.lower(), text)
+    for written, meant in _SIGNS:
+        text = text.replace(written, meant)
+    if text in _TO_SI:
+        return text
+    if len(text) > 24 or not text or text[0].isdigit() or not _PRODUCT.fullmatch(text):
+        return ""
+    try:
+        _root(text)
+    except Exception:  # parsers of units raise what they like
+        return ""
+    return text
+
+
 def _root(unit: str) -> str:
     """The base units of a unit; angles count, so that Hz is not rad/s."""
     return str(_units().Quantity(1.0, unit).to_root_units().units)

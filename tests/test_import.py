@@ -14,11 +14,11 @@ from scipy.spatial.transform import Rotation
 from bench.cli.commands.data import data_command
 from registry.core import PHYSICS
 from registry.datasets.folder.dataset import Folder, check
+from registry.datasets.logs.formats.ulog import read as read_topics
 from registry.datasets.logs.importing import convert
 from registry.errors import BenchError
 from registry.stated import refuse_unstated
 
-pytest.importorskip("pyulog")
 pytest.importorskip("rosbags")
 
 FORMATS = {
@@ -27,6 +27,9 @@ FORMATS = {
     "vehicle_angular_velocity": "uint64_t timestamp;float[3] xyz;",
     "actuator_motors": "uint64_t timestamp;float[12] control;",
     "battery_status": "uint64_t timestamp;float voltage_v;",
+    "esc_report": "int32_t esc_rpm;uint8_t[4] _padding0;",
+    "esc_status": "uint64_t timestamp;esc_report[8] esc;uint8_t[3] _padding0;",
+    "vehicle_land_detected": "uint64_t timestamp;bool landed;bool ground_contact;",
 }
 LAYOUTS = {
     "vehicle_local_position": "<Q6f?",
@@ -34,6 +37,8 @@ LAYOUTS = {
     "vehicle_angular_velocity": "<Q3f",
     "actuator_motors": "<Q12f",
     "battery_status": "<Qf",
+    "esc_status": "<Q" + "i4x" * 8,  # the padding at its end is not written
+    "vehicle_land_detected": "<Q??",
 }
 STILL = (1.0, 0.0, 0.0, 0.0)
 
@@ -42,11 +47,15 @@ def message(kind: bytes, content: bytes) -> bytes:
     return struct.pack("<H", len(content)) + kind + content
 
 
-def ulog(path: Path, rows: dict[str, list[tuple[float, ...]]]) -> None:
+def ulog(path: Path, rows: dict[str, list[tuple[float, ...]]], parameters: dict[str, float] | None = None) -> None:
     """A ULog of these topics, as https://docs.px4.io/main/en/dev_log/ulog_file_format.html has it."""
     out = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
-    for topic in rows:
+    for topic in (*rows, "esc_report"):
         out += message(b"F", f"{topic}:{FORMATS[topic]}".encode())
+    for name, value in (parameters or {}).items():
+        key = f"{'int32_t' if isinstance(value, int) else 'float'} {name}".encode()
+        packed = struct.pack("<i" if isinstance(value, int) else "<f", value)
+        out += message(b"P", bytes([len(key)]) + key + packed)
     for number, topic in enumerate(rows):
         out += message(b"A", struct.pack("<BH", 0, number) + topic.encode())
     for number, (topic, data) in enumerate(rows.items()):
@@ -76,7 +85,7 @@ def test_px4_axes_become_east_north_up_and_forward_left_up(tmp_path: Path) -> No
     with pytest.raises(BenchError, match="does not state mass"):  # of the vehicle that flew, no other
         refuse_unstated(Folder(str(tmp_path / "out")), PHYSICS.get("quadrotor"))
     (recording,) = check(tmp_path / "out").recordings
-    assert recording.rate == 50
+    assert recording.rate == 100
     t = np.arange(len(recording)) / recording.rate
     expected = {
         "position": np.stack([0 * t + 0.5, 2 * t, -t], axis=1),  # north is y, down is −z
@@ -90,7 +99,7 @@ def test_px4_axes_become_east_north_up_and_forward_left_up(tmp_path: Path) -> No
     turned = Rotation.from_quat(recording.pick(["attitude"])[0])
     np.testing.assert_allclose(turned.apply([1, 0, 0]), np.tile([0, 1.0, 0], (len(t), 1)), atol=1e-6)
     np.testing.assert_allclose(turned.apply([0, 0, 1]), np.tile([0, 0, 1.0], (len(t), 1)), atol=1e-6)
-    # Motor commands are held, unused outputs are left out.
+    # Motor commands are as logged, unused outputs are left out.
     assert [c.name for c in recording.input_channels] == [f"pwm.{i}" for i in (1, 2, 3, 4)]
     np.testing.assert_allclose(recording.inputs[:, 0], t / 10, atol=1e-3)
 
@@ -114,7 +123,120 @@ def test_a_gap_cuts_and_a_rate_is_kept(tmp_path: Path) -> None:
     recordings = check(tmp_path / "out").recordings
     assert [(r.name, r.rate) for r in recordings] == [("flight_part1", 200), ("flight_part2", 200)]
     assert [round(r.seconds) for r in recordings] == [3, 4]
-    assert "slower than 200 Hz" in " ".join(said)
+    assert "attitude, velocity, battery came slower than 200 Hz: interpolated" in " ".join(said)
+    assert "pwm came slower than 200 Hz: held" in " ".join(said)
+    with pytest.raises(BenchError, match=r"--rate 1e\+06 is beyond them all"):
+        convert([tmp_path / "flight.ulg"], tmp_path / "out2", rate=1e6)
+
+
+ROTORS = {"CA_ROTOR_COUNT": 4}
+for i, (x, y, turn) in enumerate(((0.1, 0.2, 0.05), (-0.1, -0.2, 0.05), (0.1, -0.2, -0.05), (-0.1, 0.2, -0.05))):
+    ROTORS |= {f"CA_ROTOR{i}_PX": x, f"CA_ROTOR{i}_PY": y, f"CA_ROTOR{i}_PZ": 0.0, f"CA_ROTOR{i}_KM": turn}
+
+
+def telemetry(rate: float, seconds: float = 8.0) -> dict[str, list]:
+    """Hovering with motors at ω = 800 u + 100 rad/s, speeds logged at ``rate``; on the ground until 3 s."""
+    rows = px4(seconds=seconds)
+    commands = [0.5 + 0.1 * np.sin(k / 40) for k in range(int(100 * seconds))]
+    rows["actuator_motors"] = [(10_000 * k, u, u, u, u, *[np.nan] * 8) for k, u in enumerate(commands)]
+    rows["esc_status"] = [
+        (10_000 * k, *[round((800 * commands[k] + 100) * 30 / np.pi)] * 4, *[0] * 4)
+        for k in range(0, len(commands), round(100 / rate))
+    ]
+    rows["vehicle_land_detected"] = [(int(1e6 * t), t < 2, t < 3) for t in np.arange(0, seconds, 0.5)]
+    return rows
+
+
+def test_rotors_landings_and_the_map_of_the_motors_are_in_the_log(tmp_path: Path) -> None:
+    ulog(tmp_path / "flight.ulg", telemetry(rate=4), {"MC_AIRMODE": 1, **ROTORS})
+    said = " ".join(convert([tmp_path / "flight.ulg"], tmp_path / "out"))
+    assert "4.8 s in 1 recording(s) at 100 Hz" in said and "time on the ground, by landed, is left out" in said
+    assert "another tells more: rotor_speed" in said  # of 4 Hz
+    stated = Folder(str(tmp_path / "out")).physics
+    np.testing.assert_allclose(
+        stated["rotor_positions"], [[0.1, -0.2, 0], [-0.1, 0.2, 0], [0.1, 0.2, 0], [-0.1, -0.2, 0]]
+    )
+    assert stated["rotor_directions"] == (-1, -1, 1, 1)  # what turns counter-clockwise turns the body clockwise
+    assert stated["pwm_gain"] == pytest.approx(800, rel=1e-3) and stated["pwm_offset"] == pytest.approx(100, rel=1e-2)
+    with pytest.raises(BenchError, match=r"does not state mass .*, inertia .*, thrust_coefficient .*, torque_coeff"):
+        refuse_unstated(Folder(str(tmp_path / "out")), PHYSICS.get("quadrotor"))
+
+
+def test_measured_speeds_drive_where_they_are_fast_enough(tmp_path: Path) -> None:
+    ulog(tmp_path / "flight.ulg", telemetry(rate=50))
+    convert([tmp_path / "flight.ulg"], tmp_path / "out")
+    description = Folder(str(tmp_path / "out")).description
+    assert description.inputs == ("rotor_speed",) and description.rate == 50 and "pwm" in description.signals
+
+
+def test_with_mass_and_inertia_no_question_is_left(tmp_path: Path) -> None:
+    """k_f so that the median of thrust is mass × that of specific force, k_m by the moment ratio."""
+    rows = telemetry(rate=4)
+    rows["sensor_combined"] = [(4000 * k, 0, 0, 0, 0, 0, -9.5) for k in range(2000)]
+    FORMATS["sensor_combined"] = "uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;"
+    LAYOUTS["sensor_combined"] = "<Q6f"
+    ulog(tmp_path / "flight.ulg", rows, ROTORS)
+    (tmp_path / "vehicle.toml").write_text("[physics]\nmass = 1.5\ninertia = [0.03, 0.03, 0.05]\n")
+    convert([tmp_path / "flight.ulg"], tmp_path / "out", vehicle=str(tmp_path / "vehicle.toml"))
+    assert "TODO" not in (tmp_path / "out" / "dataset.toml").read_text()
+    folder = Folder(str(tmp_path / "out"))
+    refuse_unstated(folder, PHYSICS.get("quadrotor"))
+    omega = 800 * np.array([row[1] for row in rows["actuator_motors"]])[300:781] + 100
+    assert folder.physics["thrust_coefficient"] == pytest.approx(1.5 * 9.5 / (4 * np.median(omega**2)), rel=2e-3)
+    assert folder.physics["torque_coefficient"] == pytest.approx(0.05 * folder.physics["thrust_coefficient"], rel=1e-4)
+
+
+def test_shares_of_thrust_become_motor_signals(tmp_path: Path) -> None:
+    rows = px4()
+    rows["actuator_motors"] = [(int(1e6 * t), *[0.36 + t / 100] * 4, *[np.nan] * 8) for t in np.arange(0, 4, 0.01)]
+    ulog(tmp_path / "flight.ulg", rows, {"THR_MDL_FAC": 0.4})
+    said = convert([tmp_path / "flight.ulg"], tmp_path / "out")
+    signal = check(tmp_path / "out").recordings[0].inputs[:, 0]
+    np.testing.assert_allclose(0.4 * signal**2 + 0.6 * signal, 0.36 + np.arange(len(signal)) / 1e4, atol=1e-4)
+    assert "THR_MDL_FAC = 0.4" in " ".join(said)
+
+
+def test_without_motors_setpoints_drive_networks(tmp_path: Path) -> None:
+    rows = _no_motors(px4())
+    FORMATS["vehicle_rates_setpoint"] = "uint64_t timestamp;float roll;float pitch;float yaw;float[3] thrust_body;"
+    LAYOUTS["vehicle_rates_setpoint"] = "<Q6f"
+    rows["vehicle_rates_setpoint"] = [(20_000 * k, 0.1, 0.2, 0.3, 0, 0, -0.6) for k in range(200)]
+    ulog(tmp_path / "flight.ulg", rows)
+    convert([tmp_path / "flight.ulg"], tmp_path / "out")
+    (recording,) = check(tmp_path / "out").recordings
+    np.testing.assert_allclose(recording.inputs, np.tile([0.6, 0.1, -0.2, -0.3], (len(recording), 1)), atol=1e-6)
+    assert not Folder(str(tmp_path / "out")).system
+
+
+def test_topics_are_what_px4s_own_reader_finds(tmp_path: Path) -> None:
+    """Arrays, types within types, several instances, a lost stretch, and the tail that a crash appended."""
+    pyulog = pytest.importorskip("pyulog")
+    rows = telemetry(rate=20)
+    ulog(tmp_path / "plain.ulg", rows, ROTORS)
+    content = (tmp_path / "plain.ulg").read_bytes()
+    flags = bytes(8) + b"\x01" + bytes(7)
+    more = content[16:] + message(b"O", struct.pack("<H", 120))
+    more += message(b"A", struct.pack("<BH", 1, 99) + b"battery_status")
+    more += message(b"D", struct.pack("<H", 99) + struct.pack("<Qf", 5, 1.0))
+    late = message(b"D", struct.pack("<H", 4) + struct.pack("<Qf", 9_000_000, 11.0))
+    at = 16 + 43 + len(more) + 5
+    more += b"\xff\x00Dxx"  # cut by the crash
+    whole = content[:16] + message(b"B", flags + struct.pack("<3Q", at, 0, 0)) + more + late
+    (tmp_path / "crash.ulg").write_bytes(whole)
+    ours, theirs = read_topics(tmp_path / "plain.ulg", FORMATS), pyulog.ULog(str(tmp_path / "plain.ulg"))
+    found = {d.name: d.data for d in theirs.data_list}
+    assert set(ours.topics) == set(found) == set(rows)
+    for topic, data in found.items():
+        assert set(ours.topics[topic]) == set(data)
+        for column, values in data.items():
+            np.testing.assert_array_equal(ours.topics[topic][column], values, err_msg=f"{topic} {column}")
+    assert ours.parameters == {k: float(v) for k, v in theirs.initial_parameters.items()} and ours.whole
+    crash = read_topics(tmp_path / "crash.ulg", FORMATS)
+    assert crash.dropped == 0.12 and crash.whole and set(crash.topics) == set(rows)
+    np.testing.assert_array_equal(
+        crash.topics["battery_status"]["voltage_v"][:-1], found["battery_status"]["voltage_v"]
+    )
+    assert crash.topics["battery_status"]["voltage_v"][-1] == 11.0
 
 
 def bag(path: Path, version: int, actuators: str = "mav_msgs/msg/Actuators") -> Path:
@@ -179,6 +301,54 @@ def test_a_bag_is_read_with_velocities_turned_into_the_world(version: int, tmp_p
     np.testing.assert_allclose(np.concatenate([r.inputs for r in parts])[:, 3], 530 + t, atol=1e-6)
 
 
+def test_a_bag_without_motors_is_driven_by_setpoints(tmp_path: Path) -> None:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    definition = (
+        "std_msgs/Header header\nuint8 type_mask\ngeometry_msgs/Quaternion orientation\n"
+        "geometry_msgs/Vector3 body_rate\nfloat32 thrust\n"
+    )
+    store.register(get_types_from_msg(definition, "mavros_msgs/msg/AttitudeTarget"))
+    kind = store.types
+    turn = kind["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    zero = kind["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+
+    def header(t: float) -> object:
+        stamp = kind["builtin_interfaces/msg/Time"](sec=int(t), nanosec=round(1e9 * (t % 1)))
+        return kind["std_msgs/msg/Header"](seq=0, stamp=stamp, frame_id="map")
+
+    def imu(t: float) -> object:
+        rates = kind["geometry_msgs/msg/Vector3"](0.1, 0.2, float(np.sin(t)))
+        covariance = np.zeros(9)
+        return kind["sensor_msgs/msg/Imu"](header(t), turn, covariance, rates, covariance, zero, covariance)
+
+    def pose(t: float) -> object:
+        point = kind["geometry_msgs/msg/Point"](t, 0.0, 1.0)
+        return kind["geometry_msgs/msg/PoseStamped"](header(t), kind["geometry_msgs/msg/Pose"](point, turn))
+
+    def target(t: float) -> object:
+        wanted = kind["geometry_msgs/msg/Vector3"](0.0, 0.0, float(np.cos(t)))
+        return kind["mavros_msgs/msg/AttitudeTarget"](header(t), 0, turn, wanted, 0.5 + 0.1 * np.sin(t))
+
+    with Writer(tmp_path / "run.bag") as writer:
+        for topic, name, build in (
+            ("/imu", "sensor_msgs/msg/Imu", imu),
+            ("/pose", "geometry_msgs/msg/PoseStamped", pose),
+            ("/target", "mavros_msgs/msg/AttitudeTarget", target),
+        ):
+            connection = writer.add_connection(topic, name, typestore=store)
+            for t in np.arange(1.0, 7.0, 0.02):
+                writer.write(connection, round(1e9 * t), store.serialize_ros1(build(t), name))
+    said = convert([tmp_path / "run.bag"], tmp_path / "out")
+    assert "thrust_command and rate_command can drive networks, no physics model" in " ".join(said)
+    (r,) = check(tmp_path / "out").recordings
+    t = 1 + np.arange(len(r)) / 50
+    expected = np.stack([0.5 + 0.1 * np.sin(t), 0 * t, 0 * t, np.cos(t)], axis=1)
+    np.testing.assert_allclose(r.inputs, expected, atol=1e-6)
+
+
 def test_the_command_says_what_it_did_and_what_is_next(tmp_path: Path) -> None:
     ulog(tmp_path / "flight.ulg", px4())
     done = CliRunner().invoke(data_command, ["import", str(tmp_path / "flight.ulg"), "-o", str(tmp_path / "out")])
@@ -195,6 +365,7 @@ def _no_motors(rows: dict[str, list]) -> dict[str, list]:
     ("name", "content", "says"),
     [
         ("a.ulg", b"no log", "cannot be read as a PX4 ULog"),
+        ("b.ulg", b"ULog\x01\x12\x35\x01" + bytes(8) + b"\x28\0B" + bytes(8) + b"\x02" + bytes(31), "a newer reader"),
         ("a.bag", b"no bag", "cannot be read as a ROS bag"),
         ("a.txt", b"", "neither a PX4 ULog"),
         ("absent.ulg", None, "does not exist"),
@@ -215,8 +386,8 @@ def test_a_mistake_is_one_sentence_and_nothing_is_written(
 
 
 def test_without_the_libraries_it_says_what_to_install(tmp_path: Path) -> None:
-    ulog(tmp_path / "flight.ulg", px4())
-    code = "import sys; sys.modules['pyulog'] = None; from bench.cli import main; main()"
-    arguments = ["data", "import", str(tmp_path / "flight.ulg"), "-o", str(tmp_path / "out")]
+    (tmp_path / "run.bag").write_bytes(b"")
+    code = "import sys; sys.modules['rosbags'] = None; from bench.cli import main; main()"
+    arguments = ["data", "import", str(tmp_path / "run.bag"), "-o", str(tmp_path / "out")]
     done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2 and 'pip install "multistep-bench[import]"' in done.stderr
+    assert done.returncode == 2 and "-m pip install 'rosbags>=0.11'" in done.stderr

@@ -15,12 +15,12 @@ from contextlib import contextmanager
 from typing import Any
 
 from bench.execution.pool import AHEAD, WorkerPool
-from registry.errors import BenchError
+from registry.errors import BenchError, not_installed
 
 try:
     import distributed
 except ImportError as error:
-    raise BenchError("A cluster needs Dask: install it with pip install 'multistep-bench[cluster]'.") from error
+    raise not_installed("A cluster", "distributed>=2026.1") from error
 
 PORT = 8786
 SECONDS = 10

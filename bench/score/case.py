@@ -17,12 +17,12 @@ from bench.score.multirotor.measure import LEVELS, SMOOTHINGS, measure
 from registry.atomic_io import replacing
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
-from registry.errors import BenchError
+from registry.errors import not_installed
 
 try:
     from bench.score.multirotor import flights, hidden, references
 except ModuleNotFoundError as error:
-    raise BenchError('Scoring needs RotorPy: pip install "multistep-bench[score]".') from error
+    raise not_installed("Scoring", "rotorpy==3.0.0") from error
 
 Columns = dict[str, np.ndarray]
 

@@ -11,7 +11,7 @@ from registry.contracts import Channel, Dataset, Finding, Recording, RecordingSe
 from registry.core import DATASETS, option
 from registry.datasets.crazyflie import CONSTANTS, UNCERTAINTY
 from registry.datasets.locate import locate
-from registry.datasets.logs.usd import read_usd_log
+from registry.datasets.logs.formats.usd import read_usd_log
 from registry.datasets.reading.cleaning import airborne, extent, resample, runs
 from registry.errors import BenchError
 from registry.units import to_si

@@ -15,7 +15,7 @@ from registry.datasets.benchmarks.cascaded_tanks import CascadedTanks
 from registry.datasets.benchmarks.emps import Emps
 from registry.datasets.benchmarks.silverbox import RATE, Silverbox, band_limited
 from registry.datasets.crazypad import Crazypad
-from registry.datasets.logs.usd import read_usd_log
+from registry.datasets.logs.formats.usd import read_usd_log
 from registry.effects.friction import STICKING, CoulombFriction, OffsetForce, ViscousFriction
 from registry.effects.process import Overflow
 from registry.effects.stiffness import CubicStiffness
@@ -244,7 +244,7 @@ def test_a_broken_crazyflie_log_is_refused(tmp_path):
     for content, message in (
         (whole[:-9] + whole[-8:], "checksum"),
         (b"text, no log", "0xBC"),
-        (usd_log(version=1), "version 1"),
+        (usd_log(version=3), "version 3"),
         (usd_log(rows=0), "no fixedFrequency"),
         (whole[:60] + zlib.crc32(whole[:60]).to_bytes(4, "little"), "damaged"),
     ):

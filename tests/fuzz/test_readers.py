@@ -12,12 +12,16 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from datasets.test_ardupilot_logs import dataflash, flight
+from datasets.test_crazyflie_logs import whole as crazyflie_log
 from datasets.test_folder import TOML, table
+from datasets.test_matlab_logs import TANK, save
 from faults.test_kills import study
 from fuzz.inputs import EDITS, WORDS, cases, edited, one_sentence
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
+from test_import import ROTORS, bag, telemetry, ulog
 
 from bench.claims import claim, evidence
 from bench.execution import engine
@@ -31,6 +35,8 @@ from bench.reporting import study_outputs
 from bench.training.predict import read_table
 from registry import model_file
 from registry.datasets.folder.dataset import check as check_folder
+from registry.datasets.folder.draft import draft
+from registry.datasets.logs.importing import convert
 from registry.datasets.reading.matlab import read_cell_structs, read_v5
 
 CLAIMS = Path(__file__).parents[2] / "results" / "paper" / "claims.toml"
@@ -57,6 +63,21 @@ def test_csv(folder: Path, edits: list[tuple[float, bytes, int]]) -> None:
     (folder / "a.csv").write_bytes(edited(table().to_csv(index=False).encode(), edits))
     one_sentence(lambda: check_folder(folder))
     one_sentence(lambda: read_table(folder / "a.csv"))
+
+
+@cases(100)
+@given(edits=EDITS)
+def test_csv_with_units(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    here = place / "units"
+    here.mkdir(exist_ok=True)
+    samples = "".join(f"{10 * k},{k},{k % 3}\n" for k in range(30))
+    (here / "a.csv").write_bytes(edited(f"time,pump,level\nms,L/min,mm\n{samples}".encode(), edits))
+
+    def drafted() -> None:
+        (here / "dataset.toml").write_text(draft(here), encoding="utf-8")
+        check_folder(here)
+
+    one_sentence(drafted)
 
 
 @cases(200)
@@ -297,3 +318,60 @@ def test_zip_of_wrong_values(place: Path, results: Path, name: str, key: int, va
                 content = json.dumps(plain).encode()
             wrong.writestr(info, content)
     one_sentence(lambda: archive.read(path, place / "imported2"))
+
+
+def _import(place: Path, name: str, content: bytes) -> None:
+    """The content as a log of that name, imported into a folder that is read as a user's next command does."""
+    out = place / "imported_log"
+    shutil.rmtree(out, ignore_errors=True)
+    (place / name).write_bytes(content)
+
+    def all_of_it() -> None:
+        convert([place / name], out)
+        check_folder(out)
+
+    one_sentence(all_of_it)
+
+
+@cases(200)
+@given(edits=EDITS, version=st.sampled_from([1, 2]))
+def test_crazyflie_log(place: Path, edits: list[tuple[float, bytes, int]], version: int) -> None:
+    _import(place, "log00", edited(crazyflie_log(version), edits))
+
+
+@cases(100)
+@given(edits=EDITS)
+def test_cfclient_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    rows = "".join(f"{10 * k},{k},{k % 7},{k / 9}\n" for k in range(300))
+    _import(place, "block.csv", edited(f"Timestamp,gyro.x,gyro.y,gyro.z\n{rows}".encode(), edits))
+
+
+@cases(200)
+@given(edits=EDITS)
+def test_px4_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    if not (place / "whole.ulg").exists():
+        ulog(place / "whole.ulg", telemetry(rate=20, seconds=4.0), ROTORS)
+    _import(place, "flight.ulg", edited((place / "whole.ulg").read_bytes(), edits))
+
+
+@cases(100)
+@given(edits=EDITS)
+def test_ros_bag(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    if not (place / "whole.bag").exists():
+        bag(place / "whole.bag", 1)
+    _import(place, "run.bag", edited((place / "whole.bag").read_bytes(), edits))
+
+
+@cases(200)
+@given(edits=EDITS)
+def test_ardupilot_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
+    _import(place, "12.bin", edited(dataflash(flight()), edits))
+
+
+@cases(150)
+@given(edits=EDITS, version=st.sampled_from(["5", "7", "7.3"]))
+def test_matlab_log(place: Path, edits: list[tuple[float, bytes, int]], version: str) -> None:
+    whole = place / f"log{version}.mat"
+    if not whole.exists():
+        save(whole, version, TANK)
+    _import(place, "log.mat", edited(whole.read_bytes(), edits))

@@ -338,4 +338,4 @@ def test_without_rotorpy_one_sentence_says_what_to_do() -> None:
         "try:\n    import bench.score.cases\nexcept BenchError as e:\n    print(e)"
     )
     out = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
-    assert out == 'Scoring needs RotorPy: pip install "multistep-bench[score]".\n'
+    assert out == f"Scoring needs rotorpy: {sys.executable} -m pip install rotorpy==3.0.0\n"

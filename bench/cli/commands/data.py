@@ -69,22 +69,38 @@ def init_command(folder: Path, system: str) -> None:
     "--rate",
     metavar="HZ",
     type=options.Positive(1e5),
-    help="Common sample rate; default: that of the slowest signal, 100 Hz at most.",
+    help="Common sample rate; default: that of the slower of body rates and motors, 100 Hz at most for a vehicle whose "
+    "signals have clocks of their own.",
 )
-def import_command(files: tuple[Path, ...], folder: Path, rate: float | None) -> None:
-    """PX4 ULogs and ROS 1 or 2 bags as CSV files with a drafted dataset.toml.
+@click.option(
+    "--vehicle",
+    metavar="crazyflie|FILE.toml",
+    default="",
+    help="Whose constants to state: a Crazyflie 2's, or those under [physics] of a file, such as dataset.toml.",
+)
+def import_command(files: tuple[Path, ...], folder: Path, rate: float | None, vehicle: str) -> None:
+    """Logs of PX4, ArduPilot, ROS 1 and 2, a Crazyflie or MATLAB as CSV files with a drafted dataset.toml.
 
-    All signals on one clock, SI, world z up, body x forward, y left, z up (PX4's NED and FRD are converted).
+    Of autopilots and ROS all signals on one clock, SI, world z up, body x forward, y left, z up (NED and FRD are
+    converted). Of a Crazyflie the variables as they are, described with their units and signs; files that cfclient
+    wrote at the same time, block by block, are put together. Of MATLAB structs with a time, nested or in arrays, or
+    plain variables.
 
     \b
     bench data import flight1.ulg flight2.ulg -o flights/
+    bench data import 00000012.BIN -o flights/
     bench data import run.bag -o flights/ --rate 200
+    bench data import log00 log01 -o flights/ --vehicle crazyflie
+    bench data import state.csv motors.csv -o flights/
+    bench data import tank.mat -o tank/
     """
     from registry.datasets.logs.importing import convert
 
-    for sentence in convert(files, folder, rate):
+    for sentence in convert(files, folder, rate, vehicle):
         click.echo(sentence)
-    click.echo(f"Wrote {folder}. Complete the lines marked TODO in its dataset.toml, then: bench data check {folder}")
+    todo = "TODO" in (folder / "dataset.toml").read_text(encoding="utf-8")
+    complete = "Complete the lines marked TODO in its dataset.toml, then:" if todo else "Next:"
+    click.echo(f"Wrote {folder}. {complete} bench data check {folder}")
 
 
 @data_command.command("check")

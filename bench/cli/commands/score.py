@@ -98,7 +98,7 @@ def score_discovery_command(
     user's would be; the table holds the answers against the truth, beside those of simpler methods.
 
     \b
-    pip install "multistep-bench[score]"                 RotorPy and PySINDy
+    pip install '.[score]'                               RotorPy and PySINDy
     bench score-discovery --quick                        a first look, minutes
     bench score-discovery                                all of it; writes results/published/discovery.md
     bench score-discovery --only pair --only triple      two conditions

@@ -2,15 +2,16 @@
 
 import json
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from registry.errors import BenchError
-from registry.units import SIGNALS, checked
+from registry.units import SIGNALS, checked, measures, to_si
 
 TIME = r"%?time(?:_?(?:s|ms|us|ns))?|t|t_?(?:s|ms|us|ns)|timestamp(?:_?(?:s|ms|us|ns))?|tick|(?:.*\.)?stamp"
 """Of the column that holds the time."""
 _ROS = r"(?:.*\.)?"
+_EULER = ("roll", "pitch", "yaw")
 _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("attitude", 'unit = "1", convention = "quaternion_wxyz", frame = "ned"', tuple(rf"q\[{i}\]" for i in range(4))),
     ("body_rates", 'unit = "rad/s", frame = "frd"', tuple(rf"(?:.*\.)?xyz\[{i}\]|gyro_rad\[{i}\]" for i in range(3))),
@@ -25,13 +26,27 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         'unit = "1", convention = "quaternion_xyzw"',
         tuple(rf"q[_.]?{a}|stateEstimate\.q{a}|{_ROS}orientation\.{a}" for a in "xyzw"),
     ),
+    ("attitude", 'unit = "1", convention = "quaternion_wxyz"', tuple(rf"kalman\.q{i}" for i in range(4))),
     ("attitude", 'unit = "rad", convention = "euler_zyx"', ("roll|phi", "pitch|theta", "yaw|psi")),
+    (
+        "attitude",  # the Crazyflie's pitch is positive with the nose up
+        'unit = "deg", convention = "euler_zyx"',
+        tuple(rf"{'-' * (a == 'pitch')}(?:stateEstimate|stabilizer)\.{a}" for a in _EULER),
+    ),
+    ("position", 'unit = "mm"', tuple(rf"stateEstimateZ\.{a}" for a in "xyz")),
+    ("velocity", 'unit = "mm/s", frame = "world"', tuple(rf"stateEstimateZ\.v{a}" for a in "xyz")),
     (
         "velocity",
         'unit = "m/s", frame = "world"',
         tuple(rf"v[_.]?{a}|vel[_.]?{a}|stateEstimate\.v{a}|{_ROS}(?:linear|velocity)\.{a}" for a in "xyz"),
     ),
     ("body_rates", 'unit = "deg/s"', ("gyro\\.x", "gyro\\.y", "gyro\\.z")),
+    (
+        "body_rates",
+        'unit = "mrad/s"',
+        tuple(rf"{'-' * (a == 'pitch')}stateEstimateZ\.rate{a.title()}" for a in _EULER),
+    ),
+    ("body_rates", 'unit = "rad/s"', tuple(rf"{'-' * (a == 'pitch')}controller\.r_{a}" for a in _EULER)),
     (
         "body_rates",
         'unit = "rad/s"',
@@ -50,9 +65,10 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("pilot", 'unit = "1"', ("aileron", "elevator", "rudder", "collective")),
 )
 _NUMBERED = (
-    ("rotor_speed", "rad/s", "(?:rotor|omega|rpm|motor_speed)_?"),
+    ("rotor_speed", "rpm", r"(?:rpm_?|rpm\.m)"),
+    ("rotor_speed", "rad/s", "(?:rotor|omega|motor_speed)_?"),
     ("rotor_command", "rad/s", "(?:cmd|command|rotor_cmd|rotor_command)_?"),
-    ("pwm", "pwm", r"(?:pwm|motor|m|motor\.m|pwm\.m\d_)_?|(?:output|channels)\["),
+    ("pwm", "pwm", r"(?:pwm|motor|m|motor\.m)_?|pwm\.m(?=\d_pwm)|(?:output|channels)\["),
 )
 _NAMED: dict[str, str] = {
     "displacement": "q|x|y|pos|position|disp|displacement",
@@ -66,7 +82,7 @@ _NAMED: dict[str, str] = {
 }
 """Of systems with one axis, whose names are too short to be guessed where the system is not named."""
 _DRIVES = (
-    r"u_?\d*|in(?:put)?_?\d*|(?:.*_)?(?:cmd|command|set_?point|reference|ref|drive|duty|throttle|pwm|pump|valve|heater)"
+    r"u_?\d*|in(?:put)?_?\d*|(?:.*[_.])?(?:cmd|command|set_?point|reference|ref|drive|duty|throttle|pwm|pump|valve|heater)"
     r"(?:_.*|\d+)?"
 )
 """What drives a system of which nothing else is known."""
@@ -80,6 +96,8 @@ class Found:
 
     signals: dict[str, str] = field(default_factory=dict)
     """Name → its entry as a dataset.toml has it."""
+    columns: dict[str, list[str]] = field(default_factory=dict)
+    """Name → the columns that it is made of."""
     left: list[str] = field(default_factory=list)
 
 
@@ -88,12 +106,13 @@ def time_column(names: Sequence[str]) -> str | None:
     return next((n for n in names if re.fullmatch(TIME, bare(n), re.IGNORECASE)), None)
 
 
-def recognised(names: Sequence[str], wanted: Collection[str] = ()) -> Found:
+def recognised(names: Sequence[str], wanted: Collection[str] = (), units: Mapping[str, str] | None = None) -> Found:
     """The signals whose columns have a known name.
 
     Args:
         names: of the columns, without that of the time.
         wanted: the only signals that are looked for; none: those of a vehicle.
+        units: of columns whose unit the file states.
     """
     found = Found(left=list(names))
 
@@ -102,27 +121,39 @@ def recognised(names: Sequence[str], wanted: Collection[str] = ()) -> Found:
 
     px4 = any(n.startswith(("q[", "xyz[", "timestamp_sample")) for n in names)
     for signal, about, patterns in _guesses(wanted):
-        columns = [take(p) for p in patterns]
+        columns = [take(p.removeprefix("-")) for p in patterns]
         if signal not in found.signals and all(columns) and len(set(columns)) == len(columns):
+            signs = ["-" * p.startswith("-") for p in patterns]
             said = (
                 about.replace(', frame = "world"', "") + ', frame = "ned"'
                 if px4 and signal in ("position", "velocity")
                 else about
             )
-            found.signals[signal] = _entry([c for c in columns if c], said)
+            found.columns[signal] = [c for c in columns if c]
+            said = _in_units(said, found.columns[signal], units or {})
+            found.signals[signal] = _entry([f"{sign}{c}" for sign, c in zip(signs, columns, strict=True)], said)
             found.left = [n for n in found.left if n not in columns]
     for signal, unit, prefix in _NUMBERED:
-        pattern = re.compile(rf"(?:{prefix})\d+\]?", re.IGNORECASE)
+        pattern = re.compile(rf"(?:{prefix})\d+(?:\]|_pwm)?", re.IGNORECASE)
         numbered = sorted((n for n in found.left if pattern.fullmatch(n)), key=_number)
-        if numbered and (not wanted or signal in wanted):
-            found.signals[signal] = _entry(numbered, f'unit = "{unit}"')
+        if numbered and signal not in found.signals and (not wanted or signal in wanted):
+            about = _in_units(f'unit = "{unit}"', numbered, units or {})
+            found.signals[signal], found.columns[signal] = _entry(numbered, about), numbered
             found.left = [n for n in found.left if n not in numbered]
     return found
 
 
-def own_signal(column: str, taken: Collection[str]) -> tuple[str, str]:
-    """Name and entry of a signal that holds one column of which nothing is known but its name."""
-    unit = _unit(column)
+def _in_units(about: str, columns: Sequence[str], units: Mapping[str, str]) -> str:
+    """The rest of an entry with the one unit that the file states of its columns, if that measures the same."""
+    (usual,) = re.findall(r'unit = "([^"]*)"', about)
+    stated = {units.get(c, "") for c in columns}
+    unit = stated.pop() if len(stated) == 1 else ""
+    return about.replace(f'"{usual}"', f'"{unit}"', 1) if unit and measures(unit, to_si(usual)[0]) else about
+
+
+def own_signal(column: str, taken: Collection[str], unit: str = "") -> tuple[str, str]:
+    """Name and entry of a signal that holds one column of which nothing is known but its name, and perhaps unit."""
+    unit = unit or _unit(column)
     name = re.sub(r"\W+", "_", bare(column)).strip("_")[:36] or "signal"
     name = name if not name[0].isdigit() else f"s{name}"
     if name in taken:

@@ -3,31 +3,47 @@
 import json
 import os
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from registry.core import PHYSICS
 from registry.datasets.folder.columns import Found, bare, drives, own_signal, recognised, time_column
+from registry.datasets.folder.constants import Constant, physics_lines
 from registry.datasets.folder.description import SECONDS
-from registry.datasets.reading.tables import ENDINGS, MissingValue, header, numbers
+from registry.datasets.reading.tables import ENDINGS, MissingValue, header, numbers, units
 from registry.errors import BenchError
-from registry.stated import needed
 from registry.units import SIGNALS
 
 MOTION = ("position", "attitude", "velocity", "body_rates", "specific_force")
 """Signals that only a vehicle has."""
 NO_PHYSICS = "No physics model: networks only."
+COMMANDS = ("rotor_command", "pwm")
+"""Signals that are held until the next one."""
 
 
-def draft(folder: str | Path, system: str = "") -> str:
+@dataclass(frozen=True)
+class Known:
+    """What an importer knows of the files that it wrote, beside the names of their columns."""
+
+    rate: float
+    """[Hz]."""
+    constants: Mapping[str, Constant] = field(default_factory=dict)
+    """Of the system."""
+    sure: bool = False
+    """Whether the format of the log says units and frames, so that none need be checked."""
+
+
+def draft(folder: str | Path, system: str = "", known: Known | None = None) -> str:
     """The text of a `dataset.toml` for the files of ``folder``: guesses, and TODO lines for what is left.
 
     Args:
         folder: of the recordings.
         system: the physics model's registered name; "": a quadrotor or a helicopter where the columns hold the motion
             of a vehicle, and else none.
+        known: of files that an importer wrote; None: they are a user's own.
 
     Raises:
         BenchError: the folder holds no CSV or Parquet file, the first one cannot be read, the system is unknown, or
@@ -42,53 +58,61 @@ def draft(folder: str | Path, system: str = "") -> str:
     columns = [n for n in names if n != time]
     if not columns:
         raise BenchError(f"{files[0]} has no column beside the time: log what drives the system and what it does.")
+    sure = known is not None and known.sure
     wanted = _signals_of(system) if system else {}
-    found = recognised(columns, wanted)
+    stated = units(files[0])
+    found = recognised(columns, wanted, stated)
     if not system and set(found.signals) & {*MOTION, "pilot"}:
         system = "helicopter" if "pilot" in found.signals else "quadrotor"
+        if sure and not set(found.signals) & set(PHYSICS.get(system).input_signals):
+            system = ""  # nothing drives it, and nobody can add what the log lacks
+    check = "" if sure else "  # TODO: check; `bench list physics` names the others"
     ending = next(e for e in ENDINGS[::-1] if files[0].name.endswith(e))
     lines = [
         f"name = {json.dumps(Path(os.path.realpath(folder)).name, ensure_ascii=False)}",
-        *(
-            [f'system = "{system}"' + ("" if wanted else "  # TODO: check; `bench list physics` names the others")]
-            * bool(system)
-        ),
-        *_clock(files[0], time),
+        *([f'system = "{system}"' + ("" if wanted else check)] * bool(system)),
+        *([f"rate_hz = {known.rate:g}"] if known else _clock(files[0], time, stated)),
         f'files = "*{ending}"',
         f"time = {json.dumps(time, ensure_ascii=False)}" if time else 'time = "t"  # TODO: no column looks like time',
     ]
     if system:
-        return "\n".join([*lines, *_of_system(system, wanted, found)]) + "\n"
-    return "\n".join([*lines, *_of_networks(files[0], found)]) + "\n"
+        return "\n".join([*lines, *_of_system(system, wanted, found, known)]) + "\n"
+    return "\n".join([*lines, *_of_networks(files[0], found, stated)]) + "\n"
 
 
-def _of_system(system: str, wanted: dict[str, str], found: Found) -> list[str]:
+def _of_system(system: str, wanted: dict[str, str], found: Found, known: Known | None) -> list[str]:
     """What follows the clock where a physics model is known."""
+    sure = known is not None and known.sure
     driver = next((s for s in PHYSICS.get(system).input_signals if s in found.signals), None)
     missing = [s for s in wanted if s not in found.signals]
     return [
-        *_driven(system, driver),
+        *_driven(system, driver, sure),
         "",
-        "[signals]  # TODO: check every unit, and the frame of the velocity",
+        "[signals]" + ("" if sure else "  # TODO: check every unit, and the frame of the velocity"),
         *(f"{signal} = {entry}" for signal, entry in found.signals.items()),
         *(
             f'# TODO: {m} = {{columns = ["…"], unit = "{SIGNALS[m].unit}"}}, {wanted[m]}, if it was measured'
             for m in missing
+            if not sure
         ),
-        *(f"# TODO: what is column {json.dumps(n, ensure_ascii=False)}?" for n in found.left),
+        *(
+            f"# {'not used:' if sure else 'TODO: what is'} column {json.dumps(n, ensure_ascii=False)}"
+            + "?" * (not sure)
+            for n in found.left
+        ),
         "",
-        *physics_lines(system, driver or ""),
+        *physics_lines(system, driver or "", known.constants if known else {}),
     ]
 
 
-def _of_networks(file: Path, found: Found) -> list[str]:
+def _of_networks(file: Path, found: Found, stated: Mapping[str, str]) -> list[str]:
     """What follows the clock where there is no physics model: every column that holds numbers is a signal."""
     signals, inputs, other = dict(found.signals), [], []
     for column in found.left:
         if not _numeric(file, column):
             other.append(column)
             continue
-        name, entry = own_signal(column, signals)
+        name, entry = own_signal(column, signals, stated.get(column, ""))
         signals[name] = entry
         if drives(column):
             inputs.append(name)
@@ -102,26 +126,27 @@ def _of_networks(file: Path, found: Found) -> list[str]:
         '# targets = ["…"]  what is predicted; left out, all signals beside the input',
         "",
         f"# {NO_PHYSICS} With one, `bench data init FOLDER --system NAME` drafts its constants too.",
-        "[signals]  # TODO: check every unit",
+        "[signals]" + ("" if set(found.left) <= {*stated, *other} else "  # TODO: check every unit"),
         *(f"{signal} = {entry}" for signal, entry in signals.items()),
         *(f"# column {json.dumps(n, ensure_ascii=False)} holds no numbers" for n in other),
     ]
 
 
-def _clock(file: Path, time: str | None) -> list[str]:
+def _clock(file: Path, time: str | None, stated: Mapping[str, str]) -> list[str]:
     """The rate, as the time column of a file has it, and the unit of that column where it is not seconds."""
     t = _times(file, time) if time else np.empty(0)
     steps = np.diff(t)
     if len(steps) < 2 or not (period := float(np.median(steps))) > 0:
         return ["rate_hz = 100  # TODO: check"]
-    unit = _time_unit(bare(time or ""), period)
+    said = stated.get(time or "")
+    unit = said if said in SECONDS else time_unit(time or "", period)
     rate = 1 / (period * SECONDS[unit])
     uneven = float(np.mean(np.abs(steps - period) > 0.1 * period))
     overall = (len(t) - 1) / (t[-1] - t[0]) / SECONDS[unit]  # stamps may be rounded
     rate = overall if abs(overall - rate) < 0.1 * rate else rate
     rate = round(rate) if round(rate) and abs(rate - round(rate)) < 2e-3 * rate else float(f"{rate:.6g}")
-    said = f"  # {uneven:.0%} of the steps of {file.name} are others: put on this rate" if uneven > 0.01 else ""
-    lines = [f"rate_hz = {rate:g}{said or f'  # as {file.name} has it'}"]
+    jitter = f"  # {uneven:.0%} of the steps of {file.name} are others: put on this rate" if uneven > 0.01 else ""
+    lines = [f"rate_hz = {rate:g}{jitter or f'  # as {file.name} has it'}"]
     return lines if unit == "s" else [*lines, f'time_unit = "{unit}"']
 
 
@@ -132,8 +157,9 @@ def _times(file: Path, time: str) -> np.ndarray:
         return np.empty(0)  # `bench data check` says what is wrong with it
 
 
-def _time_unit(name: str, period: float) -> str:
-    """By the name of the time column, or where that is a stamp by the size of its steps."""
+def time_unit(name: str, period: float) -> str:
+    """The unit of a time column by its name, or where that is a stamp by the size of its steps."""
+    name = bare(name)
     ending = re.search(r"_?(ms|us|ns)$", name, re.IGNORECASE)
     if ending:
         return ending[1].lower()
@@ -152,19 +178,6 @@ def _numeric(file: Path, column: str) -> bool:
     return True
 
 
-def physics_lines(system: str, drive: str) -> list[str]:
-    """Of a drafted dataset.toml: the constants that it must state, without a value, and those that it may."""
-    kind: Any = PHYSICS.get(system)
-    own = [p.name for p in needed(kind, drive)]
-    lines = {p.name: (json.dumps(p.value), f"# {p.unit}; {p.about}") for p in kind().parameters()}
-    return [
-        "# [physics]  # TODO: what this system has, SI; physics models need all of these, networks none",
-        *(f"# {name} = …  {lines[name][1]}" for name in own),
-        "# These may be left out, and are then as here:",
-        *(f"# {name} = {value}  {about}" for name, (value, about) in lines.items() if name not in own),
-    ]
-
-
 def _signals_of(system: str) -> dict[str, str]:
     """Name → what it is to the system: what can be measured of its states, and what drives it."""
     model = PHYSICS.get(system)
@@ -173,8 +186,11 @@ def _signals_of(system: str) -> dict[str, str]:
     return states | {s: "what drives it" for s in model.input_signals} | {s: "which tells more" for s in more}
 
 
-def _driven(system: str, driver: str | None) -> list[str]:
+def _driven(system: str, driver: str | None, sure: bool) -> list[str]:
+    """What drives the system; ``sure``: whether the format of the log says if it is a command."""
     if not PHYSICS.get(system).input_signals:
         return []
     named = f'input = "{driver}"' if driver else '# TODO: input = "…", the signal that drives the system'
-    return [named, 'input_hold = "linear"  # TODO: "previous" if the input is a command']
+    if driver in COMMANDS and sure:
+        return [named, 'input_hold = "previous"']
+    return [named, 'input_hold = "linear"' + ("" if sure else '  # TODO: "previous" if the input is a command')]

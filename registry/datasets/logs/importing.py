@@ -1,57 +1,51 @@
-"""Logs of autopilots and robots as a folder of CSV files with a `dataset.toml`: PX4 ULog, ROS 1 and ROS 2 bags.
+"""Logs of autopilots, robots and ground stations as a folder of CSV files with a drafted `dataset.toml`."""
 
-Every signal has a clock of its own in such logs; here they are put on one, in SI units, world z up, body x forward,
-y left, z up.
-"""
-
-import json
-import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
+from registry.datasets.folder.columns import recognised
 from registry.datasets.folder.description import FILE
-from registry.datasets.folder.draft import physics_lines
-from registry.datasets.logs.series import Log
-from registry.datasets.reading.cleaning import resample, runs
-from registry.datasets.reading.rotations import unit_quaternion
+from registry.datasets.folder.draft import MOTION, Known, draft
+from registry.datasets.logs import flights, ground_station
+from registry.datasets.logs.ardupilot import read_dataflash
+from registry.datasets.logs.flights import DRIVERS
+from registry.datasets.logs.formats import dataflash, usd
+from registry.datasets.logs.matlab import read_matlab
+from registry.datasets.logs.px4 import read_ulog
+from registry.datasets.logs.series import Log, round_rate
+from registry.datasets.logs.table import Table, joined, same_recording, write
+from registry.datasets.logs.vehicles import vehicle as constants_of_vehicle
 from registry.errors import BenchError
 from registry.regular_file import regular
 
-FASTEST = 100.0
-"""Sample rate that is chosen where the signals have it [Hz]."""
-MAX_GAP = 5.0
-"""Periods of a signal without a sample that are bridged; a longer gap cuts the recording in two."""
-SHORTEST = 2.0
-"""Recordings shorter than this are left out [s]."""
-COMMANDS = ("rotor_command", "pwm")
-"""Signals that are held until the next one."""
-DRIVERS = ("rotor_speed", "rotor_command", "pwm")
-"""What can drive a quadrotor, best first."""
-PACE = ("position", "attitude", "body_rates", *DRIVERS)
-"""Signals whose rates limit the common one."""
-_COLUMNS: dict[str, tuple[tuple[str, ...], str]] = {
-    "position": (("x", "y", "z"), 'unit = "m"'),
-    "attitude": (("qx", "qy", "qz", "qw"), 'unit = "1", convention = "quaternion_xyzw"'),
-    "velocity": (("vx", "vy", "vz"), 'unit = "m/s", frame = "world"'),
-    "body_rates": (("p", "q", "r"), 'unit = "rad/s"'),
-    "specific_force": (("ax", "ay", "az"), 'unit = "m/s^2", frame = "body"'),
-    "rotor_speed": (("rotor",), 'unit = "rad/s"'),
-    "rotor_command": (("cmd",), 'unit = "rad/s"'),
-    "pwm": (("pwm",), 'unit = "pwm"'),
-    "battery": (("vbat",), 'unit = "V"'),
+FORMATS = {
+    ".ulg": "PX4 ULog",
+    ".bin": "ArduPilot log",
+    ".bag": "ROS bag",
+    ".mcap": "ROS bag",
+    ".db3": "ROS bag",
+    ".csv": "table",
+    ".mat": "MATLAB file",
 }
-"""Columns of each signal (a prefix where the count is open), and how the description has it."""
+"""By the ending of a file's name."""
+BEGINNINGS = {b"ULog": "PX4 ULog", dataflash.HEAD: "ArduPilot log", bytes([usd.START]): "Crazyflie log"}
+"""By the first bytes of a file, whatever it is called."""
+FIRMWARE = ("stateEstimate", "stabilizer.", "kalman.", "motor.m")
+"""How names begin that only a Crazyflie has; the units and signs of all its variables are known."""
+PACE = ("body_rates", *DRIVERS)
+"""Signals whose rates limit the common one."""
 
 
-def convert(files: Sequence[Path], folder: Path, rate: float | None = None) -> list[str]:
+def convert(files: Sequence[Path], folder: Path, rate: float | None = None, vehicle: str = "") -> list[str]:
     """Write ``files`` as CSV files with a drafted dataset.toml into ``folder``.
 
     Args:
-        files: PX4 ULogs (.ulg), ROS 1 bags (.bag), ROS 2 bags (.mcap, .db3 or their folder).
+        files: logs of one format: PX4 ULogs (.ulg), ArduPilot logs (.bin), ROS 1 bags (.bag), ROS 2 bags (.mcap, .db3
+            or their folder), MATLAB files (.mat), Crazyflie logs of the memory card, or of cfclient (.csv).
         folder: made where it does not exist; must not hold a dataset.toml.
-        rate: common sample rate [Hz]; default: that of the slowest signal, 100 Hz at most.
+        rate: common sample rate [Hz]; default: as the signals have it.
+        vehicle: whose constants to state, see `registry.datasets.logs.vehicles.vehicle`; "": those in the log alone.
 
     Returns:
         What was done, in sentences.
@@ -61,119 +55,117 @@ def convert(files: Sequence[Path], folder: Path, rate: float | None = None) -> l
     """
     if (folder / FILE).exists():
         raise BenchError(f"{folder / FILE} exists already: choose another folder.")
-    logs = {_stem(file): _reader(file)(file) for file in files}
-    if len(logs) < len(files):
+    formats = {format_of(file) for file in files}
+    if len(formats) > 1:
+        raise BenchError(f"The files are of different formats ({', '.join(sorted(formats))}): import one at a time.")
+    names = [_stem(file) for file in files]
+    if len(set(names)) < len(names):
         raise BenchError("Two of the files have the same name: import them into folders of their own.")
-    common = set.intersection(*(set(log) for log in logs.values()))
-    driver = next((d for d in DRIVERS if d in common), None)
-    for name, log in logs.items():
-        if "attitude" not in log:
-            raise BenchError(f"{name} holds no attitude: log vehicle_attitude (PX4) or nav_msgs/Odometry (ROS).")
-    if driver is None:
-        raise BenchError(
-            "The files hold no motor signal that all of them have: log esc_status, actuator_motors or "
-            "actuator_outputs (PX4), or an Actuators or RCOut message (ROS)."
-        )
-    signals = [s for s in _COLUMNS if s in common]
-    counts = {s: min(log[s].values.shape[1] for log in logs.values()) for s in signals}
-    if rate is None:
-        slowest = min(log[s].rate for log in logs.values() for s in signals if s in PACE)
-        rate = float(min(FASTEST, np.floor(slowest + 0.5) if slowest >= 1 else slowest))
-    said: list[str] = []
-    tables: dict[str, np.ndarray] = {}
-    for name, log in logs.items():
-        parts = _gridded({s: log[s] for s in signals}, rate)
-        for i, (t, values) in enumerate(parts, start=1):
-            label = name if len(parts) == 1 else f"{name}_part{i}"
-            tables[label] = np.column_stack([t - t[0], *(values[s][:, : counts[s]] for s in signals)])
-        seconds = sum(len(t) for t, _ in parts) / rate
-        sources = ", ".join(f"{s} from {log[s].source} ({log[s].rate:.0f} Hz)" for s in signals)
-        said.append(f"{name}: {seconds:.1f} s in {len(parts)} recording(s) at {rate:g} Hz: {sources}.")
-        slow = [s for s in signals if log[s].rate < 0.7 * rate and s != "battery"]
-        if slow:
-            said.append(f"{name}: {', '.join(slow)} came slower than {rate:g} Hz: values between samples are made up.")
-    if not tables:
-        raise BenchError(f"No file holds {SHORTEST:g} s in which all signals were logged at once.")
-    left = sorted({s for log in logs.values() for s in log} - common)
-    if left:
-        said.append(f"Left out, because not every file has it: {', '.join(left)}.")
-    _write(folder, tables, signals, counts, rate, driver)
-    return said
+    known = constants_of_vehicle(vehicle) if vehicle else {}
+    (kind,) = formats
+    if read := _reader(kind):
+        return flights.write({name: read(file) for name, file in zip(names, files, strict=True)}, folder, rate, known)
+    said, recordings = _tables(kind, dict(zip(names, files, strict=True)))
+    columns = (c for tables in recordings.values() for t in tables for c in t.columns)
+    sure = kind == "Crazyflie log" or (kind == "table" and any(c.startswith(FIRMWARE) for c in columns))
+    return [*said, *_write(recordings, folder, rate, Known(0.0, known, sure))]
 
 
-def _reader(file: Path) -> Callable[[Path], Log]:
-    # Each reader's library is an option: it is imported when a file asks for it.
+def format_of(file: Path) -> str:
+    """The format of a log.
+
+    Raises:
+        BenchError: it does not exist or has none that can be read.
+    """
     if not file.exists():
         raise BenchError(f"{file} does not exist.")
-    if not file.is_dir():
-        regular(file)
-    if file.suffix == ".ulg":
-        from registry.datasets.logs.px4 import read_ulog
+    if (file / "metadata.yaml").is_file():
+        return "ROS bag"
+    regular(file)
+    with file.open("rb") as stream:
+        first = stream.read(max(map(len, BEGINNINGS)))
+    for beginning, name in BEGINNINGS.items():
+        if first.startswith(beginning):
+            return name
+    if file.suffix.lower() in FORMATS:
+        return FORMATS[file.suffix.lower()]
+    raise BenchError(
+        f"{file} is neither a PX4 ULog (.ulg), an ArduPilot log (.bin), a ROS bag (.bag, .mcap, .db3 or a ROS 2 bag's "
+        "folder), a MATLAB file (.mat), nor a Crazyflie's log of its memory card or of cfclient (.csv)."
+    )
 
-        return read_ulog
-    if file.suffix in (".bag", ".mcap", ".db3") or (file / "metadata.yaml").is_file():
-        from registry.datasets.logs.ros_bag import read_bag
+
+def _reader(kind: str) -> Callable[[Path], Log] | None:
+    """Of a format whose signals have clocks of their own; None: another one."""
+    if kind == "ROS bag":
+        from registry.datasets.logs.ros_bag import read_bag  # its library is an option
 
         return read_bag
-    raise BenchError(f"{file} is neither a PX4 ULog (.ulg) nor a ROS bag (.bag, .mcap, .db3 or a ROS 2 bag's folder).")
+    return {"PX4 ULog": read_ulog, "ArduPilot log": read_dataflash}.get(kind)
 
 
 def _stem(file: Path) -> str:
     return file.name if file.is_dir() else file.stem
 
 
-def _gridded(log: Log, rate: float) -> list[tuple[np.ndarray, Mapping[str, np.ndarray]]]:
-    """Stretches in which all signals are there: times (N,) and values by signal (N, c)."""
-    first, last = max(s.t[0] for s in log.values()), min(s.t[-1] for s in log.values())
-    if last - first < SHORTEST:
-        return []
-    grid = first + np.arange(int((last - first) * rate + 1e-6) + 1) / rate
-    whole, values = np.ones(len(grid), dtype=bool), {}
-    for name, s in log.items():
-        x = unit_quaternion(s.values) if name == "attitude" else s.values
-        moved, valid = resample(s.t, x, grid, MAX_GAP / min(s.rate, rate))
-        if name in COMMANDS:
-            moved = x[np.clip(np.searchsorted(s.t, grid + 1e-9, side="right") - 1, 0, len(x) - 1)]
-        values[name] = unit_quaternion(moved) if name == "attitude" else moved
-        whole &= valid
-    stretches = [(a, b) for a, b in runs(whole) if (b - a) / rate >= SHORTEST]
-    return [(grid[a:b], {s: x[a:b] for s, x in values.items()}) for a, b in stretches]
+def _tables(kind: str, files: Mapping[str, Path]) -> tuple[list[str], dict[str, list[Table]]]:
+    """Of a format that has columns: what is to be said of the files, and the tables of each recording."""
+    said: list[str] = []
+    if kind == "table":
+        return said, same_recording((name, ground_station.read_csv(file)) for name, file in files.items())
+    if kind == "MATLAB file":
+        found = {name: tables for file in files.values() for name, tables in read_matlab(file).items()}
+        return said, found
+    recordings = {}
+    for name, file in files.items():
+        events, whole = usd.read_usd_events(file)
+        if not events:
+            raise BenchError(f"{file} holds no events: nothing was logged.")
+        if not whole:
+            said.append(
+                f"{name}: its checksum does not fit, as of a log that was cut short: read up to its last event."
+            )
+        recordings[name] = list(events.values())
+    return said, recordings
 
 
-def _write(
-    folder: Path,
-    tables: Mapping[str, np.ndarray],
-    signals: Sequence[str],
-    counts: Mapping[str, int],
-    rate: float,
-    driver: str,
-) -> None:
-    names = {s: _names(s, counts[s]) for s in signals}
-    header = ",".join(["t", *(c for s in signals for c in names[s])])
-    lines = [
-        f"name = {json.dumps(Path(os.path.realpath(folder)).name, ensure_ascii=False)}",
-        'system = "quadrotor"  # TODO: check; `bench list physics` names the others',
-        f"rate_hz = {rate:g}",
-        'files = "*.csv"',
-        'time = "t"',
-        f'input = "{driver}"',
-        f'input_hold = "{"previous" if driver in COMMANDS else "linear"}"',
-        "",
-        "[signals]  # SI; world z up, body x forward, y left, z up",
-        *(f"{s} = {{columns = {json.dumps(names[s])}, {_COLUMNS[s][1]}}}" for s in signals),
-        "",
-        "# rotor_positions and rotor_directions go in the order of the motor columns; x forward, y left",
-        *physics_lines("quadrotor", driver),
-    ]
+def _write(recordings: Mapping[str, Sequence[Table]], folder: Path, rate: float | None, known: Known) -> list[str]:
+    """The recordings as CSV files, described by the names of their columns; what was done, in sentences."""
+    whole = {name: joined(tables) for name, tables in recordings.items()}
+    for name, table in whole.items():
+        if len(table.t) < 3:
+            raise BenchError(f"{name} holds {len(table.t)} samples: log for longer, or leave it out.")
+    common = set.intersection(*(set(table.columns) for table in whole.values()))
+    if not common:
+        raise BenchError("The files have no column in common: import them into folders of their own.")
+    found = recognised([c for c in next(iter(whole.values())).columns if c in common])
+    pace = [c for s, columns in found.columns.items() if s in PACE for c in columns]
+    chosen = rate or _pace(recordings, pace)
+    said, left = [], sorted({c for table in whole.values() for c in table.columns} - common)
+    for name, tables in recordings.items():
+        rates = ", ".join(f"{len(t.columns)} columns of {t.source} ({t.rate:.4g} Hz)" for t in tables)
+        others = [t.source for t in tables if abs(t.rate - chosen) > 0.01 * chosen]
+        made = f"; {', '.join(others)}: values between samples are interpolated when it is read" if others else ""
+        said.append(f"{name}: {whole[name].t[-1] - whole[name].t[0]:.1f} s at {chosen:g} Hz: {rates}{made}.")
+    if known.sure and set(found.signals) & set(MOTION) and not set(found.signals) & set(DRIVERS):
+        said.append("No motor signal is in the log: log motor.m1 to motor.m4, without which only networks can predict.")
+    if left:
+        said.append(f"Left out, because not every file has it: {', '.join(left)}.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, table in tables.items():
-            np.savetxt(folder / f"{name}.csv", table, fmt="%.9g", delimiter=",", header=header, comments="")
-        (folder / FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        for name, table in whole.items():
+            write(folder / f"{name}.csv", table, common)
+        text = draft(folder, known=replace(known, rate=chosen))
+        (folder / FILE).write_text(text, encoding="utf-8")
     except OSError as error:
         raise BenchError(f"{folder} cannot be written: {error.strerror or error}.") from error
+    return said
 
 
-def _names(signal: str, count: int) -> list[str]:
-    columns = _COLUMNS[signal][0]
-    return list(columns) if len(columns) > 1 or signal == "battery" else [f"{columns[0]}{i + 1}" for i in range(count)]
+def _pace(recordings: Mapping[str, Sequence[Table]], columns: Sequence[str]) -> float:
+    """The common rate [Hz]: that of the slowest table that holds one of the columns, or else of the fastest of all."""
+    rates = [t.rate for tables in recordings.values() for t in tables if t.rate]
+    held = [t.rate for tables in recordings.values() for t in tables if t.rate and set(columns) & set(t.columns)]
+    if not rates:
+        raise BenchError("The clock of the log stands still: log it again.")
+    return round_rate(min(held) if held else max(rates))

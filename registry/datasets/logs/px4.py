@@ -1,11 +1,16 @@
-"""PX4 ULog files: topics of the flight controller, in NED and FRD, as series in ENU and FLU."""
+"""PX4 ULog files: topics of the flight controller, in NED and FRD, as series in ENU and FLU.
+
+Topics and parameters as docs.px4.io describes them: uORB message reference, parameter reference (CA_ROTOR*,
+THR_MDL_FAC, PWM_MAIN_FUNC*).
+"""
 
 from pathlib import Path
 
 import numpy as np
 
-from registry.datasets.logs.series import Log, series
-from registry.errors import BenchError
+from registry.datasets.folder.constants import Constant
+from registry.datasets.logs.formats import ulog
+from registry.datasets.logs.series import Log, series, steps
 
 TOPICS = (
     "vehicle_local_position",
@@ -16,11 +21,19 @@ TOPICS = (
     "actuator_motors",
     "actuator_outputs",
     "battery_status",
+    "vehicle_land_detected",
+    "vehicle_rates_setpoint",
 )
+_ON_GROUND = ("landed", "maybe_landed", "ground_contact")
+"""Of `vehicle_land_detected`, the surest first; any of them ends a flight."""
+_MOTOR_1 = 101
+"""The function of the first motor's output, of those named PWM_MAIN_FUNC1, …"""
+_ROTORS = 12
 _ENU_NED = np.array([0.5**0.5, 0.5**0.5, 0.0, 0.0])
 """Half a turn about the line between north and east, xyzw: x = east, y = north, z = up."""
 
 Topic = dict[str, np.ndarray]
+Parameters = dict[str, float]
 
 
 def enu(ned: np.ndarray) -> np.ndarray:
@@ -45,33 +58,26 @@ def enu_flu(quaternion: np.ndarray) -> np.ndarray:
 
 
 def read_ulog(file: Path) -> Log:
-    """The signals of a ULog, each with its own clock.
+    """The signals of a ULog, each with its own clock, the rotors that its parameters state, and when it had landed.
 
     Raises:
-        BenchError: pyulog is not installed, or the file is damaged.
+        BenchError: the file is damaged.
     """
-    try:
-        from pyulog import ULog
-    except ModuleNotFoundError as error:
-        raise BenchError('PX4 logs need pyulog: pip install "multistep-bench[import]".') from error
-    try:
-        found = ULog(str(file), list(TOPICS)).data_list
-    except Exception as error:  # a damaged file makes pyulog raise whatever comes
-        raise BenchError(f"{file} cannot be read as a PX4 ULog: {str(error) or type(error).__name__}.") from error
-    topics: dict[str, Topic] = {d.name: d.data for d in sorted(found, key=lambda d: -d.multi_id)}
-    log: Log = {}
+    found = ulog.read(file, TOPICS)
+    topics, parameters = found.topics, found.parameters
+    log = Log()
 
     def add(signal: str, topic: str, values: np.ndarray | None, applied: bool = False, keep: object = True) -> None:
-        if values is None or signal in log:
+        if values is None or signal in log.signals:
             return
         of = topics[topic]
         sampled = np.asarray(of.get("timestamp_sample", of["timestamp"]), dtype=float)
         # A measurement is of when it was sampled, a command of when it was given.
         stamp = np.asarray(of["timestamp"], dtype=float) if applied or not sampled.any() else sampled
         mask = np.broadcast_to(np.asarray(keep, dtype=bool), stamp.shape)
-        made = series(1e-6 * stamp[mask], values[mask], topic)
+        made = series(1e-6 * stamp[mask], values[mask], topic, signal)
         if made is not None:
-            log[signal] = made
+            log.signals[signal] = made
 
     place = topics.get("vehicle_local_position", {})
     flags = [np.asarray(place[f], dtype=bool) for f in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid") if f in place]
@@ -90,10 +96,65 @@ def read_ulog(file: Path) -> Log:
         add(signal, topic, None if values is None else flu(values))
     rpm = _numbered(topics.get("esc_status", {}), "esc[{}].esc_rpm")
     add("rotor_speed", "esc_status", None if rpm is None else rpm * np.pi / 30)
-    add("pwm", "actuator_motors", _numbered(topics.get("actuator_motors", {}), "control[{}]"), applied=True)
-    add("pwm", "actuator_outputs", _numbered(topics.get("actuator_outputs", {}), "output[{}]"), applied=True)
+    add("pwm", "actuator_motors", _commands(topics.get("actuator_motors", {}), parameters, log.said), applied=True)
+    add("pwm", "actuator_outputs", _outputs(topics.get("actuator_outputs", {}), parameters), applied=True)
     add("battery", "battery_status", _columns(topics.get("battery_status", {}), ("voltage_v",)))
+    wanted = topics.get("vehicle_rates_setpoint", {})
+    rates = _columns(wanted, ("roll", "pitch", "yaw"))
+    add("rate_command", "vehicle_rates_setpoint", None if rates is None else flu(rates), applied=True)
+    thrust = _columns(wanted, ("thrust_body[2]",))
+    add("thrust_command", "vehicle_rates_setpoint", None if thrust is None else -thrust, applied=True)
+    add("thrust_command", "vehicle_rates_setpoint", _columns(wanted, ("thrust",)), applied=True)
+    _rotors(parameters, log)
+    landed = topics.get("vehicle_land_detected", {})
+    if "landed" in landed:
+        down = np.any([np.asarray(landed[f], dtype=bool) for f in _ON_GROUND if f in landed], axis=0)
+        log.landed = steps(1e-6 * np.asarray(landed["timestamp"], dtype=float), 1.0 * down[:, None], "landed")
+    if found.dropped:
+        log.said.append(f"{found.dropped:.2g} s are missing here and there: the memory card was too slow.")
+    if not found.whole:
+        log.said.append("the file is cut short: read up to its last message.")
     return log
+
+
+def _rotors(parameters: Parameters, log: Log) -> None:
+    """Put what CA_ROTOR* say of the rotors into ``log``: x forward, y right, z down; positive KM counter-clockwise."""
+    count = int(np.clip(np.nan_to_num(parameters.get("CA_ROTOR_COUNT", 0)), 0, _ROTORS))
+    rotors = [
+        [parameters.get(f"CA_ROTOR{i}_{k}", 0.0) for k in ("PX", "PY", "PZ", "KM", "AX", "AY")] for i in range(count)
+    ]
+    table = np.array(rotors).reshape(count, 6)
+    ratio = table[:, 3]
+    if not count or not np.isfinite(table).all() or not table[:, :3].any() or not ratio.all():
+        return
+    if np.abs(table[:, 4:]).max() > 0.01:
+        log.said.append("its rotors are tilted (CA_ROTOR*_AX, _AY), which the quadrotor model does not know.")
+    places = [[float(f"{x:.6g}") for x in place] for place in (table[:, :3] * [1.0, -1.0, -1.0] + 0.0).tolist()]
+    log.constants["rotor_positions"] = Constant(places, "of CA_ROTOR*_PX, _PY, _PZ")
+    # A rotor that turns counter-clockwise, seen from above, turns the body clockwise.
+    log.constants["rotor_directions"] = Constant((-np.sign(ratio)).tolist(), "of the signs of CA_ROTOR*_KM")
+    log.torque_over_thrust = float(np.abs(ratio).mean())
+
+
+def _commands(topic: Topic, parameters: Parameters, said: list[str]) -> np.ndarray | None:
+    """Of the normalised thrust that each motor is told, the signal that its controller gets, 0 to 1.
+
+    PX4 makes the one from the other by thrust = f signal² + (1 − f) signal, f = THR_MDL_FAC.
+    """
+    thrust = _numbered(topic, "control[{}]")
+    f = parameters.get("THR_MDL_FAC", 0.0)
+    if thrust is None or not 0 < f <= 1:
+        return thrust
+    said.append(f"its motor commands are shares of thrust: turned into motor signals by THR_MDL_FAC = {f:g}.")
+    out: np.ndarray = (np.sqrt((1 - f) ** 2 + 4 * f * np.maximum(thrust, 0)) - (1 - f)) / (2 * f)
+    return out
+
+
+def _outputs(topic: Topic, parameters: Parameters) -> np.ndarray | None:
+    """Those of the outputs that drive motors, in their order, as far as the parameters say so."""
+    of = {int(parameters.get(f"PWM_MAIN_FUNC{i + 1}", 0)): i for i in range(16)}
+    motors = [f"output[{of[m]}]" for m in range(_MOTOR_1, _MOTOR_1 + _ROTORS) if m in of]
+    return _columns(topic, tuple(motors)) if motors else _numbered(topic, "output[{}]")
 
 
 def _columns(topic: Topic, names: tuple[str, ...]) -> np.ndarray | None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from registry.datasets.logs.series import Log, series
 from registry.datasets.reading.rotations import rotate, unit_quaternion
-from registry.errors import BenchError
+from registry.errors import BenchError, not_installed
 
 Rows = dict[str, list[float]]
 
@@ -52,6 +52,7 @@ READERS: dict[str, Callable[[Any], Rows]] = {
     "mav_msgs/msg/Actuators": _actuators,
     "actuator_msgs/msg/Actuators": _actuators,
     "mavros_msgs/msg/RCOut": lambda m: {"pwm": [float(x) for x in m.channels]},
+    "mavros_msgs/msg/AttitudeTarget": lambda m: {"rate_command": _vector(m.body_rate), "thrust_command": [m.thrust]},
     "sensor_msgs/msg/BatteryState": lambda m: {"battery": [m.voltage]},
 }
 """By type of message, the best source of a signal first."""
@@ -67,8 +68,8 @@ def read_bag(file: Path) -> Log:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ModuleNotFoundError as error:
-        raise BenchError('ROS bags need rosbags: pip install "multistep-bench[import]".') from error
-    log: Log = {}
+        raise not_installed("A ROS bag", "rosbags>=0.11") from error
+    log = Log()
     path = file.parent if file.suffix == ".db3" else file
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
@@ -106,6 +107,6 @@ def _add(reader: Any, connection: Any, read: Callable[[Any], Rows], log: Log) ->
             signal, x = "velocity", rotate(unit_quaternion(np.array(rows["attitude"])), x)
         if signal == "pwm":
             x = x[:, np.ptp(x, axis=0) > 0]
-        made = series(times, x, connection.topic) if x.shape[1] else None
-        if made is not None and signal not in log:
-            log[signal] = made
+        made = series(times, x, connection.topic, signal) if x.shape[1] else None
+        if made is not None and signal not in log.signals:
+            log.signals[signal] = made

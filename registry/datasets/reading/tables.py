@@ -1,5 +1,6 @@
 """CSV and Parquet files as tables of finite numbers, or a sentence that says where they are not."""
 
+import csv
 import gzip
 import zlib
 from collections.abc import Collection, Sequence
@@ -13,7 +14,10 @@ from pyarrow import ArrowException
 
 from registry.errors import BenchError, near
 from registry.regular_file import regular
+from registry.units import unit_of
 
+LONGEST_LINE = 1 << 20
+"""Bytes of a line that may hold units."""
 ENDINGS = (".csv", ".csv.gz", ".parquet")
 
 
@@ -52,7 +56,7 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
     values = np.empty((len(table), len(columns)))
     for j, column in enumerate(columns):
         raw = table[column]
-        number = pd.to_numeric(raw, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+        number = _floats(raw)
         bad = ~np.isfinite(number)
         if column in gaps and not bad.all():
             bad &= ~raw.isna().to_numpy()
@@ -66,9 +70,48 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
     return values
 
 
+def _floats(column: pd.Series) -> np.ndarray:
+    """The values (N,), NaN where one is none."""
+    try:
+        return pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+    except OverflowError:  # a whole number beyond all floats
+        return np.array([_float(value) for value in column])
+
+
+def _float(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
+
+
+def numeric(file: Path) -> dict[str, np.ndarray]:
+    """The columns (N,) that hold numbers, NaN where a value is missing; texts among them are left out.
+
+    Raises:
+        BenchError: see `read`.
+    """
+    table = read(file)
+    found = {}
+    for column in table:
+        number = _floats(table[column])
+        if np.isfinite(number).any() and not (np.isnan(number) & ~table[column].isna().to_numpy()).any():
+            found[str(column)] = number
+    return found
+
+
+def units(file: Path) -> dict[str, str]:
+    """The units of the columns, where the second row of a CSV file holds units and no number; else none."""
+    names, second = _two_rows(file)
+    # A "1" would be a number: what has no unit has "-", or nothing.
+    read_as = {name: unit_of(text) if text.strip() != "1" else "" for name, text in zip(names, second, strict=False)}
+    found = {name: unit for name, unit in read_as.items() if unit}
+    return found if len(second) == len(names) and len(found) == sum(bool(text.strip()) for text in second) else {}
+
+
 def first_row(file: Path) -> int:
     """The row number of the first sample."""
-    return 1 if file.name.endswith(".parquet") else 2
+    return 1 if file.name.endswith(".parquet") else 3 if units(file) else 2
 
 
 def read(file: Path, rows: int | None = None, any_ending: bool = False) -> pd.DataFrame:
@@ -108,13 +151,27 @@ def _csv(file: Path, rows: int | None) -> pd.DataFrame:
     told: dict[str, Any] = {"encoding": "utf-8", "skip_blank_lines": False, "skipinitialspace": True}
     first = pd.read_csv(file, **told, header=None, nrows=1, dtype=str, keep_default_na=False)
     _refuse_twice(file, [str(name) for name in first.iloc[0]])
-    table = pd.read_csv(file, **told, low_memory=False, nrows=rows)
+    skipped = [1] if rows != 0 and units(file) else None
+    table = pd.read_csv(file, **told, low_memory=False, nrows=rows, skiprows=skipped)
     if not isinstance(table.index, pd.RangeIndex):  # pandas takes the first columns for names of the rows
         raise BenchError(
             f"{file} has rows that are longer than its header of {len(table.columns)} names: name every column, or "
             "remove the commas at the ends of the rows."
         )
     return table
+
+
+def _two_rows(file: Path) -> list[list[str]]:
+    """The cells of the first two lines of a CSV file; none where they cannot be told."""
+    if file.name.endswith(".parquet"):
+        return [[], []]
+    try:
+        with gzip.open(file, "rb") if file.name.endswith(".gz") else file.open("rb") as stream:
+            lines = [stream.readline(LONGEST_LINE).decode("utf-8-sig") for _ in range(2)]
+        rows = list(csv.reader(lines, skipinitialspace=True))
+    except (OSError, ValueError, EOFError, zlib.error, csv.Error):
+        return [[], []]
+    return rows if len(rows) == 2 else [[], []]
 
 
 def _refuse_twice(file: Path, names: Sequence[str]) -> None:

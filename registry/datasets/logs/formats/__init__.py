@@ -1,0 +1,1 @@
+"""Files of logs as their makers describe them, without what their contents mean."""
