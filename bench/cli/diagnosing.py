@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,24 +37,12 @@ def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Sub
         )
     check_system(system)
 
-    from bench.diagnose.logs.load import load
-    from bench.diagnose.report import model_file as files
-    from registry.datasets.folder.dataset import Folder
-    from registry.stated import refuse_unstated
+    from bench.diagnose.logs.load import load, starting_from
 
     subject = load(source, system)
     for sentence in subject.resampled:
         click.echo(f"note: {sentence}", err=True)
-    if model_file is None:
-        return subject, None
-    model = files.read(model_file, type(subject.model))
-    if Path(source).is_dir() and not registered(source):
-        refuse_unstated(Folder(path=source), type(model), str(model_file))
-    # How inputs are given is a matter of the data, not of the file.
-    given = {
-        n: getattr(subject.model, n) for n in ("extras", "input_hold", "drive") if n in {f.name for f in fields(model)}
-    }
-    return subject, replace(model, **given)
+    return subject, None if model_file is None else starting_from(subject, model_file)
 
 
 def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None:
@@ -64,16 +51,6 @@ def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None
     if not catalogue and not without:
         return None
     return [n for n in (catalogue or EFFECTS.outline()) if n not in without]
-
-
-def check_catalogue(subject: "Subject", model: "PhysicsModel", names: Sequence[str]) -> None:
-    """Raise `BenchError` where an effect that was asked for cannot be looked for."""
-    from bench.diagnose.select.search import unfit
-
-    for name in names:
-        why = unfit(subject, model, name, EFFECTS.get(name))
-        if why and not set(EFFECTS.get(name).requires) & set(names):
-            raise BenchError(f"--catalogue {name}: {why}.")
 
 
 def check_writable(*targets: Path | None) -> None:

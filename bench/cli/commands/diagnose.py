@@ -10,7 +10,6 @@ from rich.markup import escape
 
 from bench.cli import options
 from bench.cli.diagnosing import (
-    check_catalogue,
     check_effects,
     check_writable,
     chosen,
@@ -27,7 +26,10 @@ from bench.cli.diagnosing import (
     write_json,
     write_model,
 )
+from bench.cli.fleets import asked_of, diagnose_fleet, is_fleet
+from bench.cli.place import Place, placed
 from bench.cli.progress import announcer
+from registry.errors import BenchError
 
 Command = Callable[..., None]
 
@@ -191,6 +193,7 @@ def discover_command(
     subject, model = load(source, system, model_file)
 
     from bench.diagnose.discover import discover
+    from bench.diagnose.select.catalogue import check_catalogue
     from bench.diagnose.summaries import parameter_estimates
 
     check_catalogue(subject, model or subject.model, catalogue)
@@ -283,7 +286,9 @@ def extend_command(
     "--ignore-problem", "ignore", multiple=True, metavar="KIND", help="Go on although the data have this. Repeatable."
 )
 @click.option("--exclude", multiple=True, metavar="RECORDING", help="Leave this recording out. Repeatable.")
+@click.option("--vehicle", "vehicles", multiple=True, metavar="NAME", help="Of a fleet, this one only. Repeatable.")
 @_out
+@placed
 def diagnose_command(
     source: str,
     system: str | None,
@@ -294,7 +299,9 @@ def diagnose_command(
     without: tuple[str, ...],
     ignore: tuple[str, ...],
     exclude: tuple[str, ...],
+    vehicles: tuple[str, ...],
     out: Path | None,
+    place: Place,
 ) -> None:
     """All four steps: compare, locate, discover, extend; a summary here, a page and a model to keep.
 
@@ -308,14 +315,33 @@ def diagnose_command(
     bench diagnose flights/ --system mine.py:Tailsitter    your own physics
     bench diagnose flights/ --without mass --out second/   another look
     bench diagnose flights/ --ignore-problem spike --exclude flight_3
+
+    A fleet is a folder of such folders, one a vehicle, or one folder whose dataset.toml names the column that holds
+    the vehicle, `vehicle = {column = "tail"}`. Each is diagnosed by itself; fleet.html says which lack what, which
+    differ from the others and, where they are dated, which drift. What is finished is kept: after Ctrl-C or a crash
+    the same command goes on. Vehicles that cannot be diagnosed are said, and end in exit code 2.
+
+    \b
+    bench diagnose fleet/ --workers 8                      vehicles side by side, one process each
+    bench diagnose fleet/ --cluster tcp://127.0.0.1:8786   on the workers of a Dask cluster
+    bench diagnose fleet/ --vehicle N7 --vehicle N9        these two only
     """
     names, folder = chosen(catalogue, without), folder_for(source, out)
     check_writable(folder, to_json)
+    if is_fleet(source):
+        if exclude:
+            raise BenchError("--exclude names a recording of one data set, not of a fleet: take its file away.")
+        asked = asked_of(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
+        diagnose_fleet(source, asked, vehicles, folder, to_json=to_json, place=place)
+        return
+    if vehicles or place.workers or place.cluster:
+        raise BenchError(f"{source} is no fleet: --vehicle, --workers and --cluster are for several vehicles.")
     subject, model = load(source, system, model_file)
 
     from bench.diagnose.diagnose import diagnose
     from bench.diagnose.logs.load import excluding
     from bench.diagnose.report import terminal_summary, together
+    from bench.diagnose.select.catalogue import check_catalogue
 
     check_catalogue(subject, model or subject.model, catalogue)
     subject = excluding(subject if model is None else replace(subject, model=model), exclude)
