@@ -1,7 +1,7 @@
 """A fleet of known vehicles, simulated with SciPy: carts on springs with one hidden effect, two or none.
 
-`python tests/simulated_fleet.py [--vehicles 200] [--workers 2] [--write results/published/fleet.md]` kills the diagnosis
-of the fleet in the middle, repeats the command, and says how many vehicles were told right.
+`python tests/simulated_fleet.py [--vehicles 200] [--workers 2] [--write results/published/fleet.md]` kills the
+diagnosis of the fleet in the middle, repeats the command, and says how many vehicles were told right.
 """
 
 import argparse
@@ -55,25 +55,24 @@ stiffness = {STIFFNESS}
 
 
 def vehicle(folder: Path, kind: str, seed: int, size: float = 1.0, recordings: int = 4, seconds: float = 8.0) -> Path:
-    """Write the recordings of one cart."""
+    """Write the recordings of one cart, driven by a force that is linear between samples."""
     folder.mkdir(parents=True, exist_ok=True)
     random, t = np.random.default_rng(seed), np.arange(round(seconds * RATE)) / RATE
     for run in range(recordings):
         tones = 2 * np.pi * random.uniform(0.3, 3.0, 4), random.uniform(0, 6, 4)
 
-        def force(at, tones=tones):
-            return 2.0 * sum(np.sin(w * at + p) for w, p in zip(*tones, strict=True))
+        drive = 2.0 * sum(np.sin(w * t + p) for w, p in zip(*tones, strict=True))
 
-        def rate(at, x, force=force):
+        def rate(at, x, drive=drive):
             stiff, drag, offset = (
                 size * KINDS[kind].get(n, 0.0) for n in ("cubic_stiffness", "quadratic_drag", "offset_force")
             )
             hidden = offset - stiff * x[0] ** 3 - drag * abs(x[1]) * x[1]
-            return x[1], (force(at) - DAMPING * x[1] - STIFFNESS * x[0] + hidden) / MASS
+            return x[1], (np.interp(at, t, drive) - DAMPING * x[1] - STIFFNESS * x[0] + hidden) / MASS
 
         x = solve_ivp(rate, (0, t[-1]), (0.0, 0.0), t_eval=t, max_step=0.01, rtol=1e-7, atol=1e-9).y.T
         x = x + random.normal(size=x.shape) * NOISE
-        table = np.column_stack([t, x, force(t)])
+        table = np.column_stack([t, x, drive])
         np.savetxt(folder / f"run_{run}.csv", table, "%.9g", ",", header="t,x,v,f", comments="")
     (folder / "dataset.toml").write_text(DESCRIPTION, encoding="utf-8")
     return folder
@@ -129,7 +128,7 @@ def judged(folder: Path, truth: dict[str, tuple[str, float]]) -> list[str]:
         sizes = [size for kind, size in truth.values() if q["effect"] in KINDS[kind]]
         true = np.array(sizes) * {**KINDS["two"], **KINDS["offset_force"]}.get(q["effect"], np.nan)
         lines.append(
-            f"- {q['effect']} {q['parameter']} [{q['unit']}]: mean {q['mean']:.4g} ({q['low']:.4g} to {q['high']:.4g}), "
+            f"- {q['effect']} {q['parameter']}: mean {q['mean']:.4g} {q['unit']} ({q['low']:.4g} to {q['high']:.4g}), "
             f"spread between vehicles {q['between']:.3g}; true {true.mean():.4g} and {true.std(ddof=1):.3g}."
         )
     return lines + [f"- Wrong: {line}." for line in wrong]
@@ -151,11 +150,11 @@ def main() -> None:
         command = f"python tests/simulated_fleet.py --vehicles {given.vehicles} --workers {given.workers}"
         text = ["# A fleet of which the truth is known", "", f"`{command} --write results/published/fleet.md`", ""]
         text += [
-            f"{given.vehicles} carts on springs, {len(KINDS)} kinds of hidden physics ({', '.join(KINDS)}), the size of "
+            f"{given.vehicles} carts on springs; hidden, in turn: {', '.join(KINDS)}; the size of "
             "each effect drawn from .8 to 1.2 of its nominal one.",
             "",
-            f"- The driver was killed (SIGKILL) with {len(left)} answers kept; the same command kept all but {again} of "
-            f"them. {minutes:.0f} minutes in all with {given.workers} process(es), beside other work.",
+            f"- The driver was killed (SIGKILL) with {len(left)} answers kept; the same command did {again} of them "
+            f"again. {minutes:.0f} minutes in all with {given.workers} process(es), beside other work.",
             *judged(folder, truth),
         ]
     print("\n".join(text))

@@ -27,7 +27,7 @@ def relative_risks() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_the_vaccine_trials_are_as_published() -> None:
-    """Viechtbauer (2010), J. Stat. Software 36(3): Q = 152.23; empirical Bayes, which is Paule and Mandel: τ² = 0.318."""
+    """Viechtbauer (2010), J. Stat. Software 36(3): Q = 152.23; empirical Bayes (Paule and Mandel): τ² = 0.318."""
     found = fit(*relative_risks())
     assert found.q == pytest.approx(152.233, abs=0.001) and found.heterogeneity < 1e-20
     assert found.between**2 == pytest.approx(0.3181, abs=1e-4)

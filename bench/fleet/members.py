@@ -32,6 +32,11 @@ class Member:
     """Why it cannot be read, as far as is known before."""
 
     @property
+    def title(self) -> str:
+        """Vehicle and date."""
+        return ", ".join(filter(None, (self.vehicle, self.date)))
+
+    @property
     def slug(self) -> str:
         """A name of a folder for it; no two are equal."""
         plain = re.sub(r"[^A-Za-z0-9._-]+", "-", self.id).strip("-.")[:80]

@@ -119,7 +119,7 @@ def _slope(d: Drift) -> tuple[Any, ...]:
 
 
 def _without(f: FleetDiagnosis) -> _Table | None:
-    rows = [_Row((a.id, VERDICTS[a.verdict], a.sentence), a.page) for a in f.of(FAILED, "data_problem")]
+    rows = [_Row((a.title, VERDICTS[a.verdict], a.sentence), a.page) for a in f.of(FAILED, "data_problem")]
     return _Table(("vehicle", "", "what is wrong"), rows) if rows else None
 
 

@@ -85,6 +85,11 @@ class Answer:
     errors: tuple[ErrorBetween, ...] = ()
 
     @property
+    def title(self) -> str:
+        """Vehicle and date."""
+        return ", ".join(filter(None, (self.vehicle, self.date)))
+
+    @property
     def effects(self) -> list[str]:
         """Those that it lacks, each once; what no catalogue has is one of them."""
         known = [UNKNOWN if n.learned else n.effect for n in self.numbers]

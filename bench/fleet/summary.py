@@ -31,7 +31,7 @@ def print_summary(found: FleetDiagnosis, console: Any) -> None:
     for title, lines in (
         ("differs", list(_differing(found))),
         ("drifts", list(_drifting(found))),
-        ("no answer", [f"{a.id}: {a.sentence}" for a in found.of(FAILED, "data_problem")]),
+        ("no answer", [f"{a.title}: {a.sentence}" for a in found.of(FAILED, "data_problem")]),
     ):
         for line in lines[:LINES]:
             console.print(Text(f"{title}: {line}"), highlight=False)
@@ -55,11 +55,7 @@ def _vehicles(found: FleetDiagnosis) -> Iterator[tuple[str, ...]]:
     for a in found.answers:
         numbers = (f"{phrases.named(n.effect)} {n.parameter} = {_estimate(n)}" for n in a.numbers if not n.learned)
         learned = dict.fromkeys(f"{n.effect} (learned)" for n in a.numbers if n.learned)
-        yield (
-            a.id if not a.date or a.date in a.id else f"{a.id}, {a.date}",
-            VERDICTS[a.verdict],
-            "; ".join((*numbers, *learned)),
-        )
+        yield a.title, VERDICTS[a.verdict], "; ".join((*numbers, *learned))
 
 
 def _estimate(n: Any) -> str:

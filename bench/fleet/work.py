@@ -36,7 +36,7 @@ def diagnose_member(member: Member, asked: Asked) -> tuple[Diagnosis, PhysicsMod
         subject = replace(subject, model=starting_from(subject, Path(asked.model)))
     check_catalogue(subject, subject.model, asked.catalogue)
     return diagnose(
-        replace(subject, name=member.id), catalogue=asked.effects, horizon_s=asked.horizon_s, ignore=asked.ignore
+        replace(subject, name=member.title), catalogue=asked.effects, horizon_s=asked.horizon_s, ignore=asked.ignore
     )
 
 
