@@ -90,7 +90,7 @@ def write(folder: Path, count: int) -> dict[str, tuple[str, float]]:
 
 def answers(folder: Path) -> dict[str, int]:
     """When each answer that is kept was written [ns], by vehicle."""
-    return {p.parent.name: p.stat().st_mtime_ns for p in (folder / "diagnosis" / VEHICLES).glob(f"*/{ANSWER}")}
+    return {p.parent.name: p.stat().st_mtime_ns for p in (folder / "diagnosis" / VEHICLES).glob(f"[!.]*/{ANSWER}")}
 
 
 def diagnosed(folder: Path, workers: int) -> dict[str, int]:

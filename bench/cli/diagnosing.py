@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
+from bench.cli import options
 from bench.cli.names import check_system
 from bench.experiment.datasets import registered
 from registry.core import DATASETS, EFFECTS
@@ -19,7 +21,7 @@ from registry.errors import BenchError
 if TYPE_CHECKING:
     from bench.diagnose.extend import Extension
     from bench.diagnose.logs.subject import Subject
-    from bench.diagnose.result import NamedEffect
+    from bench.diagnose.result import Diagnosis, NamedEffect
     from bench.diagnose.select.discovery import Discovery
     from registry.dynamics import PhysicsModel
 
@@ -106,6 +108,17 @@ def write_model(target: Path, model: "PhysicsModel", effects: "Sequence[NamedEff
         return [target]
     copy.replace(former)
     return [target, former]
+
+
+def say_diagnosis(found: "Diagnosis") -> None:
+    """Print the summary, and how to go on although the data have a problem."""
+    from bench.diagnose.report import terminal_summary
+
+    terminal_summary.print_summary(found, options.console())
+    if found.verdict == "data_problem":
+        kinds = dict.fromkeys(p.kind for p in found.data_problems)
+        again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)
+        say_next(f"bench diagnose {found.evidence.source} {again}", "if that is no fault (or --exclude RECORDING)")
 
 
 def say_written(console: Any, written: Sequence[Path]) -> None:

@@ -13,7 +13,6 @@ from rich.console import Console
 from rich.markup import escape
 
 from bench.cli import options
-from bench.cli.job import mirroring
 from bench.cli.names import check_system
 from bench.cli.place import Place, portable
 from bench.cli.progress import announcer, clock, meter
@@ -28,14 +27,22 @@ if TYPE_CHECKING:
     from bench.fleet.members import Member
 
 
-def is_fleet(source: str) -> bool:
-    """Whether a name means a folder of several vehicles."""
-    if registered(source) or not Path(source).is_dir():
-        return False
+def is_fleet(source: str, vehicles: Sequence[str], place: Place, exclude: Sequence[str]) -> bool:
+    """Whether a name means a folder of several vehicles.
 
-    from bench.fleet.members import is_fleet
+    Raises:
+        BenchError: an option is for one vehicle where there are several, or the other way round.
+    """
+    several = False
+    if Path(source).is_dir() and not registered(source):
+        from bench.fleet import members
 
-    return is_fleet(source)
+        several = members.is_fleet(source)
+    if several and exclude:
+        raise BenchError("--exclude names a recording of one data set, not of a fleet: take its file away.")
+    if not several and (vehicles or place.workers or place.cluster):
+        raise BenchError(f"{source} is no fleet: --vehicle, --workers and --cluster are for several vehicles.")
+    return several
 
 
 def asked_of(
@@ -68,6 +75,7 @@ def diagnose_fleet(
         BenchError: vehicles are left without an answer (said at the end), the folder cannot be written, or another
             driver is at it.
     """
+    from bench.cli.job import mirroring
     from bench.diagnose.result import write_text
     from bench.execution import lock
     from bench.fleet import kept, summary

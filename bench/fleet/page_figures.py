@@ -29,9 +29,9 @@ def spread(q: Quantity) -> Markup:
         around([*ends, *band]),
         "vehicles, by value",
         f"{q.parameter} [{unit}]",
-        WIDE,
-        HIGH,
-        ROOM if any(d.differs for d in ordered) else 14.0,
+        width=WIDE,
+        height=HIGH,
+        right=ROOM if any(d.differs for d in ordered) else 14.0,
     )
     across = [0.0, len(ordered) + 1.0]
     panel.band(across, [band[0]] * 2, [band[1]] * 2, "var(--ink)")
@@ -57,7 +57,9 @@ def over_dates(drift: Drift, told: Sequence[tuple[Answer, Number]]) -> Markup:
     first = min(day(a.date) for a, _ in told)
     at = [float(day(a.date) - first) for a, _ in told]
     ends = [v * factor for _, n in told for v in (n.low, n.high)]
-    panel = Panel(around(at), around(ends), f"days from {drift.dates[0]}", f"{drift.parameter} [{unit}]", WIDE, HIGH)
+    panel = Panel(
+        around(at), around(ends), f"days from {drift.dates[0]}", f"{drift.parameter} [{unit}]", width=WIDE, height=HIGH
+    )
     for x, (_, n) in zip(at, told, strict=True):
         panel.line([x, x], [n.low * factor, n.high * factor], Look(USUAL, width=1.4, opacity=0.55))
     panel.dots(at, [n.value * factor for _, n in told], USUAL)

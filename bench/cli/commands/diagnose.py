@@ -1,6 +1,5 @@
 """`bench compare`, `locate`, `discover`, `extend` and `diagnose`: find the missing physics."""
 
-import shlex
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from bench.cli import options
+from bench.cli import fleets, options
 from bench.cli.diagnosing import (
     check_effects,
     check_writable,
@@ -16,6 +15,7 @@ from bench.cli.diagnosing import (
     folder_for,
     load,
     print_notes,
+    say_diagnosis,
     say_next,
     say_problems,
     say_written,
@@ -26,10 +26,8 @@ from bench.cli.diagnosing import (
     write_json,
     write_model,
 )
-from bench.cli.fleets import asked_of, diagnose_fleet, is_fleet
 from bench.cli.place import Place, placed
 from bench.cli.progress import announcer
-from registry.errors import BenchError
 
 Command = Callable[..., None]
 
@@ -328,19 +326,14 @@ def diagnose_command(
     """
     names, folder = chosen(catalogue, without), folder_for(source, out)
     check_writable(folder, to_json)
-    if is_fleet(source):
-        if exclude:
-            raise BenchError("--exclude names a recording of one data set, not of a fleet: take its file away.")
-        asked = asked_of(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
-        diagnose_fleet(source, asked, vehicles, folder, to_json=to_json, place=place)
-        return
-    if vehicles or place.workers or place.cluster:
-        raise BenchError(f"{source} is no fleet: --vehicle, --workers and --cluster are for several vehicles.")
+    if fleets.is_fleet(source, vehicles, place, exclude):
+        asked = fleets.asked_of(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
+        return fleets.diagnose_fleet(source, asked, vehicles, folder, to_json=to_json, place=place)
     subject, model = load(source, system, model_file)
 
     from bench.diagnose.diagnose import diagnose
     from bench.diagnose.logs.load import excluding
-    from bench.diagnose.report import terminal_summary, together
+    from bench.diagnose.report.together import write
     from bench.diagnose.select.catalogue import check_catalogue
 
     check_catalogue(subject, model or subject.model, catalogue)
@@ -348,13 +341,8 @@ def diagnose_command(
     with announcer(options.console()) as tick:
         found, extended = diagnose(subject, tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
     found = replace(found, evidence=replace(found.evidence, source=source))
-    console = options.console()
-    terminal_summary.print_summary(found, console)
-    if found.verdict == "data_problem":
-        kinds = dict.fromkeys(p.kind for p in found.data_problems)
-        again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)
-        say_next(f"bench diagnose {source} {again}", "if that is no fault (or --exclude RECORDING)")
-    written = together.write(folder, found, extended)
+    say_diagnosis(found)
+    written = write(folder, found, extended)
     if to_json is not None:
         found.write(to_json)
-    say_written(console, written)
+    say_written(options.console(), written)
