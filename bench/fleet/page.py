@@ -16,7 +16,7 @@ from bench.reporting import page
 from bench.reporting.page import Drawing, Section
 
 VERDICTS = {
-    "named": "missing effect found",
+    "named": "named",
     "tie": "tie",
     "nothing": "nothing missing",
     "unknown_effect": "unknown effect",
