@@ -69,7 +69,7 @@ def kept(folder: Path) -> Iterator[str]:
     assert len(todo.done) == KEPT
     rate = KEPT / wall
     yield (
-        f"With workers that are always done one driver keeps {rate:.0f} answers a second, at {1000 * cpu / KEPT:.0f} ms "
+        f"With workers that are always done one driver keeps {rate:.0f} answers a second, {1000 * cpu / KEPT:.0f} ms "
         f"of processor time each; the rest waits for the disk, which is to hold six files and two folders before the "
         f"next. It saturates there: {WORKERS} workers keep it busy with vehicles of less than {WORKERS / rate:.1f} s. "
         f"{SAID:,} vehicles of 40 s take {WORKERS} workers {SAID * 40 / WORKERS / 3600:.1f} h, of which the driver "
