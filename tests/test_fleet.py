@@ -333,6 +333,27 @@ def test_markup_in_names_stays_text() -> None:
         assert EVIL in Parsed(text).text and "script" not in Parsed(text).tags
 
 
+def test_every_vehicle_is_one_run_in_mlflow(fleet: Path, tmp_path: Path) -> None:
+    from mlflow.tracking import MlflowClient
+
+    from bench.tracking import track
+
+    done(fleet)
+    uri, vehicles = track.default_uri(tmp_path), fleet / "diagnosis" / kept.VEHICLES
+    for name in ("n0", "n6", "n6"):  # twice, as when a driver is killed while it logs
+        track.mirror_vehicle(uri, "fleet: f", vehicles / name)
+    known = track.whole(uri, "fleet: f")
+    assert known == {kept.Kept(vehicles / name).key for name in ("n0", "n6")}
+    track.mirror_vehicle(uri, "fleet: f", vehicles / "n6", known)
+    client = MlflowClient(tracking_uri=uri)
+    runs = client.search_runs([track.find_experiment(uri, "fleet: f")])
+    told = {r.info.run_name: r.data for r in runs}
+    assert sorted(told) == ["n0", "n6"] and len(runs) == 2
+    assert told["n6"].metrics["number/quadratic_drag c kg per m"] == 0.6
+    assert told["n6"].metrics["error/speed m per s extended"] == 0.1 and told["n0"].tags["effects"] == "quadratic_drag"
+    assert {f.path for f in client.list_artifacts(runs[0].info.run_id)} >= {"diagnosis.html", "model.toml"}
+
+
 # ------------------------------------------------------------------------------------------------ the command
 
 
