@@ -230,7 +230,8 @@ class FleetDiagnosis(Displayed):
         count = len(self.vehicles)
         shown = {e: "something that the catalogue does not have" if e == UNKNOWN else named(e) for e in self.lacking}
         said = [f"{n} {'lacks' if n == 1 else 'lack'} {shown[e]}" for e, n in self.lacking.items()]
-        said = [*said[:3], *([f"{len(said) - 3} more effects are missing here and there"] if len(said) > 3 else [])]
+        if len(said) > 4:
+            said = [*said[:3], f"{len(said) - 3} more effects are missing here and there"]
         parts = [f"Of {count} vehicles {listed(said or ['none is shown to lack an effect'])}"]
         if differ := len({d.vehicle for _, d in self.differing}):
             parts.append(f"{differ} {'differs' if differ == 1 else 'differ'} from the others in a number")
