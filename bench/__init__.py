@@ -8,6 +8,7 @@
     bench.discover(subject)                         3  which effect is missing?
     bench.extend(subject, subject.model, ["mass"])  4  add it, watch the error fall
     bench.diagnose("my_flights")                    all four
+    bench.fleet("fleet", workers=8)                 of every vehicle: which lack what, which differ, which drift
 
     bench.run("LSTM: 1x50 - MLP: 60x10", dataset="nanodrone")
     bench.sweep("LSTM: 1x50 - MLP: 60x10", dataset="nanodrone", trials=30)
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
         locate,
     )
     from bench.experiment.study import Study
+    from bench.fleet.fleet import fleet
+    from bench.fleet.result import FleetDiagnosis
     from bench.sweep.sweep import SweepResult, sweep
     from registry.errors import BenchError
 
@@ -55,6 +58,7 @@ __all__ = [
     "Diagnosis",
     "Discovery",
     "Extension",
+    "FleetDiagnosis",
     "Location",
     "Results",
     "Study",
@@ -66,6 +70,7 @@ __all__ = [
     "diagnose",
     "discover",
     "extend",
+    "fleet",
     "load",
     "locate",
     "run",
@@ -73,6 +78,7 @@ __all__ = [
 ]
 _PLACES = {
     "BenchError": "registry.errors",
+    "FleetDiagnosis": "bench.fleet.result",
     "Results": "bench.api.run",
     "Study": "bench.experiment.study",
     "SweepResult": "bench.sweep.sweep",
@@ -86,7 +92,7 @@ _PLACES = {
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'bench' has no attribute {name!r}")
-    if name in ("diagnose", "sweep"):  # the package, which is called as its main function
+    if name in ("diagnose", "fleet", "sweep"):  # the package, which is called as its main function
         return importlib.import_module(f"bench.{name}")
     found = getattr(importlib.import_module(_PLACES.get(name, "bench.diagnose")), name)
     globals()[name] = found

@@ -2,9 +2,9 @@
 
 import json
 import os
+import shlex
 import shutil
 from collections.abc import Sequence
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
+from bench.cli import options
 from bench.cli.names import check_system
 from bench.experiment.datasets import registered
 from registry.core import DATASETS, EFFECTS
@@ -20,7 +21,7 @@ from registry.errors import BenchError
 if TYPE_CHECKING:
     from bench.diagnose.extend import Extension
     from bench.diagnose.logs.subject import Subject
-    from bench.diagnose.result import NamedEffect
+    from bench.diagnose.result import Diagnosis, NamedEffect
     from bench.diagnose.select.discovery import Discovery
     from registry.dynamics import PhysicsModel
 
@@ -38,24 +39,12 @@ def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Sub
         )
     check_system(system)
 
-    from bench.diagnose.logs.load import load
-    from bench.diagnose.report import model_file as files
-    from registry.datasets.folder.dataset import Folder
-    from registry.stated import refuse_unstated
+    from bench.diagnose.logs.load import load, starting_from
 
     subject = load(source, system)
     for sentence in subject.resampled:
         click.echo(f"note: {sentence}", err=True)
-    if model_file is None:
-        return subject, None
-    model = files.read(model_file, type(subject.model))
-    if Path(source).is_dir() and not registered(source):
-        refuse_unstated(Folder(path=source), type(model), str(model_file))
-    # How inputs are given is a matter of the data, not of the file.
-    given = {
-        n: getattr(subject.model, n) for n in ("extras", "input_hold", "drive") if n in {f.name for f in fields(model)}
-    }
-    return subject, replace(model, **given)
+    return subject, None if model_file is None else starting_from(subject, model_file)
 
 
 def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None:
@@ -64,16 +53,6 @@ def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None
     if not catalogue and not without:
         return None
     return [n for n in (catalogue or EFFECTS.outline()) if n not in without]
-
-
-def check_catalogue(subject: "Subject", model: "PhysicsModel", names: Sequence[str]) -> None:
-    """Raise `BenchError` where an effect that was asked for cannot be looked for."""
-    from bench.diagnose.select.search import unfit
-
-    for name in names:
-        why = unfit(subject, model, name, EFFECTS.get(name))
-        if why and not set(EFFECTS.get(name).requires) & set(names):
-            raise BenchError(f"--catalogue {name}: {why}.")
 
 
 def check_writable(*targets: Path | None) -> None:
@@ -129,6 +108,17 @@ def write_model(target: Path, model: "PhysicsModel", effects: "Sequence[NamedEff
         return [target]
     copy.replace(former)
     return [target, former]
+
+
+def say_diagnosis(found: "Diagnosis") -> None:
+    """Print the summary, and how to go on although the data have a problem."""
+    from bench.diagnose.report import terminal_summary
+
+    terminal_summary.print_summary(found, options.console())
+    if found.verdict == "data_problem":
+        kinds = dict.fromkeys(p.kind for p in found.data_problems)
+        again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)
+        say_next(f"bench diagnose {found.evidence.source} {again}", "if that is no fault (or --exclude RECORDING)")
 
 
 def say_written(console: Any, written: Sequence[Path]) -> None:

@@ -158,3 +158,5 @@ class Evidence:
     """The shapes of learned terms."""
     flights: tuple[Flight, ...] = ()
     """Whole recordings, held-out ones first."""
+    vehicle: str = ""
+    """The one among those of the data that this is about; empty: there is one."""

@@ -55,6 +55,13 @@ class Mirroring:
             self.inbox.put(("trial", (tuple(configs), t)))
         self._listen(0.0)
 
+    def vehicles(self, folders: Iterable[Path]) -> None:
+        """Log these answers of a fleet when there is time."""
+        for folder in folders:
+            self.asked += 1
+            self.inbox.put(("vehicle", str(folder)))
+        self._listen(0.0)
+
     def attach(self, files: Iterable[Path]) -> None:
         """Log the figures and the report of the study."""
         self.inbox.put(("files", [str(f) for f in files]))
@@ -125,6 +132,8 @@ def _serve(inbox: Any, outbox: Any, uri: str, experiment: str, study: str | None
                 track.attach(uri, experiment, study or experiment, [Path(f) for f in content])
             elif kind == "trial":
                 track.mirror_trials(uri, experiment, study or experiment, content[0], [content[1]])
+            elif kind == "vehicle":
+                track.mirror_vehicle(uri, experiment, Path(content), known)
             elif Path(content).name not in known:
                 track.mirror([Path(content)], uri, experiment, study)
             outbox.put((int(kind != "files"), ""))

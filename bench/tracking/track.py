@@ -8,6 +8,7 @@ from bench.tracking.records import CHARTED, MirrorResult, attach, flat, metrics,
 from bench.tracking.server import VIEW, TrackingError, artifact_root, default_uri, find_experiment, prepare
 from bench.tracking.trials import mirror_trials
 from bench.tracking.upkeep import repair, whole
+from bench.tracking.vehicles import mirror_vehicle
 
 __all__ = [
     "CHARTED",
@@ -24,6 +25,7 @@ __all__ = [
     "metrics",
     "mirror",
     "mirror_trials",
+    "mirror_vehicle",
     "prepare",
     "repair",
     "whole",

@@ -14,6 +14,7 @@ from bench.diagnose.checks.checklist import check, check_folder, check_subject
 from bench.diagnose.checks.mistake import Mistake
 from bench.diagnose.checks.recorded import flying, of_folder
 from bench.diagnose.logs.load import load
+from registry.datasets.folder.dataset import Folder
 from registry.datasets.folder.dataset import check as read_folder
 
 
@@ -124,7 +125,7 @@ def test_rotations_do_not_depend_on_the_heading_or_on_one_bad_recording(
             log[name] = turn.apply(log[name])
     assert check_folder(turned.write(tmp_path)) == []
     turned.logs[0]["body_rates"] *= -1  # not a matter of dataset.toml, which all recordings share
-    assert check(of_folder(turned.write(tmp_path)), flying("quadrotor")) == []
+    assert check(of_folder(Folder(str(turned.write(tmp_path)))), flying("quadrotor")) == []
 
 
 @pytest.mark.data

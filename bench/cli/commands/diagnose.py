@@ -1,6 +1,5 @@
 """`bench compare`, `locate`, `discover`, `extend` and `diagnose`: find the missing physics."""
 
-import shlex
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -8,15 +7,15 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from bench.cli import options
+from bench.cli import fleets, options
 from bench.cli.diagnosing import (
-    check_catalogue,
     check_effects,
     check_writable,
     chosen,
     folder_for,
     load,
     print_notes,
+    say_diagnosis,
     say_next,
     say_problems,
     say_written,
@@ -27,6 +26,7 @@ from bench.cli.diagnosing import (
     write_json,
     write_model,
 )
+from bench.cli.place import Place, placed
 from bench.cli.progress import announcer
 
 Command = Callable[..., None]
@@ -191,6 +191,7 @@ def discover_command(
     subject, model = load(source, system, model_file)
 
     from bench.diagnose.discover import discover
+    from bench.diagnose.select.catalogue import check_catalogue
     from bench.diagnose.summaries import parameter_estimates
 
     check_catalogue(subject, model or subject.model, catalogue)
@@ -283,7 +284,9 @@ def extend_command(
     "--ignore-problem", "ignore", multiple=True, metavar="KIND", help="Go on although the data have this. Repeatable."
 )
 @click.option("--exclude", multiple=True, metavar="RECORDING", help="Leave this recording out. Repeatable.")
+@click.option("--vehicle", "vehicles", multiple=True, metavar="NAME", help="Of a fleet, this one only. Repeatable.")
 @_out
+@placed
 def diagnose_command(
     source: str,
     system: str | None,
@@ -294,7 +297,9 @@ def diagnose_command(
     without: tuple[str, ...],
     ignore: tuple[str, ...],
     exclude: tuple[str, ...],
+    vehicles: tuple[str, ...],
     out: Path | None,
+    place: Place,
 ) -> None:
     """All four steps: compare, locate, discover, extend; a summary here, a page and a model to keep.
 
@@ -308,27 +313,36 @@ def diagnose_command(
     bench diagnose flights/ --system mine.py:Tailsitter    your own physics
     bench diagnose flights/ --without mass --out second/   another look
     bench diagnose flights/ --ignore-problem spike --exclude flight_3
+
+    A fleet is a folder of such folders, one a vehicle, or one folder whose dataset.toml names the column that holds
+    the vehicle, `vehicle = {column = "tail"}`. Each is diagnosed by itself; fleet.html says which lack what, which
+    differ from the others and, where they are dated, which drift. What is finished is kept: after Ctrl-C or a crash
+    the same command goes on. Vehicles that cannot be diagnosed are said, and end in exit code 2.
+
+    \b
+    bench diagnose fleet/ --workers 8                      vehicles side by side, one process each
+    bench diagnose fleet/ --cluster tcp://127.0.0.1:8786   on the workers of a Dask cluster
+    bench diagnose fleet/ --vehicle N7 --vehicle N9        these two only
     """
     names, folder = chosen(catalogue, without), folder_for(source, out)
     check_writable(folder, to_json)
+    if fleets.is_fleet(source, vehicles, place, exclude):
+        asked = fleets.asked_of(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
+        return fleets.diagnose_fleet(source, asked, vehicles, folder, to_json=to_json, place=place)
     subject, model = load(source, system, model_file)
 
     from bench.diagnose.diagnose import diagnose
     from bench.diagnose.logs.load import excluding
-    from bench.diagnose.report import terminal_summary, together
+    from bench.diagnose.report.together import write
+    from bench.diagnose.select.catalogue import check_catalogue
 
     check_catalogue(subject, model or subject.model, catalogue)
     subject = excluding(subject if model is None else replace(subject, model=model), exclude)
     with announcer(options.console()) as tick:
         found, extended = diagnose(subject, tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
     found = replace(found, evidence=replace(found.evidence, source=source))
-    console = options.console()
-    terminal_summary.print_summary(found, console)
-    if found.verdict == "data_problem":
-        kinds = dict.fromkeys(p.kind for p in found.data_problems)
-        again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)
-        say_next(f"bench diagnose {source} {again}", "if that is no fault (or --exclude RECORDING)")
-    written = together.write(folder, found, extended)
+    say_diagnosis(found)
+    written = write(folder, found, extended)
     if to_json is not None:
         found.write(to_json)
-    say_written(console, written)
+    say_written(options.console(), written)

@@ -11,7 +11,7 @@ from bench.diagnose.checks.recorded import Recorded, flying, of_folder, of_subje
 from bench.diagnose.checks.thrust import thrust
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import DataProblem
-from registry.datasets.folder.description import describe
+from registry.datasets.folder.dataset import Folder
 
 
 def check(recorded: Recorded, carried: bool) -> list[Mistake]:
@@ -38,7 +38,8 @@ def check_folder(folder: str | Path) -> list[Mistake]:
     Raises:
         BenchError: the folder cannot be read.
     """
-    return check(of_folder(folder), flying(describe(Path(folder)).system))
+    source = Folder(path=str(folder))
+    return check(of_folder(source), flying(source.system))
 
 
 def check_subject(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:

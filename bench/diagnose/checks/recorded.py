@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -12,7 +11,7 @@ from registry.contracts import Recording
 from registry.core import PHYSICS
 from registry.datasets.folder.clock import nearest
 from registry.datasets.folder.conversion import attitude, own_units, vector
-from registry.datasets.folder.dataset import Folder, read_columns, recording_files
+from registry.datasets.folder.dataset import Folder, read_columns
 from registry.datasets.folder.signals import SignalColumns
 from registry.datasets.reading.cleaning import extent
 from registry.datasets.reading.ground import resting
@@ -117,17 +116,17 @@ class Recorded:
     hold: str = "linear"
 
 
-def of_folder(folder: str | Path) -> Recorded:
+def of_folder(source: Folder) -> Recorded:
     """The recordings of a folder with a dataset.toml.
 
     Raises:
         BenchError: the folder cannot be read.
     """
-    description = Folder(path=str(folder)).description
+    description = source.description
     physics = {k: v for k, v in description.physics.items() if k != "uncertainty"}
     reading = _reading(description.signals, description.input, physics)
     flights = []
-    for file in _spread(recording_files(folder)):
+    for file in _spread(source.files):
         of, columns = read_columns(file, description)
         near = {n: nearest(of, v) for n, v in columns.items()}
         valid = np.logical_and.reduce([found for _, found in near.values()])
@@ -142,7 +141,7 @@ def of_folder(folder: str | Path) -> Recorded:
 
 def of_subject(subject: "Subject") -> Recorded:
     """Recordings that are in memory, in SI and the frames of this project."""
-    if subject.folder:
+    if subject.folder is not None:
         return of_folder(subject.folder)
     recordings = [log.recording for log in subject.logs]
     known = type(subject.model)

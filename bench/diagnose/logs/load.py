@@ -18,7 +18,7 @@ from registry.core import DATASETS, PHYSICS
 from registry.datasets.folder.dataset import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
-from registry.model_file import constants_of
+from registry.model_file import constants_of, read
 from registry.stated import refuse_unstated
 
 
@@ -34,6 +34,8 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         BenchError: data or model cannot be read, or do not fit each other.
     """
     dataset = source if isinstance(source, Dataset) else _dataset(source)
+    if isinstance(dataset, Folder):
+        _refuse_several(dataset)
     if not (system or dataset.system):
         raise BenchError(
             f"{dataset.label} has no physics model to compare with: name one with --system, registered "
@@ -46,8 +48,8 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
     if nominal:
         refuse_unstated(dataset, kind)
     constants = _constants(dataset, kind)
-    read = dataset.load()
-    recordings = tuple(as_meant(r, kind) for r in read.recordings)
+    measured = dataset.load()
+    recordings = tuple(as_meant(r, kind) for r in measured.recordings)
     signals = set.intersection(*({c.group for c in r.channels} for r in recordings))
     if model is None:
         model = _nominal(dataset, kind, constants, drive, _extras(recordings[0], signals - {drive}))
@@ -62,11 +64,36 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         noise={k: float(v) for k, v in dict(dataset.processing.get("noise", {})).items()},
         uncertainty=dict(dataset.uncertainty),
         signals=tuple(sorted(signals)),
-        notes=(*read.made, *(_taken(dataset, model) if nominal and isinstance(dataset, Folder) else ())),
-        resampled=read.made,
-        folder=dataset.path if isinstance(dataset, Folder) else "",
+        notes=(*measured.made, *(_taken(dataset, model) if nominal and isinstance(dataset, Folder) else ())),
+        resampled=measured.made,
+        folder=dataset if isinstance(dataset, Folder) else None,
     )
     return centred(subject)
+
+
+def starting_from(subject: Subject, path: Path) -> PhysicsModel:
+    """The model in a model.toml, in place of the nominal one of what was loaded.
+
+    Raises:
+        BenchError: it cannot be read, or needs constants that the data do not state.
+    """
+    model = read(path, type(subject.model))
+    if subject.folder is not None:
+        refuse_unstated(subject.folder, type(model), str(path))
+    # How inputs are given is a matter of the data, not of the file.
+    known = {f.name for f in dataclasses.fields(model)}
+    given = {n: getattr(subject.model, n) for n in ("extras", "input_hold", "drive") if n in known}
+    return replace(model, **given)
+
+
+def _refuse_several(folder: Folder) -> None:
+    """Raise `BenchError` where recordings of several vehicles would be taken for those of one."""
+    told = folder.description.vehicle
+    if told.column and not folder.only:
+        raise BenchError(
+            f"{folder.path} holds the vehicles that column {told.column!r} names: `bench diagnose {folder.path}` "
+            "takes each by itself; put the recordings of one into a folder of their own for this."
+        )
 
 
 def _check_driven(dataset: Dataset, kind: type[PhysicsModel], drive: str) -> None:

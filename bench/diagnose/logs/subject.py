@@ -10,6 +10,7 @@ from torch import Tensor
 
 from bench.diagnose.logs.smoothing import Smoothing
 from registry.contracts import Recording
+from registry.datasets.folder.dataset import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
@@ -76,7 +77,7 @@ class Subject:
     """What was done to the measurements, in sentences."""
     resampled: tuple[str, ...] = ()
     """Those of them that say where samples are not as they were logged."""
-    folder: str = ""
+    folder: Folder | None = None
     """Where they were read from, if a dataset.toml describes them."""
 
     def of(self, names: Sequence[str]) -> tuple[Log, ...]:

@@ -71,12 +71,16 @@ def estimate_parts(name: str, p: ParameterEstimate) -> tuple[str, str, str, str]
     """Value, low, high and unit as they are shown."""
     finite = [v for v in (p.value, p.low, p.high) if math.isfinite(v)]
     unit, factor = shown(p.unit, name, finite)
-    half, largest = (p.high - p.low) / 2 * factor, max((abs(v) * factor for v in finite), default=0.0)
-    digits = 3
-    if math.isfinite(half) and half > 0 and largest > 0:
-        # Two digits of half the interval at the most, one at the least.
-        digits = min(6, max(2, math.floor(math.log10(largest)) - math.floor(math.log10(half) + 0.02) + 2))
+    digits = digits_of(*(v * factor for v in (p.value, p.low, p.high)))
     return number(p.value * factor, digits), number(p.low * factor, digits), number(p.high * factor, digits), unit
+
+
+def digits_of(value: float, low: float, high: float) -> int:
+    """As many significant digits as an interval warrants: two of half of it at the most, one at the least."""
+    half, largest = (high - low) / 2, max((abs(v) for v in (value, low, high) if math.isfinite(v)), default=0.0)
+    if not (math.isfinite(half) and half > 0 and largest > 0):
+        return 3
+    return min(6, max(2, math.floor(math.log10(largest)) - math.floor(math.log10(half) + 0.02) + 2))
 
 
 def typeset(text: str) -> str:

@@ -174,6 +174,8 @@ def change(c: Calibration) -> str:
 def commands(diagnosis: Diagnosis) -> list[str]:
     """What to type to repeat the diagnosis, and to add its effects one by one."""
     source = shlex.quote(diagnosis.evidence.source or "DATA")
+    if vehicle := diagnosis.evidence.vehicle:
+        return [f"bench diagnose {source} --vehicle {shlex.quote(vehicle)}"]
     adds = [
         shlex.quote(e.name) for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from
     ]

@@ -15,6 +15,7 @@ from registry.datasets.folder.clock import Clock, clock, gridded, refuse_drift, 
 from registry.datasets.folder.conversion import attitude, in_frames, own_units
 from registry.datasets.folder.description import FILE, FolderDescription, describe
 from registry.datasets.folder.draft import draft
+from registry.datasets.folder.sessions import refuse_mixed
 from registry.datasets.folder.signals import SignalColumns
 from registry.datasets.reading.cleaning import runs, widen
 from registry.datasets.reading.ground import MARGIN, resting
@@ -43,6 +44,7 @@ class Folder(Dataset):
     """
 
     path: str = option(".", "the folder")
+    only: tuple[str, ...] = option((), "names of the files to read; none: all that the description means")
 
     source: ClassVar[str] = "the user's own files"
 
@@ -55,6 +57,18 @@ class Folder(Dataset):
     def description(self) -> FolderDescription:
         """The checked dataset.toml, with its [physics], [processing] and [environment]."""
         return describe(Path(self.path))
+
+    @property
+    def files(self) -> list[Path]:
+        """What is read, in order.
+
+        Raises:
+            BenchError: there is none, one that is asked for does not exist, or one leaves the folder.
+        """
+        found = _files(Path(self.path), self.description.files)
+        if absent := set(self.only) - {f.name for f in found}:
+            raise BenchError(f"{self.path}: its description means no file {min(absent)!r}.")
+        return [f for f in found if not self.only or f.name in self.only]
 
     @property
     def system(self) -> str:  # type: ignore[override]
@@ -120,8 +134,8 @@ class Folder(Dataset):
 
     def read(self) -> RecordingSet:
         """See `Dataset.read`."""
-        description, folder = self.description, Path(self.path)
-        read = [_recording(f, description) for f in _files(folder, description.files)]
+        description = self.description
+        read = [_recording(f, description) for f in self.files]
         recordings = [r for r, _ in read]
         findings = [f for _, found in read for f in found]
         if len(recordings) == 1 and len(recordings[0]) >= PARTS * SHORTEST:
@@ -206,16 +220,8 @@ def read_columns(file: Path, description: FolderDescription) -> tuple[Clock, dic
     return of, columns
 
 
-def recording_files(folder: str | Path) -> list[Path]:
-    """The files of a folder that its description means.
-
-    Raises:
-        BenchError: none, or one that leaves the folder.
-    """
-    return _files(Path(folder), describe(Path(folder)).files)
-
-
 def _recording(file: Path, description: FolderDescription) -> tuple[Recording, list[Finding]]:
+    refuse_mixed(file, description.vehicle, description.date)
     of, columns = read_columns(file, description)
     signals, name = description.signals, _name(file)
     logged = {n: _whole([columns[c] for c in s.names]) for n, s in signals.items()}

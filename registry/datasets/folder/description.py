@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from registry.core import PHYSICS
+from registry.datasets.folder.sessions import UNTOLD, Mark, mark
 from registry.datasets.folder.signals import SignalColumns, known, refuse_unturned, signal_columns
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
@@ -20,7 +21,7 @@ LARGEST_NOISE = 1e9
 """1σ of any signal, SI: larger ones overflow where they are squared."""
 _REQUIRED = ("name", "rate_hz", "files", "time", "signals")
 _TABLES = ("physics", "processing", "environment")
-_OPTIONAL = ("system", "input", "input_hold", "targets", "time_unit", *_TABLES)
+_OPTIONAL = ("system", "input", "input_hold", "targets", "time_unit", "vehicle", "date", *_TABLES)
 _ENVIRONMENT = ("gravity", "ground_z", "air_density")
 
 
@@ -49,6 +50,10 @@ class FolderDescription:
     environment: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     """What was taken for granted, in sentences."""
+    vehicle: Mark = UNTOLD
+    """Whose recordings they are."""
+    date: Mark = UNTOLD
+    """When they were made."""
 
     @property
     def input(self) -> str:
@@ -92,6 +97,8 @@ def describe(folder: Path) -> FolderDescription:
         processing=_processing(path, table.get("processing", {}), signals),
         environment=_environment(path, table.get("environment", {})),
         notes=notes,
+        vehicle=mark(path, table, "vehicle"),
+        date=mark(path, table, "date"),
     )
 
 

@@ -1,0 +1,138 @@
+"""`bench diagnose FLEET`: many vehicles, one after the other or side by side; what is finished is kept."""
+
+import os
+import shlex
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from bench.cli import options
+from bench.cli.names import check_system
+from bench.cli.place import Place, portable
+from bench.cli.progress import announcer, clock, meter
+from bench.experiment.datasets import registered
+from registry.core import EFFECTS
+from registry.errors import BenchError
+
+if TYPE_CHECKING:
+    from bench.fleet.asked import Asked
+    from bench.fleet.fleet import Plan
+    from bench.fleet.kept import Kept
+    from bench.fleet.members import Member
+
+
+def is_fleet(source: str, vehicles: Sequence[str], place: Place, exclude: Sequence[str]) -> bool:
+    """Whether a name means a folder of several vehicles.
+
+    Raises:
+        BenchError: an option is for one vehicle where there are several, or the other way round.
+    """
+    several = False
+    if Path(source).is_dir() and not registered(source):
+        from bench.fleet import members
+
+        several = members.is_fleet(source)
+    if several and exclude:
+        raise BenchError("--exclude names a recording of one data set, not of a fleet: take its file away.")
+    if not several and (vehicles or place.workers or place.cluster):
+        raise BenchError(f"{source} is no fleet: --vehicle, --workers and --cluster are for several vehicles.")
+    return several
+
+
+def asked_of(
+    system: str | None,
+    model_file: Path | None,
+    horizon: float | None,
+    catalogue: Sequence[str],
+    without: Sequence[str],
+    ignore: Sequence[str],
+) -> "Asked":
+    """The options of the command, as every vehicle gets them.
+
+    Raises:
+        BenchError: a physics model, effect or file that does not exist.
+    """
+    from bench.fleet.asked import Asked
+
+    check_system(system)
+    for name in (*catalogue, *without):
+        EFFECTS.check(name)
+    return Asked(system, str(model_file or ""), tuple(catalogue), tuple(without), horizon, tuple(ignore))
+
+
+def diagnose_fleet(
+    source: str, asked: "Asked", vehicles: Sequence[str], folder: Path, to_json: Path | None, place: Place
+) -> None:
+    """Diagnose what is not kept yet, write the fleet's page, print the summary.
+
+    Raises:
+        BenchError: vehicles are left without an answer (said at the end), the folder cannot be written, or another
+            driver is at it.
+    """
+    from bench.cli.job import mirroring
+    from bench.diagnose.result import write_text
+    from bench.execution import lock
+    from bench.fleet import kept, summary
+    from bench.fleet.fleet import PAGE, VALUES, conclude, plan
+    from bench.fleet.members import members
+
+    out, fleet = options.console(), members(source, tuple(vehicles))
+    with lock.held(folder, f"the fleet {source}"), mirroring(place, f"fleet: {fleet.name}", None) as mirror:
+        kept.tidy(folder)
+        with announcer(out) as tick:
+            todo = plan(fleet, asked, folder, lambda m: tick(f"look at {m.id}"))
+        for note in fleet.notes:
+            click.echo(f"note: {note}", err=True)
+        ready, counts = list(todo.done.values()), (len(fleet.members), len(todo.done), len(todo.todo))
+        out.print("[bold]{}[/]: {} vehicles, {} already diagnosed, {} to do.".format(escape(fleet.name), *counts))
+        _carry_out(out, todo, place, lambda answer: mirror.vehicles([answer.folder]) if mirror else None)
+        command = shlex.join(["bench", *portable(sys.argv[1:])])
+        found = conclude(todo, command)
+        if to_json is not None:
+            write_text(to_json, found.json_text())
+        summary.print_summary(found, out)
+        out.print(
+            f"\nWrote {folder / PAGE}, {folder / VALUES} and a folder a vehicle beside them",
+            markup=False,
+            soft_wrap=True,
+        )
+        if mirror:
+            mirror.vehicles(answer.folder for answer in ready)
+            _say_mirrored(mirror.finish(), fleet.name)
+    if todo.problems:
+        name, sentence = next(iter(todo.problems.items()))
+        raise BenchError(
+            f"{len(todo.problems)} of {len(fleet.members)} vehicles could not be diagnosed, such as {name}: {sentence}"
+        )
+
+
+def _carry_out(out: Console, todo: "Plan", place: Place, log: "Callable[[Kept], None]") -> None:
+    from bench.fleet.fleet import execute
+
+    if not todo.todo:
+        return
+    left, workers = len(todo.todo), place.workers or os.cpu_count() or 1
+    with meter(out, sum(todo.sizes.values()) or 1.0, left, "vehicles") as progress:
+
+        def finished(member: "Member", answer: "Kept | None") -> None:
+            progress.done += todo.sizes[member.id]
+            progress.record()
+            if answer is not None:
+                log(answer)
+
+        execute(todo, workers, place.cluster, lambda m: progress.start(m.id), finished)
+    by = f"on {place.cluster}" if place.cluster else f"with {min(workers, left)} process(es)"
+    out.print(f"{left} vehicles in {clock(time.monotonic() - progress.started)} {escape(by)}.")
+
+
+def _say_mirrored(missing: int, name: str) -> None:
+    if missing:
+        click.echo(f"{missing} vehicles are not in MLflow yet: the same command logs them.")
+    else:
+        click.echo(f"MLflow: experiment {f'fleet: {name}'!r}, one run a vehicle; `bench ui` shows them.")

@@ -1,0 +1,79 @@
+"""In a worker: the diagnosis of one vehicle, as the texts of its files."""
+
+import platform
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from threadpoolctl import threadpool_limits
+
+from bench.diagnose.diagnose import diagnose
+from bench.diagnose.logs.load import load, starting_from
+from bench.diagnose.report import together
+from bench.diagnose.result import Diagnosis
+from bench.diagnose.select.catalogue import check_catalogue
+from bench.fleet.asked import Asked, environment, key_of
+from bench.fleet.members import Member
+from registry.dynamics import PhysicsModel
+from registry.errors import BenchError
+
+Diagnose = Callable[[Member, Asked], tuple[Diagnosis, PhysicsModel]]
+"""How a vehicle is diagnosed. It must be importable by name: other processes and machines call it."""
+Outcome = tuple[str, dict[str, str]]
+"""A sentence on why there is no answer (empty: there is one), and the texts of the files by name."""
+
+
+def diagnose_member(member: Member, asked: Asked) -> tuple[Diagnosis, PhysicsModel]:
+    """`bench.diagnose` of one vehicle of a fleet.
+
+    Raises:
+        BenchError: its data or the model cannot be read, or do not fit each other.
+    """
+    subject = load(member.folder, asked.system)
+    if asked.model:
+        subject = replace(subject, model=starting_from(subject, Path(asked.model)))
+    check_catalogue(subject, subject.model, asked.catalogue)
+    return diagnose(
+        replace(subject, name=member.title), catalogue=asked.effects, horizon_s=asked.horizon_s, ignore=asked.ignore
+    )
+
+
+def work(do: Diagnose, member: Member, asked: Asked, key: str, same: dict[str, str]) -> Outcome:
+    """Diagnose one vehicle; what is wrong with it alone is a sentence and stops nobody else.
+
+    Args:
+        do: how.
+        member: whom.
+        asked: what is asked.
+        key: of the answer, as the driver knows it.
+        same: the driver's `environment`, of which the answer is a function.
+
+    Raises:
+        BenchError: this machine would make other answers than the driver's.
+    """
+    if dict(environment()) != same:
+        other = ", ".join(n for n in same if environment().get(n) != same[n])
+        raise BenchError(
+            f"The worker on {platform.node()} would make other answers: its {other} differs from the driver's; run the "
+            "driver on a machine like it, with the same packages."
+        )
+    torch.set_num_threads(1)
+    try:
+        with threadpool_limits(1):
+            if key_of(member, asked) != key:
+                raise BenchError(f"The data in {member.path} were changed meanwhile: start again.")
+            found, model = do(member, asked)
+            return "", _files(member, found, model)
+    except BenchError as error:
+        return str(error).replace(member.path, member.source), {}
+    except Exception as error:  # one vehicle among thousands: the others are diagnosed all the same
+        return f"The diagnosis failed with {type(error).__name__}: {str(error).partition(chr(10))[0]:.300}", {}
+
+
+def _files(member: Member, found: Diagnosis, model: PhysicsModel) -> dict[str, str]:
+    vehicle = member.vehicle if member.only else ""
+    found = replace(found, evidence=replace(found.evidence, source=member.source, vehicle=vehicle))
+    with tempfile.TemporaryDirectory() as name:
+        return {p.name: p.read_text(encoding="utf-8") for p in together.write(Path(name), found, model)}
