@@ -29,6 +29,7 @@ class Main(click.Group):
         ("discover", "bench.cli.commands.diagnose"),
         ("extend", "bench.cli.commands.diagnose"),
         ("diagnose", "bench.cli.commands.diagnose"),
+        ("design", "bench.cli.commands.design"),
         ("export-model", "bench.cli.commands.export_model"),
         ("ui", "bench.cli.commands.track"),
         ("sync", "bench.cli.commands.track"),
