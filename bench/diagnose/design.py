@@ -95,7 +95,7 @@ class Design(Displayed):
 
     @property
     def table(self) -> np.ndarray:
-        """(R, N, columns): inputs; of a vehicle the smooth path through its set-points; or the starts (R, 1, columns)."""
+        """(R, N, columns): inputs; of a vehicle the path through its set-points; or the starts (R, 1, columns)."""
         if not self.steered:
             return self.plan.asked
         at = smoothed(self.plan.asked, self.dt)  # (R, N, 3, 4)

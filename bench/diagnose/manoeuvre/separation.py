@@ -1,6 +1,6 @@
 """How far apart manoeuvres take candidates, in units of measured noise, and what they tell of parameters.
 
-From the states of a manoeuvre every candidate predicts short free runs. What counts is the difference of two
+Over short windows every candidate says where the states would be. What counts is the difference of two
 predictions, whitened by the covariance of the errors that the model at hand makes over the recordings' own windows
 (noise, smoothing and disturbances as they were measured), and as small as the rival's parameters can make it within
 what is known of them: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models",
@@ -16,7 +16,9 @@ from torch import Tensor
 
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.parameters import Entry, Prior, entries, probes, with_values
+from bench.diagnose.regression.weak import Stack, mean_rates
 from bench.diagnose.simulate.free_run import Group, between, default_steps, free_run, groups, measured_windows, starts
+from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
 
 POINTS = 4
@@ -44,9 +46,15 @@ class Windows:
         return starts(log, self.steps, every or self.steps)
 
     def predicted(self, model: PhysicsModel, logs: Sequence[Log]) -> Tensor:
-        """(…, windows, points, s): free runs at the points."""
+        """(…, windows, points, s): where the states would be at the points.
+
+        As in a diagnosis, the model's rates are added up at the measured states, from what was measured at the window's
+        beginning; where some states were not measured, it runs free.
+        """
         at = [self.begins(log) for log in logs]
-        return free_run(model, logs, at, self.steps)[..., torch.from_numpy(self.points), :]
+        if hidden(logs):
+            return free_run(model, logs, at, self.steps)[..., torch.from_numpy(self.points), :]
+        return integrated(model, logs, at, self.points)
 
     def measured(self, logs: Sequence[Log]) -> Tensor:
         """(windows, points, s): what was measured there."""
@@ -59,17 +67,31 @@ class Windows:
         return np.asarray(np.nan_to_num(flat @ self.whitening.T, nan=1e6, posinf=1e6, neginf=-1e6))
 
 
+def integrated(model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray], points: np.ndarray) -> Tensor:
+    """(…, windows, points, s): measured states at ``at`` and, from there, the integral of the model's rates."""
+    stack = Stack.of(logs)
+    size, begin = stack.states.shape[-1], stack.states.new_zeros(())
+    path = (mean_rates(model, stack)[..., :size] * stack.dt).cumsum(-2)
+    path = torch.cat([begin.expand(*path.shape[:-2], 1, size), path], dim=-2)  # (…, L, N, s)
+    out = []
+    for i, k in enumerate(at):
+        first = torch.as_tensor(k)[:, None]
+        then = first + torch.from_numpy(points)
+        out.append(stack.states[i, first] + path[..., i, :, :][..., then, :] - path[..., i, :, :][..., first, :])
+    return torch.cat(out, dim=-3)
+
+
 def windows_of(subject: Subject, model: PhysicsModel) -> Windows:
     """Windows of the default horizon, weighed by what ``model`` errs by over the recordings."""
     logs = subject.logs
     steps = default_steps(logs)
     points = np.unique(np.linspace(0, steps, POINTS + 1).round().astype(int))[1:]
-    judged = tuple(groups(model.state_channels, logs[0].measured))
-    at = [starts(log, steps, max(1, steps // 2)) for log in logs]
-    errors = difference(
-        free_run(model, logs, at, steps)[:, points], measured_windows(logs, at, steps)[:, points], judged
-    )
-    return Windows(steps, points, judged, _whitening(errors.flatten(-2).numpy()))
+    moved = model.equation_names()
+    judged = tuple(g for g in groups(model.state_channels, logs[0].measured) if hidden(logs) or g.name in moved)
+    size = len(points) * sum(len(g.at) for g in judged)
+    first = Windows(steps, points, judged, np.eye(size))
+    errors = first.whitened(first.measured(logs), first.predicted(model, logs))
+    return Windows(steps, points, judged, _whitening(errors))
 
 
 def _whitening(errors: np.ndarray) -> np.ndarray:
