@@ -33,12 +33,14 @@ if TYPE_CHECKING:
     from bench.api.run import Results, run
     from bench.diagnose import (
         Comparison,
+        Design,
         Diagnosis,
         Discovery,
         Extension,
         Location,
         Subject,
         compare,
+        design,
         diagnose,
         discover,
         extend,
@@ -52,6 +54,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BenchError",
     "Comparison",
+    "Design",
     "Diagnosis",
     "Discovery",
     "Extension",
@@ -63,6 +66,7 @@ __all__ = [
     "Verdicts",
     "check",
     "compare",
+    "design",
     "diagnose",
     "discover",
     "extend",

@@ -96,6 +96,15 @@ class Player:
         seen = measure(played.states, self.noise, channels, self.dt, generator)
         good = torch.ones(seen.shape[1], dtype=torch.bool)
         return [
-            Log("", log.rate, x, log.measured, u[there], good, cast(Recording, None), log.estimated)
+            Log(
+                name="",
+                rate=log.rate,
+                states=x,
+                measured=log.measured,
+                inputs=u[there],
+                valid=good,
+                recording=cast(Recording, None),
+                estimated=log.estimated,
+            )
             for x, u in zip(seen, played.inputs, strict=True)
         ]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Environment
 
-from bench.diagnose.design import Design
+from bench.diagnose.manoeuvre.design import Design
 from bench.diagnose.report.phrases import listed, named, shown
 from bench.diagnose.result import write_text
 from bench.reporting import page
