@@ -86,6 +86,7 @@ def cli() -> None:
     bench locate flights/                        2  where?
     bench discover flights/                      3  which effect is missing?
     bench extend flights/ --add rotor_drag       4  add it, watch the error fall; then discover again
+    bench design flights/                        after a tie: which flight would tell?
     """
 
 

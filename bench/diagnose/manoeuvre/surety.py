@@ -21,6 +21,7 @@ from bench.diagnose.manoeuvre.separation import (
 )
 from bench.diagnose.regression.rows import BLOCK_SECONDS
 from bench.diagnose.select.choose import DISTINCT
+from bench.diagnose.select.verify import LOUD
 
 ODDS = 6.0
 """Twice the log odds that a diagnosis asks for before it calls a rival worse (20 to 1)."""
@@ -99,7 +100,11 @@ class Judge:
         dt, length = self.player.dt, self.windows.steps * self.player.dt
         block = max(1, round(_block(self.player.samples * dt) / length))
         beside = sum(len(log) * dt / _block(len(log) * dt) for log in self.player.subject.logs)
-        return scores(apart, often, block, int(beside))
+        recorded = sum(len(log) for log in self.player.subject.logs) / self.windows.steps
+        # What leaves so much more than noise does is no rival, in however few blocks it shows.
+        loud = LOUD * len(self.windows.whitening) * (often * apart.rest.shape[1] + recorded)
+        found = scores(apart, often, block, int(beside))
+        return np.where(often * apart.total > loud, np.maximum(found, BEST), found)
 
     def _own(self, truth: int, logs: Sequence[Log]) -> np.ndarray:
         """(n,): squared errors of the true candidate itself, which noise makes."""
