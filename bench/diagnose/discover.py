@@ -71,15 +71,15 @@ def discover(
     worthy, remarks, contradicted = _worthy(search, view, weighing)
     named, imitators = _understood(view, worthy, len(subject.model.effects))
     chosen = _Choice(search, view, tuple(sorted({*worthy.dropped, *imitators})))
-    found = _found(weighing, chosen, named, worthy.model(), sure=not imitators)
-    errors = () if weighing is None else weighing.errors(chosen.model())
+    found = _found(weighing, chosen, named, worthy.model, sure=not imitators)
+    errors = () if weighing is None else weighing.errors(chosen.model)
     traces, total = left_over(view, chosen.dropped)
     unknown = total > LEFT * view.floor
     if unknown and errors and not contradicted and not any(e.unexplained >= SHARE for e in errors):
         unknown, remarks = False, (*remarks, faint_traces(traces))
     return Discovery(
         calibrated=calibrated,
-        model=chosen.model(),
+        model=chosen.model,
         found=found,
         rounds=rounds,
         traces=tuple(traces) if unknown else (),
@@ -108,11 +108,14 @@ class _Choice:
         """Its numbers."""
         return self.view.subsets.fit(drop=self.dropped)
 
-    def model(self, without_too: Sequence[int] = (), start: Start | None = None) -> PhysicsModel:
-        """The model, or a neighbour: less the effects in further places, with another one instead."""
-        fit = self.fit
-        if without_too:
-            fit = self.view.subsets.fit([] if start is None else [start], drop=[*self.dropped, *without_too])
+    @cached_property
+    def model(self) -> PhysicsModel:
+        """With these numbers."""
+        return advanced(self.search, self.view, self.fit).model
+
+    def less(self, place: int, start: Start | None = None) -> PhysicsModel:
+        """The model less the effect in one more place, with another one instead."""
+        fit = self.view.subsets.fit([] if start is None else [start], drop=[*self.dropped, place])
         return advanced(self.search, self.view, fit).model
 
 
@@ -139,7 +142,7 @@ def _found(
         sure: whether nothing imitates them, so that it is worth asking what explains the recordings as well.
     """
     view, numbers = chosen.view, estimates(chosen.view, chosen.fit)
-    effects = {EFFECTS.name_of(type(e)): e for e in reversed(chosen.model().effects)}
+    effects = {EFFECTS.name_of(type(e)): e for e in reversed(chosen.model.effects)}
     names = _names(view)
     found = [
         Found(
@@ -203,7 +206,7 @@ def _worthy(search: Search, view: View, weighing: Weighing | None) -> tuple[_Cho
                 return chosen, (), False
             dropped.add(unsure[0])
             continue
-        savings = {i: _saved(weighing, chosen, i, chosen.model()) for i in left}
+        savings = {i: _saved(weighing, chosen, i, chosen.model) for i in left}
         idle = [i for i in left if i in unsure or _worse(savings[i]) or not any(s.worth for s in savings[i])]
         if not idle:
             return chosen, tuple(remarks), contradicted
@@ -235,7 +238,7 @@ def _saved(weighing: Weighing | None, chosen: _Choice, place: int, extended: Phy
     """What the effect in this place saves on held-out recordings, the rest fitted anew without it."""
     if weighing is None:
         return ()
-    return weighing.savings(chosen.model([place]), chosen.model(), extended)
+    return weighing.savings(chosen.less(place), chosen.model, extended)
 
 
 def _rivals(
@@ -248,7 +251,7 @@ def _rivals(
     return tuple(
         name
         for name, start in candidates.items()
-        if not any(s.worth for s in weighing.savings(chosen.model([place], start), chosen.model(), extended))
+        if not any(s.worth for s in weighing.savings(chosen.less(place, start), chosen.model, extended))
     )
 
 

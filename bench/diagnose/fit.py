@@ -52,33 +52,32 @@ def fitted(
         return model, found
     tick("shooting")
     shot = shoot(model, subject, subject.training, tick)
-    better = shot.after < EXTENDING.shooting_gain * shot.before and not _lost(found, shot)
+    better = shot.after < EXTENDING.shooting_gain * shot.before and not lost(found, shot)
     return (shot.model, _moved(found, shot)) if better else (model, found)
 
 
-def _lost(found: Sequence[Estimate], shot: Shot) -> bool:
+def lost(found: Sequence[Estimate], shot: Shot) -> bool:
     """Whether free runs take a number that the weak form is sure of to where it makes no effect.
 
     Where torques are a riddle free runs lose the attitude, and say nothing of what acts in forces.
     """
-    ends = {(e.owner, e.label): e.value for e in shot.free}
     sure = [x for x in found if not x.entry.constant and not x.low <= x.entry.neutral <= x.high]
-    return any(
-        abs(ends.get((x.entry.owner, x.entry.label), x.value) - x.entry.neutral)
-        < NEUTRAL * abs(x.value - x.entry.neutral)
-        for x in sure
-    )
+    return any(abs(_shot_to(x, shot) - x.entry.neutral) < NEUTRAL * abs(x.value - x.entry.neutral) for x in sure)
+
+
+def _shot_to(x: Estimate, shot: Shot) -> float:
+    """The value of a number after shooting; its own where that left it out."""
+    ends = (e.value for e in shot.free if (e.owner, e.label) == (x.entry.owner, x.entry.label))
+    return next(ends, x.value)
 
 
 def _moved(found: Sequence[Estimate], shot: Shot) -> list[Estimate]:
     """Estimates of the weak form, moved to where shooting has them."""
-    by_name = {(e.owner, e.label): e.value for e in shot.free}
     sigma = np.sqrt(np.maximum(np.diag(shot.covariance), 0.0))
     spread = {(e.owner, e.label): s for e, s in zip(shot.free, sigma, strict=True)}
     moved = []
     for x in found:
-        key = (x.entry.owner, x.entry.label)
-        value = by_name.get(key, x.value)
+        key, value = (x.entry.owner, x.entry.label), _shot_to(x, shot)
         # Two estimates that differ are worth no more than their difference.
         half = max((x.high - x.low) / 2, EXTENDING.interval * spread.get(key, 0.0), abs(value - x.value))
         moved.append(replace(x, value=value, low=max(value - half, x.entry.low), high=min(value + half, x.entry.high)))

@@ -82,10 +82,16 @@ class Prior:
 
     def loosened(self, own: Sequence[Entry]) -> "Prior":
         """With bounds of constants that only keep their sign: noise of the inputs makes them seem far too small."""
-        size = np.array([abs(e.value) or e.scale for e in own])
         constant = np.array([e.constant for e in own], dtype=bool)
-        low, high = np.where(constant, -0.9 * size, self.low), np.where(constant, 9.0 * size, self.high)
-        return dataclasses.replace(self, low=low, high=high)
+        low, high = np.array([sign_kept(e.value or e.scale) for e in own]).reshape(-1, 2).T
+        return dataclasses.replace(
+            self, low=np.where(constant, low, self.low), high=np.where(constant, high, self.high)
+        )
+
+
+def sign_kept(value: float) -> tuple[float, float]:
+    """Bounds of a step of a constant of which only the sign is known: to a tenth of it, or ten times."""
+    return -0.9 * abs(value), 9.0 * abs(value)
 
 
 def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: PhysicsModel | None = None) -> list[Entry]:

@@ -186,8 +186,10 @@ class _Regression:
         scores -= scores.mean(0)
         spread = inverse @ (scores.T @ scores) @ inverse
         error = np.sqrt(np.maximum(np.diag(spread), np.diag(inverse)))
-        missing = 0 if self._sensors(self.linear) else 1
-        return tuple(np.append(x[len(x) - 2 + missing :], [0.0] * missing) for x in (beta, error))  # type: ignore[return-value]
+        shifts, step, spread_of = slice(len(self.linear.columns), None), np.zeros(2), np.zeros(2)
+        found = len(beta[shifts])
+        step[:found], spread_of[:found] = beta[shifts], error[shifts]
+        return step, spread_of
 
     def _sensors(self, linear: Directions) -> list[int]:
         """Places, among the channels, of what sensors show of the rates."""
@@ -195,19 +197,22 @@ class _Regression:
 
     def _rows(self, linear: Directions, shift: np.ndarray, noisy: bool) -> Rows:
         """Rows with a column for the shift of the inputs and, where there are sensors, one for theirs."""
-        at = self._sensors(linear)
+        at, (inputs, sensors) = self._sensors(linear), shift.tolist()
 
-        def filed(inputs: float, sensors: float) -> np.ndarray:
-            """Rates (L, N − 1, channels), those of sensors as they are filed ``sensors`` samples late."""
-            rates = mean_rates(self.model, self.read(inputs, noisy)).numpy()[..., list(linear.channels)]
+        def filed(rates: np.ndarray, late: float) -> np.ndarray:
+            """Rates (L, N − 1, channels) of which those of sensors are filed so many samples late."""
+            out = rates.copy()
             if at:
-                late = [read_at(torch.from_numpy(x), len(at), -sensors).numpy() for x in rates[..., at]]
-                rates[..., at] = np.stack(late)
-            return rates
+                out[..., at] = [read_at(torch.from_numpy(x), len(at), -late).numpy() for x in rates[..., at]]
+            return out
 
-        inputs, sensors = shift.tolist()
-        rates = filed(inputs, sensors)
-        moved = [filed(inputs + PROBE, sensors), *([filed(inputs, sensors + PROBE)] if at else [])]
+        here, later = (
+            mean_rates(self.model, self.read(u, noisy)).numpy()[..., list(linear.channels)]
+            for u in (inputs, inputs + PROBE)
+        )
+        rates, moved = filed(here, sensors), [filed(later, sensors)]
+        if at:
+            moved.append(filed(here, sensors + PROBE))
         columns = np.concatenate([linear.columns, *((m - rates)[None] / PROBE for m in moved)])
         return replace(linear, rates=rates, columns=columns).project(self.tests)
 
@@ -215,8 +220,7 @@ class _Regression:
 def _precision(linear: Directions, count: int) -> np.ndarray:
     """1/σ² (``count``,) of every column: as known of constants, wide for effects, none for the shift."""
     out = np.zeros(count)
-    for i, entry in enumerate(linear.own):
-        out[i], _ = entry.pull(entry.value)
+    out[: len(linear.own)] = Prior.of(linear.own).precision
     for start in linear.starts:
         for column, entry in zip(start.columns[len(start.columns) - len(start.entries) :], start.entries, strict=True):
             out[column] = (PRIOR * entry.scale) ** -2

@@ -97,6 +97,7 @@ class Search:
             )
         )
         self.hop = hop_of(self.stack)
+        self._made: dict[tuple[int, ...], TestFunctions] = {}
         noise = noise or noise_of(subject)
         filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
         self.smoothing = {c.group: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
@@ -190,8 +191,11 @@ class Search:
         return replace(view, linear=linear, subsets=Subsets(linear, view.subsets.normal, view.subsets.buried))
 
     def _tests(self, linear: Directions) -> TestFunctions:
-        filters_of = [self.smoothing_of(linear.model.measured_channels[c]) for c in linear.channels]
-        return TestFunctions.over(self.stack.logs, self.hop, filters_of)
+        """The test functions of what a model moves; made once for the same channels."""
+        if linear.channels not in self._made:
+            filters_of = [self.smoothing_of(linear.model.measured_channels[c]) for c in linear.channels]
+            self._made[linear.channels] = TestFunctions.over(self.stack.logs, self.hop, filters_of)
+        return self._made[linear.channels]
 
     def loss(self, view: View, model: PhysicsModel) -> float:
         """Squared residual that ``model`` leaves, whitened as in ``view``, and how far its constants lie from known."""

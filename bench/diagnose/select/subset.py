@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.diagnose.regression.least_squares import Normal, equilibrium
 from bench.diagnose.regression.linearise import Directions, Start
-from bench.diagnose.regression.parameters import Entry, Prior
+from bench.diagnose.regression.parameters import Entry, Prior, sign_kept
 from registry.dynamics import Effect
 
 
@@ -72,7 +72,7 @@ class Subsets:
             if own[i].constant:
                 self.prior[i] = 0.0
                 self.anchor[i] = max(abs(own[i].value), own[i].scale) ** -2
-                self.low[i], self.high[i] = -0.9 * abs(own[i].value), 9.0 * abs(own[i].value)
+                self.low[i], self.high[i] = sign_kept(own[i].value)
         self.penalty = float(np.log(max(normal.rows, 2)))
         """What a further parameter costs (Schwarz's criterion)."""
 
@@ -81,8 +81,8 @@ class Subsets:
         out = copy(self)
         out.prior, out.low, out.high = self.prior.copy(), self.low.copy(), self.high.copy()
         for i in places:
-            size = abs(self.linear.own[i].value)
-            out.prior[i], out.low[i], out.high[i] = (spread * size) ** -2, -0.9 * size, 9.0 * size
+            value = self.linear.own[i].value
+            out.prior[i], (out.low[i], out.high[i]) = (spread * value) ** -2, sign_kept(value)
         return out
 
     def fit(
