@@ -79,6 +79,8 @@ class Design(Displayed):
     """Name and unit of the s states."""
     steered: bool = False
     """Whether a pilot follows set-points."""
+    without: tuple[str, ...] = ()
+    """Effects that could not be fitted to the recordings, and are no candidates."""
     now: tuple[float, ...] = ()
     """Of parameters: half widths of their intervals as the recordings have them."""
 
@@ -194,6 +196,7 @@ def design(
         states=_states(judge, found),
         outputs=tuple((c.name, c.unit) for c in subject.model.state_channels),
         steered=player.steered,
+        without=question.without,
         now=_now(judge),
     )
 

@@ -62,6 +62,8 @@ def sentences(design: Design) -> list[str]:
     ]
     if design.candidates:
         said.append(f"Sure (95 %) after {_seconds(design.plan.needed_s)}.{_beside(design)}")
+    if design.without:
+        said.append(f"Left out, because it cannot be fitted to these recordings: {listed(map(named, design.without))}.")
     times = [round(s / design.seconds[0]) for s in design.seconds[1:]]
     again = f"; {design.seconds[1]:g} s are {times[0]} of it" if times else ""
     what = "the file is one recording" if design.driven else "the file has where to let go, once for each run"

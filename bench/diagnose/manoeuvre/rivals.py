@@ -27,6 +27,9 @@ class Question:
     parameters: tuple[tuple[int, str], ...] = ()
     """Place of the effect in the model, and name, of those known badly; empty: there are candidates."""
 
+    without: tuple[str, ...] = ()
+    """Effects that could not be fitted, and are no candidates."""
+
     @property
     def effects(self) -> tuple[str, ...]:
         """Ids in question."""
@@ -89,13 +92,19 @@ def between(
     if len(set(names)) < 2:
         raise BenchError("Nothing to separate: name at least two effects with --between.")
     base = replace(model, effects=tuple(e for e in model.effects if EFFECTS.name_of(type(e)) not in names))
-    found = []
+    found, without = [], []
     for name in dict.fromkeys(names):
+        EFFECTS.check(name)
         held = next((e for e in model.effects if EFFECTS.name_of(type(e)) == name), None)
         tick(f"fitting {name.replace('_', ' ')}")
         known = {} if held is None else {name: held}
-        found.append((name, extend(subject, base, [name], noise=noise, known=known).model))
-    return Question(tuple(found))
+        try:
+            found.append((name, extend(subject, base, [name], noise=noise, known=known).model))
+        except (BenchError, ValueError):  # such as a dead zone as wide as the whole drive: nothing is left to fit
+            without.append(name)
+    if len(found) < 2:
+        raise BenchError(f"Nothing to separate: {', '.join(without)} cannot be fitted to these recordings.")
+    return Question(tuple(found), without=tuple(without))
 
 
 def _wide(p: dict[str, float | None]) -> bool:
