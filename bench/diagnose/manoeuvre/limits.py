@@ -8,6 +8,7 @@ import numpy as np
 from bench.diagnose.logs.subject import Subject
 from registry.dynamics.model import RATE_OF
 from registry.errors import BenchError, near
+from registry.physics.quadrotor import Quadrotor
 from registry.physics.rigid_body import RigidBody
 
 FASTEST = 99.0
@@ -96,7 +97,11 @@ def shown(subject: Subject) -> Limits:
         room = ROOM * (high - low)
         free = c.group == "attitude" or not logs[0].measured[i]
         stay.append(Limit(c.name, c.unit, *((-np.inf, np.inf) if free else (low - room, high + room))))
-    if isinstance(model, RigidBody):
+    if isinstance(model, RigidBody) and not isinstance(model, Quadrotor):
+        raise BenchError(
+            f"No pilot is known for {subject.system}: designs are for quadrotors and what is safe open loop."
+        )
+    if isinstance(model, Quadrotor):
         return Limits(_set_points(subject, states, stay), tuple(stay), (0.05, 1.0))
     size = logs[0].inputs.shape[1] - len(model.extras)
     if not size:
