@@ -1,6 +1,7 @@
 """Designed manoeuvres: the criterion against closed forms, signals within limits, and a tie that is told."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -217,6 +218,9 @@ def test_where_nothing_is_left_to_separate_that_is_said(forward: Subject, tmp_pa
     file.write_text("{}")
     with pytest.raises(BenchError, match=r"no diagnosis\.json"):
         of_diagnosis(forward, file, forward.model, noise=None)  # type: ignore[arg-type]
+    unseen = replace(forward, logs=tuple(replace(log, estimated=(False, True)) for log in forward.logs))
+    with pytest.raises(BenchError, match=r"speed\.q was not measured"):
+        design(unseen, candidates=["offset_force", "dead_zone"])
     with pytest.raises(BenchError, match="at least two effects"):
         design(forward, candidates=["offset_force"])
 

@@ -20,6 +20,7 @@ from bench.diagnose.manoeuvre.separation import candidate, windows_of
 from bench.diagnose.manoeuvre.stock import kind_of, phrase_of, stock_signals
 from bench.diagnose.manoeuvre.surety import Judge
 from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
@@ -165,6 +166,9 @@ def design(
     Raises:
         BenchError: nothing to separate, or limits that leave nothing to drive.
     """
+    if at := hidden(subject.logs):
+        unseen = ", ".join(subject.model.state_channels[i].name for i in at)
+        raise BenchError(f"{unseen} was not measured: designs are for systems whose states all were.")
     subject, noise = prepared(subject, None, tick)
     bounds = shown(subject).told(limits or {})
     start = model or subject.model

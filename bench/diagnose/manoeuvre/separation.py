@@ -17,8 +17,7 @@ from torch import Tensor
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.parameters import Entry, Prior, entries, probes, with_values
 from bench.diagnose.regression.weak import Stack, mean_rates
-from bench.diagnose.simulate.free_run import Group, between, default_steps, free_run, groups, measured_windows, starts
-from bench.diagnose.simulate.unmeasured import hidden
+from bench.diagnose.simulate.free_run import Group, between, default_steps, groups, measured_windows, starts
 from registry.dynamics import PhysicsModel
 
 POINTS = 4
@@ -49,12 +48,9 @@ class Windows:
         """(…, windows, points, s): where the states would be at the points.
 
         As in a diagnosis, the model's rates are added up at the measured states, from what was measured at the window's
-        beginning; where some states were not measured, it runs free.
+        beginning.
         """
-        at = [self.begins(log) for log in logs]
-        if hidden(logs):
-            return free_run(model, logs, at, self.steps)[..., torch.from_numpy(self.points), :]
-        return integrated(model, logs, at, self.points)
+        return integrated(model, logs, [self.begins(log) for log in logs], self.points)
 
     def measured(self, logs: Sequence[Log]) -> Tensor:
         """(windows, points, s): what was measured there."""
@@ -87,7 +83,7 @@ def windows_of(subject: Subject, model: PhysicsModel) -> Windows:
     steps = default_steps(logs)
     points = np.unique(np.linspace(0, steps, POINTS + 1).round().astype(int))[1:]
     moved = model.equation_names()
-    judged = tuple(g for g in groups(model.state_channels, logs[0].measured) if hidden(logs) or g.name in moved)
+    judged = tuple(g for g in groups(model.state_channels, logs[0].measured) if g.name in moved)
     size = len(points) * sum(len(g.at) for g in judged)
     first = Windows(steps, points, judged, np.eye(size))
     errors = first.whitened(first.measured(logs), first.predicted(model, logs))
