@@ -8,6 +8,7 @@
     bench.discover(subject)                         3  which effect is missing?
     bench.extend(subject, subject.model, ["mass"])  4  add it, watch the error fall
     bench.diagnose("my_flights")                    all four
+    bench.design("my_flights")                      after a tie: which flight would tell
     bench.fleet("fleet", workers=8)                 of every vehicle: which lack what, which differ, which drift
 
     bench.run("LSTM: 1x50 - MLP: 60x10", dataset="nanodrone")
@@ -34,12 +35,14 @@ if TYPE_CHECKING:
     from bench.api.run import Results, run
     from bench.diagnose import (
         Comparison,
+        Design,
         Diagnosis,
         Discovery,
         Extension,
         Location,
         Subject,
         compare,
+        design,
         diagnose,
         discover,
         extend,
@@ -55,6 +58,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BenchError",
     "Comparison",
+    "Design",
     "Diagnosis",
     "Discovery",
     "Extension",
@@ -67,6 +71,7 @@ __all__ = [
     "Verdicts",
     "check",
     "compare",
+    "design",
     "diagnose",
     "discover",
     "extend",

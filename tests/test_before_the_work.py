@@ -25,6 +25,7 @@ OUTPUTS = [
     ("discover", "pelican_twin", "--json"),
     ("extend", "pelican_twin", "--add", "rotor_drag", "--json"),
     ("diagnose", "pelican_twin", "--json"),
+    ("design", "pelican_twin", "-o"),
 ]
 
 

@@ -29,7 +29,8 @@ class Main(click.Group):
         ("discover", "bench.cli.commands.diagnose"),
         ("extend", "bench.cli.commands.diagnose"),
         ("diagnose", "bench.cli.commands.diagnose"),
-        ("export-model", "bench.cli.commands.export_model"),
+        ("design", "bench.cli.commands.models"),
+        ("export-model", "bench.cli.commands.models"),
         ("ui", "bench.cli.commands.track"),
         ("sync", "bench.cli.commands.track"),
         ("export", "bench.cli.commands.archive"),
@@ -85,6 +86,7 @@ def cli() -> None:
     bench locate flights/                        2  where?
     bench discover flights/                      3  which effect is missing?
     bench extend flights/ --add rotor_drag       4  add it, watch the error fall; then discover again
+    bench design flights/                        after a tie: which flight would tell?
     """
 
 

@@ -8,7 +8,8 @@
     print([f.id for f in bench.discover(subject).found])
     print(bench.extend(subject, subject.model, ["rotor_drag"]).effects)
 
-`diagnose` does all of it; the package may be called in its place.
+`diagnose` does all of it; the package may be called in its place. `design` says which flight
+would tell what is left open.
 """
 
 from bench.callable_package import make_callable
@@ -19,17 +20,20 @@ from bench.diagnose.extend import Extension, extend
 from bench.diagnose.locate import Location, locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.manoeuvre.design import Design, design
 from bench.diagnose.result import Diagnosis
 from bench.diagnose.select.discovery import Discovery
 
 __all__ = [
     "Comparison",
+    "Design",
     "Diagnosis",
     "Discovery",
     "Extension",
     "Location",
     "Subject",
     "compare",
+    "design",
     "diagnose",
     "discover",
     "extend",

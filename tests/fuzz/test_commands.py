@@ -64,6 +64,7 @@ COMMANDS = (
     "compare {DATA} --horizon {} --json {}",
     "discover {DATA} --catalogue {} --without {}",
     "extend {DATA} --add {}",
+    "design {DATA} --between {} --limit {} --seconds {}",
     "sync --results {}",
     "score-discovery --case {} --fraction {}",
     "speed --only {} --json {}",

@@ -107,6 +107,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         several = f"Together, one of each explains about {percent(sum(shares))}"
         found.append(f"{alone if len(shares) == 1 else several} {_FREE}.")
         found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
+        found.append(f"What would tell most within what was recorded: bench design {_source(diagnosis)}.")
     if beside and _terms(diagnosis):
         gained = sum(e.share_explained for e in diagnosis.effects if e.learned)
         found.append(
@@ -173,7 +174,7 @@ def change(c: Calibration) -> str:
 
 def commands(diagnosis: Diagnosis) -> list[str]:
     """What to type to repeat the diagnosis, and to add its effects one by one."""
-    source = shlex.quote(diagnosis.evidence.source or "DATA")
+    source = _source(diagnosis)
     if vehicle := diagnosis.evidence.vehicle:
         return [f"bench diagnose {source} --vehicle {shlex.quote(vehicle)}"]
     adds = [
@@ -181,7 +182,12 @@ def commands(diagnosis: Diagnosis) -> list[str]:
     ]
     if diagnosis.verdict == "tie":
         adds = [i for e in diagnosis.effects[:1] for i in (e.id, *e.indistinguishable_from)]
-    return [f"bench diagnose {source}", *(f"bench extend {source} --add {i}" for i in adds)]
+    told = [f"bench design {source}"] if ties(diagnosis) else []
+    return [f"bench diagnose {source}", *told, *(f"bench extend {source} --add {i}" for i in adds)]
+
+
+def _source(diagnosis: Diagnosis) -> str:
+    return shlex.quote(diagnosis.evidence.source or "DATA")
 
 
 def acts(saving: EffectSaving) -> str:

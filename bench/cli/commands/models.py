@@ -1,0 +1,184 @@
+"""What a diagnosed model is good for: `bench design`, the next flight, and `bench export-model`, other programs."""
+
+import math
+from pathlib import Path
+
+import click
+
+from bench.cli import options
+from bench.cli.diagnosing import check_effects, check_writable, folder_for, load, say_next, write_json
+from bench.cli.names import check_system
+from bench.cli.progress import announcer
+from registry.errors import BenchError
+
+ENDINGS = {"numpy": ".py", "casadi": ".casadi"}
+
+
+@click.command("export-model")
+@click.argument("model", metavar="MODEL.toml", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--to", "target", type=click.Choice(list(ENDINGS)), required=True, help="What will read it.")
+@click.option("--out", type=options.Output(made=True), help="The file; default: MODEL.py or MODEL.casadi, beside it.")
+@click.option(
+    "--rate",
+    type=options.Positive(1e6),
+    default=100.0,
+    show_default=True,
+    metavar="HZ",
+    help="Of the inputs: the length of a step.",
+)
+@click.option(
+    "--system", metavar="NAME|FILE.py:CLASS", help="Your own class of physics; default: what MODEL.toml names."
+)
+def export_model_command(model: Path, target: str, out: Path | None, rate: float, system: str | None) -> None:
+    """Write a physics model with its effects for use elsewhere.
+
+    \b
+    numpy    one Python file that needs numpy alone: derivative, step, simulate; arrays of any batch shape
+    casadi   functions of symbols for MPC and estimation: MODEL.casadi is the derivative, MODEL_step.casadi one
+             Runge-Kutta step, MODEL_initial.casadi the full state after rest; needs the extra `export`
+
+    \b
+    bench export-model diagnosis/model.toml --to numpy --out quadrotor.py
+    bench export-model diagnosis/model.toml --to casadi --rate 50
+
+    Delays, lags and swinging loads come along. Their length in samples rests on --rate.
+    """
+    out = out or model.with_suffix(ENDINGS[target])
+    if out.suffix != ENDINGS[target]:
+        raise BenchError(f"--out {out}: what {target} reads ends in {ENDINGS[target]}.")
+    if target == "numpy" and not out.stem.isidentifier():
+        raise BenchError(f"--out {out}: Python imports no such name; use letters, digits and _.")
+    check_system(system)
+
+    from bench.diagnose.logs.own_system import own_class
+    from bench.export.equations import equations
+    from registry.model_file import read
+
+    kind = own_class(system) if system and system.rpartition(":")[0].endswith(".py") else system or ""
+    found = equations(read(model, kind), 1 / rate)
+    if target == "numpy":
+        from bench.export import numpy_file
+
+        written = [numpy_file.write(out, found)]
+    else:
+        from bench.export import casadi_file
+
+        written = casadi_file.write(out, found)
+    click.echo(f"{found.about}, {rate:g} Hz: {', '.join(map(str, written))}")
+
+
+def parse_limits(given: tuple[str, ...]) -> dict[str, tuple[float, float, float | None]]:
+    """By signal (low, high, rate or None), of "SIGNAL=LOW:HIGH" or "SIGNAL=LOW:HIGH:RATE".
+
+    Raises:
+        BenchError: another form, or no finite numbers.
+    """
+    out: dict[str, tuple[float, float, float | None]] = {}
+    for text in given:
+        name, _, ends = text.partition("=")
+        try:
+            low, high, *rate = map(float, ends.split(":"))
+            if len(rate) > 1 or not all(map(math.isfinite, (low, high, *rate))) or (rate and rate[0] <= 0):
+                raise ValueError
+        except ValueError as error:
+            raise BenchError(
+                f"--limit {text}: write SIGNAL=LOW:HIGH or SIGNAL=LOW:HIGH:RATE, such as voltage=-1:1:5 "
+                "(SI, the rate in the unit per second)."
+            ) from error
+        out[name.strip()] = (low, high, rate[0] if rate else None)
+    return out
+
+
+@click.command("design")
+@click.argument("source", metavar="DATA", callback=options.named)
+@click.option(
+    "--seconds",
+    type=options.Positive(1e6),
+    multiple=True,
+    metavar="S",
+    help="Lengths to speak of; the shortest is that of the manoeuvre. Repeatable; default: 10, 30 and 60.",
+)
+@click.option(
+    "--limit",
+    "limits",
+    multiple=True,
+    metavar="SIGNAL=LOW:HIGH[:RATE]",
+    help="How far, and how fast, a signal may be driven or a state may go, SI; default: as recorded. Repeatable.",
+)
+@click.option(
+    "--between",
+    multiple=True,
+    metavar="EFFECT",
+    help="Tell these effects apart; default: what the diagnosis left open. Repeatable.",
+)
+@click.option(
+    "--model",
+    "model_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The model.toml to design with; default: that of the diagnosis. Its diagnosis.json lies beside it.",
+)
+@click.option(
+    "--system",
+    metavar="NAME|FILE.py:CLASS",
+    help="Physics model: one of `bench list physics`, or your own class; default: what the data name.",
+)
+@click.option(
+    "-o", "--output", type=options.Output(made=True), help="The CSV; default: design.csv beside the diagnosis."
+)
+@click.option("--json", "to_json", type=options.Output(made=True), help="Write the figures there too.")
+def design_command(
+    source: str,
+    seconds: tuple[float, ...],
+    limits: tuple[str, ...],
+    between: tuple[str, ...],
+    model_file: Path | None,
+    system: str | None,
+    output: Path | None,
+    to_json: Path | None,
+) -> None:
+    """After a diagnosis: which input or flight would tell what these recordings could not.
+
+    Of a tie, the candidates are simulated over many staircases and multisines, with the measured noise, and the one
+    that takes them furthest apart is written: inputs over time, set-points of a vehicle that needs a pilot, or states
+    from which to let an undriven system go. Without a tie, wide intervals are narrowed. Amplitudes and rates are those
+    that the recordings show, and states stay where they were. Printed is the chance that a diagnosis then names the
+    right candidate, and what the effect's own manoeuvre would need. Writes a CSV and, beside it, a page.
+
+    \b
+    bench diagnose rail/                                      says: a tie
+    bench design rail/                                        what to do about it
+    bench design rail/ --limit voltage=-1:1:5 --seconds 20    it may also be driven backwards, and faster
+    bench design rail/ --between offset_force --between coulomb_friction -o next.csv
+    """
+    given = parse_limits(limits)
+    check_effects(between)
+    folder = folder_for(source, None)
+    target = output or folder / "design.csv"
+    check_writable(target.parent, to_json)
+    file = model_file or folder / "model.toml"
+    if not file.is_file() and (model_file is not None or not between):
+        raise BenchError(f"There is no {file}: `bench diagnose {source}` writes it, and designs go out from it.")
+    subject, model = load(source, system, file if file.is_file() else None)
+
+    from bench.diagnose.manoeuvre import page
+    from bench.diagnose.manoeuvre.design import design
+
+    with announcer(options.console()) as tick:
+        found = design(
+            subject,
+            model,
+            between,
+            None if between else file.with_name("diagnosis.json"),
+            seconds=seconds or None,
+            limits=given,
+            tick=tick,
+        )
+    click.echo(found.headline)
+    for line in page.sentences(found):
+        click.echo(f"  {line}")
+    drawn = target.with_suffix(".html")
+    page.write_csv(target, found)
+    page.write_page(drawn, found)
+    write_json(to_json, {"dataset": found.dataset, "rows": found.to_frame().to_dict("records")})
+    click.echo(f"\nWrote {target}, {drawn}")
+    say_next(f"bench diagnose {source}", "with its recordings beside the others")

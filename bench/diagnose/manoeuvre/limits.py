@@ -1,0 +1,157 @@
+"""How far and how fast a manoeuvre may go, and where the states must stay: as the recordings show, or as told."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bench.diagnose.logs.subject import Subject
+from registry.dynamics.model import RATE_OF
+from registry.errors import BenchError, near
+from registry.physics.quadrotor import Quadrotor
+from registry.physics.rigid_body import RigidBody
+
+FASTEST = 99.0
+"""Percentile of the changes between samples that is taken for the fastest: above it measurement noise decides."""
+POWER = 0.98
+"""Share of the power of the recorded inputs below the upper end of the band that they excite."""
+ROOM = 0.05
+"""Of the span of a recorded state: how far beyond it a manoeuvre may take it."""
+TURN = 1.2
+"""Rate of the yaw of a reference [rad/s] where no recording shows one."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """One channel, SI."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    rate: float = float("inf")
+    """Largest change in a second."""
+    start: float = 0.0
+    """Where it is before the manoeuvre."""
+
+    @property
+    def span(self) -> float:
+        """From one end to the other."""
+        return self.high - self.low
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Of a whole manoeuvre."""
+
+    drives: tuple[Limit, ...]
+    """What is chosen: inputs, set-points of a vehicle, or the states from which an undriven system starts."""
+    states: tuple[Limit, ...]
+    """Where the states stay, in the order of the model."""
+    band: tuple[float, float]
+    """Frequencies that the recordings excite [Hz]."""
+
+    def told(self, given: Mapping[str, tuple[float, float, float | None]]) -> "Limits":
+        """With the ends (low, high) and the rate of channels as a user gives them; a signal's name means all its axes.
+
+        Raises:
+            BenchError: no channel of such a name, or ends in the wrong order.
+        """
+        names = {n for x in (*self.drives, *self.states) for n in (x.name, x.name.partition(".")[0])}
+        for name, (low, high, _) in given.items():
+            if name not in names:
+                raise BenchError(
+                    f"--limit {name}: no signal to drive or to stay within has this name: {near(name, names)}"
+                )
+            if not low < high:
+                raise BenchError(f"--limit {name}: {low:g} is not below {high:g}.")
+
+        def changed(x: Limit) -> Limit:
+            found = given.get(x.name) or given.get(x.name.partition(".")[0])
+            if found is None:
+                return x
+            low, high, rate = found
+            return replace(
+                x, low=low, high=high, rate=x.rate if rate is None else rate, start=min(max(x.start, low), high)
+            )
+
+        return Limits(tuple(map(changed, self.drives)), tuple(map(changed, self.states)), self.band)
+
+
+def shown(subject: Subject) -> Limits:
+    """The limits that the recordings show.
+
+    An input or a speed that takes both signs may do so alike; another one goes from zero to its largest. What is
+    driven is an input; of a vehicle that would fall without a pilot its set-points; of an undriven system its start.
+    """
+    model, logs = subject.model, subject.logs
+    valid = [log.valid.numpy() for log in logs]
+    states = np.concatenate([log.states.numpy()[v] for log, v in zip(logs, valid, strict=True)])
+    rates = {RATE_OF[g] for g in RATE_OF}
+    stay = []
+    for i, c in enumerate(model.state_channels):
+        x = states[:, i]
+        low, high = float(x.min()), float(x.max())
+        if c.group in rates:
+            low, high = -max(-low, high), max(-low, high)
+        room = ROOM * (high - low)
+        free = c.group == "attitude" or not logs[0].measured[i]
+        stay.append(Limit(c.name, c.unit, *((-np.inf, np.inf) if free else (low - room, high + room))))
+    if isinstance(model, RigidBody) and not isinstance(model, Quadrotor):
+        raise BenchError(
+            f"No pilot is known for {subject.system}: designs are for quadrotors and what is safe open loop."
+        )
+    if isinstance(model, Quadrotor):
+        return Limits(_set_points(subject, states, stay), tuple(stay), (0.05, 1.0))
+    size = logs[0].inputs.shape[1] - len(model.extras)
+    if not size:
+        first = np.stack([log.states.numpy()[0] for log in logs])
+        return Limits(tuple(_release(s, x) for s, x in zip(stay, first.T, strict=True)), tuple(stay), (0.0, 0.0))
+    return Limits(_inputs(subject, size), tuple(stay), _band(subject, size))
+
+
+def _inputs(subject: Subject, size: int) -> tuple[Limit, ...]:
+    logs, found = subject.logs, []
+    channels = logs[0].recording.input_channels
+    for i in range(size):
+        series = [log.inputs.numpy()[log.valid.numpy(), i] for log in logs]
+        x, steps = np.concatenate(series), np.concatenate([np.abs(np.diff(s)) for s in series])
+        low, high = float(x.min()), float(x.max())
+        low, high = (-max(-low, high), max(-low, high)) if low < 0 < high else (min(low, 0.0), max(high, 0.0))
+        if low == high:
+            raise BenchError(
+                f"{channels[i].name} is zero in all recordings: say with --limit how far it may be driven."
+            )
+        moving = steps[steps > 0]
+        rate = float(np.percentile(moving, FASTEST)) * logs[0].rate if len(moving) else np.inf
+        first = float(np.mean([s[0] for s in series]))
+        found.append(Limit(channels[i].name, channels[i].unit, low, high, rate, min(max(first, low), high)))
+    return tuple(found)
+
+
+def _release(stay: Limit, first: np.ndarray) -> Limit:
+    return replace(stay, low=max(stay.low, min(0.0, float(first.min()))), start=float(first.mean()))
+
+
+def _set_points(subject: Subject, states: np.ndarray, stay: Sequence[Limit]) -> tuple[Limit, ...]:
+    """Position and yaw that a pilot is asked for, from the places and speeds that the recordings show."""
+    speed = np.percentile(np.abs(states[:, 3:6]), FASTEST, axis=0)
+    place = [
+        Limit(s.name, s.unit, s.low, s.high, float(max(v, 0.05)), float(states[:, i].mean()))
+        for i, (s, v) in enumerate(zip(stay[:3], speed, strict=True))
+    ]
+    turning = float(np.percentile(np.abs(states[:, 12]), FASTEST))
+    return (*place, Limit("yaw", "rad", -np.pi / 2, np.pi / 2, max(turning, 0.05), 0.0))
+
+
+def _band(subject: Subject, size: int) -> tuple[float, float]:
+    """Frequencies below which `POWER` of the recorded inputs is, from the lowest that a recording can hold."""
+    logs, top = subject.logs, 0.0
+    for log in logs:
+        x = log.inputs.numpy()[:, :size]
+        power = (np.abs(np.fft.rfft(x - x.mean(0), axis=0)) ** 2).sum(1)
+        if power.sum() > 0:
+            share = np.cumsum(power) / power.sum()
+            top = max(top, float(np.fft.rfftfreq(len(x), log.dt)[np.searchsorted(share, POWER)]))
+    lowest = logs[0].rate / max(map(len, logs))
+    return lowest, min(max(top, 5 * lowest), logs[0].rate / 5)
