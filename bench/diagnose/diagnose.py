@@ -9,7 +9,7 @@ from bench.diagnose.checks.checklist import check_subject
 from bench.diagnose.checks.problems import Checked, problems
 from bench.diagnose.compare import compare
 from bench.diagnose.discover import discover
-from bench.diagnose.extend import Extension, extend, stage
+from bench.diagnose.extend import Extension, extend, ordered, stage
 from bench.diagnose.fit import fitted
 from bench.diagnose.learned import curves, judged, learned
 from bench.diagnose.locate import locate
@@ -157,14 +157,15 @@ def _added(run: _Run, found: Discovery) -> Extension | None:
     """The model with the effects found, fitted; None: there are none."""
     if not found.found:
         return None
+    base, names = run.subject.model, [f.id for f in found.found]
     return extend(
         run.subject,
-        run.subject.model,
-        [f.id for f in found.found],
+        base,
+        names,
         run.tick,
         run.noise,
         rivals={f.id: f.rivals for f in found.found},
-        known={f.id: f.effect for f in found.found},
+        start=ordered(found.model, len(base.effects), names),
         horizon_s=run.horizon_s,
     )
 

@@ -8,7 +8,6 @@ from functools import cached_property
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.linearise import Start
-from bench.diagnose.regression.parameters import entries
 from bench.diagnose.select import by_simulation
 from bench.diagnose.select.choose import accepted, agreed
 from bench.diagnose.select.discovery import Discovery, Found, Loser
@@ -23,7 +22,7 @@ from bench.diagnose.select.materiality import (
 )
 from bench.diagnose.select.release import contradicted
 from bench.diagnose.select.search import Search, View
-from bench.diagnose.select.step import advanced, next_step
+from bench.diagnose.select.step import advanced, next_step, settled
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.select.verify import (
     LEFT,
@@ -64,7 +63,7 @@ def discover(
     view, fit, fields = _first(search)
     calibrated = advanced(search, view, view.subsets.fit()).model
     rounds = tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
-    view = _settled(search, view, fit, fields)
+    view = _exchanged(search, view, fit, fields)
     subject = search.subject
     tick("weigh")
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
@@ -163,23 +162,25 @@ def _names(view: View) -> list[str]:
     return [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
 
 
-def _settled(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> View:
-    """The view of the chosen effects, exchanged, added and dropped one by one until nothing changes."""
-    subject = search.subject
+def _exchanged(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> View:
+    """The view of the chosen effects, exchanged, added and dropped one by one until nothing changes.
+
+    In between the numbers are fitted by themselves: candidates are judged beside numbers that move no more.
+    """
     everything = view.subsets.fit().misfit - view.floor
     shortlist = {i for field in fields[1:] for f in field[:8] for i in f.ids}
-    model, known = advanced(search, view, fit).model, len(subject.model.effects)
+    known = len(search.subject.model.effects)
+    _, model = settled(search, advanced(search, view, fit).model, view)
     for _ in range(DISCOVERING.exchanges):
         search.tick("what is left")
         view = min(search.views(search.look(model, shortlist), everything), key=lambda v: v.subsets.fit().prior)
+        changed = False
         while search.let_go(contradicted(view, view.subsets.fit())):
-            view = search.as_known(view)
+            view, changed = search.as_known(view), True
         step = next_step(search, view, known)
-        if not math.isfinite(step.loss):
+        if not math.isfinite(step.loss) or not (changed or step.exchanged):
             break
-        before, model = model, step.model
-        if not step.exchanged and close(before, model, subject):
-            break
+        _, model = settled(search, step.model, view)
     return view
 
 
@@ -252,14 +253,6 @@ def _rivals(
         name
         for name, start in candidates.items()
         if not any(s.worth for s in weighing.savings(chosen.less(place, start), chosen.model, extended))
-    )
-
-
-def close(before: PhysicsModel, after: PhysicsModel, subject: Subject) -> bool:
-    """Whether a step moved every number by little against its scale."""
-    pairs = zip(entries(before, subject.uncertainty), entries(after, subject.uncertainty), strict=True)
-    return all(
-        abs(a.value - b.value) <= (0.3 * b.scale if b.constant else 0.05 * abs(b.value)) + 1e-12 for a, b in pairs
     )
 
 

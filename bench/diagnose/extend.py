@@ -82,7 +82,7 @@ def extend(
     tick: Callable[[str], None] = lambda what: None,
     noise: Noise | None = None,
     rivals: Mapping[str, tuple[str, ...]] | None = None,
-    known: Mapping[str, Effect] | None = None,
+    start: PhysicsModel | None = None,
     horizon_s: float | None = None,
 ) -> Extension:
     """Add effects to ``model`` one after another and fit all numbers again.
@@ -94,7 +94,9 @@ def extend(
         tick: called with what is being done.
         noise: default `noise.noise_of`.
         rivals: by id, effects that explain the data as well.
-        known: by id, an effect with parameters from which to start; default: the best of its search grid.
+        start: ``model`` with all of ``add`` (effects and terms, no requests) in that order, its numbers near where they
+            belong: the last fit starts there, since constants that were fitted without an effect may be too far off;
+            default: from effect to effect, each at the best of its search grid.
         horizon_s: longest horizon of the comparison [s].
 
     Raises:
@@ -104,14 +106,22 @@ def extend(
     subject, noise = prepared(subject, noise, tick)
     _check_added(subject, model, add)
     chain = _Chain(*fitted(subject, model, noise, tick, through_simulator=not add))
+    given = () if start is None else start.effects[len(model.effects) :]
     for i, item in enumerate(add):
-        starts = _starts(subject, chain.model, item, noise, tick, known or {})
-        for j, start in enumerate(starts):
-            last = i == len(add) - 1 and j == len(starts) - 1
-            grown = replace(chain.model, effects=(*chain.model.effects, start))
-            chain.append(*fitted(subject, grown, noise, tick, through_simulator=last))
+        added = [given[i]] if given else _starts(subject, chain.model, item, noise, tick)
+        for j, effect in enumerate(added):
+            last = i == len(add) - 1 and j == len(added) - 1
+            grown = replace(chain.model, effects=(*chain.model.effects, effect))
+            whole = start if last and start is not None else grown
+            chain.append(*fitted(subject, whole, noise, tick, through_simulator=last))
     comparison = compare(subject, chain.lines(), noise=noise, horizon_s=horizon_s)
     return _extension(subject, chain, comparison, len(model.effects), rivals or {})
+
+
+def ordered(model: PhysicsModel, known: int, names: Sequence[str]) -> PhysicsModel:
+    """``model`` with its first ``known`` effects, and after them those of these names in their order."""
+    own = {EFFECTS.name_of(type(e)): e for e in model.effects[known:]}
+    return replace(model, effects=(*model.effects[:known], *(own[n] for n in names)))
 
 
 class _Chain:
@@ -193,7 +203,6 @@ def _starts(
     item: str | LearnedTerm,
     noise: Noise,
     tick: Callable[[str], None],
-    known: Mapping[str, Effect],
 ) -> list[Effect]:
     """The effects that one item of `extend` adds to ``model``, with parameters from which a fit starts."""
     if isinstance(item, LearnedTerm):
@@ -204,7 +213,7 @@ def _starts(
             raise BenchError("Nothing is left that held-out recordings would confirm as a term: none is learned.")
         return list(terms)
     tick(item)
-    return [known.get(item) or _starting_point(subject, model, item, noise, tick)]
+    return [_starting_point(subject, model, item, noise, tick)]
 
 
 def _named(

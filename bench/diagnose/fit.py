@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.diagnose.discover import close
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select import by_simulation
 from bench.diagnose.select.search import Search
-from bench.diagnose.select.step import advanced
+from bench.diagnose.select.step import settled
 from bench.diagnose.select.verify import Estimate, estimates
 from bench.diagnose.settings import EXTENDING
 from bench.diagnose.simulate.shoot import Shot, shoot
@@ -31,7 +30,7 @@ def fitted(
     """Constants within their uncertainty and all effects of ``model``, fitted on the training recordings.
 
     The weak form first, which needs no good start; then, with ``through_simulator``, multi-step shooting, whose numbers
-    are taken where they predict better.
+    are taken where they predict plainly better. Intervals hold both.
 
     Raises:
         BenchError: the recordings are too short.
@@ -39,21 +38,16 @@ def fitted(
     if hidden(subject.logs):
         return by_simulation.fitted(subject, model, tick)
     search = Search(subject, (), tick, noise)
-    found: list[Estimate] = []
-    for _ in range(6):
-        views = search.views(search.look(model, broad=False))
-        view = min(views, key=lambda v: v.subsets.fit().prior)
-        fit = view.subsets.fit()
-        before, model = model, advanced(search, view, fit).model
-        found = estimates(view, fit)
-        if close(before, model, subject):
-            break
+    view, model = settled(search, model)
+    found = estimates(view, view.subsets.fit())
     if not through_simulator:
         return model, found
     tick("shooting")
     shot = shoot(model, subject, subject.training, tick)
-    better = shot.after < EXTENDING.shooting_gain * shot.before and not lost(found, shot)
-    return (shot.model, _moved(found, shot)) if better else (model, found)
+    if lost(found, shot):
+        return model, found
+    better = shot.after < EXTENDING.shooting_gain * shot.before
+    return (shot.model if better else model), _between(found, shot, better)
 
 
 def lost(found: Sequence[Estimate], shot: Shot) -> bool:
@@ -71,14 +65,16 @@ def _shot_to(x: Estimate, shot: Shot) -> float:
     return next(ends, x.value)
 
 
-def _moved(found: Sequence[Estimate], shot: Shot) -> list[Estimate]:
-    """Estimates of the weak form, moved to where shooting has them."""
+def _between(found: Sequence[Estimate], shot: Shot, moved: bool) -> list[Estimate]:
+    """Estimates of the weak form, ``moved`` to where shooting has them or not, worth no more than both differ."""
     sigma = np.sqrt(np.maximum(np.diag(shot.covariance), 0.0))
     spread = {(e.owner, e.label): s for e, s in zip(shot.free, sigma, strict=True)}
-    moved = []
+    out = []
     for x in found:
-        key, value = (x.entry.owner, x.entry.label), _shot_to(x, shot)
-        # Two estimates that differ are worth no more than their difference.
-        half = max((x.high - x.low) / 2, EXTENDING.interval * spread.get(key, 0.0), abs(value - x.value))
-        moved.append(replace(x, value=value, low=max(value - half, x.entry.low), high=min(value + half, x.entry.high)))
-    return moved
+        after = _shot_to(x, shot)
+        half = max((x.high - x.low) / 2, abs(after - x.value))
+        if moved:
+            half = max(half, EXTENDING.interval * spread.get((x.entry.owner, x.entry.label), 0.0))
+        value = after if moved else x.value
+        out.append(replace(x, value=value, low=max(value - half, x.entry.low), high=min(value + half, x.entry.high)))
+    return out

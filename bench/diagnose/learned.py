@@ -2,9 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
-from bench.diagnose.extend import Extension, extend
+from bench.diagnose.extend import Extension, extend, ordered
 from bench.diagnose.learn.curve import curve
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learned_shape import LearnedCurve
@@ -16,6 +15,7 @@ from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.settings import EXTENDING
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
+from registry.effects.learned_term import LearnedTerm
 
 
 def learned(
@@ -42,23 +42,23 @@ def learned(
     terms = learn(subject, model, noise, tick, doubtful=doubtful)
     if not terms:
         return None
-    known = {f.id: f.effect for f in found}
-    beside = partial(
-        extend,
-        subject,
-        subject.model,
-        tick=tick,
-        noise=noise,
-        rivals={f.id: f.rivals for f in found},
-        known=known,
-        horizon_s=horizon_s,
-    )
-    done = beside([*known, *terms])
+    names = [f.id for f in found]
+    rivals = {f.id: f.rivals for f in found}
+
+    def beside(names: Sequence[str]) -> Extension:
+        """The terms, added after those of the effects found that are named."""
+        base = subject.model
+        whole = ordered(model, len(base.effects), names)
+        start = replace(whole, effects=(*whole.effects, *terms))
+        asked: list[str | LearnedTerm] = [*names, *terms]
+        return extend(subject, base, asked, tick, noise, rivals=rivals, start=start, horizon_s=horizon_s)
+
+    done = beside(names)
     idle = {e.id for e in done.effects if not e.learned and _idle(e)}
     if idle and not _beyond(done):
         return None  # the terms only say in other words what a named effect says
     if idle:  # they imitated what is learned now
-        done = beside([*(n for n in known if n not in idle), *terms])
+        done = beside([n for n in names if n not in idle])
     # A share that is no number is one of nothing: there was no error to take.
     return done if sum(e.share_explained for e in done.effects if e.learned) > 0 else None
 

@@ -1,7 +1,7 @@
 """NanoBench: tracking flights of a Crazyflie 2.1 under motion capture."""
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -134,10 +134,7 @@ def _flight(file: Path, gyroscope: bool) -> tuple[list[Recording], list[Finding]
     note("dropped", int((np.diff(t) > 1.5 / RATE).sum()), "pauses of the clock, bridged where short")
     height = x["position"][:, 2]
     flying = airborne(height, height.min() + CLIMB, MARGIN)
-    if gyroscope:
-        lag, agreement, valid = _on_one_clock(x, valid, flying)
-        note("lag", lag, f"the vehicle is {lag:+.2f} samples late (correlation {agreement:.2f}), whole ones removed")
-    valid &= flying
+    valid = flying & (_on_one_clock(x, valid & flying, note) if gyroscope else valid)
     part = extent(valid)
     for start, stop in runs(~valid[part]):
         note("gap", stop - start, f"{(stop - start) / RATE:.2f} s from {(part.start + start) / RATE:.2f} s, masked")
@@ -159,16 +156,17 @@ def _flight(file: Path, gyroscope: bool) -> tuple[list[Recording], list[Finding]
     return [recording(name, RATE, inputs, outputs, valid[part])], findings
 
 
-def _on_one_clock(x: dict[str, np.ndarray], valid: np.ndarray, flying: np.ndarray) -> tuple[float, float, np.ndarray]:
+def _on_one_clock(x: dict[str, np.ndarray], valid: np.ndarray, note: Callable[[str, float, str], None]) -> np.ndarray:
     """Shift in ``x`` what the vehicle measured so that its gyroscope turns with the motion capture, and take its rates.
 
     Returns:
-        How late it was [samples], the correlation of both rates then, and which samples are valid (N,).
+        Which samples are valid (N,).
     """
-    counted = (valid & flying)[:, None]
+    counted = valid[:, None]
     lag, agreement = delay(x["body_rates"] * counted, x["gyroscope"] * counted, widest=WIDEST)
+    note("lag", lag, f"the vehicle is {lag:+.2f} samples late (correlation {agreement:.2f}), whole ones removed")
     late, there = round(lag), np.arange(len(valid))
     for group in ON_BOARD:
         x[group] = np.roll(x[group], -late, axis=0)
     x["body_rates"] = x["gyroscope"]
-    return lag, agreement, valid & np.roll(valid, -late) & (there + late >= 0) & (there + late < len(valid))
+    return valid & np.roll(valid, -late) & (there + late >= 0) & (there + late < len(valid))

@@ -229,6 +229,13 @@ def test_every_tie_is_said_by_itself() -> None:
     assert f"Two more effects act that these recordings cannot name: {both}" in sentences.explanation(sure)
 
 
+def test_a_constant_far_off_is_told_as_a_multiple() -> None:
+    near = Calibration("thrust_coefficient", 1e-5, 1.056e-5, "N s^2", 2.8, 1.043e-5, 1.069e-5)
+    assert sentences.change(near) == "thrust coefficient by 5.6 % (4.3 % to 6.9 %; 2.8 σ)"
+    far = replace(near, constant="mass", calibrated=8.3e-4, low=3.44e-4, high=1.31e-3)
+    assert sentences.change(far) == "mass to 83 times what was stated (34 to 130)"
+
+
 def test_the_story_stays_short_when_there_is_much_to_say() -> None:
     d = samples.named()
     many = replace(d, effects=d.effects * 5, where=d.where * 5, data_problems=d.data_problems * 9)

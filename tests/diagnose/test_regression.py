@@ -27,6 +27,10 @@ def test_a_coefficient_between_equal_bounds_stays_there():
     np.testing.assert_allclose(beta, [1.0, 2.0])
 
 
+def test_nothing_to_fit_is_no_fault():
+    assert bounded(np.zeros((0, 0)), *(np.zeros(0) for _ in range(3))).shape == (0,)
+
+
 def test_whitening_finds_the_process():
     rng = np.random.default_rng(0)
     noise, series = rng.normal(size=40_000) * 0.5, np.zeros(40_000)

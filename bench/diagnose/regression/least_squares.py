@@ -32,7 +32,7 @@ def bounded(gram: np.ndarray, moment: np.ndarray, low: np.ndarray, high: np.ndar
             continue
         beta = target
         slope = gram @ beta - moment
-        tolerance = 1e-9 * (np.abs(moment).max() + 1e-300)
+        tolerance = 1e-9 * np.abs(moment).max(initial=1e-300)
         wrong = ~free & (low < high) & (((beta <= low) & (slope < -tolerance)) | ((beta >= high) & (slope > tolerance)))
         if not wrong.any():
             break

@@ -14,8 +14,8 @@ from registry.dynamics import Effect, Parameter, PhysicsModel
 
 WITHIN = 3.0
 """A constant is calibrated within so many of its 1σ: one further off is a wrong constant, which is an effect."""
-FREE = 1.0
-"""Relative 1σ of a constant that was let go: up to twenty times more or less than stated."""
+FREE = math.log(10)
+"""1σ of the logarithm of a constant that was let go: an order of magnitude, so that it pulls no other one along."""
 _PROBE = 1e-3
 """Step of a one-sided difference, in scales of the parameter."""
 

@@ -164,7 +164,15 @@ def _first(moved: Sequence[Calibration]) -> str:
 
 
 def change(c: Calibration) -> str:
-    """Such as "thrust coefficient by 5.6 % (4.3 % to 6.9 %; 2.8 σ)", σ being the stated uncertainty."""
+    """Such as "thrust coefficient by 5.6 % (4.3 % to 6.9 %; 2.8 σ)", σ being the stated uncertainty.
+
+    Far off, "inertia about x to 83 times what was stated (34 to 130)".
+    """
+    if (times := c.calibrated / c.nominal) > TELLING.constant_times:
+        low, high = sorted(v / c.nominal for v in (c.low, c.high))
+        return (
+            f"{named(c.constant)} to {number(times, 2)} times what was stated ({number(low, 2)} to {number(high, 2)})"
+        )
     value, *ends = (100 * (v / c.nominal - 1) for v in (c.calibrated, c.low, c.high))
     low, high = sorted(ends)
     digits = max(0, min(3, 1 - math.floor(math.log10(high - low)))) if high > low else 1

@@ -128,6 +128,13 @@ class Search:
         self.subject = replace(self.subject, uncertainty=uncertainty, notes=(*self.subject.notes, note))
         return True
 
+    def own(self, model: PhysicsModel) -> Look:
+        """Linearise ``model`` alone."""
+        nominal, spread = self.subject.model, self.subject.uncertainty
+        linear = directions(model, nominal, spread, self.stack)
+        noisy = None if self.noisy is None else directions(model, nominal, spread, self.noisy)
+        return Look(linear, noisy and linear.moved(noisy), None, None)
+
     def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> Look:
         """Linearise ``model`` with every candidate.
 
@@ -150,11 +157,17 @@ class Search:
         moved = linear.moved(directions(model, nominal, spread, self.noisy, touched))
         return Look(linear, moved, words, dictionary(model, self.noisy, linear.channels) if broad else None)
 
-    def views(self, look: Look, explained: float = 0.0) -> list[View]:
-        """Normal equations of a look through test functions: with the inputs' noise taken off, and as they are."""
+    def views(self, look: Look, explained: float = 0.0, like: View | None = None) -> list[View]:
+        """Normal equations of a look through test functions: with the inputs' noise taken off, and as they are.
+
+        Whitened as ``like`` is; default: by what is left.
+        """
         linear, tests = look.linear, self._tests(look.linear)
         rows = linear.project(tests, look.dictionary)
-        filters = noise_filters(rows, Prior.of(linear.own).loosened(linear.own))
+        if like is None:
+            filters = noise_filters(rows, Prior.of(linear.own).loosened(linear.own))
+        else:
+            filters = [like.filters[like.linear.channels.index(c)] for c in linear.channels]
         white = rows.whitened(filters)
         count, some = len(linear.columns), sum(white.counts())
         words = () if look.dictionary is None else look.dictionary.terms

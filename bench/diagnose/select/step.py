@@ -8,6 +8,8 @@ about as was promised.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.parameters import entries
 from bench.diagnose.select.choose import VISIBLE, updated
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Fit
@@ -18,6 +20,10 @@ SHARES = (1.0, 0.5, 0.25)
 """Of a step of the model's own numbers, of which the best is taken."""
 KEPT = 0.5
 """Share of a promised gain that an exchange of effects must keep when it is measured."""
+
+
+STEPS = 6
+"""Steps of a model's own numbers at most, from one look at candidates to the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +65,30 @@ def next_step(search: Search, view: View, known: int) -> Step:
     other, promised = advanced(search, view, changed), here.loss - changed.loss
     kept = stay.loss - other.loss >= min(promised, KEPT * promised) - VISIBLE * view.floor
     return other if kept else stay
+
+
+def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tuple[View, PhysicsModel]:
+    """A model with its own numbers fitted until they move no more, and the last view on the way there.
+
+    Args:
+        search: tells what a model leaves.
+        model: with the effects that it keeps.
+        like: a view whose whitening filters are kept, of as many channels or more; default: anew in every step.
+    """
+    for _ in range(STEPS):
+        view = min(search.views(search.own(model), like=like), key=lambda v: v.subsets.fit().prior)
+        before, model = model, advanced(search, view, view.subsets.fit()).model
+        if close(before, model, search.subject):
+            break
+    return view, model
+
+
+def close(before: PhysicsModel, after: PhysicsModel, subject: Subject) -> bool:
+    """Whether a step moved every number by little against its scale."""
+    pairs = zip(entries(before, subject.uncertainty), entries(after, subject.uncertainty), strict=True)
+    return all(
+        abs(a.value - b.value) <= (0.3 * b.scale if b.constant else 0.05 * abs(b.value)) + 1e-12 for a, b in pairs
+    )
 
 
 def without(model: PhysicsModel, dropped: Sequence[int]) -> PhysicsModel:
