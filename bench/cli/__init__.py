@@ -80,7 +80,7 @@ def cli() -> None:
     Find the physics that a model misses, with your own logs:
 
     \b
-    bench data init flights/                     describe a folder of logs (`bench data import` reads PX4, ROS and other logs)
+    bench data init flights/                     describe a folder of logs (`bench data import`: PX4, ROS and others)
     bench diagnose flights/                      all four steps: a summary, a page, a better model
     bench compare flights/                       1  how far is the model off, beside the noise floor?
     bench locate flights/                        2  where?

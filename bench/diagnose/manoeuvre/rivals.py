@@ -97,9 +97,9 @@ def between(
         EFFECTS.check(name)
         held = next((e for e in model.effects if EFFECTS.name_of(type(e)) == name), None)
         tick(f"fitting {name.replace('_', ' ')}")
-        known = {} if held is None else {name: held}
+        start = None if held is None else replace(base, effects=(*base.effects, held))
         try:
-            found.append((name, extend(subject, base, [name], noise=noise, known=known).model))
+            found.append((name, extend(subject, base, [name], noise=noise, start=start).model))
         except (BenchError, ValueError):  # such as a dead zone as wide as the whole drive: nothing is left to fit
             without.append(name)
     if len(found) < 2:
