@@ -9,7 +9,6 @@ import jsonschema
 import numpy as np
 import pytest
 
-from bench.cli.diagnosing import check_catalogue
 from bench.diagnose import compare, diagnose, extend
 from bench.diagnose.fit import fitted
 from bench.diagnose.learn.learn import learn
@@ -17,6 +16,7 @@ from bench.diagnose.learn.request import parsed
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
+from bench.diagnose.select.catalogue import check_catalogue
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import admissible
 from registry.contracts import Channel, Recording
