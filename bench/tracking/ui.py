@@ -45,7 +45,8 @@ def serve(
         return
     with suppress(KeyboardInterrupt), server(uri, host, port) as base_url:
         print(f"Charts: {chart_link(base_url, experiment_id)}\nCtrl-C stops the server.", flush=True)
-        signal.pause()
+        while True:  # not `signal.pause`: a Ctrl-C just before it would be waited for, and never seen
+            time.sleep(1)
 
 
 @contextmanager
