@@ -4,7 +4,6 @@ import json
 import math
 import shutil
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 
 import jsonschema
@@ -13,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from parsed_page import Parsed
 from simulated_fleet import vehicle
 
 import bench
@@ -29,25 +29,6 @@ from registry.errors import BenchError
 
 EVIL = "<script>alert(1)</script>[/]"
 DRAGS = [0.30, 0.31, 0.29, 0.305, 0.295, 0.30, 0.60]
-
-
-class Parsed(HTMLParser):
-    """Tags, attributes and text as a browser sees them."""
-
-    def __init__(self, source: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str]] = []
-        self.pieces: list[str] = []
-        self.feed(source)
-        self.text = " ".join(" ".join(self.pieces).split())
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.attributes += [(name, value or "") for name, value in attrs]
-
-    def handle_data(self, data: str) -> None:
-        self.pieces.append(data)
 
 
 @pytest.fixture

@@ -3,35 +3,16 @@
 import dataclasses
 import re
 from functools import lru_cache
-from html.parser import HTMLParser
 from typing import Any
 
 import pytest
 import samples
+from parsed_page import Parsed
 
 from bench.diagnose.evidence import LINES
 from bench.diagnose.flight import RUNS
 from bench.diagnose.report import page, phrases, sentences
 from bench.diagnose.result import VERDICTS
-
-
-class Parsed(HTMLParser):
-    """Tags, attributes and text as a browser sees them."""
-
-    def __init__(self, source: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str]] = []
-        self.pieces: list[str] = []
-        self.feed(source)
-        self.text = " ".join(" ".join(self.pieces).split())
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.attributes += [(name, value or "") for name, value in attrs]
-
-    def handle_data(self, data: str) -> None:
-        self.pieces.append(data)
 
 
 def hostile(value: Any, evil: str) -> Any:
