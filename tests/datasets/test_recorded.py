@@ -6,9 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
+from scipy.spatial.transform import Rotation
 
 from registry.datasets.nanobench import Nanobench
 from registry.datasets.nanodrone import Nanodrone
+from registry.datasets.reading.cleaning import delay
 from registry.datasets.reading.inspect import inspect
 from registry.datasets.reading.rotations import euler_from_quaternion
 from registry.datasets.tailsitter import Tailsitter
@@ -137,6 +139,19 @@ def test_the_gyroscope_of_nanobench_follows_the_motors_where_differences_of_pose
 
     assert (explained(Nanobench(gyroscope=True)) > 0.7).all()
     assert (explained(Nanobench()) < 0.5).all()
+
+
+@pytest.mark.parametrize("flight", ["B10_lissajous_slow_rep1", "B2_circle_medium_rep2"])
+def test_the_gyroscope_of_nanobench_is_put_on_the_clock_of_the_motion_capture(flight):
+    """What was late by more than a sample turns with the attitude, as far as whole samples can tell."""
+    read = Nanobench(gyroscope=True).load()
+    (late,) = (f.count for f in read.findings if (f.recording, f.kind) == (flight, "lag"))
+    (recording,) = (r for r in read.recordings if r.name == flight)
+    attitude, rates = (recording.pick([name])[0] for name in ("attitude", "body_rates"))
+    turned = Rotation.from_quat(attitude)
+    steps = 100 * (turned[:-1].inv() * turned[1:]).as_rotvec()
+    left, _ = delay(steps, (rates[1:] + rates[:-1]) / 2)
+    assert abs(late) > 1 and abs(left) < 0.75
 
 
 def test_tailsitter_body_rates_are_body_rates():
