@@ -359,14 +359,14 @@ def test_the_family_is_that_of_benjamini_and_hochberg() -> None:
     rng = np.random.default_rng(0)
     for _ in range(200):
         p = rng.uniform(0, 1, 6) ** 4
-        asked: list[family.Question] = [([judging(x)], BELOW, True) for x in p]
+        asked: list[family.Question] = [family.Question([judging(x)], BELOW, True) for x in p]
         alpha = family.level(asked)
         found = [family.judged(q, alpha, 6).verdict == REPRODUCED for q in asked]
         assert found == (scipy.stats.false_discovery_control(p) <= 0.05).tolist()
 
 
 def test_what_stands_alone_but_not_among_many_says_so() -> None:
-    asked: list[family.Question] = [([judging(p)], BELOW, True) for p in (0.04, 0.9, 0.9, 0.9, 0.9)]
+    asked: list[family.Question] = [family.Question([judging(p)], BELOW, True) for p in (0.04, 0.9, 0.9, 0.9, 0.9)]
     found = family.judged(asked[0], family.level(asked), 5)
     assert found.verdict == OPEN and "not as one of 5" in found.basis and found.high == 0.9
 

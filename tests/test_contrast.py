@@ -192,7 +192,7 @@ def page(
                 shifted = Row(Cell(one.cell.values + math.log(value)), flights)
                 around = [c for c in cells if c is not one.cell]
                 estimates += ratio("", [(shifted, [other])], around)
-            found.append(((estimates, accept, True), (chosen, accept)))
+            found.append((family.Question(estimates, accept, True), (chosen, accept)))
     return found
 
 
@@ -201,8 +201,8 @@ def wrong(rng: Rng, *world: Any) -> tuple[float, float]:
     asked = page(rng, *world)
     alpha = family.level([question for question, _ in asked])
     settled = []
-    for (found, accept, relative), truth in asked:
-        verdict = settle(found, accept, alpha, relative).verdict
+    for question, truth in asked:
+        verdict = family.judged(question, alpha, len(asked)).verdict
         settled += [true(verdict, *truth)] if verdict != OPEN else []
     return settled.count(False) / max(1, len(settled)), len(settled) / len(asked)
 
@@ -265,7 +265,8 @@ def test_what_settles_a_claim_is_as_many_seeds_as_it_says() -> None:
 
     def question(seeds: int) -> family.Question:
         cell = replace(flat, seeds=seeds).draw(rng)[0][0]
-        return ratio("", [(Row(Cell(cell.values + math.log(0.7)), tuple(map(str, range(40)))), ())]), (0.0, 1.0), True
+        found = ratio("", [(Row(Cell(cell.values + math.log(0.7)), tuple(map(str, range(40)))), ())])
+        return family.Question(found, (0.0, 1.0), True)
 
     said = [seeds for q in (question(4) for _ in range(60)) if (seeds := outlook(q, 0.05)[1])]
     typical = int(np.median(said))
@@ -276,7 +277,8 @@ def test_what_settles_a_claim_is_as_many_seeds_as_it_says() -> None:
 def test_what_seeds_cannot_settle_recordings_can() -> None:
     names = tuple(map(str, range(6)))
     cells = Cell(np.tile(math.log(0.9) + 0.2 * np.array([-1, 1, -1, 1, -1, 1]), (3, 1)) + np.arange(3)[:, None] / 1e3)
-    said, seeds = outlook((ratio("", [(Row(cells, names), ())]), (0.0, 1.0), True), 0.05)
+    found = ratio("", [(Row(cells, names), ())])
+    said, seeds = outlook(family.Question(found, (0.0, 1.0), True), 0.05)
     assert seeds == 0 and said.startswith("no number of seeds, but about")
-    touching = outlook((ratio("", [(Row(cells, names), ())]), (math.exp(cells.values.mean()), math.inf), True), 0.05)
+    touching = outlook(family.Question(found, (math.exp(cells.values.mean()), math.inf), True), 0.05)
     assert touching[0].startswith("nothing at this size")

@@ -10,7 +10,7 @@ import fnmatch
 import json
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,8 @@ _SCHEMA = pa.schema(
     [(name, pa.dictionary(pa.int32(), pa.string())) for name in _NAMES]
     + [("step", pa.int32()), ("value", pa.float32())]
 )
+FEWEST = 2
+"""Seeds with which evidence first says anything: one training says nothing about the next."""
 HISTORY = 10
 """The paper's initialization length; other ones are looked at only where they are swept."""
 
@@ -122,6 +124,19 @@ class Evidence:
     preset: str
     runs: tuple[StudyRun, ...]
     steps: pd.DataFrame
+    first: int = 0
+    """Seeds that it had when it was first looked at; 0: as many as it has."""
+
+    @property
+    def seeds(self) -> int:
+        """Of the configuration that has most."""
+        return max((r.seed for r in self.runs), default=-1) + 1
+
+    def until(self, seeds: int) -> "Evidence":
+        """What there was when every configuration had so many seeds at most."""
+        early = replace(self, runs=tuple(r for r in self.runs if r.seed < seeds))
+        vars(early).update(curves=self.curves, learning=self.learning, units=self.units)
+        return early
 
     @cached_property
     def curves(self) -> dict[tuple[str, str, str], Curves]:
@@ -241,24 +256,28 @@ def left_out(local: Path) -> list[str]:
 def gather(published: Path, local: Path) -> list[Evidence]:
     """All evidence: that of the published folder and what was run here, which goes before where both have a run.
 
-    Of several presets of one study on one data set the largest counts.
+    Of several presets of one study on one data set the largest counts. It was first looked at with the fewest seeds of
+    any folder.
     """
     found: dict[tuple[str, str, str], dict[Any, tuple[StudyRun, Path]]] = {}
+    first: dict[tuple[str, str, str], int] = {}
     for folder in (*folders(published), *folders(local)):
         if folder.comparable and (folder.path / FILE).is_file():
             for run in folder.runs:
                 group = found.setdefault((folder.study, run.dataset, folder.preset), {})
                 group[run.spec, run.outputs, run.horizon, run.seed] = (run, folder.path / FILE)
+            for dataset in {run.dataset for run in folder.runs}:
+                there = 1 + max(run.seed for run in folder.runs if run.dataset == dataset)
+                source = (folder.study, dataset, folder.preset)
+                first[source] = min(there, first.get(source, there))
     largest: dict[tuple[str, str], str] = {}
     for study, dataset, preset in found:
         largest[study, dataset] = max(largest.get((study, dataset), ""), preset, key=("", *PRESETS).index)
-    return [
-        _assemble(study, dataset, preset, list(found[study, dataset, preset].values()))
-        for (study, dataset), preset in sorted(largest.items())
-    ]
+    sources = [(study, dataset, preset) for (study, dataset), preset in sorted(largest.items())]
+    return [_assemble(s, list(found[s].values()), max(first[s], FEWEST)) for s in sources]
 
 
-def _assemble(study: str, dataset: str, preset: str, members: list[tuple[StudyRun, Path]]) -> Evidence:
+def _assemble(source: tuple[str, str, str], members: list[tuple[StudyRun, Path]], first: int) -> Evidence:
     tables = []
     for path in dict.fromkeys(path for _, path in members):
         try:
@@ -268,4 +287,4 @@ def _assemble(study: str, dataset: str, preset: str, members: list[tuple[StudyRu
         except (OSError, ValueError, KeyError, pa.ArrowException) as error:
             raise BenchError(f"{path} is damaged: run the study again.") from error
     steps = pa.concat_tables(tables).unify_dictionaries().to_pandas()
-    return Evidence(study, dataset, preset, tuple(run for run, _ in members), steps)
+    return Evidence(*source, tuple(run for run, _ in members), steps, first)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from bench.claims import family
 from bench.claims.claim import Claim, Claims
 from bench.claims.counting import Fact
-from bench.claims.estimate import NOT_RUN, OPEN, Estimate, Judgement, number, settle
+from bench.claims.estimate import ALPHA, NOT_RUN, OPEN, Estimate, Judgement, number, settle
 from bench.claims.evidence import Evidence
 from bench.claims.outlook import outlook
 from bench.experiment import study
@@ -94,9 +94,12 @@ def judge(
 
 
 def _question(claim: Claim, evidence: Evidence) -> family.Question:
+    """What the claim asks, at every look from the first: with each number of seeds that there has been."""
     kind = claim.kind
     assert not isinstance(kind, Fact)
-    return kind.measure(evidence), claim.accept, kind.relative
+    earlier = range(evidence.first, evidence.seeds) if evidence.first else ()
+    looks = tuple((n, kind.measure(evidence.until(n))) for n in earlier)
+    return family.Question(kind.measure(evidence), claim.accept, kind.relative, evidence.seeds, looks)
 
 
 def _label(claims: Claims, claim: Claim, evidence: Evidence) -> str:
@@ -148,7 +151,7 @@ def _bound(
         return replace(row, judgement=settle(counted, claim.accept), beside=beside)
     others, row = [], Row(claim, needs, "", missing, _command(claim, homes, needs))
     for found in (e for e in ordered if e.study == claim.study):
-        judgement = settle(*_question(claim, found)[:2])
+        judgement = family.judged(_question(claim, found)._replace(relative=False), ALPHA, 1)
         if found.dataset == needs:
             label, command = _label(claims, claim, found), _command(claim, homes, needs, found.preset)
             row = Row(claim, needs, label, judgement, command)

@@ -2,24 +2,27 @@
 
 from collections.abc import Iterator, Sequence
 
+from bench.analysis import spending
+from bench.analysis.spending import MOST_SEEDS
 from bench.claims.estimate import SETTLED, Estimate, decide
 from bench.claims.family import Question
 
-MOST_SEEDS, MOST_RECORDINGS = 30, 100
-"""Of one configuration, of one data set: beyond them nothing settles a claim at its present size."""
+MOST_RECORDINGS = 100
+"""Of one data set: beyond them, and `MOST_SEEDS`, nothing settles a claim at its present size."""
 
 
 def outlook(question: Question, alpha: float) -> tuple[str, int]:
     """What would settle the question, as a sentence, and the seeds a configuration that it takes (0: seeds do not).
 
     Every number is taken to stay where it is and its variances as they were estimated: a forecast, right about as often
-    as it is wrong by a seed or two.
+    as it is wrong by a seed or two. More seeds are a later look, which takes a narrower interval; new recordings are
+    looked at for the first time.
 
     Args:
         question: that is open at ``alpha``.
         alpha: of the family.
     """
-    found = question[0]
+    found = question.found
     seeds, recordings = (min((n for e in found if (n := getattr(e, of))), default=0) for of in ("seeds", "recordings"))
     if not seeds:
         return "", 0
@@ -42,8 +45,10 @@ def outlook(question: Question, alpha: float) -> tuple[str, int]:
 
 
 def _settled(question: Question, alpha: float, seeds: float, recordings: float) -> bool:
-    found: Sequence[Estimate] = [e.grown(seeds, recordings) for e in question[0]]
-    return decide(found, question[1], alpha, question[2])[0] in SETTLED
+    found: Sequence[Estimate] = [e.grown(seeds, recordings) for e in question.found]
+    if recordings == 1.0 and question.seeds:
+        alpha = spending.level(alpha, question.first, round(seeds * question.seeds))
+    return decide(found, question.accept, alpha, question.relative)[0] in SETTLED
 
 
 def _upwards(start: int, most: int) -> Iterator[int]:
