@@ -11,10 +11,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-MOST_SEEDS = 12
-"""Of one configuration: what is spent over all looks is gone then. Four times those of the presets, which halves the part
-of an interval that comes of seeds.
-"""
+from bench.experiment.seeds import MOST_SEEDS
+
 _POINTS, _FAR = 601, 8.0
 """Of the grid on which a density is kept; how many standard deviations it reaches to the side that is not spent on."""
 

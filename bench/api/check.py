@@ -75,13 +75,18 @@ def check(
     Raises:
         BenchError: an unknown id, published files that are not as they were published, or that cannot be read.
     """
+    refuse_spoilt(published)
+    return judged(claims, Path(results), published_folder(published))
+
+
+def refuse_spoilt(published: str | Path | None) -> None:
+    """Raise `BenchError` where published files are not as they were published; see `check`."""
     folder = published_folder(published)
     if (published is None or manifest.sealed(folder)) and (spoilt := manifest.spoilt(folder)):
         raise BenchError(
             f"{spoilt[0].how}: {folder / spoilt[0].name}, one of {len(spoilt)} published files that are not as "
             f"published: restore what was, or list what you published with `{manifest.SEAL}`."
         )
-    return judged(claims, Path(results), folder)
 
 
 def published_folder(given: str | Path | None) -> Path:

@@ -10,7 +10,7 @@ import fnmatch
 import json
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -131,12 +131,6 @@ class Evidence:
     def seeds(self) -> int:
         """Of the configuration that has most."""
         return max((r.seed for r in self.runs), default=-1) + 1
-
-    def until(self, seeds: int) -> "Evidence":
-        """What there was when every configuration had so many seeds at most."""
-        early = replace(self, runs=tuple(r for r in self.runs if r.seed < seeds))
-        vars(early).update(curves=self.curves, learning=self.learning, units=self.units)
-        return early
 
     @cached_property
     def curves(self) -> dict[tuple[str, str, str], Curves]:

@@ -9,28 +9,22 @@ from bench.claims.estimate import ALPHA, NOT_RUN, SETTLED, Estimate, Judgement, 
 
 
 class Question(NamedTuple):
-    """What a claim asks of evidence, at every look at it."""
+    """What a claim asks of evidence."""
 
     found: Sequence[Estimate]
-    """The numbers of the claim, by all evidence."""
+    """The numbers of the claim."""
     accept: tuple[float, float]
     """Its band."""
     relative: bool
     """Whether they are ratios."""
+    first: int = 0
+    """Seeds a configuration at the first look at this evidence."""
     seeds: int = 0
-    """Of a configuration; 0: the only look, at seeds that nobody added to."""
-    earlier: tuple[tuple[int, Sequence[Estimate]], ...] = ()
-    """Seeds and the same numbers at the looks before, from the first."""
+    """Seeds now."""
 
-    @property
-    def first(self) -> int:
-        """Seeds at the first look."""
-        return self.earlier[0][0] if self.earlier else self.seeds
-
-    def looks(self, alpha: float) -> list[tuple[int, Sequence[Estimate], float]]:
-        """Seeds, numbers and level of every look, the last one first."""
-        looks = [*self.earlier, (self.seeds, self.found)]
-        return [(n, found, spending.level(alpha, self.first, n)) for n, found in reversed(looks)]
+    def level(self, alpha: float) -> float:
+        """The α of this look, where all looks together have ``alpha``."""
+        return spending.level(alpha, self.first, self.seeds)
 
 
 def level(asked: Sequence[Question], rate: float = ALPHA) -> float:
@@ -51,33 +45,21 @@ def _rank(question: Question, rate: float, count: int) -> int:
     low, high = 1, count + 1
     while low < high:
         k = (low + high) // 2
-        if verdict(question, rate * k / count)[0] in SETTLED:
+        at = question.level(rate * k / count)
+        if decide(question.found, question.accept, at, question.relative)[0] in SETTLED:
             high = k
         else:
             low = k + 1
     return low
 
 
-def verdict(question: Question, alpha: float) -> tuple[str, int]:
-    """The verdict of the latest look that gives one, and the seeds it had; what the latest look says if none does."""
-    said = [(decide(found, question.accept, at, question.relative)[0], n) for n, found, at in question.looks(alpha)]
-    return next((v for v in said if v[0] in SETTLED), said[0])
-
-
 def judged(question: Question, alpha: float, count: int) -> Judgement:
-    """The verdict at the family's α, with the numbers of all evidence.
-
-    Where it would be another one for the claim alone, or rests on an earlier look, the basis says so.
-    """
-    now, seeds = verdict(question, alpha)
-    at = spending.level(alpha, question.first, question.seeds)
-    among = settle(question.found, question.accept, at, question.relative)
-    if seeds < question.seeds:
-        said = f"settled with {seeds} of {question.seeds} seeds, and not contradicted since. {among.basis}"
-        return replace(among, verdict=now, basis=said)
-    alone = settle(question.found, question.accept, ALPHA, question.relative)
+    """The verdict at the family's α; where it would be another one for the claim alone, the basis says so."""
+    found, accept, relative = question[:3]
+    among = settle(found, accept, question.level(alpha), relative)
+    alone = settle(found, accept, ALPHA, relative)
     if among.verdict == alone.verdict or among.verdict == NOT_RUN:
         return among
     said = [f"as one of {count}"] if count > 1 else []
-    said += ["after earlier looks"] if question.earlier else []
+    said += ["after earlier looks"] if question.seeds > question.first else []
     return replace(among, basis=f"{alone.verdict} if it stood alone, but not {' and '.join(said)}. {among.basis}")

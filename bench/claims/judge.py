@@ -35,6 +35,12 @@ class Row:
     """Values of a dataset-bound claim on other data."""
     outlook: str = ""
     """What would settle an open claim."""
+    preset: str = ""
+    """Of the study."""
+    seeds: int = 0
+    """That a configuration has; 0: there is no evidence."""
+    needed: int = 0
+    """Seeds in all that would settle an open claim; 0: seeds do not."""
 
 
 def judge(
@@ -81,8 +87,10 @@ def judge(
                 label=_label(claims, claim, found),
                 judgement=judgement,
                 command=command,
-                beside="",
                 outlook=needed,
+                preset=found.preset,
+                seeds=found.seeds,
+                needed=seeds,
             )
         )
     for claim in asked_for:
@@ -94,12 +102,10 @@ def judge(
 
 
 def _question(claim: Claim, evidence: Evidence) -> family.Question:
-    """What the claim asks, at every look from the first: with each number of seeds that there has been."""
     kind = claim.kind
     assert not isinstance(kind, Fact)
-    earlier = range(evidence.first, evidence.seeds) if evidence.first else ()
-    looks = tuple((n, kind.measure(evidence.until(n))) for n in earlier)
-    return family.Question(kind.measure(evidence), claim.accept, kind.relative, evidence.seeds, looks)
+    first = evidence.first or evidence.seeds
+    return family.Question(kind.measure(evidence), claim.accept, kind.relative, first, evidence.seeds)
 
 
 def _label(claims: Claims, claim: Claim, evidence: Evidence) -> str:

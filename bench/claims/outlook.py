@@ -2,10 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
-from bench.analysis import spending
-from bench.analysis.spending import MOST_SEEDS
 from bench.claims.estimate import SETTLED, Estimate, decide
 from bench.claims.family import Question
+from bench.experiment.seeds import MOST_SEEDS
 
 MOST_RECORDINGS = 100
 """Of one data set: beyond them, and `MOST_SEEDS`, nothing settles a claim at its present size."""
@@ -46,8 +45,8 @@ def outlook(question: Question, alpha: float) -> tuple[str, int]:
 
 def _settled(question: Question, alpha: float, seeds: float, recordings: float) -> bool:
     found: Sequence[Estimate] = [e.grown(seeds, recordings) for e in question.found]
-    if recordings == 1.0 and question.seeds:
-        alpha = spending.level(alpha, question.first, round(seeds * question.seeds))
+    if recordings == 1.0:
+        alpha = question._replace(seeds=round(seeds * question.seeds)).level(alpha)
     return decide(found, question.accept, alpha, question.relative)[0] in SETTLED
 
 

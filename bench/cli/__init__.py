@@ -17,6 +17,7 @@ class Main(click.Group):
         ("run", "bench.cli.commands.run"),
         ("sweep", "bench.cli.commands.sweep"),
         ("check", "bench.cli.commands.check"),
+        ("settle", "bench.cli.commands.run"),
         ("list", "bench.cli.commands.entries"),
         ("show", "bench.cli.commands.entries"),
         ("data", "bench.cli.commands.data"),
@@ -75,6 +76,7 @@ def cli() -> None:
     bench sweep "LSTM: 1x50 - MLP: 60x10"        better options for it, found by trial
     bench list studies                           what else there is
     bench check                                  which claims of the paper reproduce here
+    bench settle                                 more seeds for those that are open
     bench ui                                     the results in the MLflow UI
 
     Find the physics that a model misses, with your own logs:

@@ -50,8 +50,15 @@ def say(out: Console, job: Job, todo: engine.Plan) -> int:
     return models
 
 
-def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
+def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place, tables: bool = True) -> None:
     """Train what is missing, then print the table and write figures; one driver at a time.
+
+    Args:
+        out: where it is said.
+        job: what was asked for.
+        todo: its plan.
+        place: where results go and who makes them.
+        tables: print the table, and where the files are.
 
     Raises:
         BenchError: another driver is at this study, the results folder cannot be written, or workers die.
@@ -89,11 +96,12 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place) -> None:
         if mirror:
             mirror.add(place.runs / key for key in todo.done)
         command = shlex.join(["bench", *portable(job.command)])
-        files = study_outputs.write_outputs(out, records, job.title, job.asked.study, command, folder)
-        out.print(f"Figure and tables: {escape(str(folder))}")
+        shown = out if tables else Console(quiet=True)
+        files = study_outputs.write_outputs(shown, records, job.title, job.asked.study, command, folder)
+        shown.print(f"Figure and tables: {escape(str(folder))}")
         if mirror:
             mirror.attach(files)
-            browse(out, mirror.finish(), job.title, place)
+            browse(shown, mirror.finish(), job.title, place)
 
 
 @contextmanager

@@ -1,6 +1,7 @@
-"""`bench run`: a study or one configuration, from data to table, figure and MLflow page."""
+"""`bench run`: a study or one configuration, from data to table, figure and MLflow page; `bench settle`: more seeds."""
 
 import sys
+from pathlib import Path
 
 import click
 from rich.markup import escape
@@ -9,6 +10,7 @@ from bench.cli import options
 from bench.cli.names import check_dataset, check_request
 from bench.cli.place import Place, placed
 from bench.experiment import study
+from bench.experiment.seeds import MOST_SEEDS
 from registry.errors import BenchError
 
 ALL = "all"
@@ -98,3 +100,76 @@ def run_command(
         return
     for made, todo in planned:
         carry_out(out, made, todo, place)
+
+
+@click.command("settle")
+@click.argument("target", metavar="[STUDY|CLAIM]", required=False)
+@click.option("--dataset", metavar="NAME", callback=options.named, help="Only claims on this data set.")
+@click.option(
+    "--budget",
+    type=options.Duration(),
+    default="1h",
+    show_default=True,
+    help="Time to spend, such as 45m or 1h30m; trainings that are not expected to end within it are not begun.",
+)
+@click.option(
+    "--max-seeds",
+    "most",
+    type=click.IntRange(2, MOST_SEEDS),
+    default=MOST_SEEDS,
+    show_default=True,
+    help="Seeds a configuration, those that are there included.",
+)
+@click.option(
+    "--claims", "file", type=click.Path(path_type=Path, dir_okay=False), help="Default: results/paper/claims.toml."
+)
+@click.option(
+    "--published", type=click.Path(path_type=Path, file_okay=False), help="Default: the checkout's results/published."
+)
+@placed
+@click.option("--dry-run", is_flag=True, help="Say what is open, what would settle it and how long; train nothing.")
+def settle_command(
+    target: str | None,
+    dataset: str | None,
+    budget: float,
+    most: int,
+    file: Path | None,
+    published: Path | None,
+    place: Place,
+    dry_run: bool,
+) -> None:
+    """Train more seeds of a study until its open claims have a verdict, or the budget is gone.
+
+    Open are claims that `bench check` finds "not enough evidence" for. Some need more trainings, some more recordings,
+    some are too near a limit for either: the plan says which, and how long it takes. Then every configuration of the
+    study gets one more seed, claims are judged again, and so on.
+
+    \b
+    bench settle --dry-run                       what is open, and what it would take
+    bench settle mlfc_vs_lstm                    the open claims of one study
+    bench settle fewer-weights --budget 30m      one claim, half an hour at most
+    bench settle --dataset helicopter_twin --max-seeds 6
+
+    Each look at the growing evidence takes its share of the 5 % of verdicts that may be wrong, so that to stop where a
+    verdict is found makes no more of them wrong; see docs/explanations/claims.md. No seed is chosen: they are 0, 1, 2
+    and so on. Evidence of `bench run STUDY --seeds N` counts, and the records are the same, bit for bit. After Ctrl-C,
+    a crash or a power cut, the same command goes on where it stopped.
+    """
+    from bench.api.check import published_folder, refuse_spoilt
+    from bench.cli.settling import plan, settle, show_plan, show_result
+    from bench.settle.sources import Wanted
+
+    check_dataset(dataset)
+    refuse_spoilt(published)
+    wanted = Wanted(place.results, published_folder(published), file, target, dataset, most)
+    wanted.check()
+    out = options.console()
+    steps = plan(out, wanted, place)
+    if not steps:
+        out.print("Nothing is open: every claim that was asked for has its verdict.")
+        return
+    show_plan(out, steps, wanted, place)
+    if dry_run or not any(s.reachable(most) for s in steps):
+        return
+    settle(out, steps, wanted, place, budget)
+    show_result(out, steps, wanted)

@@ -1,0 +1,207 @@
+"""`bench settle` on its way: the plan, seeds added look by look, and what they settled."""
+
+import os
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from bench.claims.estimate import number
+from bench.claims.judge import Row
+from bench.cli.job import Job, carry_out
+from bench.cli.place import Place
+from bench.cli.progress import clock
+from bench.execution import engine, estimate
+from bench.execution.engine import Plan
+from bench.settle.sources import Run, Source, Wanted, group, published_runs, seedless, sources, unchanged
+from registry.errors import BenchError
+
+
+@dataclass
+class Step:
+    """A source of evidence, what it costs to add to it, and what was added."""
+
+    source: Source
+    begun: int
+    """Seeds at the beginning."""
+    seconds: float = 0.0
+    """That one more seed of every configuration is expected to take."""
+    stopped: str = ""
+    """Why nothing is added, or no more: a clause."""
+    spent: float = 0.0
+    trainings: int = 0
+    settled: list[Row] = field(default_factory=list)
+
+    def reachable(self, most: int) -> list[Row]:
+        """The claims that are expected to be settled by so many seeds."""
+        return [] if self.stopped else self.source.within(most)
+
+    def left(self, most: int) -> float:
+        """Seconds until they are."""
+        return self.seconds * max((r.needed - self.source.seeds for r in self.reachable(most)), default=0)
+
+
+def plan(out: Console, wanted: Wanted, place: Place) -> list[Step]:
+    """Every source with open claims, what is soonest settled first; a few updates of every model are timed."""
+    steps = []
+    with out.status("timing a few updates of every kind of model"):
+        for source in sources(wanted.rows()):
+            step = Step(source, source.seeds)
+            if source.within(wanted.most):
+                try:
+                    asked = group(source, source.seeds + 1, published_runs(source, wanted.published))
+                    step.seconds = _expected(engine.plan(asked.configs, place.runs), place)
+                except BenchError as error:
+                    step.stopped = str(error).rstrip(".")
+            steps.append(step)
+    return sorted(steps, key=lambda s: (not s.reachable(wanted.most), s.left(wanted.most)))
+
+
+def _expected(todo: Plan, place: Place) -> float:
+    """Seconds of all processes together."""
+    return sum(estimate.seconds(todo.tasks)) / min(_processes(place), max(1, len(todo.tasks)))
+
+
+def _processes(place: Place) -> int:
+    return place.workers or os.cpu_count() or 1
+
+
+def show_plan(out: Console, steps: Sequence[Step], wanted: Wanted, place: Place) -> None:
+    """A row an open claim: where, how many seeds there are, what would settle it, how long that takes."""
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for name, justify in (("claim", "left"), ("study and data", "left"), ("seeds", "right")):
+        table.add_column(name, justify=justify, no_wrap=name == "claim")  # type: ignore[arg-type]
+    table.add_column("to settle it", ratio=1)
+    table.add_column("time", justify="right")
+    for step in steps:
+        for row in step.source.rows:
+            what = row.outlook + (f"; beyond --max-seeds {wanted.most}" if row.needed > wanted.most else "")
+            cost = clock(step.seconds * (row.needed - row.seeds)) if row in step.reachable(wanted.most) else ""
+            told = escape(step.stopped or what)
+            table.add_row(row.claim.id, escape(step.source.name), str(row.seeds), told, cost)
+    out.print(table)
+    reachable = sum(len(s.reachable(wanted.most)) for s in steps)
+    count = sum(len(s.source.rows) for s in steps)
+    total = clock(sum(s.left(wanted.most) for s in steps))
+    out.print(
+        f"\n{count} open, {reachable} of them to be settled by seeds"
+        + (f", in about {total} with {_processes(place)} process(es)." if reachable else "."),
+        highlight=False,
+    )
+    if reachable:
+        out.print(
+            "Forecasts of seeds are about as often too low as too high; reading data and tests come on top. Published "
+            "seeds count as they are where the baselines come out as published.",
+            style="dim",
+            highlight=False,
+        )
+
+
+def settle(out: Console, steps: Sequence[Step], wanted: Wanted, place: Place, budget: float) -> None:
+    """Add seeds, one more of every configuration of a study at a time, and judge again after each.
+
+    Args:
+        out: where it is said.
+        steps: from `plan`; they say afterwards what was added.
+        wanted: what is to be settled.
+        place: where results go and who makes them.
+        budget: seconds; a group of trainings that is not expected to end within it is not begun.
+
+    Raises:
+        BenchError: the budget is too small for anything, or what `carry_out` raises.
+    """
+    deadline = time.monotonic() + budget
+    for step in steps:
+        if step.reachable(wanted.most):
+            _settle(out, step, wanted, place, deadline)
+    waiting = [s for s in steps if s.reachable(wanted.most)]
+    if waiting and not any(s.trainings or s.settled for s in steps):
+        raise BenchError(
+            f"One more seed of {waiting[0].source.name} takes about {clock(waiting[0].seconds)}, and the budget is "
+            f"{clock(budget)}: give a longer --budget."
+        )
+
+
+def _settle(out: Console, step: Step, wanted: Wanted, place: Place, deadline: float) -> None:
+    """Look by look, until the claims of a source are settled, nothing more is expected of seeds, or time is over."""
+    there = _counting(out, step, wanted, place)
+    while step.reachable(wanted.most):
+        started, seeds = time.monotonic(), step.source.seeds + 1
+        asked = group(step.source, seeds, there)
+        todo = engine.plan(asked.configs, place.runs)
+        step.seconds = _expected(todo, place)
+        if started + step.seconds > deadline:
+            return
+        left = clock(deadline - started)
+        out.print(
+            f"\nSeed {seeds} of [bold]{escape(step.source.name)}[/]: about {clock(step.seconds)}; {left} of the budget "
+            "are left.",
+            highlight=False,
+        )
+        carry_out(out, Job(asked, step.source.command(seeds)), todo, place, tables=False)
+        step.trainings += sum(len(t.configs) for t in todo.tasks)
+        step.spent += time.monotonic() - started
+        for row in _look(step, wanted):
+            out.print(f"  {_told(row)}", highlight=False)
+
+
+def _counting(out: Console, step: Step, wanted: Wanted, place: Place) -> dict[Run, object]:
+    """The published runs, if baselines made here have their errors; else none, and every seed is trained."""
+    published = published_runs(step.source, wanted.published)
+    if not published:
+        return {}
+    asked = seedless(group(step.source, 1))
+    made = engine.execute(engine.plan(asked.configs, place.runs), place.runs)
+    if unchanged(made, published):
+        return dict(published)
+    out.print(
+        f"The baselines of {escape(step.source.name)} do not come out as published: its data are read otherwise now. "
+        "All seeds are trained here.",
+        highlight=False,
+    )
+    return {}
+
+
+def _look(step: Step, wanted: Wanted) -> Iterator[Row]:
+    """Judge again: every claim of the source that was open, with its verdict now."""
+    old = step.source
+    rows = [r for r in wanted.rows() if (r.claim.study, r.dataset, r.preset) == (old.study, old.dataset, old.preset)]
+    still = next(iter(sources(rows)), replace(old, seeds=max(r.seeds for r in rows), rows=()))
+    step.source = still
+    before, now = ({r.claim.id for r in s.rows} for s in (old, still))
+    for row in rows:
+        if row.claim.id in before:
+            if row.claim.id not in now:
+                step.settled.append(row)
+            yield row
+
+
+def _told(row: Row) -> str:
+    """A verdict, and what it takes if it is none."""
+    j = row.judgement
+    found = f"{number(j.value)} ({number(j.low)} to {number(j.high)})"
+    return f"{row.claim.id}: {j.said}, {found}" + (f"; to settle it: {row.outlook}" if row.outlook else "")
+
+
+def show_result(out: Console, steps: Sequence[Step], wanted: Wanted) -> None:
+    """What was added, what that settled, what it cost; then every claim that was settled."""
+    touched = [s for s in steps if s.trainings or s.settled]
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for name in ("study and data", "seeds", "trainings", "time", "settled", "still open"):
+        table.add_column(name, justify="left" if name == "study and data" else "right")
+    for s in touched:
+        grown = f"{s.begun} → {s.source.seeds}"
+        counts = (s.trainings, clock(s.spent), len(s.settled), len(s.source.rows))
+        table.add_row(escape(s.source.name), grown, *map(str, counts))
+    out.print()
+    out.print(table)
+    for s in touched:
+        for row in s.settled:
+            out.print(f"{_told(row)} on {row.dataset}", highlight=False)
+    waiting = [s.source.name for s in steps if s.reachable(wanted.most)]
+    if waiting:
+        out.print(f"The budget is gone before {', '.join(waiting)}: the same command goes on.", highlight=False)
+    out.print("`bench check` counts what was added.", style="dim", highlight=False)

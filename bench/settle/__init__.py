@@ -1,0 +1,1 @@
+"""Which claims are open, and which runs would settle them: seeds are added to a study until its claims are settled."""

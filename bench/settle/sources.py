@@ -1,0 +1,158 @@
+"""Studies with open claims, and the runs of which their next seeds consist."""
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from bench.claims import claim, evidence, judge
+from bench.claims.estimate import OPEN
+from bench.claims.evidence import StudyRun
+from bench.claims.judge import Row
+from bench.claims.published import OTHER_PROCESSOR
+from bench.experiment import study
+from bench.experiment.config import RunConfig
+from bench.experiment.request import Options, Request, request
+from bench.experiment.seeds import MOST_SEEDS
+from bench.records.record import RunRecord
+from registry.errors import BenchError, near
+
+Run = tuple[str, tuple[str, ...], int, int]
+"""Configuration, outputs, horizon and seed."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be settled, and by which evidence."""
+
+    results: Path
+    published: Path
+    file: Path | None = None
+    """Of the claims; None: those of the paper."""
+    target: str | None = None
+    """A study or a claim; None: all."""
+    dataset: str | None = None
+    """None: all."""
+    most: int = MOST_SEEDS
+    """Seeds a configuration at most."""
+
+    def check(self) -> None:
+        """Raise `BenchError` where the target is neither a study that claims rest on nor a claim that runs settle."""
+        known = claim.read(self.file).claims
+        names = {c.id for c in known} | {c.study for c in known if c.study}
+        if self.target is not None and self.target not in names:
+            raise BenchError(
+                f"There is no study with claims, and no claim, {self.target!r}: {near(self.target, names)}"
+            )
+        if any(c.id == self.target and not c.study for c in known):
+            raise BenchError(f"The claim {self.target} is about recordings: no training settles it.")
+
+    def rows(self) -> list[Row]:
+        """The verdicts on comparative claims, as they are now.
+
+        Raises:
+            BenchError: there is no evidence of the study, or claim, on the data set.
+        """
+        gathered = evidence.gather(self.published, self.results / "studies")
+        rows = [r for r in judge.judge(claim.read(self.file), gathered, facts=False) if r.seeds and self._asked(r)]
+        if not rows:
+            what = f" of {self.target}" if self.target else ""
+            where = f" on {self.dataset}" if self.dataset else ""
+            begin = "`bench list studies` has what can be run, and `bench run STUDY` makes the first seeds"
+            raise BenchError(f"There is no evidence{what}{where} that more seeds could add to: {begin}.")
+        return rows
+
+    def _asked(self, row: Row) -> bool:
+        named = self.target in (None, row.claim.id, row.claim.study)
+        return named and self.dataset in (None, row.dataset) and row.claim.scope == "comparative"
+
+
+@dataclass(frozen=True)
+class Source:
+    """One study on one data set at one preset, of which claims are open."""
+
+    study: str
+    dataset: str
+    preset: str
+    seeds: int
+    """That a configuration has."""
+    rows: tuple[Row, ...]
+    """The open claims."""
+
+    @property
+    def name(self) -> str:
+        """Study and data set."""
+        return f"{self.study} on {self.dataset}"
+
+    def within(self, most: int) -> list[Row]:
+        """The claims that so many seeds are expected to settle."""
+        return [r for r in self.rows if 0 < r.needed <= most]
+
+    def command(self, seeds: int) -> list[str]:
+        """Arguments of `bench` that make the same records, and those of the seeds before."""
+        preset = [] if self.preset == study.PRESETS[1] else ["--preset", self.preset]
+        return ["run", self.study, "--dataset", self.dataset, *preset, "--seeds", str(seeds)]
+
+
+def sources(rows: Iterable[Row]) -> list[Source]:
+    """The open claims by where their evidence comes from."""
+    found: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        if row.judgement.verdict == OPEN:
+            found.setdefault((row.claim.study, row.dataset, row.preset), []).append(row)
+    return [Source(*where, rows[0].seeds, tuple(rows)) for where, rows in found.items()]
+
+
+def published_runs(source: Source, published: Path) -> dict[Run, StudyRun]:
+    """The runs of the study that were published as it is declared."""
+    return {
+        (r.spec, r.outputs, r.horizon, r.seed): r
+        for folder in evidence.folders(published)
+        if folder.comparable and (folder.study, folder.preset) == (source.study, source.preset)
+        for r in folder.runs
+        if r.dataset == source.dataset
+    }
+
+
+def group(source: Source, seeds: int, there: Collection[Run] = ()) -> Request:
+    """The study with so many seeds, without the trainings that are there; what has no seed is in it.
+
+    Raises:
+        BenchError: its data are absent.
+    """
+    asked = request(source.study, Options(source.dataset, source.preset, seeds))
+    configs = [c for c in asked.configs if not _trained(c) or _run(c) not in there]
+    return replace(asked, title=f"{asked.title.rpartition(', ')[0]}, further seeds", configs=configs)
+
+
+def seedless(asked: Request) -> Request:
+    """The baselines of it alone: whether the data are read as they were shows in them, in seconds."""
+    return replace(asked, configs=[c for c in asked.configs if not _trained(c)])
+
+
+def _trained(config: RunConfig) -> bool:
+    return config.predictor.training == "gradient"
+
+
+def _run(config: RunConfig) -> Run:
+    config = config.resolved()
+    return config.spec, config.outputs, config.horizon, config.seed
+
+
+def unchanged(made: Sequence[RunRecord], published: dict[Run, StudyRun]) -> bool:
+    """Whether baselines have the errors that were published, to what another processor rounds otherwise.
+
+    If so, data, parts and windows are as they were then, and published seeds are seeds of the same problem. Without a
+    baseline in both nobody knows.
+    """
+    met = 0
+    for record in made:
+        run = StudyRun.of(record.summary)
+        old = published.get((run.spec, run.outputs, run.horizon, run.seed))
+        if old is None:
+            continue
+        met += 1
+        for name, value in run.metrics.items():
+            before = old.metrics.get(name)
+            if value is None or before is None or abs(value - before) > OTHER_PROCESSOR * abs(before):
+                return False
+    return met > 0
