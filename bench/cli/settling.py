@@ -2,14 +2,14 @@
 
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench.claims.estimate import number
+from bench.claims.estimate import OPEN, number
 from bench.claims.judge import Row
 from bench.cli.job import Job, carry_out
 from bench.cli.place import Place
@@ -25,15 +25,22 @@ class Step:
     """A source of evidence, what it costs to add to it, and what was added."""
 
     source: Source
-    begun: int
-    """Seeds at the beginning."""
+    begun: Source
+    """As it was at the beginning."""
     seconds: float = 0.0
     """That one more seed of every configuration is expected to take."""
     stopped: str = ""
     """Why nothing is added, or no more: a clause."""
     spent: float = 0.0
     trainings: int = 0
-    settled: list[Row] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+    """The verdicts on all its claims, as they are since seeds were added."""
+
+    @property
+    def settled(self) -> list[Row]:
+        """What was open and is not any more."""
+        was, still = ({r.claim.id for r in s.rows} for s in (self.begun, self.source))
+        return [r for r in self.rows if r.claim.id in was - still]
 
     def reachable(self, most: int) -> list[Row]:
         """The claims that are expected to be settled by so many seeds."""
@@ -49,7 +56,7 @@ def plan(out: Console, wanted: Wanted, place: Place) -> list[Step]:
     steps = []
     with out.status("timing a few updates of every kind of model"):
         for source in sources(wanted.rows()):
-            step = Step(source, source.seeds)
+            step = Step(source, source)
             if source.within(wanted.most):
                 try:
                     asked = group(source, source.seeds + 1, published_runs(source, wanted.published))
@@ -118,7 +125,7 @@ def settle(out: Console, steps: Sequence[Step], wanted: Wanted, place: Place, bu
         if step.reachable(wanted.most):
             _settle(out, step, wanted, place, deadline)
     waiting = [s for s in steps if s.reachable(wanted.most)]
-    if waiting and not any(s.trainings or s.settled for s in steps):
+    if waiting and not any(s.rows for s in steps):
         raise BenchError(
             f"One more seed of {waiting[0].source.name} takes about {clock(waiting[0].seconds)}, and the budget is "
             f"{clock(budget)}: give a longer --budget."
@@ -144,8 +151,11 @@ def _settle(out: Console, step: Step, wanted: Wanted, place: Place, deadline: fl
         carry_out(out, Job(asked, step.source.command(seeds)), todo, place, tables=False)
         step.trainings += sum(len(t.configs) for t in todo.tasks)
         step.spent += time.monotonic() - started
-        for row in _look(step, wanted):
-            out.print(f"  {_told(row)}", highlight=False)
+        open_before = {r.claim.id for r in step.source.rows}
+        _look(step, wanted)
+        for row in step.rows:
+            if row.claim.id in open_before or row.judgement.verdict == OPEN:
+                out.print(f"  {_told(row)}", highlight=False)
 
 
 def _counting(out: Console, step: Step, wanted: Wanted, place: Place) -> dict[Run, object]:
@@ -165,18 +175,13 @@ def _counting(out: Console, step: Step, wanted: Wanted, place: Place) -> dict[Ru
     return {}
 
 
-def _look(step: Step, wanted: Wanted) -> Iterator[Row]:
-    """Judge again: every claim of the source that was open, with its verdict now."""
+def _look(step: Step, wanted: Wanted) -> None:
+    """Judge all claims of the source again."""
     old = step.source
-    rows = [r for r in wanted.rows() if (r.claim.study, r.dataset, r.preset) == (old.study, old.dataset, old.preset)]
-    still = next(iter(sources(rows)), replace(old, seeds=max(r.seeds for r in rows), rows=()))
-    step.source = still
-    before, now = ({r.claim.id for r in s.rows} for s in (old, still))
-    for row in rows:
-        if row.claim.id in before:
-            if row.claim.id not in now:
-                step.settled.append(row)
-            yield row
+    here = (old.study, old.dataset, old.preset)
+    step.rows = [r for r in wanted.rows() if (r.claim.study, r.dataset, r.preset) == here]
+    settled = replace(old, seeds=max(r.seeds for r in step.rows), rows=())
+    step.source = next(iter(sources(step.rows)), settled)
 
 
 def _told(row: Row) -> str:
@@ -188,12 +193,12 @@ def _told(row: Row) -> str:
 
 def show_result(out: Console, steps: Sequence[Step], wanted: Wanted) -> None:
     """What was added, what that settled, what it cost; then every claim that was settled."""
-    touched = [s for s in steps if s.trainings or s.settled]
+    touched = [s for s in steps if s.rows]
     table = Table(box=None, header_style="bold", pad_edge=False)
     for name in ("study and data", "seeds", "trainings", "time", "settled", "still open"):
         table.add_column(name, justify="left" if name == "study and data" else "right")
     for s in touched:
-        grown = f"{s.begun} → {s.source.seeds}"
+        grown = f"{s.begun.seeds} → {s.source.seeds}"
         counts = (s.trainings, clock(s.spent), len(s.settled), len(s.source.rows))
         table.add_row(escape(s.source.name), grown, *map(str, counts))
     out.print()

@@ -1,0 +1,176 @@
+"""`bench settle`: the plan, seeds that are added until a claim is settled, what stops it, what it leaves."""
+
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.cli import main
+from bench.execution import estimate
+from bench.experiment import study
+from bench.experiment.config import RunConfig
+from bench.experiment.grid import effort, grid
+from bench.experiment.study import Study
+from bench.settle.sources import Wanted
+from registry.contracts import Dataset
+
+Bench = Callable[..., tuple[int, str]]
+NAME = "two_networks"
+SPECS = ("MLFC: 1x4 - MLP: 4x10", "LSTM: 1x4 - MLP: 4x10", "linear")
+CLAIMS = """
+[[claim]]
+id = "neither-fails"
+text = "Trainings of one kind fail about as often as those of the other."
+source = "nowhere"
+scope = "comparative"
+study = "two_networks"
+judge = {{kind = "diverged", a = "MLFC*", b = "LSTM*"}}
+accept = [-{0}, {0}]
+
+[[claim]]
+id = "one-always-fails"
+text = "All trainings of one kind fail, and none of the other."
+source = "nowhere"
+scope = "comparative"
+study = "two_networks"
+judge = {{kind = "diverged", a = "MLFC*", b = "LSTM*"}}
+accept = [1.0, 1.0]
+"""
+"""Nothing diverges, so that an interval depends on the number of seeds alone."""
+
+
+def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
+    axes = [(c,) for c in dataset.predicted_channels()[:1]]
+    return grid(SPECS, dataset, {5: effort(2, 2)}, axes)
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Bench:
+    """A command as a user types it, with a study of two small networks: exit code and everything printed."""
+    made = Study(NAME, "two", "which?", "nowhere", "toy", runs, ())
+    monkeypatch.setattr(study, "studies", lambda: {NAME: made})
+    monkeypatch.setattr(study, "titles", lambda: {NAME: made.title})
+    monkeypatch.setattr(study, "default_datasets", lambda: {NAME: "toy"})
+
+    def run(*arguments: Any) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["bench", *map(str, arguments)])
+        capsys.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        printed = capsys.readouterr()
+        return code, " ".join((printed.out + printed.err).split())
+
+    return run
+
+
+@pytest.fixture
+def here(bench: Bench, tmp_path: Path) -> list[Any]:
+    """Options that name a folder where the study was published with two seeds, and a claim that five settle."""
+    code, printed = bench("run", NAME, "--results", tmp_path / "first", "--no-track", "--workers", 1)
+    assert code == 0, printed
+    (made,) = (tmp_path / "first" / "studies").iterdir()
+    shutil.copytree(made, tmp_path / "published" / NAME)
+    (tmp_path / "claims.toml").write_text(CLAIMS.format(0.62))
+    where = ["--results", tmp_path / "results", "--published", tmp_path / "published"]
+    return [*where, "--claims", tmp_path / "claims.toml", "--workers", 1, "--no-track"]
+
+
+def seeds(results: Path) -> list[int]:
+    """Of the trainings recorded."""
+    summaries = [json.loads(p.read_text()) for p in results.glob("runs/*/record.json")]
+    return sorted(s["seed"] for s in summaries if s["spec"] != "linear")
+
+
+def test_a_plan_says_what_is_open_and_trains_nothing(bench: Bench, here: list[Any], tmp_path: Path) -> None:
+    code, printed = bench("settle", "--dry-run", *here)
+    assert code == 0, printed
+    assert "neither-fails two_networks on toy 2 about" in printed and "more seeds a configuration" in printed
+    assert "1 open, 1 of them to be settled by seeds" in printed
+    assert not (tmp_path / "results").exists()
+
+
+def test_seeds_are_added_until_the_claim_is_settled(bench: Bench, here: list[Any], tmp_path: Path) -> None:
+    wanted = Wanted(tmp_path / "results", tmp_path / "published", tmp_path / "claims.toml")
+    (before,) = [r for r in wanted.rows() if r.claim.id == "neither-fails"]
+    assert (before.judgement.verdict, before.seeds) == ("not enough evidence", 2)
+    code, printed = bench("settle", "neither-fails", *here)
+    assert code == 0, printed
+    (after,) = [r for r in wanted.rows() if r.claim.id == "neither-fails"]
+    assert after.judgement.verdict == "reproduced" and 2 < after.seeds <= before.needed
+    added = list(range(2, after.seeds))
+    assert seeds(tmp_path / "results") == sorted(2 * added)  # the published ones are not trained again
+    assert f"2 → {after.seeds} {2 * len(added)} " in printed and "neither-fails: reproduced, 0 (-0." in printed
+    records = {p.parent.name: p.read_bytes() for p in tmp_path.glob("results/runs/*/record.json")}
+    assert bench("settle", *here)[1].startswith("Nothing is open")
+    again = tmp_path / "again"
+    bench("run", NAME, "--seeds", after.seeds, "--results", again, "--no-track", "--workers", 1)
+    assert {n: (again / "runs" / n / "record.json").read_bytes() for n in records} == records
+
+
+def test_what_was_added_before_it_was_stopped_is_not_trained_again(
+    bench: Bench, here: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from bench.cli import settling
+
+    done, carry_out = [], settling.carry_out
+
+    def interrupted(*args: Any, **options: Any) -> None:
+        carry_out(*args, **options)
+        done.append(1)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(settling, "carry_out", interrupted)
+    assert bench("settle", NAME, *here)[0] == 130 and seeds(tmp_path / "results") == [2, 2]
+    written = {p: p.stat().st_mtime_ns for p in tmp_path.glob("results/runs/*/record.json")}
+    monkeypatch.setattr(settling, "carry_out", carry_out)
+    code, printed = bench("settle", NAME, *here)
+    assert code == 0 and "3 → " in printed, printed
+    assert written == {p: p.stat().st_mtime_ns for p in written}
+
+
+def test_published_seeds_of_other_data_do_not_count(bench: Bench, here: list[Any], tmp_path: Path) -> None:
+    file = tmp_path / "published" / NAME / "study.json"
+    content = json.loads(file.read_text())
+    for run in content["runs"]:
+        run["metrics"] = {k: (1.02 if run["spec"] == "linear" else 1.0) * v for k, v in run["metrics"].items()}
+    file.write_text(json.dumps(content))
+    code, printed = bench("settle", NAME, *here)
+    assert code == 0 and "do not come out as published" in printed, printed
+    assert set(seeds(tmp_path / "results")) >= {0, 1, 2}
+
+
+def test_a_budget_stops_it(bench: Bench, here: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimate, "seconds", lambda tasks: [1000.0 * len(t.keys) * (t.updates > 1) for t in tasks])
+    code, printed = bench("settle", NAME, "--budget", "30m", *here)
+    assert code == 2 and "One more seed of two_networks on toy takes about 33:20" in printed
+    assert "give a longer --budget" in printed and not seeds(tmp_path / "results")
+    code, printed = bench("settle", NAME, "--budget", "34m", *here)
+    assert code == 0 and len(seeds(tmp_path / "results")) > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("neither-fail",), "'neither-fail': did you mean neither-fails"),
+        (("two_networks", "--budget", "soon"), "'soon' is no time"),
+        (("--budget", "0m"), "'0m' is no time"),
+        (("--max-seeds", "40"), "range"),
+        (("--dataset", "helicopter_twin"), "There is no evidence on helicopter_twin"),
+        (("--dataset", "helicopter_twni"), "helicopter_twin"),
+    ],
+)
+def test_a_mistake_is_one_sentence(bench: Bench, here: list[Any], arguments: tuple[str, ...], says: str) -> None:
+    code, printed = bench("settle", *arguments, *here)
+    assert code == 2 and says in printed, printed
+
+
+def test_a_claim_about_recordings_takes_no_training(bench: Bench, tmp_path: Path) -> None:
+    code, printed = bench("settle", "pelican-samples", "--results", tmp_path)
+    assert code == 2 and "is about recordings" in printed
