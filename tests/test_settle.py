@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from bench.claims.evidence import gather
 from bench.cli import main
 from bench.execution import estimate
 from bench.experiment import study
@@ -144,6 +145,15 @@ def test_published_seeds_of_other_data_do_not_count(bench: Bench, here: list[Any
     code, printed = bench("settle", NAME, *here)
     assert code == 0 and "do not come out as published" in printed, printed
     assert set(seeds(tmp_path / "results")) >= {0, 1, 2}
+
+
+def test_the_first_look_is_at_the_fewest_seeds_of_a_study_that_was_finished(
+    bench: Bench, here: list[Any], tmp_path: Path
+) -> None:
+    local = tmp_path / "results" / "studies"
+    bench("run", NAME, "--seeds", 4, "--results", tmp_path / "results", "--no-track", "--workers", 1)
+    (both,), (alone,) = gather(tmp_path / "published", local), gather(tmp_path / "none", local)
+    assert (both.first, both.seeds, alone.first, alone.seeds) == (2, 4, 4, 4)
 
 
 def test_a_budget_stops_it(bench: Bench, here: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -79,7 +79,7 @@ def judge(
             continue
         judgement = family.judged(question, alpha, len(asked))
         needed, seeds = outlook(question, alpha) if judgement.verdict == OPEN else ("", 0)
-        command = _command(claim, homes, found.dataset, found.preset, seeds)
+        command = _command(claim, homes, found.dataset, found.preset, seeds > 0)
         rows[claim.id].append(
             Row(
                 claim=claim,
@@ -124,18 +124,14 @@ def _patterns(claim: Claim) -> list[str]:
     return [*pairs, *listed, *(getattr(kind, name) for name in ("a", "b") if hasattr(kind, name))]
 
 
-def _command(claim: Claim, homes: Mapping[str, str], dataset: str = "", preset: str = "", seeds: int = 0) -> str:
-    """The command that brings evidence, or more of it: the study, then with more seeds or at its largest preset."""
+def _command(claim: Claim, homes: Mapping[str, str], dataset: str = "", preset: str = "", seeds: bool = False) -> str:
+    """The command that brings evidence, or more of it: seeds where they help, else the study, at its largest preset."""
     if not claim.study:
         return shlex.join(["bench", "data", "inspect", claim.needs])
-    words = ["bench", "run", claim.study]
-    if dataset not in ("", homes.get(claim.study)):
+    words = ["bench", "settle", claim.id] if seeds else ["bench", "run", claim.study]
+    if seeds or dataset not in ("", homes.get(claim.study)):
         words += ["--dataset", dataset]
-    if seeds:
-        words += ([] if preset == "laptop" else ["--preset", preset]) + ["--seeds", str(seeds)]
-    elif preset:
-        words += ["--preset", "paper"]
-    return shlex.join(words)
+    return shlex.join(words + (["--preset", "paper"] if preset and not seeds else []))
 
 
 def _bound(

@@ -177,7 +177,7 @@ def _summarize(rows: Sequence[Any], out: Any, brief: bool) -> None:
         out.print(
             "Of the verdicts on comparative claims at most 5 % are expected to be wrong (Benjamini and Hochberg); "
             "intervals are plain 95 % ones. `bench check -v` says what each rests on and what would settle it; "
-            "`--claim ID` says it of one.",
+            "`--claim ID` says it of one. `bench settle` adds the seeds that some of them need.",
             style="dim",
             highlight=False,
         )
