@@ -63,7 +63,7 @@ class MotorLag(InputEffect):
         up, down = (tensor(t, segments).unsqueeze(-1) for t in (self.tau_up, self.tau_down))
         if segments.device.type != "cpu" or any(x.requires_grad for x in (first, segments, up, down)):
             return super().over(first, segments, dt, held)
-        shape = torch.broadcast_shapes(first.shape, up.shape, down.shape)
+        shape = np.broadcast_shapes(first.shape, up.shape, down.shape)
         path = torch.from_numpy(_lagged(first.expand(shape), segments, up.expand(shape), down.expand(shape), dt / 2))
         memories = path[::2].movedim(0, -2).contiguous()
         out = segments.new_empty(*shape[:-1], segments.shape[-3], 3, shape[-1])
