@@ -15,8 +15,13 @@ from bench.diagnose.fit import fitted
 from bench.diagnose.learn.candidates import equation_of
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.request import is_request, parsed
+from bench.diagnose.learn.spectral_line import Line
+from bench.diagnose.learn.waves import told, waves
+from bench.diagnose.learn.whatever import periodic, whatever
+from bench.diagnose.learned_shape import WAVE
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.report import wave_words
 from bench.diagnose.report.learned_words import described
 from bench.diagnose.result import ByGroup, NamedEffect
 from bench.diagnose.select.input_timing import prepared
@@ -27,6 +32,7 @@ from bench.diagnose.summaries import parameter_estimates
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel, unsuited
 from registry.effects.learned_term import LearnedTerm
+from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
@@ -78,7 +84,7 @@ class Extension(Displayed):
 def extend(
     subject: Subject,
     model: PhysicsModel,
-    add: Sequence[str | LearnedTerm],
+    add: Sequence[str | Effect],
     tick: Callable[[str], None] = lambda what: None,
     noise: Noise | None = None,
     rivals: Mapping[str, tuple[str, ...]] | None = None,
@@ -115,7 +121,12 @@ def extend(
             whole = start if last and start is not None else grown
             chain.append(*fitted(subject, whole, noise, tick, through_simulator=last))
     comparison = compare(subject, chain.lines(), noise=noise, horizon_s=horizon_s)
-    return _extension(subject, chain, comparison, len(model.effects), rivals or {})
+    lines = {
+        i: told(subject, chain.model, noise, i)
+        for i, e in enumerate(chain.model.effects)
+        if isinstance(e, PeriodicTerm)
+    }
+    return _extension(subject, chain, comparison, first=len(model.effects), rivals=rivals or {}, lines=lines)
 
 
 def ordered(model: PhysicsModel, known: int, names: Sequence[str]) -> PhysicsModel:
@@ -148,11 +159,11 @@ class _Chain:
         return dict(zip(names, self.models, strict=True))
 
 
-def _check_added(subject: Subject, model: PhysicsModel, add: Sequence[str | LearnedTerm]) -> None:
+def _check_added(subject: Subject, model: PhysicsModel, add: Sequence[str | Effect]) -> None:
     """Raise `BenchError` for what cannot be added to ``model``."""
     held = [EFFECTS.name_of(type(e)) for e in model.effects]
     for name in add:
-        if isinstance(name, LearnedTerm):
+        if isinstance(name, Effect):
             continue
         if is_request(name):
             parsed(name, subject.model)
@@ -167,7 +178,12 @@ def _check_added(subject: Subject, model: PhysicsModel, add: Sequence[str | Lear
 
 
 def _extension(
-    subject: Subject, chain: _Chain, comparison: Comparison, first: int, rivals: Mapping[str, tuple[str, ...]]
+    subject: Subject,
+    chain: _Chain,
+    comparison: Comparison,
+    first: int,
+    rivals: Mapping[str, tuple[str, ...]],
+    lines: Mapping[int, Line | None],
 ) -> Extension:
     """What each effect from the ``first`` on takes of the error, in the order in which they were added."""
     order, scale = list(chain.lines()), _scales(subject, comparison)
@@ -182,6 +198,7 @@ def _extension(
             before=comparison.error(order[i]),
             after=comparison.error(order[i + 1]),
             rivals=rivals,
+            line=lines.get(first + i),
         )
         for i, (effect, share) in enumerate(zip(chain.model.effects[first:], shares, strict=True))
     )
@@ -200,15 +217,21 @@ def _extension(
 def _starts(
     subject: Subject,
     model: PhysicsModel,
-    item: str | LearnedTerm,
+    item: str | Effect,
     noise: Noise,
     tick: Callable[[str], None],
 ) -> list[Effect]:
     """The effects that one item of `extend` adds to ``model``, with parameters from which a fit starts."""
-    if isinstance(item, LearnedTerm):
+    if isinstance(item, Effect):
         return [item]
     if is_request(item):
-        terms = learn(subject, model, noise, tick, parsed(item, model))
+        asked = parsed(item, model)
+        if asked is None:
+            terms = whatever(subject, model, noise, tick)
+        elif asked.signals == (WAVE,):
+            terms = tuple(periodic(line) for line in waves(subject, model, noise) if line.axis == asked.axis)
+        else:
+            terms = learn(subject, model, noise, tick, asked)
         if not terms:
             raise BenchError("Nothing is left that held-out recordings would confirm as a term: none is learned.")
         return list(terms)
@@ -224,8 +247,9 @@ def _named(
     before: ByGroup,
     after: ByGroup,
     rivals: Mapping[str, tuple[str, ...]],
+    line: Line | None,
 ) -> NamedEffect:
-    """An effect that was added to ``model``, with what was estimated of it."""
+    """An effect that was added to ``model``, with what was estimated of it; of a wave what its ``line`` says."""
     name = EFFECTS.name_of(type(effect))
     numbers = parameter_estimates(found)
     if isinstance(effect, LearnedTerm):
@@ -233,6 +257,10 @@ def _named(
         return NamedEffect(
             name, numbers, share, before, after, acts_on=equation_of(model, effect.axis), learned=True, term=term
         )
+    if isinstance(effect, PeriodicTerm) and line is not None:
+        term, numbers, single = wave_words.described(line, model)
+        wave = NamedEffect(name, numbers, share, before, after, learned=True, term=term, by_recording=single)
+        return replace(wave, acts_on=equation_of(model, effect.axis))
     alike = rivals.get(name, ())
     return NamedEffect(
         name, numbers, share, before, after, indistinguishable_from=alike, separate_by=_separate(name, alike)

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from bench.diagnose.extend import Extension, extend, ordered
 from bench.diagnose.learn.curve import curve
-from bench.diagnose.learn.learn import learn
+from bench.diagnose.learn.waves import folded
+from bench.diagnose.learn.whatever import whatever
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
@@ -14,8 +15,8 @@ from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.settings import EXTENDING
 from registry.core import EFFECTS
-from registry.dynamics import PhysicsModel
-from registry.effects.learned_term import LearnedTerm
+from registry.dynamics import Effect, PhysicsModel
+from registry.effects.waves.periodic_term import PeriodicTerm
 
 
 def learned(
@@ -39,7 +40,7 @@ def learned(
         horizon_s: longest horizon of the comparison [s].
         doubtful: whether the search for effects did not say that something is left.
     """
-    terms = learn(subject, model, noise, tick, doubtful=doubtful)
+    terms = whatever(subject, model, noise, tick, doubtful=doubtful)
     if not terms:
         return None
     names = [f.id for f in found]
@@ -50,7 +51,7 @@ def learned(
         base = subject.model
         whole = ordered(model, len(base.effects), names)
         start = replace(whole, effects=(*whole.effects, *terms))
-        asked: list[str | LearnedTerm] = [*names, *terms]
+        asked: list[str | Effect] = [*names, *terms]
         return extend(subject, base, asked, tick, noise, rivals=rivals, start=start, horizon_s=horizon_s)
 
     done = beside(names)
@@ -93,7 +94,13 @@ def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extensio
 
 def curves(subject: Subject, noise: Noise, extension: Extension) -> tuple[LearnedCurve, ...]:
     """The shapes of the terms that were learned, over the data."""
-    first = len(extension.model.effects) - len(extension.effects)
-    return tuple(
-        curve(subject, noise, extension.model, first + i, e) for i, e in enumerate(extension.effects) if e.learned
+    model = extension.model
+    first = len(model.effects) - len(extension.effects)
+    terms = ((first + i, e) for i, e in enumerate(extension.effects) if e.learned)
+    drawn = (
+        folded(subject, model, noise, place)
+        if isinstance(model.effects[place], PeriodicTerm)
+        else curve(subject, noise, model, place, e)
+        for place, e in terms
     )
+    return tuple(c for c in drawn if c is not None)

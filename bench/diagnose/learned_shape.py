@@ -2,16 +2,19 @@
 
 from dataclasses import dataclass
 
+WAVE = "wave"
+"""The shape of what swings at one frequency and follows no signal; each recording has its amplitude and phase."""
+
 
 @dataclass(frozen=True)
 class LearnedShape:
-    """A term that no catalogue has: f of one signal, times another one if there are two."""
+    """A term that no catalogue has: f of one signal, times another one if there are two; or a wave."""
 
     axis: str
     """Along which it acts, such as "world_force_x" or "speed.q" (then it is a rate of change)."""
     signals: tuple[str, ...]
     shape: str
-    """A formula of `registry.terms.shapes`, or "spline"."""
+    """A formula of `registry.terms.shapes`, "spline", or `WAVE`."""
     formula: str
     """As text, such as "k x"."""
     described: str
@@ -20,7 +23,7 @@ class LearnedShape:
     @property
     def name(self) -> str:
         """As `bench extend --add` takes it."""
-        return f"{self.axis} ~ {' * '.join(self.signals) or '1'}"
+        return f"{self.axis} ~ {WAVE if self.shape == WAVE else ' * '.join(self.signals) or '1'}"
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,8 @@ class NamedEffect:
     """Of a learned one: where it acts, what it follows and how."""
     saves: tuple[EffectSaving, ...] = ()
     """What it saves where it acts: in every equation by itself and along its axes; empty: none was judged."""
+    by_recording: dict[str, dict[str, ParameterEstimate]] = field(default_factory=dict)
+    """Parameters that differ from recording to recording; empty: there are none."""
 
     @property
     def main(self) -> EffectSaving | None:

@@ -1,8 +1,9 @@
 """What one would do instead, on the same logs: sparse regression, regression with BIC, a plain weak form.
 
-All three get what helps them: the columns of every effect of the catalogue, channels scaled by their noise, constants
-that may move within their uncertainty, bounds of the parameters, two Gauss–Newton steps once effects are chosen, and
-the thresholds below: those with the most exact sets less false names, as shares, on cases of the development seed.
+All three get what helps them: what an accelerometer shows, if there is one, the columns of every effect of the
+catalogue, channels scaled by their noise, constants that may move within their uncertainty, bounds of the parameters,
+two Gauss–Newton steps once effects are chosen, and the thresholds below: those with the most exact sets less false
+names, as shares, on cases of the development seed.
 """
 
 import warnings
@@ -83,27 +84,35 @@ def attempts(who: Subject, catalogue: Sequence[str]) -> dict[str, PhysicsModel]:
 
 
 def accelerations(linear: Directions) -> list[np.ndarray]:
-    """Differentiated velocity and rates against the model's, sample by sample."""
+    """Differentiated velocity and rates, and what an accelerometer shows, against the model's, sample by sample."""
     out = []
     for i, log in enumerate(linear.stack.logs):
-        states, count = log.states.numpy()[:, list(linear.channels)], len(log) - 1
-        slope = savgol_filter(states, *SMOOTH, deriv=1, delta=linear.stack.dt, axis=0)
+        paths, count = log.paths[:, list(linear.channels)], len(log) - 1
+        slope = savgol_filter(paths, *SMOOTH, deriv=1, delta=linear.stack.dt, axis=0)
         left = (slope[1:] + slope[:-1]) / 2 - linear.rates[i, :count]
-        out.append(np.concatenate([np.asarray(linear.columns)[:, i, :count], left[None]]))
+        columns = np.asarray(linear.columns)[:, i, :count]
+        out.append(_offset_free(linear, np.concatenate([columns, left[None]])))
     return out
 
 
 def changes(linear: Directions) -> list[np.ndarray]:
-    """Changes of velocity and rates over windows one after another, against the integral of the model's."""
+    """Changes of velocity, rates and the accelerometer's integral over windows in a row, against the model's."""
     length, dt, out = max(1, round(WINDOW / linear.stack.dt)), linear.stack.dt, []
     for i, log in enumerate(linear.stack.logs):
         starts = np.arange(0, len(log) - 1, length)[: (len(log) - 1) // length]
-        states = log.states.numpy()[:, list(linear.channels)]
+        paths = log.paths[:, list(linear.channels)]
         used = starts[-1] + length
         columns = np.add.reduceat(np.asarray(linear.columns)[:, i, :used], starts, axis=1) * dt
         model = np.add.reduceat(linear.rates[i, :used], starts, axis=0) * dt
-        out.append(np.concatenate([columns, (states[starts + length] - states[starts] - model)[None]]))
+        left = paths[starts + length] - paths[starts] - model
+        out.append(_offset_free(linear, np.concatenate([columns, left[None]])))
     return out
+
+
+def _offset_free(linear: Directions, rows: np.ndarray) -> np.ndarray:
+    """Rows (c + 1, n, channels) of a recording, without the offset that a sensor of rates has in it."""
+    sensor = np.array(linear.channels) >= linear.stack.states.shape[-1]
+    return rows - np.where(sensor, rows.mean(1, keepdims=True), 0.0)
 
 
 class Problem:

@@ -63,21 +63,13 @@ class LearnedTerm(LoadEffect, RateEffect):
 
     def load(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """Force (…, 3) [N] and torque (…, 3) [N m], body frame; see `LoadEffect.load`."""
-        none = torch.zeros_like(motion.air_velocity)
-        amount = self._amount([signals.of_motion(s, motion) for s in self.signals], none[..., 0]).unsqueeze(-1)
-        if self.axis in signals.TORQUES:
-            return none, amount * torch.eye(3, dtype=none.dtype, device=none.device)[signals.TORQUES[self.axis]]
-        i, of_world = {**signals.FORCES, **signals.WORLD_FORCES}[self.axis]
-        along = motion.rotation[..., i, :] if of_world else torch.eye(3, dtype=none.dtype, device=none.device)[i]
-        return amount * along, none
+        followed = [signals.of_motion(s, motion) for s in self.signals]
+        return signals.load_along(self.axis, self._amount(followed, torch.zeros_like(motion.velocity[..., 0])), motion)
 
     def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
         """What it adds to dx/dt (…, s); see `RateEffect.rate`."""
         followed = [signals.of_state(s, model, state, inputs) for s in self.signals]
-        amount = self._amount(followed, torch.zeros_like(state[..., 0]))
-        place = [c.name for c in model.state_channels].index(self.axis)
-        along = torch.eye(state.shape[-1], dtype=state.dtype, device=state.device)[place]
-        return amount.unsqueeze(-1) * along
+        return signals.rate_along(self.axis, self._amount(followed, torch.zeros_like(state[..., 0])), model, state)
 
     def _amount(self, followed: list[Tensor], none: Tensor) -> Tensor:
         amount = self.function(followed[0] if followed else none)

@@ -110,3 +110,20 @@ def of_state(name: str, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
     if name in channels:
         return state[..., channels.index(name)]
     return inputs[..., input_names(type(model), *drive_of(model)).index(name)]
+
+
+def load_along(axis: str, amount: Tensor, motion: Motion) -> tuple[Tensor, Tensor]:
+    """Force (…, 3) [N] and torque (…, 3) [N m] in the body frame, of so much (…) along an axis."""
+    none, amount = torch.zeros_like(motion.air_velocity), amount.unsqueeze(-1)
+    unit = torch.eye(3, dtype=none.dtype, device=none.device)
+    if axis in TORQUES:
+        return none, amount * unit[TORQUES[axis]]
+    i, of_world = {**FORCES, **WORLD_FORCES}[axis]
+    return amount * (motion.rotation[..., i, :] if of_world else unit[i]), none
+
+
+def rate_along(axis: str, amount: Tensor, model: PhysicsModel, state: Tensor) -> Tensor:
+    """So much (…) as an addition to dx/dt (…, s) of the state called ``axis``, for states (…, s)."""
+    place = [c.name for c in model.state_channels].index(axis)
+    unit = torch.eye(state.shape[-1], dtype=state.dtype, device=state.device)
+    return amount.unsqueeze(-1) * unit[place]

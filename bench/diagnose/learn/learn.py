@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -18,12 +19,13 @@ from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
 from bench.diagnose.select.search import Look, Search
 from bench.diagnose.simulate.unmeasured import hidden
-from registry.dynamics import PhysicsModel
+from registry.dynamics import Effect, PhysicsModel
 from registry.dynamics.model import RATE_OF
 from registry.effects.learned_term import LearnedTerm
 from registry.errors import BenchError
 from registry.terms.shapes import SPLINE
 
+E = TypeVar("E", bound=Effect)
 LARGE = 0.3
 """Share of what can be explained in an equation that suffices where a term is met in few places, such as a wall."""
 FEW = 150
@@ -74,7 +76,7 @@ def learn(
             return ()
         tick("formulas")
         terms = seen.as_formulas(splines)
-        return terms if only is not None else _worthy(subject, noise, search, model, terms, doubtful)
+        return terms if only is not None else worthy(subject, noise, search, model, terms, doubtful)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,15 +188,24 @@ def _term(pair: Pair, shape: str, values: tuple[float, ...], signals: dict[str, 
     return LearnedTerm(pair.axis, follows, shape, values, (), span_of(signals[(follows or pair.signals)[0]]))
 
 
-def _worthy(
+def worthy(
     subject: Subject,
     noise: Noise,
     search: Search,
     model: PhysicsModel,
-    terms: Sequence[LearnedTerm],
+    terms: Sequence[E],
     doubtful: bool,
-) -> tuple[LearnedTerm, ...]:
-    """The terms that save enough, for sure, on held-out recordings; the least goes first."""
+) -> tuple[E, ...]:
+    """The terms that save enough, for sure, on held-out recordings; the least goes first.
+
+    Args:
+        subject: measurements.
+        noise: of them.
+        search: of the subject.
+        model: without the terms.
+        terms: to choose from.
+        doubtful: whether a term must save a large share.
+    """
     if not subject.held_out:
         return tuple(terms)
     weighing, kept = Weighing(subject, noise, model), list(terms)

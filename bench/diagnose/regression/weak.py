@@ -23,7 +23,9 @@ from torch import Tensor
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.recurrence import solved
+from bench.diagnose.regression.wave import wave
 from registry.dynamics import Effect, InternalEffect, PhysicsModel
+from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.errors import BenchError
 from registry.physics.rigid_body import RigidBody
 
@@ -105,7 +107,9 @@ def mean_rates(model: PhysicsModel, stack: Stack) -> Tensor:
     else:
         middle, slopes = (u0, torch.zeros_like(u0)) if held else ((u0 + u1) / 2, (u1 - u0) / stack.dt)
     state, many = model.project((before + after) / 2), how_many(model)
-    path = None if not model.internal_size else _own_path(model, stack, middle, slopes)
+    path = None
+    if model.internal_size:
+        path = _recalled(_own_path(model, stack, middle, slopes), model, stack)
     shape = (*(() if many is None else (many,)), *state.shape[:-1])
     sensed = stack.sensed
     out = state.new_empty(*shape, size + (len(model.sensed_channels) if sensed else 0))
@@ -172,7 +176,36 @@ def own_states(model: PhysicsModel, stack: Stack) -> Tensor:
     u0, u1 = stack.inputs[:, :-1], stack.inputs[:, 1:]
     held = model.input_hold == "previous"
     middle, slopes = (u0, torch.zeros_like(u0)) if held else ((u0 + u1) / 2, (u1 - u0) / stack.dt)
-    return _own_path(model, stack, middle, slopes)
+    return _recalled(_own_path(model, stack, middle, slopes), model, stack, so_far=True)
+
+
+def _recalled(path: Tensor, model: PhysicsModel, stack: Stack, so_far: bool = False) -> Tensor:
+    """The effects' own states (…, L, N, i), of those that only what was measured tells as that does.
+
+    Args:
+        path: of all of them.
+        model: with the effects.
+        stack: measurements.
+        so_far: whether a sample may know what came before it only, or the whole recording.
+    """
+    waves = [e for e in model.effects if isinstance(e, PeriodicTerm)]
+    if not waves:
+        return path
+    rest = replace(model, effects=tuple(e for e in model.effects if not isinstance(e, PeriodicTerm)))
+    rates, places = mean_rates(rest, stack), list(stack.measured)
+    left = (torch.from_numpy(stack.paths).diff(dim=1) / stack.dt - rates)[..., places]
+    good = torch.zeros(left.shape[-3:-1], dtype=torch.bool)
+    for i, log in enumerate(stack.logs):
+        good[i, : len(log) - 1] = log.valid[:-1] & log.valid[1:]
+    path, at = path.clone(), 0
+    for effect in model.effects:
+        if isinstance(effect, PeriodicTerm):
+            unit = replace(rest, effects=(*rest.effects, effect.constant()))
+            along = (mean_rates(unit, stack) - rates)[..., places]
+            amount = (along * left).sum(-1) / along.square().sum(-1).clamp_min(1e-300)
+            path[..., at : at + 2] = wave(amount, good, effect.frequency, stack.dt, so_far)
+        at += effect.internal_size
+    return path
 
 
 def _own_path(model: PhysicsModel, stack: Stack, middle: Tensor, slopes: Tensor) -> Tensor:
@@ -181,6 +214,8 @@ def _own_path(model: PhysicsModel, stack: Stack, middle: Tensor, slopes: Tensor)
     states = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
     middle, slopes = _for_all(model, many, middle, slopes)
     shape = (*(() if many is None else (many,)), *states.shape[:-1])
+    if all(isinstance(e, PeriodicTerm) for e in model.effects if e.internal_size):
+        return stack.states.new_zeros(*shape[:-1], shape[-1] + 1, model.internal_size)
     if isinstance(model, RigidBody):
         at_once = _swing_rates(model, states, middle, slopes)
 

@@ -68,11 +68,25 @@ def _ties(d: Diagnosis) -> list[NamedEffect]:
     return [e for e in d.effects if e.indistinguishable_from]
 
 
-def _learned(d: Diagnosis) -> list[Drawing]:
-    return [
+@dataclass(frozen=True)
+class _Learned:
+    drawings: Sequence[Drawing]
+    single: Sequence[tuple[str, Sequence[str], Sequence[tuple[str, ...]]]]
+    """Of terms that differ from recording to recording: what it is, heads and rows of a table."""
+
+
+def _learned(d: Diagnosis) -> _Learned | None:
+    drawings = [
         Drawing(f"{phrases.named(c.y_quantity)} against {phrases.named(c.x_signal)}", "", figures.learned_shape(c))
         for c in d.evidence.learned
     ]
+    single = []
+    for e in d.effects:
+        heads = list(dict.fromkeys(n for numbers in e.by_recording.values() for n in numbers))
+        rows = [(r, *(phrases.estimate(n, p) for n, p in numbers.items())) for r, numbers in e.by_recording.items()]
+        if rows:
+            single.append((phrases.named(e.name), ("recording", *heads), rows))
+    return _Learned(drawings, single) if drawings or single else None
 
 
 def _waterfall(d: Diagnosis) -> list[Drawing]:

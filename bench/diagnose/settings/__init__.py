@@ -11,6 +11,7 @@ from bench.diagnose.settings.checks import Aligning, Freezing, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
 from bench.diagnose.settings.logs import Hearing, Reading
 from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Telling
+from bench.diagnose.settings.unseen import Unseen
 
 COMPARING = Comparing()
 LOCATING = Locating()
@@ -29,6 +30,7 @@ TURNING = Turning()
 LIFTING = Lifting()
 READING = Reading()
 HEARING = Hearing()
+UNSEEN = Unseen()
 
 EVERY = (
     COMPARING,
@@ -48,6 +50,7 @@ EVERY = (
     LIFTING,
     READING,
     HEARING,
+    UNSEEN,
 )
 
 

@@ -1,0 +1,67 @@
+"""All that can be learned of what a model leaves: waves that follow nothing, and functions of measured signals."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import torch
+
+from bench.diagnose.learn.learn import learn, worthy
+from bench.diagnose.learn.spectral_line import Line
+from bench.diagnose.learn.waves import waves
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.search import Search
+from registry.dynamics import Effect, PhysicsModel
+from registry.effects.waves.periodic_term import PeriodicTerm
+
+
+def whatever(
+    subject: Subject,
+    model: PhysicsModel,
+    noise: Noise | None = None,
+    tick: Callable[[str], None] = lambda what: None,
+    doubtful: bool = False,
+) -> tuple[Effect, ...]:
+    """The terms that ``model`` lacks: waves first, then functions of signals beside them.
+
+    What answers a wave would be taken for its cause: a wave comes first. What follows signals in a way that was not
+    seen before they were learned may look like a wave: it must be there beside them too.
+
+    Args:
+        subject: measurements.
+        model: with the effects it has, its constants calibrated.
+        noise: default `noise.noise_of`.
+        tick: called with what is being done.
+        doubtful: see `learn`.
+    """
+    subject, noise = prepared(subject, noise, tick)
+    tick("what swings")
+    found = _waves(subject, model, noise, tick)
+    terms = learn(subject, _with(model, *found), noise, tick, doubtful=doubtful)
+    if not (found and terms):
+        return (*found, *terms)
+    again = _waves(subject, _with(model, *terms), noise, tick)
+    if len(again) < len(found):
+        terms = learn(subject, _with(model, *again), noise, tick, doubtful=doubtful)
+    return (*again, *terms)
+
+
+def _waves(
+    subject: Subject, model: PhysicsModel, noise: Noise, tick: Callable[[str], None]
+) -> tuple[PeriodicTerm, ...]:
+    """The waves that ``model`` lacks and that save enough on held-out recordings."""
+    found = [periodic(line) for line in waves(subject, model, noise)]
+    if not found:
+        return ()
+    with torch.no_grad():
+        return worthy(subject, noise, Search(subject, (), tick, noise), model, found, doubtful=False)
+
+
+def periodic(line: Line) -> PeriodicTerm:
+    """A line as an effect, its frequency with seven digits."""
+    return PeriodicTerm(line.axis, float(f"{line.frequency:.7g}"))
+
+
+def _with(model: PhysicsModel, *effects: Effect) -> PhysicsModel:
+    return replace(model, effects=(*model.effects, *effects))

@@ -1,0 +1,1 @@
+"""What swings at one frequency, whatever the system does."""
