@@ -140,7 +140,7 @@ class Registry:
 
     def check(self, name: str) -> None:
         """Raise `BenchError` where no entry is called ``name``, with the near names; only plug-ins are imported."""
-        if entry_points(group=self.group):
+        if not self._loaded and entry_points(group=self.group):
             self._load()  # a plug-in may file more than its source tells
         known = self._entries if self._loaded else self.outline()
         if name.lower() not in map(str.lower, known):

@@ -89,7 +89,7 @@ def accelerations(linear: Directions) -> list[np.ndarray]:
         states, count = log.states.numpy()[:, list(linear.channels)], len(log) - 1
         slope = savgol_filter(states, *SMOOTH, deriv=1, delta=linear.stack.dt, axis=0)
         left = (slope[1:] + slope[:-1]) / 2 - linear.rates[i, :count]
-        out.append(np.concatenate([linear.columns[:, i, :count], left[None]]))
+        out.append(np.concatenate([np.asarray(linear.columns)[:, i, :count], left[None]]))
     return out
 
 
@@ -100,7 +100,7 @@ def changes(linear: Directions) -> list[np.ndarray]:
         starts = np.arange(0, len(log) - 1, length)[: (len(log) - 1) // length]
         states = log.states.numpy()[:, list(linear.channels)]
         used = starts[-1] + length
-        columns = np.add.reduceat(linear.columns[:, i, :used], starts, axis=1) * dt
+        columns = np.add.reduceat(np.asarray(linear.columns)[:, i, :used], starts, axis=1) * dt
         model = np.add.reduceat(linear.rates[i, :used], starts, axis=0) * dt
         out.append(np.concatenate([columns, (states[starts + length] - states[starts] - model)[None]]))
     return out

@@ -19,7 +19,7 @@ from registry.dynamics.effects import (
     WindEffect,
 )
 from registry.dynamics.model import PhysicsModel, unsuited
-from registry.dynamics.parameters import Parameter, constant, cross, tensor, total, turned, turned_back, vector
+from registry.dynamics.parameters import Parameter, constant, cross, joined, tensor, total, turned, turned_back, vector
 
 __all__ = [
     "Effect",
@@ -37,6 +37,7 @@ __all__ = [
     "WindEffect",
     "constant",
     "cross",
+    "joined",
     "tensor",
     "total",
     "turned",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -101,6 +102,14 @@ def vector(values: Sequence[Any], like: Tensor) -> Tensor:
     if any(isinstance(v, Tensor) for v in values):
         return torch.stack(torch.broadcast_tensors(*(tensor(v, like) for v in values)), dim=-1)
     return tensor(tuple(values), like)
+
+
+def joined(parts: Sequence[Tensor]) -> Tensor:
+    """Tensors (…, n) of several n, whose leading dimensions broadcast, side by side (…, Σ n)."""
+    if any(p.shape[:-1] != parts[0].shape[:-1] for p in parts):
+        shape = np.broadcast_shapes(*(p.shape[:-1] for p in parts))  # torch's own imports sympy
+        parts = [p.expand(*shape, p.shape[-1]) for p in parts]
+    return torch.cat(list(parts), dim=-1)
 
 
 def total(x: Tensor, dim: int) -> Tensor:

@@ -2,8 +2,10 @@
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -55,6 +57,54 @@ class MotorLag(InputEffect):
             out.append(speed)
         first = torch.where(torch.maximum(up, down) > 0, memory, segment[..., 0, :])
         return speed, torch.stack([first, *out[1:]], dim=-2)
+
+    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """`act` step after step without its overhead; see `InputEffect.over`."""
+        up, down = (tensor(t, segments).unsqueeze(-1) for t in (self.tau_up, self.tau_down))
+        if segments.device.type != "cpu" or any(x.requires_grad for x in (first, segments, up, down)):
+            return super().over(first, segments, dt, held)
+        shape = np.broadcast_shapes(first.shape, up.shape, down.shape)
+        path = torch.from_numpy(_lagged(first.expand(shape), segments, up.expand(shape), down.expand(shape), dt / 2))
+        memories = path[::2].movedim(0, -2).contiguous()
+        out = segments.new_empty(*shape[:-1], segments.shape[-3], 3, shape[-1])
+        lags = (torch.maximum(up, down) > 0).unsqueeze(-2)
+        out[..., 0, :] = torch.where(lags, memories[..., :-1, :], segments[..., 0, :])
+        out[..., 1, :] = path[1::2].movedim(0, -2)
+        out[..., 2, :] = memories[..., 1:, :]
+        return memories, out
+
+
+def _lagged(first: Tensor, segments: Tensor, up: Tensor, down: Tensor, half: float) -> np.ndarray:
+    """Speeds (2 K + 1, …, m) at the start, middle and end of K steps, in the arithmetic of `MotorLag.act`.
+
+    Args:
+        first: (…, m) speed at the start.
+        segments: (…, K, 3, m) commands.
+        up: (…, m) time constants [s] when rising.
+        down: (…, m) when falling.
+        half: of a step [s].
+    """
+    once = segments[tuple(slice(1) if s == 0 else slice(None) for s in segments.stride()[:-3])]  # not model by model
+    given = once.movedim((-3, -2), (0, 1)).numpy()  # (K, 3, …, m)
+    starts, ends = (given[:, i : i + 2].reshape(-1, *given.shape[2:]) for i in (0, 1))
+    means, slopes = (starts + ends) / 2, (ends - starts) / half
+    held = not slopes.any()
+    taus = [t.contiguous().numpy() for t in (up, down)]
+    decays = [torch.exp(-half / t.clamp(min=1e-9)).contiguous().numpy() for t in (up, down)]
+    path = np.empty((len(starts) + 1, *first.shape), dtype=given.dtype)
+    path[0] = first.numpy()
+    for k, (speed, after) in enumerate(pairwise(path)):
+        rising = means[k] > speed
+        np.subtract(speed, starts[k], out=after)
+        if held:
+            after *= np.where(rising, *decays)
+            after += ends[k]
+        else:
+            lagging = np.where(rising, *taus) * slopes[k]  # how far behind a ramp the lag settles
+            after += lagging
+            after *= np.where(rising, *decays)
+            after += ends[k] - lagging
+    return path
 
 
 @EFFECTS.register("input_delay")

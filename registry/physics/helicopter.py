@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import torch
 from torch import Tensor
 
 from registry.contracts import Channel
 from registry.core import PHYSICS
-from registry.dynamics import Motion, constant, tensor
+from registry.dynamics import Motion, constant, joined, tensor, vector
 from registry.physics.rigid_body import RigidBody
 
 _CHOSEN = "chosen for the simulated twin: no measured aircraft"
@@ -63,12 +62,12 @@ class Helicopter(RigidBody):
         vx, vy, vz = motion.air_velocity.unbind(-1)
         thrust = c(self.mass) * (c(self.gravity) + c(self.collective_gain) * collective - c(self.inflow_damping) * vz)
         drag = c(self.mass).unsqueeze(-1) * c(self.drag) * motion.air_velocity
-        force = torch.stack([thrust * forward, thrust * left, thrust], dim=-1) - drag
+        force = vector((thrust * forward, thrust * left, thrust), internal) - drag
         stiffness = c(self.hub_stiffness) + c(self.hub_height) * thrust
         yaw = c(self.tail_gain) * rudder - c(self.yaw_damping) * r + c(self.torque_coupling) * collective
-        torque = torch.stack([-stiffness * left, stiffness * forward, c(self.inertia)[..., 2] * yaw], dim=-1)
+        torque = vector((-stiffness * left, stiffness * forward, c(self.inertia)[..., 2] * yaw), internal)
         servo_rate = (motion.inputs - servo) / c(self.servo_lag).unsqueeze(-1)
         gain, lag, back = c(self.cyclic_gain), c(self.flapping_lag), c(self.flapback)
         forward_rate = -q - (forward - gain * elevator + back * vx) / lag
         left_rate = p - (left + gain * aileron + back * vy) / lag
-        return force, torque, torch.cat([servo_rate, torch.stack([forward_rate, left_rate], dim=-1)], dim=-1)
+        return force, torque, joined([servo_rate, vector((forward_rate, left_rate), internal)])

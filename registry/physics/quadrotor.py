@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from registry.core import PHYSICS
-from registry.dynamics import Motion, Parameter, constant, tensor
+from registry.dynamics import Motion, Parameter, constant, tensor, vector
 from registry.errors import BenchError, near
 from registry.physics.rigid_body import RigidBody
 
@@ -102,7 +102,7 @@ class Quadrotor(RigidBody):
         x, y, _ = tensor(self.rotor_positions, speed).unbind(-1)
         signs = tensor(self.rotor_directions, speed)
         reaction = signs * tensor(self.torque_coefficient, speed).unsqueeze(-1) * speed * speed
-        torque = torch.stack([(y * thrust).sum(-1), -(x * thrust).sum(-1), reaction.sum(-1)], dim=-1)
+        torque = vector(((y * thrust).sum(-1), -(x * thrust).sum(-1), reaction.sum(-1)), speed)
         return thrust.sum(-1), torque
 
     def own_load(self, motion: Motion, internal: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -20,6 +20,7 @@ from registry.dynamics import (
     WindEffect,
     constant,
     cross,
+    joined,
     tensor,
     total,
     turned,
@@ -120,7 +121,7 @@ class RigidBody(PhysicsModel):
                 torque = last.net_torque(torque)
         spin = motion.model.angular_acceleration(torque, motion.body_rates)
         turning = quaternion_rate(state[..., 6:10], motion.body_rates)
-        return torch.cat([motion.velocity, acceleration, turning, spin, *own_rates], dim=-1)
+        return joined([motion.velocity, acceleration, turning, spin, *own_rates])
 
     def unloaded(
         self, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None

@@ -8,7 +8,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from bench.diagnose.logs.subject import Log
+from bench.diagnose.regression.columns import Columns, response
 from bench.diagnose.regression.linearise import directions
+from bench.diagnose.regression.parameters import entries, probes, with_values
 from bench.diagnose.regression.weak import Stack, mean_rates
 from registry.core import EFFECTS
 from registry.physics.quadrotor import Quadrotor
@@ -32,3 +34,35 @@ def test_what_needs_an_effect_goes_with_it() -> None:
         assert linear.rates + linear.columns[linear.removals[place]] == pytest.approx(expected, abs=1e-12)
     both = Quadrotor(effects=(drag, wind, EFFECTS.get("linear_drag").typical()))
     assert directions(both, both, {}, stack).away([0])[0] == {0}  # the other drag still carries the wind
+
+
+def test_a_column_keeps_only_the_channels_that_it_moves():
+    rng = np.random.default_rng(0)
+    some, more = rng.normal(size=(2, 2, 5, 4)) * np.array([[0.0, 1, 0, 1], [0, 0, 1, 0]])[:, None, None]
+    columns = Columns((response(some, (1, 2, 3)),), (1, 2, 3), (2, 5)).with_more([more[..., 1:]])
+    assert [set(r) for r in columns.responses] == [{1, 3}, {2}]
+    assert [columns.acting(i).tolist() for i in range(3)] == [[0], [1], [0]]
+    np.testing.assert_array_equal(np.asarray(columns), np.stack([some, more])[..., 1:])
+    np.testing.assert_array_equal(columns.on(2, 1, [0])[:, 0], some[1, :, 3])
+    swapped = columns.replaced({0: columns.responses[1]})
+    np.testing.assert_array_equal(swapped[0], more[..., 1:])
+    assert len(columns.forgotten()) == 2 and not np.asarray(columns.forgotten()).any()
+
+
+def test_models_that_share_what_is_alike_have_the_rates_of_each_alone():
+    """Rates of many models at once, of which some parameters differ, against one model after another."""
+    rng, samples = np.random.default_rng(1), 60
+    states = np.column_stack(
+        [rng.normal(0, 0.3, (samples, 6)), Rotation.random(samples, rng).as_quat(), rng.normal(0, 1, (samples, 3))]
+    )
+    inputs = np.abs(np.full((samples, 4), 496.0) + rng.normal(0, 30, (samples, 4)))
+    x, u, valid = torch.from_numpy(states), torch.from_numpy(inputs), torch.ones(samples, dtype=torch.bool)
+    stack = Stack.of([Log("flight", 100.0, x, (True,) * 13, u, valid, None)])  # type: ignore[arg-type]
+    for names in (("motor_lag", "rotor_drag"), ("unequal_rotors", "ground_effect"), ("suspended_load", "mass")):
+        model = Quadrotor(effects=tuple(EFFECTS.get(n).typical() for n in names))
+        where = entries(model, {})
+        values, _ = probes(where)
+        together = mean_rates(with_values(model, where, values), stack)
+        for row, found in zip(values.numpy(), together, strict=True):
+            alone = mean_rates(with_values(model, where, row), stack)
+            torch.testing.assert_close(found, alone, rtol=1e-12, atol=1e-12)

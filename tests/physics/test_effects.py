@@ -298,3 +298,28 @@ def test_a_delay_of_a_whole_recording_at_once_is_that_of_its_steps(held, delay):
         strict=True,
     ):
         torch.testing.assert_close(at_once, stepped, rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize(
+    "up, down",
+    [
+        (0.03, 0.07),
+        (0.0, 0.0),
+        (torch.tensor([[0.01], [0.4]], dtype=F64), torch.tensor([[0.0], [0.05]], dtype=F64)),
+    ],
+)
+def test_a_lag_of_a_whole_recording_at_once_is_bit_for_bit_that_of_its_steps(held, up, down):
+    u = torch.randn(3, 60, 2, generator=torch.Generator().manual_seed(0), dtype=F64)
+    before, after = u[:, :-1], u[:, 1:]
+    segments = torch.stack([before] * 3 if held else [before, (before + after) / 2, after], dim=-2)
+    if isinstance(up, torch.Tensor):
+        segments = segments.expand(2, *segments.shape)
+    first, lag = segments[..., 0, 0, :], MotorLag(up, down)
+    for at_once, stepped in zip(
+        lag.over(first, segments, 0.01, held), InputEffect.over(lag, first, segments, 0.01, held), strict=True
+    ):
+        torch.testing.assert_close(at_once, stepped, rtol=0, atol=0)
+    moved = segments.clone().requires_grad_()
+    lag.transmitted(first, moved, 0.01, held).sum().backward()  # where a gradient is asked for, it is still there
+    assert moved.grad.abs().max() > 0.5

@@ -144,7 +144,7 @@ def view_of(search: Search, look: Look, base: int, columns: Sequence[Columns]) -
         for i in range(n)
     )
 
-    def dictionary(number: int, of: np.ndarray) -> Dictionary:
+    def dictionary(number: int, of: Sequence[np.ndarray]) -> Dictionary:
         functions = np.concatenate([c.values[min(number, len(c.values) - 1)] for c in sorted_columns])
         axes = np.stack([of[axis_column[axis]] for axis in present])
         return Dictionary(terms, functions, axes, tuple(by_axis[axis] for axis in present), tuple(present))

@@ -1,12 +1,13 @@
 """A model and its rivals, linearised on measured states: directions that a regression can choose from."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 import torch
 
+from bench.diagnose.regression.columns import Columns, moves, response
 from bench.diagnose.regression.generic import Dictionary
 from bench.diagnose.regression.parameters import Entry, effect_entries, entries, probes, with_values
 from bench.diagnose.regression.rows import Rows
@@ -18,6 +19,8 @@ UNSTABLE = 1e6
 """Rates, relative to the model's own, that no physical effect adds."""
 WIDE = 0.2
 """Relative 1σ of a constant from which what an effect does depends on it too much for one linearisation."""
+TOGETHER = 12
+"""Models, at least, whose rates are held in memory at once; those of all starts of a search would take gigabytes."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +55,8 @@ class Directions:
     starts: tuple[Start, ...]
     rates: np.ndarray
     """(L, N − 1, channels) of the model itself."""
-    columns: np.ndarray
-    """(c, L, N − 1, channels)."""
+    columns: Columns
+    """c of (L, N − 1, channels)."""
     channels: tuple[int, ...]
     """State channels whose rates respond to any of it."""
     removals: tuple[int, ...]
@@ -76,23 +79,22 @@ class Directions:
 
     def moved(self, noisy: "Directions") -> "Directions":
         """These directions with those of the same names as ``noisy`` has them."""
-        columns = self.columns.copy()
         same = len(self.own) + len(self.removals) + sum(map(len, self.reduced))
-        columns[:same] = noisy.columns[:same]
+        by = dict(enumerate(noisy.columns.responses[:same]))
         same_start = {(s.id, s.effect): s for s in noisy.starts}
         for s in self.starts:
             if (s.id, s.effect) in same_start:
                 its = same_start[s.id, s.effect]
-                columns[list(s.columns)] = noisy.columns[list(its.columns)]
-                columns[list(s.instead.values())] = noisy.columns[list(its.instead.values())]
-        return replace(self, rates=noisy.rates, columns=columns)
+                mine, theirs = ((*of.columns, *of.instead.values()) for of in (s, its))
+                by |= {j: noisy.columns.responses[i] for j, i in zip(mine, theirs, strict=True)}
+        return replace(self, rates=noisy.rates, columns=self.columns.replaced(by))
 
     def project(self, tests: TestFunctions, more: Dictionary | None = None) -> Rows:
         """Rows of the weak form, with the terms of a dictionary as further columns."""
         dt, count, states = self.stack.dt, len(self.columns), self.stack.states.shape[-1]
         terms = [] if more is None else more.on_channels(len(self.channels))
         width = count + (0 if more is None else len(more.terms))
-        own = [np.flatnonzero(np.abs(self.columns[..., c]).max((1, 2))) for c in range(len(self.channels))]
+        own = [self.columns.acting(c) for c in range(len(self.channels))]
         acting = [
             np.concatenate([mine, *(count + place.places for place in places), [width]]).astype(int)
             for mine, places in zip(own, terms or [[]] * len(own), strict=True)
@@ -104,7 +106,7 @@ class Directions:
             parts = []
             for c, mine in enumerate(own):
                 left = measured[:, c] - tests.integral(i, c, self.rates[i, :, c], dt)
-                columns = [tests.integral(i, c, self.columns[mine, i, :, c].T, dt)]
+                columns = [tests.integral(i, c, self.columns.on(c, i, mine), dt)]
                 if more is not None and values is not None:
                     columns += [tests.integral(i, c, more.along(place, i, values), dt) for place in terms[c]]
                 rows = np.column_stack([*columns, left])
@@ -126,75 +128,124 @@ def directions(
     own = entries(model, uncertainty, nominal)
     values, steps = probes(own)
     found = mean_rates(with_values(model, own, values), stack).numpy()
-    at = found[0]
-    columns = list((found[1:] - at) / steps[:, None, None, None])
-    acts = [bool(np.abs(c).max() > 0) for c in columns]  # a model may have constants that this input does not use
-    own, columns = ([x for x, a in zip(xs, acts, strict=True) if a] for xs in (own, columns))
+    at = found[0].copy()
+    acts = [moves(x - at) for x in found[1:]]  # a model may have constants that this input does not use
+    columns = [c for c, a in zip(_slopes(found[1:], at, steps, stack), acts, strict=True) if a]
+    own = [e for e, a in zip(own, acts, strict=True) if a]
     removals = tuple(range(len(own), len(own) + len(model.effects)))
     wide = [j for j, e in enumerate(own) if e.constant and e.scale > WIDE * abs(e.value)]
     dependants = tuple(_dependants(model, i) for i in range(len(model.effects)))
-    by_constant: list[np.ndarray] = []
+    by_constant: list[Response] = []
     reduced: list[dict[int, int]] = []
     for i in range(len(model.effects)):
         rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j not in {i, *dependants[i]}))
         without = mean_rates(rest, stack).numpy()
-        columns.append(without - at)
+        columns.append(response(without - at, stack.measured))
         first = len(own) + len(model.effects) + len(by_constant)
         reduced.append({j: first + k for k, j in enumerate(wide)})
         by_constant += _by_constant(rest, [own[j] for j in wide], without, stack)
     columns += by_constant
-    scale = float(np.abs(at).max()) or 1.0
     starts: list[Start] = []
     for name, kind in candidates:
         tick(name)
-        points = _starting_points(kind)
-        fitted = [effect_entries(effect, len(model.effects)) for effect in points]
-        probed = [probes(where) for where in fitted]
-        extended = replace(model, effects=(*model.effects, points[0]))
-        plain = points == [kind.neutral()]  # then the first probe is the model itself
-        together = torch.cat([values[plain:] for values, _ in probed])
-        found = mean_rates(with_values(extended, fitted[0], together), stack).numpy()
-        if plain:
-            found = np.concatenate([at[None], found])
-        for i, (effect, where) in enumerate(zip(points, fitted, strict=True)):
-            x, steps = found[i * (len(where) + 1) : (i + 1) * (len(where) + 1)], probed[i][1]
-            if not np.isfinite(x).all() or np.abs(x).max() > UNSTABLE * scale:
-                continue  # it is unstable at this sampling rate, and says nothing
-            offset = not plain
-            first, width = len(columns), len(where) + offset
-            columns += [x[0] - at] * offset + list((x[1:] - x[0]) / steps[:, None, None, None])
-            reach = [_reach(kind, e) for e in where]
-            low = (*[1.0] * offset, *(r[0] - e.value for r, e in zip(reach, where, strict=True)))
-            high = (*[1.0] * offset, *(r[1] - e.value for r, e in zip(reach, where, strict=True)))
-            instead = {}
-            if issubclass(kind, InputEffect) and offset:
-                instead = {j: len(columns) + k for k, j in enumerate(wide)}
-                here = replace(model, effects=(*model.effects, effect))
-                columns += _by_constant(here, [own[j] for j in wide], x[0], stack)
-            starts.append(Start(name, effect, tuple(where), tuple(range(first, first + width)), low, high, instead))
-    channels = [i for i in stack.measured if any(np.abs(c[..., i]).max() > 0 for c in columns)]
-    kept = np.stack([c[..., channels] for c in columns])
+        starts += _starts(model, name, kind, at, {j: own[j] for j in wide}, stack, columns)
+    channels = tuple(i for i in stack.measured if any(i in c for c in columns))
     return Directions(
         model,
         stack,
         tuple(own),
         tuple(starts),
         at[..., channels],
-        kept,
-        tuple(channels),
+        Columns(tuple(columns), channels, at.shape[:-1]),
+        channels,
         removals,
         dependants,
         tuple(reduced),
     )
 
 
-def _by_constant(model: PhysicsModel, constants: Sequence[Entry], at: np.ndarray, stack: Stack) -> list[np.ndarray]:
-    """How the rates ``at`` of ``model`` change with each of its constants (L, N − 1, s)."""
+Response = dict[int, np.ndarray]
+"""By channel that responds, a change of its rates (L, N − 1)."""
+
+
+def _slopes(found: np.ndarray, at: np.ndarray, steps: np.ndarray, stack: Stack) -> list[Response]:
+    """How rates change with each number: ``found`` (P, L, N − 1, s) after steps (P,) from where they are ``at``."""
+    return [response((x - at) / step, stack.measured) for x, step in zip(found, steps, strict=True)]
+
+
+def _starts(
+    model: PhysicsModel,
+    name: str,
+    kind: type[Effect],
+    at: np.ndarray,
+    wide: Mapping[int, Entry],
+    stack: Stack,
+    columns: list[Response],
+) -> list[Start]:
+    """An effect linearised about every value of its search grid; what it makes of the rates goes to ``columns``.
+
+    Args:
+        model: to which it is added.
+        name: its id.
+        kind: of effect.
+        at: rates of the model itself.
+        wide: by column, the widely uncertain constants.
+        stack: the recordings.
+        columns: of the model and of effects before.
+    """
+    starts, offset = [], _starting_points(kind) != [kind.neutral()]
+    for effect, where, x, steps in _probed(model, kind, at, stack):
+        first, width = len(columns), len(where) + offset
+        columns += [response(x[0] - at, stack.measured)] * offset + _slopes(x[1:], x[0], steps, stack)
+        reach = [_reach(kind, e) for e in where]
+        low = (*[1.0] * offset, *(r[0] - e.value for r, e in zip(reach, where, strict=True)))
+        high = (*[1.0] * offset, *(r[1] - e.value for r, e in zip(reach, where, strict=True)))
+        instead = {}
+        if issubclass(kind, InputEffect) and offset:
+            instead = {j: len(columns) + k for k, j in enumerate(wide)}
+            here = replace(model, effects=(*model.effects, effect))
+            columns += _by_constant(here, list(wide.values()), x[0], stack)
+        starts.append(Start(name, effect, tuple(where), tuple(range(first, first + width)), low, high, instead))
+    return starts
+
+
+def _probed(
+    model: PhysicsModel, kind: type[Effect], at: np.ndarray, stack: Stack
+) -> Iterator[tuple[Effect, list[Entry], np.ndarray, np.ndarray]]:
+    """Starting points of an effect, their numbers, rates (P + 1, L, N − 1, s) there and after steps (P,), and these.
+
+    Args:
+        model: to which the effect is added.
+        kind: of effect.
+        at: rates of the model itself.
+        stack: the recordings.
+    """
+    points = _starting_points(kind)
+    fitted = [effect_entries(effect, len(model.effects)) for effect in points]
+    probed = [probes(where) for where in fitted]
+    extended = replace(model, effects=(*model.effects, points[0]))
+    plain = points == [kind.neutral()]  # then the first probe is the model itself
+    limit = UNSTABLE * (float(np.abs(at).max()) or 1.0)
+    each = len(fitted[0]) + 1
+    some = max(1, -(-TOGETHER // each))
+    for first in range(0, len(points), some):
+        part = slice(first, first + some)
+        together = torch.cat([values[plain:] for values, _ in probed[part]])
+        found = mean_rates(with_values(extended, fitted[0], together), stack).numpy()
+        if plain:
+            found = np.concatenate([at[None], found])
+        for i, (effect, where, (_, steps)) in enumerate(zip(points[part], fitted[part], probed[part], strict=True)):
+            x = found[i * each : (i + 1) * each]
+            if np.isfinite(x).all() and np.abs(x).max() <= limit:  # else it is unstable at this sampling rate
+                yield effect, where, x, steps
+
+
+def _by_constant(model: PhysicsModel, constants: Sequence[Entry], at: np.ndarray, stack: Stack) -> list[Response]:
+    """How the rates ``at`` of ``model`` change with each of its constants."""
     if not constants:
         return []
     values, steps = probes(constants)
-    found = mean_rates(with_values(model, constants, values[1:]), stack).numpy()
-    return list((found - at) / steps[:, None, None, None])
+    return _slopes(mean_rates(with_values(model, constants, values[1:]), stack).numpy(), at, steps, stack)
 
 
 def _dependants(model: PhysicsModel, place: int) -> frozenset[int]:

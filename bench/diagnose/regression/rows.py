@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from bench.diagnose.regression.least_squares import Normal
 
@@ -135,7 +134,10 @@ def filtered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     order = len(coefficients) - 1
     if len(series) <= order:
         return series[:0]
-    shape = (len(series) - order, len(series))
-    band = sparse.diags_array(coefficients[::-1], offsets=range(order + 1), shape=shape, format="csr")
-    out: np.ndarray = band @ series
+    count = len(series) - order
+    out: np.ndarray = coefficients[order] * series[:count]
+    lagged = np.empty_like(out)
+    for k in range(1, order + 1):
+        np.multiply(coefficients[order - k], series[k : k + count], out=lagged)
+        out += lagged
     return out

@@ -105,14 +105,14 @@ def mean_rates(model: PhysicsModel, stack: Stack) -> Tensor:
     else:
         middle, slopes = (u0, torch.zeros_like(u0)) if held else ((u0 + u1) / 2, (u1 - u0) / stack.dt)
     state, many = model.project((before + after) / 2), how_many(model)
-    path = None if not model.internal_size else _own_path(model, stack, *_of_all(many, middle, slopes))
+    path = None if not model.internal_size else _own_path(model, stack, middle, slopes)
     shape = (*(() if many is None else (many,)), *state.shape[:-1])
     sensed = stack.sensed
     out = state.new_empty(*shape, size + (len(model.sensed_channels) if sensed else 0))
     step = max(1, AT_ONCE // max(1, math.prod(shape[:-1])))
     for start in range(0, shape[-1], step):
         part = slice(start, start + step)
-        at, *driven = _of_all(many, state[:, part], middle[..., part, :], slopes[..., part, :])
+        at, *driven = _for_all(model, many, state[:, part], middle[..., part, :], slopes[..., part, :])
         if path is not None:
             own = (path[..., :-1, :][..., part, :] + path[..., 1:, :][..., part, :]) / 2
             at = torch.cat([at.expand(*own.shape[:-1], size), own], dim=-1)
@@ -125,6 +125,15 @@ def mean_rates(model: PhysicsModel, stack: Stack) -> Tensor:
 def _of_all(many: int | None, *signals: Tensor) -> list[Tensor]:
     """Signals (…, L, N, n) as each of so many models sees them."""
     return list(signals) if many is None else [x.expand(many, *x.shape[-3:]) for x in signals]
+
+
+def _for_all(model: PhysicsModel, many: int | None, *signals: Tensor) -> list[Tensor]:
+    """`_of_all`; but once for all where the equations are known to broadcast: what is alike is computed once."""
+    ours = __name__.partition(".")[0], PhysicsModel.__module__.partition(".")[0]
+    broadcasts = isinstance(model, RigidBody) and all(
+        type(x).__module__.partition(".")[0] in ours for x in (model, *model.effects)
+    )
+    return list(signals) if broadcasts else _of_all(many, *signals)
 
 
 def _transmitted(model: PhysicsModel, stack: Stack) -> Tensor:
@@ -170,7 +179,7 @@ def _own_path(model: PhysicsModel, stack: Stack, middle: Tensor, slopes: Tensor)
     """The effects' own states at every sample, by the midpoint rule."""
     many, size = how_many(model), stack.states.shape[-1]
     states = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
-    middle, slopes = _of_all(many, middle, slopes)
+    middle, slopes = _for_all(model, many, middle, slopes)
     shape = (*(() if many is None else (many,)), *states.shape[:-1])
     if isinstance(model, RigidBody):
         at_once = _swing_rates(model, states, middle, slopes)

@@ -213,7 +213,7 @@ class _Regression:
         rates, moved = filed(here, sensors), [filed(later, sensors)]
         if at:
             moved.append(filed(here, sensors + PROBE))
-        columns = np.concatenate([linear.columns, *((m - rates)[None] / PROBE for m in moved)])
+        columns = linear.columns.with_more([(m - rates) / PROBE for m in moved])
         return replace(linear, rates=rates, columns=columns).project(self.tests)
 
 

@@ -187,6 +187,7 @@ class Search:
             hidden = [c for c in buried if c < len(linear.own)]
             doubtful = frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
         reach = () if look.dictionary is None else look.dictionary.reach
+        linear = replace(linear, columns=linear.columns.forgotten())
 
         def view(normal: Normal, grams: list[np.ndarray]) -> View:
             subsets = Subsets(linear, normal, buried)
