@@ -219,7 +219,9 @@ class Weighing:
             low, high = ((mean + side * SURE * spread) / error.scale for side in (-1, 1))
             ratio = float(after.mean() / max(before.mean(), 1e-300)) ** 0.5
             share = mean / error.scale
-            saving = Saving(error.equation, error.horizon_s, share, low, high, error.matters, ratio, error.axis)
+            saving = Saving(
+                error.equation, error.horizon_s, share, low, high, matters=error.matters, ratio=ratio, axis=error.axis
+            )
             if not error.axis or saving.worth:
                 out.append(saving)
         return tuple(out)

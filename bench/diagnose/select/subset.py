@@ -114,7 +114,9 @@ class Subsets:
         count = sum(len(s.entries) for s in starts) + len(more)
         count += sum(not e.constant and e.owner not in gone for e in self.linear.own)
         distance = float((prior * (beta - centre) ** 2).sum())
-        return Fit(tuple(starts), tuple(columns), beta, misfit, distance, count, tuple(sorted(gone)))
+        return Fit(
+            tuple(starts), tuple(columns), beta, misfit, prior=distance, parameters=count, dropped=tuple(sorted(gone))
+        )
 
     def losses(self, fit: Fit) -> np.ndarray:
         """Squared whitened residuals (blocks, channels) of a fit."""

@@ -115,7 +115,16 @@ def _flight(
     if log.sensed is not None:
         signals.append(_sensed(log, models))
     path = _path(log, shown, at, runs, steps)
-    return Flight(log.name, held_out, log.dt, len(log), len(log), steps * log.dt, tuple(signals), path)
+    return Flight(
+        log.name,
+        held_out,
+        log.dt,
+        samples=len(log),
+        whole=len(log),
+        restart_s=steps * log.dt,
+        signals=tuple(signals),
+        path=path,
+    )
 
 
 def _signal(log: Log, group: Group, at: np.ndarray, runs: dict[str, Tensor], model: PhysicsModel) -> Signal:
