@@ -143,9 +143,7 @@ class _Windows:
         left = np.stack(
             [measured[:, m] - rows(k, self.linear.rates[i, :, self.kept[k]]) for m, k in enumerate(moved)], axis=-1
         )
-        own = np.stack(
-            [rows(k, self.linear.columns[list(self.own), i, :, self.kept[k]].T) for k in moved], axis=-1
-        )  # (J, p, channels)
+        own = np.stack([rows(k, self.linear.columns.on(self.kept[k], i, self.own)) for k in moved], axis=-1)
         power = (units**2).sum(-1)
         good = power > 0
         scale = np.where(good, power, 1.0)

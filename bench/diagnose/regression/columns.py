@@ -37,11 +37,12 @@ class Columns(Sequence[np.ndarray]):
         return np.array([j for j, r in enumerate(self.responses) if self.channels[place] in r], dtype=int)
 
     def on(self, place: int, log: int, columns: Sequence[int] | np.ndarray) -> np.ndarray:
-        """What some columns (n,) that act on the channel in this place add to its rates in a log (N − 1, n)."""
+        """What some columns (n,) add to the rates of the channel in this place in a log (N − 1, n)."""
         channel = self.channels[place]
         out = np.empty((self.shape[1], len(columns)))
         for k, j in enumerate(columns):
-            out[:, k] = self.responses[j][channel][log]
+            responding = self.responses[j].get(channel)
+            out[:, k] = 0.0 if responding is None else responding[log]
         return out
 
     def replaced(self, by: Mapping[int, Mapping[int, np.ndarray]]) -> "Columns":
