@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from bench.api.check import published_folder
 from bench.claims.evidence import gather
 from bench.cli import main
 from bench.execution import estimate
@@ -16,7 +17,7 @@ from bench.experiment import study
 from bench.experiment.config import RunConfig
 from bench.experiment.grid import effort, grid
 from bench.experiment.study import Study
-from bench.settle.sources import Wanted
+from bench.settle.sources import Source, Wanted, group, published_runs
 from registry.contracts import Dataset
 
 Bench = Callable[..., tuple[int, str]]
@@ -154,6 +155,35 @@ def test_the_first_look_is_at_the_fewest_seeds_of_a_study_that_was_finished(
     bench("run", NAME, "--seeds", 4, "--results", tmp_path / "results", "--no-track", "--workers", 1)
     (both,), (alone,) = gather(tmp_path / "published", local), gather(tmp_path / "none", local)
     assert (both.first, both.seeds, alone.first, alone.seeds) == (2, 4, 4, 4)
+
+
+@pytest.mark.parametrize(
+    ("name", "dataset"),
+    [
+        ("motion_model_compensation", "nanodrone"),  # a hybrid, its motion model beside it
+        ("quadrotor_black_box", "nanodrone"),  # cascades, with measured rates beside
+        ("washout_vs_mlp", "nanodrone"),  # an axis a network
+    ],
+)
+def test_what_this_suite_published_is_not_trained_again(name: str, dataset: str) -> None:
+    source = Source(name, dataset, "laptop", 3, ())
+    there = published_runs(source, published_folder(None))
+    seeds = 1 + max(seed for *_, seed in there)
+    asked, more = (group(source, n, there).configs for n in (seeds, seeds + 1))
+    assert asked and all(c.predictor.training != "gradient" for c in asked)
+    assert {c.seed for c in more if c.predictor.training == "gradient"} == {seeds}
+
+
+def test_another_choice_of_outputs_is_another_run() -> None:
+    source = Source("washout_vs_mlp", "nanodrone", "laptop", 3, ())
+    one, *_ = [c for c in group(source, 1).configs if c.predictor.training == "gradient"]
+    (channel,), run = one.outputs, (one.spec, one.horizon, one.seed)
+    signal = channel.partition(".")[0]
+
+    def left(*outputs: str) -> bool:
+        return one in group(source, 1, [(run[0], outputs, *run[1:])]).configs
+
+    assert not left(channel) and left(f"{signal}.other") and left(channel, f"{signal}.other")
 
 
 def test_a_budget_stops_it(bench: Bench, here: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

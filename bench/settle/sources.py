@@ -120,7 +120,7 @@ def group(source: Source, seeds: int, there: Collection[Run] = ()) -> Request:
         BenchError: its data are absent.
     """
     asked = request(source.study, Options(source.dataset, source.preset, seeds))
-    configs = [c for c in asked.configs if not _trained(c) or _run(c) not in there]
+    configs = [c for c in asked.configs if not _trained(c) or not any(_made(c, run) for run in there)]
     return replace(asked, title=f"{asked.title.rpartition(', ')[0]}, further seeds", configs=configs)
 
 
@@ -133,9 +133,25 @@ def _trained(config: RunConfig) -> bool:
     return config.predictor.training == "gradient"
 
 
-def _run(config: RunConfig) -> Run:
+def _made(config: RunConfig, run: Run) -> bool:
+    """Whether a run that is recorded is of this configuration, by what it was asked to predict and not by its key."""
     config = config.resolved()
-    return config.spec, config.outputs, config.horizon, config.seed
+    spec, outputs, horizon, seed = run
+    asked = (config.spec, config.horizon, config.seed) == (spec, horizon, seed)
+    return asked and _predicted(config.outputs, outputs)
+
+
+def _predicted(selectors: Sequence[str], outputs: Sequence[str]) -> bool:
+    """Whether these are the channels of the signals (or channels) asked for, and what a model shows beside them.
+
+    That is named after its channel: velocity_forced.x stands beside velocity.x.
+    """
+    chosen = [o for o in outputs if any(o == s or o.startswith(f"{s}.") for s in selectors)]
+    beside = [o.partition(".") for o in outputs if o not in chosen]
+    own = [o.partition(".") for o in chosen]
+    return all(any(o == s or o.startswith(f"{s}.") for o in chosen) for s in selectors) and all(
+        any(signal.startswith(f"{of}_") and axis == part for of, _, part in own) for signal, _, axis in beside
+    )
 
 
 def unchanged(made: Sequence[RunRecord], published: dict[Run, StudyRun]) -> bool:
