@@ -82,7 +82,7 @@ def diagnose(
         extension = _calibrated_only(run, found)
     excess = _excess(extension)
     verdict, found = _verdict(found, excess, refuted)
-    high = [group for group, ratio in excess.items() if ratio > DECIDING.high_excess]
+    high = [group for group in excess if excess[group] > DECIDING.high_excess and not _rounding(extension, group)]
     terms = _learned(run, found, extension, verdict) if verdict == "unknown_effect" or high else None
     if terms is not None:
         extension, found = terms, judged(subject, noise, found, terms)
@@ -236,6 +236,12 @@ def _excess(extension: Extension) -> dict[str, float]:
     floor = extension.comparison.error("floor")
     ratio = {g: e.rmse / max(floor[g].rmse, 1e-300) for g, e in extension.last.items()}
     return {g: r * r for g, r in ratio.items()}
+
+
+def _rounding(extension: Extension, group: str) -> bool:
+    """Whether the last model leaves so little of what the nominal one errs that it follows how rates are computed."""
+    nominal = extension.comparison.error("nominal")[group].rmse
+    return extension.last[group].rmse ** 2 <= DECIDING.least_share * nominal**2
 
 
 def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) -> Extension | None:

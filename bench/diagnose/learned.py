@@ -13,7 +13,7 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Weighing
-from bench.diagnose.settings import EXTENDING
+from bench.diagnose.settings import DECIDING, EXTENDING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
 from registry.effects.waves.periodic_term import PeriodicTerm
@@ -61,7 +61,8 @@ def learned(
     if idle:  # they imitated what is learned now
         done = beside([n for n in names if n not in idle])
     # A share that is no number is one of nothing: there was no error to take.
-    return done if sum(e.share_explained for e in done.effects if e.learned) > 0 else None
+    taken = sum(e.share_explained for e in done.effects if e.learned)
+    return done if taken > DECIDING.least_share else None
 
 
 def _idle(effect: NamedEffect) -> bool:

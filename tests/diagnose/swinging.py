@@ -32,7 +32,8 @@ def recording(kind: str, seed: int, seconds: float) -> tuple[np.ndarray, np.ndar
     """Drive (N,) and state (N, 2), every 10 ms, of 1 kg, 0.5 N s/m and 100 N/m.
 
     ``kind``: "clean", "wave" (a force A cos(2π f t + φ) besides), "gust" (one that wanders), "sampled" (a drive that is
-    livelier than its samples), "resonance" (noise pushes by way of a swing of its own that hardly decays).
+    livelier than its samples), "resonance" (noise pushes by way of a swing of its own that hardly decays), "rubbing"
+    (dry friction of 2 N, and a drive that is a sine of the same frequency in all recordings of a set).
     """
     rng, count = np.random.default_rng(seed), round(seconds * RATE * FINE)
     t = np.arange(count) / RATE / FINE
@@ -40,6 +41,9 @@ def recording(kind: str, seed: int, seconds: float) -> tuple[np.ndarray, np.ndar
         drive = _smooth(rng.normal(size=count), 0.125) * 30
     else:
         drive = _smooth(_smooth(rng.normal(size=count), 0.03), 0.03) * 40
+    if kind == "rubbing":
+        often = np.random.default_rng(seed // 1000).uniform(0.5, 2.5)
+        drive = 20 * rng.uniform(0.7, 1.3) * np.sin(2 * np.pi * often * t + rng.uniform(-np.pi, np.pi))
     hidden = np.zeros(count)
     if kind == "wave":
         hidden = AMPLITUDE * np.cos(2 * np.pi * FREQUENCY * t + phase_of(seed))
@@ -59,7 +63,8 @@ def recording(kind: str, seed: int, seconds: float) -> tuple[np.ndarray, np.ndar
     x, out = rng.normal(size=2) * [0.05, 0.3], np.empty((count, 2))
     for k in range(count):
         out[k] = x
-        x = step @ [*x, drive[k] + hidden[k]]
+        rubbing = -2 * np.tanh(x[1] / 0.01) if kind == "rubbing" else 0.0
+        x = step @ [*x, drive[k] + hidden[k] + rubbing]
     noise = np.random.default_rng(seed + 10**6).normal(size=out[::FINE].shape) * 1e-3 * out.std(0)
     return drive[::FINE], out[::FINE] + noise
 

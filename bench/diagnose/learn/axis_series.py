@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from bench.diagnose.learn.candidates import dynamic_axes, with_axes
+from bench.diagnose.learn.candidates import dynamic_axes, paths, with_axes
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.generic import Dictionary, dictionary
@@ -30,6 +30,8 @@ class Stretch:
     """(J, p): what a unit of each of the model's numbers, and each function of a measured signal, adds."""
     driven: np.ndarray
     """(J,): what the inputs' departure from their mean adds, as the model says."""
+    measured: np.ndarray
+    """(J, m): every signal that a term can follow, mean over the same windows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,8 @@ def axis_series(subject: Subject, model: PhysicsModel, noise: Noise) -> list[Axi
         if e.owner >= base:
             places[order[e.owner - base]] = j
     own = [j for j, e in enumerate(linear.own) if e.owner < base]
-    windows = _Windows(stack, tests, linear, driven=driven, kept=kept, words=words, own=own)
+    signals = np.stack(list(paths(model, stack).values()), axis=-1)
+    windows = _Windows(stack, tests, linear, driven=driven, signals=signals, kept=kept, words=words, own=own)
     units = known.axes_of(type(model))
     return [found for axis, j in places.items() if (found := windows.along(axis, units[axis], j)).stretches]
 
@@ -103,6 +106,8 @@ class _Windows:
     linear: Directions
     driven: np.ndarray
     """(L, N − 1, channels)."""
+    signals: np.ndarray
+    """(L, N − 1, m)."""
     kept: Sequence[int]
     """Of its channels, those of measured states."""
     words: Dictionary
@@ -148,13 +153,15 @@ class _Windows:
         good = power > 0
         scale = np.where(good, power, 1.0)
         driven = np.stack([rows(k, self.driven[i, :, self.kept[k]]) for k in moved], axis=-1)
-        functions = rows(moved[0], self.words.values[:, i].T) / (self.tests.hop * dt)
+        functions, signals = (
+            rows(moved[0], x) / (self.tests.hop * dt) for x in (self.words.values[:, i].T, self.signals[i])
+        )
         beside = np.concatenate([np.einsum("jpc,jc->jp", own, units) / scale[:, None], functions], axis=1)
         amount, driving = ((x * units).sum(-1) / scale for x in (left, driven))
         centre = self.tests.centres[i]
         name = log.name
         return [
-            Stretch(name, centre[part] * dt, amount[part], beside[part], driving[part])
+            Stretch(name, centre[part] * dt, amount[part], beside[part], driving[part], signals[part])
             for part in np.split(np.arange(len(centre)), np.flatnonzero(np.diff(centre) != self.tests.hop) + 1)
             if good[part].all()
         ]

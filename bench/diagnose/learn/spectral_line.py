@@ -3,6 +3,7 @@
 Each recording has its own amplitude and phase. What the model's numbers and measured signals explain is fitted beside
 it, all through a filter that makes the residual white. A line is believed where Thomson's test shows it and its
 phase and amplitude in the first half of each recording tell the second half; a resonance that noise drives does not.
+A harmonic of what was measured is no line of its own.
 """
 
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from bench.diagnose.learn.axis_series import AxisSeries
+from bench.diagnose.learn.distortion import distortion
 from bench.diagnose.learn.thomson import Scan, scan
 from bench.diagnose.regression.generic import follow
 from bench.diagnose.regression.least_squares import ridge, whitening
@@ -148,7 +150,7 @@ class _Rows:
         # Beside the wave itself what follows signals is known better, and may explain all of it.
         line, (repeated, agreed) = self.line(all_), self._repeated(all_)
         sure = line.evidence > bar and repeated >= UNSEEN.repeated and agreed >= UNSEEN.agreed
-        return line, sure and self._confirmed(all_) and not self._driven(line)
+        return line, sure and self._confirmed(all_) and not self._driven(line) and not self._distorted(line)
 
     def _confirmed(self, frequencies: Sequence[float]) -> bool:
         """Whether the recordings in which the last frequency was not sought show it too, if there are any."""
@@ -170,6 +172,11 @@ class _Rows:
             sizes.append(float(np.hypot(*np.linalg.lstsq(seen, s.driven, rcond=None)[0][:2])))
         own = [line.swings[s.recording].amplitude * self.series.gain(line.frequency) for s in stretches]
         return sum(sizes) > UNSEEN.driven * sum(own)
+
+    def _distorted(self, line: Line) -> bool:
+        """Whether the line follows measured signals that do not swing at its frequency themselves."""
+        long = [s.measured for s in self.series.stretches if len(s.t) >= UNSEEN.shortest]
+        return distortion(long, self.series.step, line.frequency)
 
     def _scan(self, fitted: Sequence[float], taken: Sequence[float], names: Sequence[str] = ()) -> Scan:
         """Look for a line in what is left beside waves ``fitted``, of which those ``taken`` are taken off.

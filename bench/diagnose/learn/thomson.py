@@ -40,8 +40,7 @@ def scan(series: Sequence[np.ndarray], step: float) -> Scan:
         line = sums @ seen / (sums @ sums)
         rest = (np.abs(seen - line * sums[:, None]) ** 2).sum(0)
         more = len(tapers) - 1
-        # Above twice the bandwidth the mean of a series, which is no noise, does not leak.
-        usable = frequencies > 2 * UNSEEN.bandwidth / (len(x) * step)
+        usable = frequencies > _lowest(len(x), step)
         ratio = np.abs(line) ** 2 * (sums @ sums) / np.maximum(rest, 1e-300)
         total += np.where(usable, 2 * more * np.log1p(ratio), 0.0)
         degrees += 2 * usable
@@ -49,6 +48,27 @@ def scan(series: Sequence[np.ndarray], step: float) -> Scan:
         weight += usable * len(x)
     background = level / np.maximum(weight, 1)
     return Scan(frequencies, -_log_survival(total, degrees), background)
+
+
+def evidence_at(series: Sequence[np.ndarray], step: float, frequency: float) -> np.ndarray:
+    """−log of the probability (n,) that noise shows a line at one frequency [Hz] in all ``series`` (J, n)."""
+    total, degrees = np.zeros(series[0].shape[1]), 0
+    for x in series:
+        if frequency <= _lowest(len(x), step):
+            continue
+        tapers, sums = _tapers(len(x))
+        turning = tapers * np.exp(-2j * np.pi * frequency * step * np.arange(len(x)))
+        seen = turning @ (x - x.mean(0))
+        line = sums @ seen / (sums @ sums)
+        rest = (np.abs(seen - np.outer(sums, line)) ** 2).sum(0)
+        total += 2 * (len(tapers) - 1) * np.log1p(np.abs(line) ** 2 * (sums @ sums) / np.maximum(rest, 1e-300))
+        degrees += 2
+    return -_log_survival(total, np.full(len(total), degrees))
+
+
+def _lowest(count: int, step: float) -> float:
+    """The frequency [Hz] above which the mean of a series, which is no noise, does not leak: twice the bandwidth."""
+    return 2 * UNSEEN.bandwidth / (count * step)
 
 
 def _log_survival(x: np.ndarray, degrees: np.ndarray) -> np.ndarray:

@@ -115,8 +115,8 @@ class Deciding:
     )
     least_share: float = threshold(
         1e-6,
-        "share of the squared error that an effect must explain in free runs: what is less follows how rates are "
-        "computed",
+        "share of the nominal model's squared error in free runs that an effect must explain, and that must be left "
+        "for something to be missing: what is less follows how rates are computed",
         Basis.ROUNDING,
     )
     traces_shown: float = threshold(
