@@ -146,19 +146,9 @@ def compare(
     logs, at = tuple(log for log, _ in kept), [a for _, a in kept]
     judged = groups(subject.model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
     ends = np.unique(np.round(np.linspace(0, steps, COMPARING.horizons + 1)[1:]).astype(int))
-    squared = {}
     with torch.no_grad():
-        measured = measured_windows(logs, at, steps)
-        for name, model in models.items():
-            squared[name] = _finite(errors(free_run(model, logs, at, steps), measured, judged)[:, ends])
-        drift = _disturbance(subject, model, noise, logs, at, steps)
-        if drift is not None:
-            run = free_run(model, logs, at, steps, drift)
-            squared["disturbance"] = _finite(errors(run, measured, judged)[:, ends])
-        for model in reversed(models.values()):
-            squared["floor"] = _finite(floor(model, logs, at, steps, noise, judged).mean(0)[:, ends])
-            if np.isfinite(squared["floor"]).all():
-                break
+        every_sample = _squared(subject, models, noise, judged, logs=logs, at=at, steps=steps)
+    squared = {name: _finite(of[:, ends]) for name, of in every_sample.items()}
     units, basis = _units(logs, at, every, steps, squared[next(reversed(models))])
     recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
     draws = _draws(units, recording, len(logs) >= MIN_RECORDINGS)
@@ -173,6 +163,30 @@ def compare(
         basis=basis,
         noise=noise,
     )
+
+
+def _squared(
+    subject: Subject,
+    models: Mapping[str, PhysicsModel],
+    noise: Noise,
+    judged: Sequence[Group],
+    *,
+    logs: Sequence[Log],
+    at: Sequence[np.ndarray],
+    steps: int,
+) -> dict[str, Tensor]:
+    """Squared errors (W, steps + 1, groups) of every line."""
+    measured = measured_windows(logs, at, steps)
+    squared = {name: errors(free_run(model, logs, at, steps), measured, judged) for name, model in models.items()}
+    last = next(reversed(models.values()))
+    drift = _disturbance(subject, last, noise, logs, at, steps)
+    if drift is not None:
+        squared["disturbance"] = errors(free_run(last, logs, at, steps, drift), measured, judged)
+    for model in reversed(models.values()):
+        squared["floor"] = floor(model, logs, at, steps, noise, judged).mean(0)
+        if torch.isfinite(squared["floor"]).all():
+            break
+    return squared
 
 
 def _disturbance(

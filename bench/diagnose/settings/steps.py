@@ -33,7 +33,12 @@ class Observing:
     parts: int = threshold(
         5, "stretches of a horizon over each of which a predicted disturbance is constant", Basis.EFFORT, "count"
     )
-    windows: int = threshold(30, "windows a filter below which nothing is learned", Basis.JUDGED, "count")
+    windows: int = threshold(
+        250, "free runs of training recordings that tell how far it is trusted, about", Basis.EFFORT, "count"
+    )
+    points: int = threshold(5, "points of a horizon at which their errors count", Basis.EFFORT, "count")
+    nudge: float = threshold(1e-3, "of a disturbance, by which the response to it is told", Basis.ROUNDING)
+    halvings: int = threshold(4, "lengths of the step towards that trust that are tried", Basis.EFFORT, "count")
 
 
 @dataclass(frozen=True)

@@ -77,9 +77,11 @@ def past(model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray]) -> 
 def roll(model: PhysicsModel, state: Tensor, inputs: Tensor, dt: float, drift: Tensor | None = None) -> Tensor:
     """Full states (…, W, N, full) of a free run from ``state`` (…, W, full) under inputs (W, N, m).
 
-    ``drift`` (W, N − 1, s) is added to the states of the model after every step.
+    ``drift`` (…, W, N − 1, s) is added to the states of the model after every step.
     """
     many, model = how_many(model), narrowed(model)
+    if drift is not None:
+        state = state.expand(*drift.shape[:-2], state.shape[-1])
     if many is not None:
         state = state.expand(many, *state.shape[-2:])
     inputs = inputs.expand(*state.shape[:-2], *inputs.shape[-3:])
