@@ -167,7 +167,7 @@ def compare(
 
 def _squared(
     subject: Subject,
-    models: Mapping[str, PhysicsModel],
+    models: dict[str, PhysicsModel],
     noise: Noise,
     judged: Sequence[Group],
     *,
