@@ -65,6 +65,7 @@ def answer(steps: Steps) -> Diagnosis:
         system=subject.system,
         verdict=steps.verdict,
         noise_floor=error("floor"),
+        disturbance_floor=error("disturbance"),
         error=Errors(error("nominal"), error("calibrated"), extension.last),
         effects=placed(discovery, effects),
         unexplained=_unexplained(steps),

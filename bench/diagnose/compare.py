@@ -19,6 +19,7 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import ByGroup, GroupError
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.settings import COMPARING
+from bench.diagnose.simulate.disturbance import Observer
 from bench.diagnose.simulate.floor import floor, reach
 from bench.diagnose.simulate.free_run import (
     Group,
@@ -30,6 +31,7 @@ from bench.diagnose.simulate.free_run import (
     measured_windows,
     starts,
 )
+from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
@@ -45,7 +47,8 @@ class Comparison(Displayed):
     horizon_s: tuple[float, ...]
     groups: tuple[Group, ...]
     lines: dict[str, dict[str, Line]]
-    """By model ("nominal", those given, "floor"), then by group."""
+    """By model, then by group: "nominal", those given, "floor"; before that "disturbance", the last one helped by a
+    disturbance observer, where equations can be judged by themselves."""
     starts: int
     """Free runs a model."""
     every_s: float
@@ -64,9 +67,9 @@ class Comparison(Displayed):
         }
 
     def error(self, model: str) -> ByGroup:
-        """Error of a model, or of the "floor", at the last horizon."""
-        of = self.lines[model]
-        return {g.name: GroupError(self.horizon_s[-1], of[g.name].rmse[-1], g.unit) for g in self.groups}
+        """Error of a model, or of the "floor", at the last horizon; empty: there is no such line."""
+        of = self.lines.get(model, {})
+        return {g.name: GroupError(self.horizon_s[-1], of[g.name].rmse[-1], g.unit) for g in self.groups if of}
 
     @property
     def headline(self) -> str:
@@ -143,15 +146,9 @@ def compare(
     logs, at = tuple(log for log, _ in kept), [a for _, a in kept]
     judged = groups(subject.model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
     ends = np.unique(np.round(np.linspace(0, steps, COMPARING.horizons + 1)[1:]).astype(int))
-    squared = {}
     with torch.no_grad():
-        measured = measured_windows(logs, at, steps)
-        for name, model in models.items():
-            squared[name] = _finite(errors(free_run(model, logs, at, steps), measured, judged)[:, ends])
-        for model in reversed(models.values()):
-            squared["floor"] = _finite(floor(model, logs, at, steps, noise, judged).mean(0)[:, ends])
-            if np.isfinite(squared["floor"]).all():
-                break
+        every_sample = _squared(subject, models, noise, judged, logs=logs, at=at, steps=steps)
+    squared = {name: _finite(of[:, ends]) for name, of in every_sample.items()}
     units, basis = _units(logs, at, every, steps, squared[next(reversed(models))])
     recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
     draws = _draws(units, recording, len(logs) >= MIN_RECORDINGS)
@@ -166,6 +163,41 @@ def compare(
         basis=basis,
         noise=noise,
     )
+
+
+def _squared(
+    subject: Subject,
+    models: dict[str, PhysicsModel],
+    noise: Noise,
+    judged: Sequence[Group],
+    *,
+    logs: Sequence[Log],
+    at: Sequence[np.ndarray],
+    steps: int,
+) -> dict[str, Tensor]:
+    """Squared errors (W, steps + 1, groups) of every line."""
+    measured = measured_windows(logs, at, steps)
+    squared = {name: errors(free_run(model, logs, at, steps), measured, judged) for name, model in models.items()}
+    last = next(reversed(models.values()))
+    drift = _disturbance(subject, last, noise, logs, at, steps)
+    if drift is not None:
+        squared["disturbance"] = errors(free_run(last, logs, at, steps, drift), measured, judged)
+    for model in reversed(models.values()):
+        squared["floor"] = floor(model, logs, at, steps, noise, judged).mean(0)
+        if torch.isfinite(squared["floor"]).all():
+            break
+    return squared
+
+
+def _disturbance(
+    subject: Subject, model: PhysicsModel, noise: Noise, logs: Sequence[Log], at: Sequence[np.ndarray], steps: int
+) -> Tensor | None:
+    """What the past of a model's disturbance adds to free runs (W, steps, s); None: nothing can be said of it."""
+    train = subject.of(subject.training)
+    if not train or hidden(train) or hidden(logs):
+        return None
+    observer = Observer.learned(model, train, noise, steps)
+    return None if observer is None else observer.drift(logs, at)
 
 
 def _finite(squared: Tensor) -> np.ndarray:

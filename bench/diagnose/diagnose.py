@@ -181,7 +181,7 @@ def _calibrated_only(run: _Run, found: Discovery) -> Extension:
         model=model,
         effects=(),
         comparison=comparison,
-        stages=tuple(stage(n, comparison.error(n)) for n in comparison.lines),
+        stages=tuple(stage(n, comparison.error(n)) for n in ("nominal", "calibrated", "floor")),
         constants=numbers,
         calibrated=0.0,
     )

@@ -12,8 +12,8 @@ from registry.units import display
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LINES = ("nominal", "calibrated", "extended", "floor")
-"""The four lines of every comparison, in the order of drawing."""
+LINES = ("nominal", "calibrated", "extended", "disturbance", "floor")
+"""The lines of every comparison, in the order of drawing; "disturbance" may be missing."""
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ class Extension(Displayed):
     effects: tuple[NamedEffect, ...]
     """The added ones, in order."""
     comparison: Comparison
-    """Lines "nominal", "calibrated", "+ id" after each effect, "extended" and "floor"."""
+    """Lines "nominal", "calibrated", "+ id" after each effect, "extended", "floor", and that of an observer."""
     stages: tuple[Stage, ...]
     constants: tuple[Estimate, ...]
     calibrated: float
@@ -187,7 +187,7 @@ def _extension(
 ) -> Extension:
     """What each effect from the ``first`` on takes of the error, in the order in which they were added."""
     order, scale = list(chain.lines()), _scales(subject, comparison)
-    squared = {n: pooled(comparison.error(n), scale) for n in comparison.lines}
+    squared = {n: pooled(comparison.error(n), scale) for n in ("nominal", *order, "floor")}
     taken, *shares = shares_of([squared[n] for n in ("nominal", *order)], squared["floor"])
     effects = tuple(
         _named(

@@ -157,6 +157,8 @@ class Diagnosis(Displayed):
     """By name, such as "forces"; empty: no equation could be judged by itself."""
     constants: dict[str, ConstantEstimate] = field(default_factory=dict)
     """Of the base model, by name."""
+    disturbance_floor: ByGroup = field(default_factory=dict)
+    """What the last model leaves that goes on with the disturbance which its own past tells; empty: none is known."""
 
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:

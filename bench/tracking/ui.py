@@ -43,10 +43,10 @@ def serve(
     if uri.startswith(("http://", "https://")):
         print(f"Charts: {chart_link(uri, experiment_id)}")
         return
-    with suppress(KeyboardInterrupt), server(uri, host, port) as base_url:
+    with suppress(KeyboardInterrupt), server(uri, host, port) as base_url, _asked_to_stop() as asked:
         print(f"Charts: {chart_link(base_url, experiment_id)}\nCtrl-C stops the server.", flush=True)
-        while True:  # not `signal.pause`: a Ctrl-C just before it would be waited for, and never seen
-            time.sleep(1)
+        while not asked:  # not `signal.pause`: a Ctrl-C just before it would be waited for, and never seen
+            time.sleep(0.2)
 
 
 @contextmanager
@@ -119,6 +119,21 @@ def _stop(process: "subprocess.Popen[bytes]") -> None:
             os.killpg(process.pid, sign)
         with suppress(subprocess.TimeoutExpired):
             process.wait(timeout=5)
+
+
+@contextmanager
+def _asked_to_stop() -> Iterator[list[int]]:
+    """A list to which Ctrl-C and SIGTERM are appended: an exception raised in a destructor would be lost with them."""
+    asked: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    before = {s: signal.signal(s, lambda number, _: asked.append(number)) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager

@@ -163,7 +163,7 @@ def test_the_error_is_that_of_a_free_run_from_the_measured_states() -> None:
     assert line.rmse[-1] == pytest.approx(np.sqrt((each[0][0] ** 2 + each[1][0] ** 2) / 2), rel=1e-3)
     assert line.low[-1] < line.rmse[-1] < line.high[-1]
     assert made.error("nominal")["speed"].rmse == made.curves["speed"].lines["nominal"].rmse[-1]
-    assert set(made.curves["speed"].lines) == {"nominal", "floor"}
+    assert set(made.curves["speed"].lines) == {"nominal", "disturbance", "floor"}
 
 
 def test_a_model_that_diverges_has_an_infinite_error_and_the_floor_is_another_ones() -> None:

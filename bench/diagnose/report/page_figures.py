@@ -28,12 +28,14 @@ _VARIABLES = {
     "#0a0606": "extended",
     "#0a0707": "floor",
     "#0a0808": "paper",
+    "#0a0909": "disturbance",
 }
-INK, MUTED, GRID, NOMINAL, CALIBRATED, EXTENDED, FLOOR, PAPER = _VARIABLES
+INK, MUTED, GRID, NOMINAL, CALIBRATED, EXTENDED, FLOOR, PAPER, DISTURBANCE = _VARIABLES
 LOOK: dict[str, tuple[str, Any, float]] = {
     "nominal": (NOMINAL, (0, (5, 1.6)), 1.6),
     "calibrated": (CALIBRATED, (0, (6, 1.5, 1.2, 1.5)), 1.5),
     "extended": (EXTENDED, "solid", 2.0),
+    "disturbance": (DISTURBANCE, (0, (4, 1.2, 1, 1.2)), 1.5),
     "floor": (FLOOR, (0, (1, 1.3)), 1.5),
 }
 """Colour, dashes and width of a line."""

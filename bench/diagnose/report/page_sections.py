@@ -154,6 +154,7 @@ def _left(d: Diagnosis) -> _Left | None:
     if d.verdict == "data_problem":
         return None
     said = sentences.remainder(d) or "Nothing systematic is left above the noise floor."
+    said = " ".join(filter(None, (said, sentences.observed(d))))
     return _Left(said, d.evidence.hypothesis)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from bench.diagnose.by_equation import EffectSaving
 from bench.diagnose.evidence import LINES, Calibration
-from bench.diagnose.report.phrases import listed, named, number, percent, shown
+from bench.diagnose.report.phrases import listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect
 from bench.diagnose.settings import TELLING
 
@@ -144,6 +144,21 @@ def remainder(diagnosis: Diagnosis) -> str:
     return f"A systematic error is left in {axes}{size}.{follows}"
 
 
+def observed(diagnosis: Diagnosis) -> str:
+    """A sentence about what the past of the error tells; empty where it tells little."""
+    helped = [f for f in falls(diagnosis) if f.observed]
+    if not helped:
+        return ""
+    each = listed(
+        f"{named(f.group)} after {f.horizon} from {f.text(f.after)} to {united(f.text('disturbance'), f.unit)}"
+        for f in helped
+    )
+    return (
+        f"A disturbance observer would bring {each}: that much of what the model leaves is slow, can be "
+        "told from the moments before, and follows no measured signal that was found."
+    )
+
+
 def miscalibrated(diagnosis: Diagnosis) -> str:
     """A sentence about base constants whose intervals exclude what was stated, and ratios of them that do."""
     moved = [c for c in diagnosis.evidence.calibration if c.moved and abs(c.sigma) >= TELLING.constant_moved]
@@ -232,6 +247,11 @@ class Fall:
     after: str
     """The model that the diagnosis ends with: "extended", or "calibrated" where no effect was added."""
 
+    @property
+    def observed(self) -> bool:
+        """Whether a disturbance observer lowers the error by enough to be told."""
+        return self.errors["disturbance"] < TELLING.observer_helps * self.errors[self.after]
+
     def text(self, model: str) -> str:
         """The error of a model."""
         error = self.errors[model]
@@ -249,6 +269,7 @@ def falls(diagnosis: Diagnosis) -> list[Fall]:
         diagnosis.error.nominal,
         diagnosis.error.calibrated,
         diagnosis.error.extended,
+        diagnosis.disturbance_floor,
         diagnosis.noise_floor,
     )
     out = []

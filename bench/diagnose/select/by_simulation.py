@@ -82,7 +82,7 @@ def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[
                     field.append(Choice((*taken.ids, name), _fit(subject, windows, grown), subject, windows))
             if not field:
                 break
-            fields.append(sorted(field, key=lambda c: _criterion(c, taken)))
+            fields.append(_settled(field, taken, tick))
             if not _accepted(taken, fields[-1][0]):
                 break
             taken = fields[-1][0]
@@ -160,6 +160,34 @@ def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> 
     for samples in GROWING:
         led = likely(windows.shortened(samples), led)
     return min(fit(subject, windows, likely(windows, [*begin, *led])), key=lambda f: f.loss.sum())
+
+
+def _settled(field: Sequence[Choice], smaller: Choice, tick: Callable[[str], None]) -> list[Choice]:
+    """Sets of one size, the best first; it and those like it are fitted a second time before they are compared.
+
+    Other numbers of a set were those of the smaller one when its search grid was tried: that may be the valley of
+    another solution. The second time they are its own.
+    """
+    again: dict[tuple[str, ...], Choice] = {}
+    while True:
+        field = sorted((again.get(c.ids, c) for c in field), key=lambda c: _criterion(c, smaller))
+        close = [c for c in field if c.ids not in again and (c is field[0] or _alike(field[0], c))]
+        if not close:
+            return field
+        tick(" + ".join(close[0].ids))
+        again[close[0].ids] = _around(close[0])
+
+
+def _around(choice: Choice) -> Choice:
+    """The same effects, fitted once more from the whole search grid of each with all else as it was found."""
+    model, known = choice.fitted.model, len(choice.fitted.model.effects) - len(choice.ids)
+    begin = [
+        replace(model, effects=(*model.effects[:i], point, *model.effects[i + 1 :]))
+        for i, name in enumerate(choice.ids, known)
+        for point in _points(name)
+    ]
+    found = _fit(choice.subject, choice.windows, begin)
+    return replace(choice, fitted=found) if found.loss.sum() < choice.fitted.loss.sum() else choice
 
 
 def _points(name: str) -> list[Effect]:

@@ -10,10 +10,11 @@ from typing import Any
 from bench.diagnose.settings.checks import Aligning, Freezing, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
 from bench.diagnose.settings.logs import Hearing, Reading
-from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Telling
+from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Observing, Telling
 from bench.diagnose.settings.unseen import Unseen
 
 COMPARING = Comparing()
+OBSERVING = Observing()
 LOCATING = Locating()
 DISCOVERING = Discovering()
 EXTENDING = Extending()
@@ -34,6 +35,7 @@ UNSEEN = Unseen()
 
 EVERY = (
     COMPARING,
+    OBSERVING,
     LOCATING,
     DISCOVERING,
     EXTENDING,

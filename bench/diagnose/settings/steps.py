@@ -20,6 +20,28 @@ class Comparing:
 
 
 @dataclass(frozen=True)
+class Observing:
+    """The disturbance observer."""
+
+    fastest: float = threshold(
+        0.04,
+        "time constant of its fastest filter, as a share of the horizon: what changes faster is forgotten within it",
+        Basis.JUDGED,
+    )
+    ratio: float = threshold(5.0, "from one filter's time constant to the next one's", Basis.JUDGED)
+    filters: int = threshold(4, "filters a channel: the slowest remembers five horizons", Basis.JUDGED, "count")
+    parts: int = threshold(
+        5, "stretches of a horizon over each of which a predicted disturbance is constant", Basis.EFFORT, "count"
+    )
+    windows: int = threshold(
+        250, "free runs of training recordings that tell how far it is trusted, about", Basis.EFFORT, "count"
+    )
+    points: int = threshold(5, "points of a horizon at which their errors count", Basis.EFFORT, "count")
+    nudge: float = threshold(1e-3, "of a disturbance, by which the response to it is told", Basis.ROUNDING)
+    halvings: int = threshold(4, "lengths of the step towards that trust that are tried", Basis.EFFORT, "count")
+
+
+@dataclass(frozen=True)
 class Locating:
     """Step 2: where the error is."""
 
@@ -144,6 +166,11 @@ class Telling:
     )
     constant_moved: float = threshold(
         0.1, "σ below which nobody is told that a constant moved, however sure it is", Basis.SHOWN, "σ"
+    )
+    observer_helps: float = threshold(
+        0.95,
+        "error with a disturbance observer, relative to that without, from which a reader need not know it",
+        Basis.SHOWN,
     )
     constants: int = threshold(
         2, "constants, and ratios of them, that a sentence says are off; the page has them all", Basis.SHOWN, "count"

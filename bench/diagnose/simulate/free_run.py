@@ -56,14 +56,16 @@ def starts(log: Log, steps: int, every: int, first: int = 0) -> np.ndarray:
     return at[bad[at + steps + 1] == bad[at]] if len(at) else at
 
 
-def free_run(model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray], steps: int) -> Tensor:
+def free_run(
+    model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray], steps: int, drift: Tensor | None = None
+) -> Tensor:
     """Predicted states (W, steps + 1, s) from the measured ones at the samples ``at`` of each log, all logs together.
 
     Delays, lags and swinging loads start as the log's past says. The parameters may be tensors (B, 1, 1), for B
-    models at once: then (B, W, steps + 1, s).
+    models at once: then (B, W, steps + 1, s). ``drift`` is as for `roll`.
     """
     inputs = windows([log.inputs for log in logs], at, steps)
-    return roll(model, past(model, logs, at), inputs, logs[0].dt)[..., : len(model.state_channels)]
+    return roll(model, past(model, logs, at), inputs, logs[0].dt, drift)[..., : len(model.state_channels)]
 
 
 def past(model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray]) -> Tensor:
@@ -72,15 +74,24 @@ def past(model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray]) -> 
     return torch.cat([full[..., i, k, :] for i, k in enumerate(map(torch.as_tensor, at))], dim=-2)
 
 
-def roll(model: PhysicsModel, state: Tensor, inputs: Tensor, dt: float) -> Tensor:
-    """Full states (…, W, N, full) of a free run from ``state`` (…, W, full) under inputs (W, N, m)."""
+def roll(model: PhysicsModel, state: Tensor, inputs: Tensor, dt: float, drift: Tensor | None = None) -> Tensor:
+    """Full states (…, W, N, full) of a free run from ``state`` (…, W, full) under inputs (W, N, m).
+
+    ``drift`` (…, W, N − 1, s) is added to the states of the model after every step.
+    """
     many, model = how_many(model), narrowed(model)
+    if drift is not None:
+        state = state.expand(*drift.shape[:-2], state.shape[-1])
     if many is not None:
         state = state.expand(many, *state.shape[-2:])
     inputs = inputs.expand(*state.shape[:-2], *inputs.shape[-3:])
     out = [state]
     for k in range(inputs.shape[-2] - 1):
-        out.append(model.step(out[-1], inputs[..., k, :], inputs[..., k + 1, :], dt))
+        after = model.step(out[-1], inputs[..., k, :], inputs[..., k + 1, :], dt)
+        if drift is not None:
+            after = after.clone()
+            after[..., : drift.shape[-1]] += drift[..., k, :]
+        out.append(after)
     return torch.stack(out, dim=-2)
 
 
