@@ -8,8 +8,7 @@ from bench.diagnose.evidence import ResidualMap
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.regression.conditions import Condition
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
-from registry.dynamics import PhysicsModel, tensor
-from registry.physics.rigid_body import RigidBody
+from registry.dynamics import PhysicsModel
 
 BINS = 12
 """Of equally many samples each."""
@@ -92,7 +91,7 @@ def residuals(
 ) -> dict[tuple[str, str], np.ndarray]:
     """Mean residuals (J,) over the windows of ``tests``, by quantity and unit.
 
-    Of a rigid body force [N] and torque [N m] along the body's axes, else the rate of change of each channel.
+    What the quantities are is the system's to say, `Description.residuals`.
 
     Args:
         model: whose rates are taken off.
@@ -107,36 +106,11 @@ def residuals(
         modelled = [tests.integral(i, c, rates[i, :, c], stack.dt) for c in range(len(columns))]
         parts.append(tests.increment(i, states) - np.stack(modelled, axis=-1))
     mean = np.concatenate(parts) / (tests.hop * stack.dt)
+    logs = np.repeat(np.arange(len(tests.centres)), [len(c) for c in tests.centres])
+    at = logs, np.concatenate(tests.centres)
     by_channel = {c: mean[:, i] for i, c in enumerate(columns)}
-    if isinstance(model, RigidBody):
-        return _loads(model, stack, tests, by_channel)
-    found = {}
-    for c, y in by_channel.items():
-        channel = model.state_channels[c]
-        unit = f"{channel.unit}^2" if channel.unit.endswith("/s") else f"{channel.unit}/s"
-        found[f"rate of change of {channel.name}", unit] = y
-    return found
-
-
-def _loads(
-    model: RigidBody, stack: Stack, tests: TestFunctions, by_channel: dict[int, np.ndarray]
-) -> dict[tuple[str, str], np.ndarray]:
-    centre = [(i, k) for i, centres in enumerate(tests.centres) for k in centres]
-    log, sample = (np.array(v) for v in zip(*centre, strict=True))
-    state = model.project(stack.states[log, sample])
-    motion = model.unloaded(state, stack.inputs[log, sample])[0]
-    constants = motion.model
-    found: dict[tuple[str, str], np.ndarray] = {}
-    if all(c in by_channel for c in range(3, 10)):
-        world = np.stack([by_channel[c] for c in (3, 4, 5)], axis=-1)
-        body = np.einsum("jki,jk->ji", motion.rotation.numpy(), world)
-        force = tensor(constants.mass, state).unsqueeze(-1).numpy() * body
-        found |= {(f"force {a}", "N"): force[:, i] for i, a in enumerate("xyz")}
-    if all(c in by_channel for c in (10, 11, 12)):
-        spin = np.stack([by_channel[c] for c in (10, 11, 12)], axis=-1)
-        torque = tensor(constants.inertia, state).numpy() * spin
-        found |= {(f"torque {a}", "N m"): torque[:, i] for i, a in enumerate("xyz")}
-    return found
+    found = model.description().residuals(stack.states[at], stack.inputs[at], by_channel)
+    return {(q.name, q.unit): q.values for q in found}
 
 
 def _means(values: np.ndarray, bins: Sequence[np.ndarray]) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ SINDy" (2021).
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -24,10 +24,9 @@ from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.recurrence import solved
 from bench.diagnose.regression.wave import wave
-from registry.dynamics import Effect, InternalEffect, PhysicsModel
+from registry.dynamics import Effect, PhysicsModel
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.errors import BenchError
-from registry.physics.rigid_body import RigidBody
 
 M = TypeVar("M", bound=PhysicsModel)
 AT_ONCE = 8_000
@@ -134,9 +133,7 @@ def _of_all(many: int | None, *signals: Tensor) -> list[Tensor]:
 def _for_all(model: PhysicsModel, many: int | None, *signals: Tensor) -> list[Tensor]:
     """`_of_all`; but once for all where the equations are known to broadcast: what is alike is computed once."""
     ours = __name__.partition(".")[0], PhysicsModel.__module__.partition(".")[0]
-    broadcasts = isinstance(model, RigidBody) and all(
-        type(x).__module__.partition(".")[0] in ours for x in (model, *model.effects)
-    )
+    broadcasts = model.broadcasts and all(type(x).__module__.partition(".")[0] in ours for x in (model, *model.effects))
     return list(signals) if broadcasts else _of_all(many, *signals)
 
 
@@ -216,8 +213,8 @@ def _own_path(model: PhysicsModel, stack: Stack, middle: Tensor, slopes: Tensor)
     shape = (*(() if many is None else (many,)), *states.shape[:-1])
     if all(isinstance(e, PeriodicTerm) for e in model.effects if e.internal_size):
         return stack.states.new_zeros(*shape[:-1], shape[-1] + 1, model.internal_size)
-    if isinstance(model, RigidBody):
-        at_once = _swing_rates(model, states, middle, slopes)
+    at_once = model.internal_rates(states, middle, slopes)
+    if at_once is not None:
 
         def through(own: Tensor) -> Tensor:
             return own + stack.dt * at_once(own + stack.dt / 2 * at_once(own))
@@ -236,22 +233,6 @@ def _own_path(model: PhysicsModel, stack: Stack, middle: Tensor, slopes: Tensor)
         own = own + stack.dt * rate(k, own + stack.dt / 2 * rate(k, own))
         one_by_one.append(own)
     return torch.stack(one_by_one, dim=-2)
-
-
-def _swing_rates(model: RigidBody, states: Tensor, middle: Tensor, slopes: Tensor) -> Callable[[Tensor], Tensor]:
-    """Rates (…, L, N − 1, i) of the own states of a rigid body's effects over all intervals, at own states."""
-    seen, _, _, _, acceleration = model.unloaded(states, middle, slopes)
-    effects = [e for e in model.effects if isinstance(e, InternalEffect)]
-
-    def rate(own: Tensor) -> Tensor:
-        rates, at = [], 0
-        for effect in effects:
-            size = effect.internal_size
-            rates.append(effect.internal_rate(replace(seen, internal=own[..., at : at + size]), acceleration))
-            at += size
-        return torch.cat(rates, dim=-1)
-
-    return rate
 
 
 def how_many(model: PhysicsModel) -> int | None:
