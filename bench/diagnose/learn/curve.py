@@ -51,16 +51,16 @@ def curve(subject: Subject, noise: Noise, model: PhysicsModel, place: int, effec
     per = product((whole, 1), *((units[s], -1) for s in term.signals[1:]))
     axis = term.axis if known.flies(type(model)) else f"rate of change of {term.axis}"
     return LearnedCurve(
-        term.signals[0] if term.signals else "time",
-        units[term.signals[0]] if term.signals else "s",
-        axis if len(term.signals) < 2 else f"{axis} over {term.signals[1]}",
-        per,
-        tuple(grid.tolist()),
-        tuple(y.tolist()),
-        tuple((y - band).tolist()),
-        tuple((y + band).tolist()),
-        tuple(x[thin].tolist()),
-        tuple(left[thin].tolist()),
+        x_signal=term.signals[0] if term.signals else "time",
+        x_unit=units[term.signals[0]] if term.signals else "s",
+        y_quantity=axis if len(term.signals) < 2 else f"{axis} over {term.signals[1]}",
+        y_unit=per,
+        x=tuple(grid.tolist()),
+        y=tuple(y.tolist()),
+        low=tuple((y - band).tolist()),
+        high=tuple((y + band).tolist()),
+        dots_x=tuple(x[thin].tolist()),
+        dots_y=tuple(left[thin].tolist()),
     )
 
 

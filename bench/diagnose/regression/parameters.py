@@ -118,7 +118,7 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
                 ends = (b * math.exp(-WITHIN * spread), b * math.exp(WITHIN * spread))
                 least, most = ends if positive else (b - WITHIN * scale, b + WITHIN * scale)
                 low, high = max(low, least), min(high, most)
-                found.append(Entry(-1, p.name, component, p.unit, v, scale, low, high, stated=b))
+                found.append(Entry(-1, p.name, component, p.unit, v, scale=scale, low=low, high=high, stated=b))
     for i, effect in enumerate(model.effects):
         found += effect_entries(effect, i)
     return found
@@ -126,12 +126,14 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
 
 def effect_entries(effect: Effect, owner: int) -> list[Entry]:
     """An effect's parameters that can be fitted; of a vector each component is a number of its own."""
-    return [
-        Entry(owner, p.name, i if np.ndim(p.value) else None, p.unit, v, _scale(p, i), *_bounds(p), neutral)
-        for p in effect.parameters()
-        if p.uncertainty > 0
-        for i, (v, neutral) in enumerate(zip(_flat(p.value), _flat(p.neutral), strict=True))
-    ]
+    found = []
+    for p in effect.parameters():
+        if p.uncertainty > 0:
+            low, high = _bounds(p)
+            for i, (v, neutral) in enumerate(zip(_flat(p.value), _flat(p.neutral), strict=True)):
+                at, scale = i if np.ndim(p.value) else None, _scale(p, i)
+                found.append(Entry(owner, p.name, at, p.unit, v, scale=scale, low=low, high=high, neutral=neutral))
+    return found
 
 
 def with_values(model: PhysicsModel, where: Sequence[Entry], values: np.ndarray | Tensor) -> PhysicsModel:

@@ -1,6 +1,8 @@
 """Force and torque, or rate of change, that a model leaves out, against the conditions in which it does."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -52,38 +54,66 @@ def residual_maps(
     found = []
     for condition in where:
         x = np.concatenate([condition.means(i, c - hop, 2 * hop + 1) for i, c in enumerate(tests.centres)])
-        if len(x) < 4 * BINS:
-            continue
-        order = np.argsort(x, kind="stable")
-        bins = np.array_split(order, BINS)
-        for (quantity, unit), y in before.items():
-            share = _share(y, bins)
-            if share > FOLLOWS:
-                later = better.get((quantity, unit))
-                found.append((share, condition, quantity, unit, x, y, bins, later))
-    found.sort(key=lambda f: (f[1].name not in regions, -f[0]))
+        if len(x) >= 4 * BINS:
+            bins = np.array_split(np.argsort(x, kind="stable"), BINS)
+            every = (_Followed(condition, what, x, y, bins, better.get(what)) for what, y in before.items())
+            found += [f for f in every if f.share > FOLLOWS]
+    found.sort(key=lambda f: (f.condition.name not in regions, -f.share))
     maps: list[ResidualMap] = []
-    for _, condition, quantity, unit, x, y, bins, later in found:
-        against = sum(m.x_signal == condition.name for m in maps)
-        of = sum(m.y_quantity == quantity for m in maps)
-        if len(maps) == MAPS or max(against, of) >= EACH:
-            continue
-        thin = slice(None, None, max(1, -(-len(x) // DOTS)))
-        maps.append(
-            ResidualMap(
-                condition.name,
-                condition.unit,
-                quantity,
-                unit,
-                tuple(x[thin].tolist()),
-                tuple(y[thin].tolist()),
-                _means(x, bins),
-                _means(y, bins),
-                () if later is None else _means(later, bins),
-                regions.get(condition.name, ""),
-            )
-        )
+    for f in found:
+        against = sum(m.x_signal == f.condition.name for m in maps)
+        of = sum(m.y_quantity == f.quantity[0] for m in maps)
+        if len(maps) < MAPS and max(against, of) < EACH:
+            maps.append(f.drawn(regions.get(f.condition.name, "")))
     return tuple(maps)
+
+
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """A residual (J,) beside a condition."""
+
+    condition: Condition
+    quantity: tuple[str, str]
+    """Name and unit."""
+    x: np.ndarray
+    """(J,) the condition."""
+    y: np.ndarray
+    bins: Sequence[np.ndarray]
+    """Places of equally many samples each, by ascending condition."""
+    better: np.ndarray | None
+    """(J,) the residual of a better model."""
+
+    @cached_property
+    def share(self) -> float:
+        """Share R² of the residual's variance that its means in bins hold, less what chance alone gives them.
+
+        R² = 1 − Σ_b Σ_(j in b) (y_j − ȳ_b)² / (J − bins) / s², with s² the variance of y: adjusted for the means.
+        """
+        y = self.y
+        total = float(((y - y.mean()) ** 2).sum())
+        within = sum(float(((y[b] - y[b].mean()) ** 2).sum()) for b in self.bins)
+        if not total > 0:
+            return 0.0
+        return 1 - within / (len(y) - len(self.bins)) / (total / (len(y) - 1))
+
+    def drawn(self, region: str) -> ResidualMap:
+        """As a page shows it, with no more than `DOTS` dots."""
+        thin = slice(None, None, max(1, -(-len(self.x) // DOTS)))
+        return ResidualMap(
+            x_signal=self.condition.name,
+            x_unit=self.condition.unit,
+            y_quantity=self.quantity[0],
+            y_unit=self.quantity[1],
+            x=tuple(self.x[thin].tolist()),
+            y=tuple(self.y[thin].tolist()),
+            centres=self._means(self.x),
+            before=self._means(self.y),
+            after=() if self.better is None else self._means(self.better),
+            region=region,
+        )
+
+    def _means(self, values: np.ndarray) -> tuple[float, ...]:
+        return tuple(float(values[b].mean()) for b in self.bins)
 
 
 def residuals(
@@ -111,16 +141,3 @@ def residuals(
     by_channel = {c: mean[:, i] for i, c in enumerate(columns)}
     found = model.description().residuals(stack.states[at], stack.inputs[at], by_channel)
     return {(q.name, q.unit): q.values for q in found}
-
-
-def _means(values: np.ndarray, bins: Sequence[np.ndarray]) -> tuple[float, ...]:
-    return tuple(float(values[b].mean()) for b in bins)
-
-
-def _share(y: np.ndarray, bins: Sequence[np.ndarray]) -> float:
-    """Share of the variance of y that its means in bins hold, less what chance alone gives them."""
-    total = float(((y - y.mean()) ** 2).sum())
-    within = sum(float(((y[b] - y[b].mean()) ** 2).sum()) for b in bins)
-    if not total > 0:
-        return 0.0
-    return 1 - within / (len(y) - len(bins)) / (total / (len(y) - 1))

@@ -190,8 +190,16 @@ class Search:
         linear = replace(linear, columns=linear.columns.forgotten())
 
         def view(normal: Normal, grams: list[np.ndarray]) -> View:
-            subsets = Subsets(linear, normal, buried)
-            return View(linear, tuple(words), subsets, tuple(grams), reach, explained, doubtful, tuple(filters))
+            return View(
+                linear=linear,
+                dictionary=tuple(words),
+                subsets=Subsets(linear, normal, buried),
+                grams=tuple(grams),
+                reach=reach,
+                explained=explained,
+                doubtful=doubtful,
+                filters=tuple(filters),
+            )
 
         normal = mine.normal()
         return [view(normal, grams)] if noise is None else [view(normal.less(noise), cleaned), view(normal, grams)]
