@@ -19,9 +19,9 @@ from bench.diagnose.manoeuvre.separation import (
     log_determinant,
     predictions,
 )
-from bench.diagnose.regression.rows import BLOCK_SECONDS
 from bench.diagnose.select.choose import DISTINCT
 from bench.diagnose.select.verify import LOUD
+from bench.diagnose.settings import FOLDING
 
 ODDS = 6.0
 """Twice the log odds that a diagnosis asks for before it calls a rival worse (20 to 1)."""
@@ -156,7 +156,7 @@ class Judge:
 
 def _block(seconds: float) -> float:
     """Length of the blocks that a diagnosis cuts a recording of so many seconds into: five at least."""
-    return min(BLOCK_SECONDS, seconds / 5)
+    return min(FOLDING.block, seconds / 5)
 
 
 def _by(count: int, x: np.ndarray) -> np.ndarray:

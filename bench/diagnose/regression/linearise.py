@@ -12,15 +12,9 @@ from bench.diagnose.regression.generic import Dictionary
 from bench.diagnose.regression.parameters import Entry, effect_entries, entries, probes, with_values
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
+from bench.diagnose.settings import LINEARISING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
-
-UNSTABLE = 1e6
-"""Rates, relative to the model's own, that no physical effect adds."""
-WIDE = 0.2
-"""Relative 1σ of a constant from which what an effect does depends on it too much for one linearisation."""
-TOGETHER = 12
-"""Models, at least, whose rates are held in memory at once; those of all starts of a search would take gigabytes."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +138,7 @@ def directions(
     acts = [moves(x - at) for x in found[1:]]  # a model may have constants that this input does not use
     columns = [c for c, a in zip(_slopes(found[1:], at, steps, stack), acts, strict=True) if a]
     own = [e for e, a in zip(own, acts, strict=True) if a]
-    wide = {j: e for j, e in enumerate(own) if e.constant and e.scale > WIDE * abs(e.value)}
+    wide = {j: e for j, e in enumerate(own) if e.constant and e.scale > LINEARISING.wide * abs(e.value)}
     dependants = tuple(_dependants(model, i) for i in range(len(model.effects)))
     removals = tuple(range(len(own), len(own) + len(model.effects)))
     more, reduced = _without(model, dependants, at, wide, stack, first=len(own))
@@ -264,9 +258,9 @@ def _probed(
     probed = [probes(where) for where in fitted]
     extended = replace(model, effects=(*model.effects, points[0]))
     plain = points == [kind.neutral()]  # then the first probe is the model itself
-    limit = UNSTABLE * (float(np.abs(at).max()) or 1.0)
+    limit = LINEARISING.unstable * (float(np.abs(at).max()) or 1.0)
     each = len(fitted[0]) + 1
-    some = max(1, -(-TOGETHER // each))
+    some = max(1, -(-LINEARISING.together // each))
     for first in range(0, len(points), some):
         part = slice(first, first + some)
         together = torch.cat([values[plain:] for values, _ in probed[part]])

@@ -10,18 +10,8 @@ from bench.diagnose.evidence import ResidualMap
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.regression.conditions import Condition
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
+from bench.diagnose.settings import MAPPING
 from registry.dynamics import PhysicsModel
-
-BINS = 12
-"""Of equally many samples each."""
-DOTS = 1500
-"""Samples kept for a scatter."""
-MAPS = 8
-"""Maps at most."""
-EACH = 2
-"""Maps of one quantity, and maps against one condition, at most."""
-FOLLOWS = 0.05
-"""Share of a residual's variance that its means in bins must hold."""
 
 
 def residual_maps(
@@ -54,16 +44,16 @@ def residual_maps(
     found = []
     for condition in where:
         x = np.concatenate([condition.means(i, c - hop, 2 * hop + 1) for i, c in enumerate(tests.centres)])
-        if len(x) >= 4 * BINS:
-            bins = np.array_split(np.argsort(x, kind="stable"), BINS)
+        if len(x) >= 4 * MAPPING.bins:
+            bins = np.array_split(np.argsort(x, kind="stable"), MAPPING.bins)
             every = (_Followed(condition, what, x, y, bins, better.get(what)) for what, y in before.items())
-            found += [f for f in every if f.share > FOLLOWS]
+            found += [f for f in every if f.share > MAPPING.follows]
     found.sort(key=lambda f: (f.condition.name not in regions, -f.share))
     maps: list[ResidualMap] = []
     for f in found:
         against = sum(m.x_signal == f.condition.name for m in maps)
         of = sum(m.y_quantity == f.quantity[0] for m in maps)
-        if len(maps) < MAPS and max(against, of) < EACH:
+        if len(maps) < MAPPING.maps and max(against, of) < MAPPING.each:
             maps.append(f.drawn(regions.get(f.condition.name, "")))
     return tuple(maps)
 
@@ -97,8 +87,8 @@ class _Followed:
         return 1 - within / (len(y) - len(self.bins)) / (total / (len(y) - 1))
 
     def drawn(self, region: str) -> ResidualMap:
-        """As a page shows it, with no more than `DOTS` dots."""
-        thin = slice(None, None, max(1, -(-len(self.x) // DOTS)))
+        """As a page shows it, with no more than `MAPPING.dots` dots."""
+        thin = slice(None, None, max(1, -(-len(self.x) // MAPPING.dots)))
         return ResidualMap(
             x_signal=self.condition.name,
             x_unit=self.condition.unit,

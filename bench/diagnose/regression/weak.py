@@ -24,13 +24,12 @@ from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.recurrence import solved
 from bench.diagnose.regression.wave import wave
+from bench.diagnose.settings import LINEARISING
 from registry.dynamics import Effect, PhysicsModel
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.errors import BenchError
 
 M = TypeVar("M", bound=PhysicsModel)
-AT_ONCE = 8_000
-"""Samples, times models, whose rates are computed at once: what they need fits a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +111,7 @@ def mean_rates(model: PhysicsModel, stack: Stack) -> Tensor:
     shape = (*(() if many is None else (many,)), *state.shape[:-1])
     sensed = stack.sensed
     out = state.new_empty(*shape, size + (len(model.sensed_channels) if sensed else 0))
-    step = max(1, AT_ONCE // max(1, math.prod(shape[:-1])))
+    step = max(1, LINEARISING.at_once // max(1, math.prod(shape[:-1])))
     for start in range(0, shape[-1], step):
         part = slice(start, start + step)
         at, *driven = _for_all(model, many, state[:, part], middle[..., part, :], slopes[..., part, :])

@@ -13,10 +13,11 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
 from bench.diagnose.regression.least_squares import Normal, regularised, shifted, whitening
 from bench.diagnose.regression.linearise import Directions, directions
-from bench.diagnose.regression.parameters import FREE, Prior, entries
+from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
 from bench.diagnose.select.subset import Subsets
+from bench.diagnose.settings import CALIBRATING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Channel
 from registry.core import EFFECTS
@@ -124,7 +125,7 @@ class Search:
             f"The stated {name.replace('_', ' ')} ({text} {stated[0].unit}) was let go: these recordings contradict it "
             "by far more than its uncertainty. What they say of it stands among the constants."
         )
-        uncertainty = {**self.subject.uncertainty, name: FREE}
+        uncertainty = {**self.subject.uncertainty, name: CALIBRATING.free}
         self.subject = replace(self.subject, uncertainty=uncertainty, notes=(*self.subject.notes, note))
         return True
 

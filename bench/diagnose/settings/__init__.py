@@ -10,6 +10,7 @@ from typing import Any
 from bench.diagnose.settings.checks import Aligning, Freezing, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
 from bench.diagnose.settings.logs import Hearing, Reading
+from bench.diagnose.settings.regression import Calibrating, Folding, Linearising, Mapping, Waving
 from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Telling
 from bench.diagnose.settings.unseen import Unseen
 
@@ -31,6 +32,11 @@ LIFTING = Lifting()
 READING = Reading()
 HEARING = Hearing()
 UNSEEN = Unseen()
+LINEARISING = Linearising()
+CALIBRATING = Calibrating()
+FOLDING = Folding()
+WAVING = Waving()
+MAPPING = Mapping()
 
 EVERY = (
     COMPARING,
@@ -51,6 +57,11 @@ EVERY = (
     READING,
     HEARING,
     UNSEEN,
+    LINEARISING,
+    CALIBRATING,
+    FOLDING,
+    WAVING,
+    MAPPING,
 )
 
 
