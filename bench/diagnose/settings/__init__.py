@@ -11,6 +11,7 @@ from bench.diagnose.settings.checks import Aligning, Freezing, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
 from bench.diagnose.settings.logs import Hearing, Reading
 from bench.diagnose.settings.regression import Calibrating, Folding, Linearising, Mapping, Waving
+from bench.diagnose.settings.simulate import Beginning, Playing, Running, Shooting, Simulating
 from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Telling
 from bench.diagnose.settings.unseen import Unseen
 
@@ -32,6 +33,11 @@ LIFTING = Lifting()
 READING = Reading()
 HEARING = Hearing()
 UNSEEN = Unseen()
+RUNNING = Running()
+BEGINNING = Beginning()
+SHOOTING = Shooting()
+SIMULATING = Simulating()
+PLAYING = Playing()
 LINEARISING = Linearising()
 CALIBRATING = Calibrating()
 FOLDING = Folding()
@@ -62,6 +68,11 @@ EVERY = (
     FOLDING,
     WAVING,
     MAPPING,
+    RUNNING,
+    BEGINNING,
+    SHOOTING,
+    SIMULATING,
+    PLAYING,
 )
 
 

@@ -16,17 +16,9 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import bounded, equilibrium
 from bench.diagnose.regression.parameters import Entry, Prior, entries, with_values
 from bench.diagnose.regression.weak import Stack, memories, narrowed
+from bench.diagnose.settings import SIMULATING
 from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.dynamics import PhysicsModel
-
-WINDOW = 128
-"""Samples of a window."""
-STEPS = 16
-"""Levenberg–Marquardt steps at most."""
-ENOUGH = 2e-3
-"""Relative fall of the cost below which a fit is finished."""
-FAR = 1e3
-"""An error, in units of what is measured, that stands for a free run that diverged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +38,7 @@ class Windows:
     @classmethod
     def of(cls, logs: Sequence[Log]) -> "Windows":
         """Windows one after the other over every recording."""
-        length = min(WINDOW, *(len(log) - 1 for log in logs))
+        length = min(SIMULATING.window, *(len(log) - 1 for log in logs))
         places = [(i, k) for i, log in enumerate(logs) for k in range(0, len(log) - length, length)]
         places = [(i, k) for i, k in places if logs[i].valid[k : k + length + 1].all()]
         pieces = [slice(k, k + length + 1) for _, k in places]
@@ -96,7 +88,7 @@ def fit(
     windows: Windows,
     begins: Sequence[Start],
     weights: np.ndarray | None = None,
-    steps: int = STEPS,
+    steps: int | None = None,
 ) -> list[Simulated]:
     """Fit models, which differ in numbers only, each on its share of the windows.
 
@@ -105,11 +97,11 @@ def fit(
         windows: to fit on.
         begins: starting points.
         weights: (models, W) 1 where a window counts; default: everywhere. Beginnings are always sought.
-        steps: at most.
+        steps: at most; default: `SIMULATING.steps`.
     """
     runs = _Runs.of(subject, windows, begins)
     fits = _Fits.at(runs, begins, np.ones((len(begins), len(windows.log))) if weights is None else weights)
-    for _ in range(steps):
+    for _ in range(SIMULATING.steps if steps is None else steps):
         fits.judge(*fits.proposed())
         if (fits.patience >= 2).all():
             break
@@ -166,7 +158,8 @@ class _Runs:
         state[..., list(self.at)] = torch.from_numpy(begun)
         before = self.past.repeat_interleave(len(values) // len(self.past), 0)
         found = _run(model, torch.cat([state, before], dim=-1), self.windows)[..., 1:, seen] - states[:, 1:, seen]
-        out: np.ndarray = np.clip(np.nan_to_num(found.numpy(), nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
+        far = SIMULATING.far
+        out: np.ndarray = np.clip(np.nan_to_num(found.numpy(), nan=far, posinf=far, neginf=-far), -far, far)
         return out
 
     def slopes(self, values: np.ndarray, begun: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -308,7 +301,7 @@ class _Fits:
         self.values[better], self.begun[better], self.errors[better] = values[better], begun[better], tried[better]
         self.cost = np.where(better, now, self.cost)
         self.damping = np.clip(np.where(better, self.damping / 5, self.damping * 8), 1e-9, 1e6)
-        self.patience = np.where(gained > ENOUGH, 0, self.patience + 1)
+        self.patience = np.where(gained > SIMULATING.enough, 0, self.patience + 1)
 
     def results(self) -> list[Simulated]:
         """Model by model."""
