@@ -9,6 +9,7 @@ from typing import Any
 
 from bench.diagnose.settings.checks import Aligning, Freezing, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
+from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading
 from bench.diagnose.settings.regression import Calibrating, Folding, Linearising, Mapping, Waving
 from bench.diagnose.settings.simulate import Beginning, Playing, Running, Shooting, Simulating
@@ -33,6 +34,10 @@ LIFTING = Lifting()
 READING = Reading()
 HEARING = Hearing()
 UNSEEN = Unseen()
+SPLINING = Splining()
+WORDING = Wording()
+LEARNING = Learning()
+SKETCHING = Sketching()
 RUNNING = Running()
 BEGINNING = Beginning()
 SHOOTING = Shooting()
@@ -73,6 +78,10 @@ EVERY = (
     SHOOTING,
     SIMULATING,
     PLAYING,
+    SPLINING,
+    WORDING,
+    LEARNING,
+    SKETCHING,
 )
 
 
