@@ -1,7 +1,8 @@
 """The thresholds of a diagnosis: each with its unit, its meaning, and what its value rests on.
 
-Those of rooms that are not here stand beside what uses them until they move here. Code takes the instance of a class
-below, so that a test (or a study of a threshold) replaces that one: ``replace(LOCATING, regions=12)``.
+Those of materiality, of fits by simulation and of manoeuvres stand beside what uses them until they move here. Code
+takes the instance of a class below, so that a test (or a study of a threshold) replaces that one:
+``replace(LOCATING, regions=12)``.
 """
 
 from dataclasses import Field, fields
@@ -12,6 +13,7 @@ from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sa
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading
 from bench.diagnose.settings.regression import Calibrating, Folding, Linearising, Mapping, Waving
+from bench.diagnose.settings.select import Choosing, Searching, Stepping, Timing, Verifying
 from bench.diagnose.settings.simulate import Beginning, Playing, Running, Shooting, Simulating
 from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Telling
 from bench.diagnose.settings.unseen import Unseen
@@ -34,6 +36,11 @@ LIFTING = Lifting()
 READING = Reading()
 HEARING = Hearing()
 UNSEEN = Unseen()
+SEARCHING = Searching()
+TIMING = Timing()
+CHOOSING = Choosing()
+STEPPING = Stepping()
+VERIFYING = Verifying()
 SPLINING = Splining()
 WORDING = Wording()
 LEARNING = Learning()
@@ -82,6 +89,11 @@ EVERY = (
     WORDING,
     LEARNING,
     SKETCHING,
+    SEARCHING,
+    TIMING,
+    CHOOSING,
+    STEPPING,
+    VERIFYING,
 )
 
 
