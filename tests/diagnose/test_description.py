@@ -26,6 +26,7 @@ from registry.core import EFFECTS
 from registry.datasets.signals import recording
 from registry.dynamics import Axis, Description, Pilot, Quantity, SetPoint, Signals, constant, tensor
 from registry.effects.learned_term import LearnedTerm
+from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.errors import BenchError
 from registry.physics.helicopter import Helicopter
 from registry.physics.quadrotor import Quadrotor
@@ -267,7 +268,7 @@ def test_the_signals_of_a_rigid_body_are_about_its_own_axes() -> None:
 
 def test_the_own_states_of_a_rigid_bodys_effects_move_as_the_whole_does() -> None:
     load = EFFECTS.get("suspended_load").typical()
-    model, state = Quadrotor(effects=(load,)), poses(6)
+    model, state = Quadrotor(effects=(PeriodicTerm("world_force_z", 2.0), load)), poses(6)
     inputs, slopes = torch.full((6, 4), 500.0, dtype=F64), torch.zeros(6, 4, dtype=F64)
     own = 0.1 * torch.randn(6, model.internal_size, generator=torch.Generator().manual_seed(1), dtype=F64)
     whole = model.derivative(torch.cat([state, own], dim=-1), inputs, slopes)[:, 13:]
