@@ -186,10 +186,10 @@ class Weighing:
                     equation.name,
                     horizon * self.held.dt,
                     equation.group.unit,
-                    {name: value**0.5 for name, value in mean.items()},
-                    (mean["extended"] * share) ** 0.5,
-                    chance**0.5,
-                    axis,
+                    models={name: value**0.5 for name, value in mean.items()},
+                    predictable=(mean["extended"] * share) ** 0.5,
+                    floor=chance**0.5,
+                    axis=axis,
                 )
             )
         self._errors[extended] = tuple(out)
