@@ -78,21 +78,11 @@ def diagnose(
         checked = _shifts_again(subject if extension is None else replace(subject, model=extension.model), checked)
         if checked.problems:
             return stopped(subject, named_as, checked.problems), subject.model
-    if extension is None:
-        extension = _calibrated_only(run, found)
-    excess = _excess(extension)
-    verdict, found = _verdict(found, excess, refuted)
-    high = [group for group in excess if excess[group] > DECIDING.high_excess and not _rounding(extension, group)]
-    terms = _learned(run, found, extension, verdict) if verdict == "unknown_effect" or high else None
-    if terms is not None:
-        extension, found = terms, judged(subject, noise, found, terms)
-        # What a search for effects took for nothing repeats, and can be learned.
-        verdict = found.verdict if found.found else "unknown_effect"
-    steps = Steps(subject, named_as, checked, verdict=verdict, discovery=found, extension=extension, high=high)
+    steps, terms = _concluded(run, found, extension, refuted, source=named_as, checked=checked)
     if not brief:
         tick("locate")
         steps = _shown(steps, noise, terms)
-    return answer(steps), extension.model
+    return answer(steps), steps.extension.model
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +195,36 @@ def _verdict(found: Discovery, excess: dict[str, float], refuted: bool) -> tuple
         # Free runs show what windows hardly do, such as a slow swing: the signals that are nearest to it are said.
         found = replace(found, traces=found.faint)
     return verdict, found
+
+
+def _concluded(
+    run: _Run, found: Discovery, extension: Extension | None, refuted: bool, *, source: str, checked: Checked
+) -> tuple[Steps, Extension | None]:
+    """The verdict, and the model with terms learned from what the effects leave where something is still missing.
+
+    Args:
+        run: what most steps need.
+        found: with the effects that free runs confirm.
+        extension: the model with these; None: there are none.
+        refuted: whether effects were found and free runs refute all of them.
+        source: the data as the user named them.
+        checked: what is wrong with them.
+
+    Returns:
+        The steps but for what only the page shows, and the model with learned terms; None: there are none.
+    """
+    if extension is None:
+        extension = _calibrated_only(run, found)
+    excess = _excess(extension)
+    verdict, found = _verdict(found, excess, refuted)
+    high = [group for group in excess if excess[group] > DECIDING.high_excess and not _rounding(extension, group)]
+    terms = _learned(run, found, extension, verdict) if verdict == "unknown_effect" or high else None
+    if terms is not None:
+        extension, found = terms, judged(run.subject, run.noise, found, terms)
+        # What a search for effects took for nothing repeats, and can be learned.
+        verdict = found.verdict if found.found else "unknown_effect"
+    steps = Steps(run.subject, source, checked, verdict=verdict, discovery=found, extension=extension, high=high)
+    return steps, terms
 
 
 def _unnamed(found: Discovery, names: Sequence[str]) -> Discovery:

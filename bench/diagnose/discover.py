@@ -25,7 +25,6 @@ from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced, next_step, settled
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.select.verify import (
-    LEFT,
     estimates,
     left_over,
     pinned,
@@ -33,7 +32,7 @@ from bench.diagnose.select.verify import (
     rivals,
     understood,
 )
-from bench.diagnose.settings import DISCOVERING
+from bench.diagnose.settings import DISCOVERING, VERIFYING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
@@ -73,7 +72,7 @@ def discover(
     found = _found(weighing, chosen, named, worthy.model, sure=not imitators)
     errors = () if weighing is None else weighing.errors(chosen.model)
     traces, total = left_over(view, chosen.dropped)
-    unknown = total > LEFT * view.floor
+    unknown = total > VERIFYING.left * view.floor
     if unknown and errors and not contradicted and not any(e.unexplained >= SHARE for e in errors):
         unknown, remarks = False, (*remarks, faint_traces(traces))
     return Discovery(
@@ -228,7 +227,7 @@ def _understood(view: View, worthy: _Choice, known: int) -> tuple[list[int], lis
     """Places of the effects that are what they seem, and of those that only imitate something else."""
     left = [i for i in range(known, len(view.linear.model.effects)) if i not in worthy.dropped]
     traces, total = left_over(view, worthy.dropped)
-    if total <= LEFT * view.floor:
+    if total <= VERIFYING.left * view.floor:
         return left, []
     kept = understood(view, left, traces, total, worthy.dropped)
     gone = view.linear.away([i for i in left if i not in kept])[0]

@@ -33,7 +33,6 @@ from bench.diagnose.simulate.free_run import (
 from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
-from registry.physics.rigid_body import RigidBody
 from registry.units import display
 
 if TYPE_CHECKING:
@@ -147,10 +146,9 @@ def locate(
 
 
 def _judged(model: PhysicsModel, logs: Sequence[Log]) -> tuple[list[Group], np.ndarray]:
-    """Groups whose errors are pooled, and the variance of each; a pose only sums up what its rates do wrong."""
+    """Groups whose errors are pooled, and the variance of each."""
     found = groups(model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
-    rates = [g for g in found if g.name in ("velocity", "body_rates")]
-    found = rates if rates and isinstance(model, RigidBody) else found
+    found = [g for g in found if g.name in model.description().located] or found
     states = torch.cat([log.states[log.valid] for log in logs])
     return found, np.array([float(states[:, list(g.at)].var(0).sum()) or 1.0 for g in found])
 

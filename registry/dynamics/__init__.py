@@ -5,6 +5,7 @@ a tuple of numbers or a tensor (to fit it by gradient, or one value a batch elem
 over leading dimensions and differentiable. SI inside; world z up, body x forward, y left, z up.
 """
 
+from registry.dynamics.description import Axis, Description, Quantity, Signals, per_second
 from registry.dynamics.effects import (
     Effect,
     HubEffect,
@@ -20,8 +21,12 @@ from registry.dynamics.effects import (
 )
 from registry.dynamics.model import PhysicsModel, unsuited
 from registry.dynamics.parameters import Parameter, constant, cross, joined, tensor, total, turned, turned_back, vector
+from registry.dynamics.pilot import Pilot, SetPoint
+from registry.dynamics.rotations import quaternion_rate, rotation_matrix
 
 __all__ = [
+    "Axis",
+    "Description",
     "Effect",
     "HubEffect",
     "InputEffect",
@@ -31,13 +36,20 @@ __all__ = [
     "Motion",
     "Parameter",
     "PhysicsModel",
+    "Pilot",
+    "Quantity",
     "RateEffect",
+    "SetPoint",
+    "Signals",
     "ThrustEffect",
     "TorqueEffect",
     "WindEffect",
     "constant",
     "cross",
     "joined",
+    "per_second",
+    "quaternion_rate",
+    "rotation_matrix",
     "tensor",
     "total",
     "turned",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import ClassVar
@@ -13,8 +13,10 @@ from torch import Tensor
 
 from registry.contracts import Channel
 from registry.core import EFFECTS, PHYSICS
+from registry.dynamics.description import Description
 from registry.dynamics.effects import Effect, InputEffect
 from registry.dynamics.parameters import Parameter, parameters_of
+from registry.dynamics.pilot import Pilot
 from registry.errors import BenchError
 from registry.units import SIGNALS, Signal
 
@@ -72,6 +74,10 @@ class PhysicsModel(ABC):
     """Ids of effects that the base model holds already."""
     rough: ClassVar[dict[str, float]] = {}
     """Relative 1σ of constants as vehicles of this kind have them where nobody says how well they are known."""
+    needs_pilot: ClassVar[bool] = False
+    """Whether it would fall, or run away, if somebody drove it open loop."""
+    broadcasts: ClassVar[bool] = False
+    """Whether `derivative` takes states, inputs and constants of different leading dimensions, and broadcasts them."""
     alike: ClassVar[tuple[str, ...]]
     """Registered systems whose effects act in it too; default: those of the classes that it derives from."""
 
@@ -127,6 +133,27 @@ class PhysicsModel(ABC):
     def parameters(self) -> list[Parameter]:
         """The constants, in order (those of the effects are theirs)."""
         return list(parameters_of(self))
+
+    def description(self) -> Description:
+        """What a diagnosis says about such a system."""
+        return Description(self)
+
+    def pilot(self) -> Pilot | None:
+        """Who steers the system by set-points; None: nobody is known."""
+        return None
+
+    def internal_rates(self, state: Tensor, inputs: Tensor, input_rates: Tensor) -> Callable[[Tensor], Tensor] | None:
+        """Rates (…, i) of the effects' own states as a function of these (…, i), at all given instants at once.
+
+        Args:
+            state: (…, s) the state proper.
+            inputs: (…, m) what acts then.
+            input_rates: (…, m) its time derivative.
+
+        Returns:
+            None where only `derivative` tells.
+        """
+        return None
 
     def input_effects(self) -> list[InputEffect]:
         """The effects between the given input and the acting one, in order."""

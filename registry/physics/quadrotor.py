@@ -9,6 +9,7 @@ from torch import Tensor
 from registry.core import PHYSICS
 from registry.dynamics import Motion, Parameter, constant, tensor, vector
 from registry.errors import BenchError, near
+from registry.physics.quadrotor_pilot import QuadrotorPilot
 from registry.physics.rigid_body import RigidBody
 
 _ROTORS = "RotorS simulator, Pelican vehicle file"
@@ -80,6 +81,10 @@ class Quadrotor(RigidBody):
         if self.drive == "pwm":
             return listed
         return [replace(p, uncertainty=0.0) if p.name.startswith("pwm") else p for p in listed]
+
+    def pilot(self) -> QuadrotorPilot:
+        """Position and yaw by the inverse of the model's own rotors."""
+        return QuadrotorPilot(self)
 
     @property
     def drive_acts_at_once(self) -> bool:

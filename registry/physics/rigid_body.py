@@ -1,6 +1,7 @@
 """A rigid body that flies: the equations of motion that every aircraft model shares."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -21,36 +22,21 @@ from registry.dynamics import (
     constant,
     cross,
     joined,
+    quaternion_rate,
+    rotation_matrix,
     tensor,
     total,
     turned,
     turned_back,
     vector,
 )
+from registry.physics.vehicle import ATTITUDE, VELOCITY, Vehicle
 from registry.units import SIGNALS
 
 _POSE = ("position", "velocity", "attitude", "body_rates")
 _ACCELEROMETER = tuple(
     Channel(f"specific_force.{axis}", SIGNALS["specific_force"].unit) for axis in SIGNALS["specific_force"].axes
 )
-
-
-def rotation_matrix(quaternion: Tensor) -> Tensor:
-    """Body-to-world rotation (…, 3, 3) of a quaternion xyzw (…, 4) of any length but zero."""
-    x, y, z, w = quaternion.unbind(-1)
-    s = 2 / total(quaternion * quaternion, -1)
-    xx, yy, zz, xy, xz, yz = x * x * s, y * y * s, z * z * s, x * y * s, x * z * s, y * z * s
-    wx, wy, wz = w * x * s, w * y * s, w * z * s
-    rows = [1 - yy - zz, xy - wz, xz + wy, xy + wz, 1 - xx - zz, yz - wx, xz - wy, yz + wx, 1 - xx - yy]
-    return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
-
-
-def quaternion_rate(quaternion: Tensor, body_rates: Tensor) -> Tensor:
-    """Time derivative (…, 4) of a quaternion xyzw (…, 4) at body rates (…, 3): half of q ⊗ (ω, 0)."""
-    x, y, z, w = quaternion.unbind(-1)
-    p, q, r = body_rates.unbind(-1)
-    rows = [w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p, -x * p - y * q - z * r]
-    return 0.5 * torch.stack(rows, dim=-1)
 
 
 @dataclass(frozen=True)
@@ -68,6 +54,8 @@ class RigidBody(PhysicsModel):
     state_channels: ClassVar[tuple[Channel, ...]] = tuple(
         Channel(f"{s}.{axis}", SIGNALS[s].unit) for s in _POSE for axis in SIGNALS[s].axes
     )
+    needs_pilot: ClassVar[bool] = True
+    broadcasts: ClassVar[bool] = True
 
     @abstractmethod
     def own_load(self, motion: Motion, internal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -85,6 +73,10 @@ class RigidBody(PhysicsModel):
         """Forces move the velocity, and an accelerometer feels them; torques move the body rates."""
         return {"velocity": "forces", "body_rates": "torques", "specific_force": "accelerations"}
 
+    def description(self) -> Vehicle:
+        """In terms of forces and torques, airspeed and height."""
+        return Vehicle(self)
+
     @property
     def sensed_channels(self) -> tuple[Channel, ...]:
         """An accelerometer at the centre of gravity, along the body's axes."""
@@ -93,7 +85,7 @@ class RigidBody(PhysicsModel):
     def sensed(self, state: Tensor, rates: Tensor) -> Tensor:
         """Specific force (…, 3) [m/s²], body frame: Rᵀ(dv/dt + g e3)."""
         gravity = tensor(self.gravity, state).unsqueeze(-1) * tensor((0.0, 0.0, 1.0), state)
-        return turned_back(rotation_matrix(state[..., 6:10]), rates[..., 3:6] + gravity)
+        return turned_back(rotation_matrix(state[..., ATTITUDE]), rates[..., VELOCITY] + gravity)
 
     def rotor_thrust(self, inputs: Tensor) -> Tensor:
         """Thrust (…, rotors) [N] along body z that effects may scale, at what acts (…, m); here of no rotor."""
@@ -120,8 +112,23 @@ class RigidBody(PhysicsModel):
             if isinstance(last, TorqueEffect):
                 torque = last.net_torque(torque)
         spin = motion.model.angular_acceleration(torque, motion.body_rates)
-        turning = quaternion_rate(state[..., 6:10], motion.body_rates)
+        turning = quaternion_rate(state[..., ATTITUDE], motion.body_rates)
         return joined([motion.velocity, acceleration, turning, spin, *own_rates])
+
+    def internal_rates(self, state: Tensor, inputs: Tensor, input_rates: Tensor) -> Callable[[Tensor], Tensor]:
+        """Rates (…, i) of the effects' own states at any of these (…, i); see `PhysicsModel.internal_rates`."""
+        seen, _, _, _, acceleration = self.unloaded(state, inputs, input_rates)
+        effects = [e for e in self.effects if isinstance(e, InternalEffect)]
+
+        def rate(own: Tensor) -> Tensor:
+            rates, at = [], 0
+            for effect in effects:
+                size = effect.internal_size
+                rates.append(effect.internal_rate(replace(seen, internal=own[..., at : at + size]), acceleration))
+                at += size
+            return torch.cat(rates, dim=-1)
+
+        return rate
 
     def unloaded(
         self, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None
@@ -216,5 +223,5 @@ class RigidBody(PhysicsModel):
 
     def project(self, state: Tensor) -> Tensor:
         """The state (…, s) with its quaternion at unit length."""
-        q = state[..., 6:10]
+        q = state[..., ATTITUDE]
         return torch.cat([state[..., :6], q / (q * q).sum(-1, keepdim=True).sqrt(), state[..., 10:]], dim=-1)

@@ -10,10 +10,10 @@ from torch import Tensor
 from registry.contracts import Dataset, Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
 from registry.cost import batch_mean
+from registry.dynamics import rotation_matrix
 from registry.errors import BenchError
 from registry.kernels.loaded_body import LoadedBody
 from registry.physics.quadrotor import Quadrotor
-from registry.physics.rigid_body import rotation_matrix
 from registry.predictors.parts.learned_load import SWING, LearnedLoad, Rotors, Sizes, Units
 from registry.predictors.parts.mirror import Mirrors
 from registry.predictors.parts.white_box import WhiteBox, measured_signals

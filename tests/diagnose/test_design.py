@@ -14,7 +14,6 @@ from bench.cli.commands.models import parse_limits
 from bench.diagnose import design, diagnose
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.manoeuvre import page
-from bench.diagnose.manoeuvre.autopilot import flown, smoothed
 from bench.diagnose.manoeuvre.limits import Limit, shown
 from bench.diagnose.manoeuvre.rivals import of_diagnosis
 from bench.diagnose.manoeuvre.separation import (
@@ -38,6 +37,7 @@ from registry.errors import BenchError
 from registry.physics.mass_on_rail import MassOnRail
 from registry.physics.oscillator import Oscillator
 from registry.physics.quadrotor import Quadrotor
+from registry.physics.quadrotor_pilot import smoothed
 
 DT = 0.01
 
@@ -142,7 +142,7 @@ def test_the_pilot_follows_set_points() -> None:
     asked = np.zeros((1, 601, 4))
     asked[..., 2] = 1.0
     asked[:, 50:, :] = (1.0, -0.5, 1.8, 0.6)
-    drives, states = flown(model, asked, torch.zeros(1, 601, 1, dtype=torch.float64), DT)
+    drives, states = model.pilot().flown(asked, torch.zeros(1, 601, 1, dtype=torch.float64), DT)
     path, last = smoothed(asked, DT), states[0, -1].numpy()
     assert np.abs(states[0, :, :3].numpy() - path[0, :, 0, :3]).max() < 0.25
     assert last[:3] == pytest.approx([1.0, -0.5, 1.8], abs=0.05)

@@ -4,9 +4,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.diagnose import diagnose, extend, load
+from bench.diagnose import diagnose, discover, extend, load
 from bench.diagnose.regression.weak import Stack, mean_rates
 from registry.datasets.crazypad import Crazypad
+
+
+@pytest.mark.data
+def test_all_three_frictions_of_emps_are_named_though_one_of_them_explains_most(bench_data):
+    """Published: 203 N s/m, 20.4 N and −3.2 N (Janot, Gautier and Brunot 2019), the offset with the other sign here."""
+    found = discover(load("emps"))
+    assert found.verdict == "named"
+    assert {f.id for f in found.found} == {"coulomb_friction", "viscous_friction", "offset_force"}
+    published = {"f_c": 20.4, "f_v": 203.0, "f_0": 3.2}
+    told = {x.entry.name: x for f in found.found for x in f.estimates}
+    assert all(told[name].low < value < told[name].high for name, value in published.items())
 
 
 @pytest.mark.data

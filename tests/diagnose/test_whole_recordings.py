@@ -13,7 +13,8 @@ from bench.diagnose.flight import AFTER, Flight
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of
-from bench.diagnose.simulate.flights import FINEST, euler, flights
+from bench.diagnose.settings import PLAYING
+from bench.diagnose.simulate.flights import euler, flights
 from registry.contracts import Channel
 from registry.datasets.signals import recording
 from registry.dynamics import constant, tensor
@@ -93,7 +94,7 @@ def test_a_thinned_line_misses_no_sample_by_more_than_it_says() -> None:
         ((at, y),) = trace.lines["measured"]
         assert len(at) < len(x) / 2
         # each of the levels of halving may add its own
-        assert np.abs(np.interp(np.arange(len(x)), at, y) - x).max() < 3 * FINEST * np.ptp(x)
+        assert np.abs(np.interp(np.arange(len(x)), at, y) - x).max() < 3 * PLAYING.finest * np.ptp(x)
         for at, y in trace.lines["nominal"]:
             assert y[0] == x[at[0]] and at[-1] - at[0] == STEPS
 

@@ -63,7 +63,7 @@ def conventions(recorded: Recorded, carried: bool = True) -> list[Mistake]:
         if step is None:
             break
         edit, after, others = step
-        found.append(_mistake(recorded, reading, edit, others, before, after, relations))
+        found.append(_mistake(recorded, reading, edit, others, before=before, after=after, relations=relations))
         reading, before = edit.reading, after
     for flight in recorded.flights:
         flight.forget()

@@ -12,11 +12,7 @@ from bench.diagnose.learn.candidates import own_columns, view_of
 from bench.diagnose.learn.held_out import HeldOut
 from bench.diagnose.learn.splines import Spline, splines_of
 from bench.diagnose.select.search import Look, Search
-
-LEADS = (0.05, 0.1, 0.2, 0.4)
-"""How much later a signal is looked at [s]."""
-BETTER = 0.02
-"""Share of what a term saves by which the later signal must save more."""
+from bench.diagnose.settings import LEARNING
 
 
 def consequences(
@@ -31,7 +27,7 @@ def consequences(
         splines: the terms.
         signals: what they follow, as measured and, where inputs are noisy, with more noise.
     """
-    leads = [max(1, round(lead / search.stack.dt)) for lead in LEADS]
+    leads = [max(1, round(lead / search.stack.dt)) for lead in LEARNING.leads]
     columns = [s.made.columns for s in splines]
     first = len(columns)
     rough = [s.made.roughness for s in splines]
@@ -50,7 +46,7 @@ def consequences(
         without, now = float(fits.losses(beside).sum()), float(fits.smoothed(places[i], rough[i], beside)[1].sum())
         at = range(first + i * len(leads), first + (i + 1) * len(leads))
         later_losses = [float(fits.smoothed(places[k], rough[k], beside)[1].sum()) for k in at]
-        if now - min(later_losses) > BETTER * (without - now):
+        if now - min(later_losses) > LEARNING.better * (without - now):
             out.append(s)
     return out
 

@@ -12,17 +12,12 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.weak import TestFunctions, mean_rates
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.search import Search
+from bench.diagnose.settings import SKETCHING
 from registry.dynamics import PhysicsModel
 from registry.effects.learned_term import LearnedTerm
 from registry.terms import signals as known
 from registry.terms.unit_algebra import product
 
-POINTS = 61
-"""Of the curve."""
-DOTS = 700
-"""Samples shown."""
-INNER = 0.002
-"""Share of the samples beyond either end of the curve."""
 _NORMAL = 1.96
 
 
@@ -41,26 +36,26 @@ def curve(subject: Subject, noise: Noise, model: PhysicsModel, place: int, effec
     search = Search(subject, (), lambda what: None, noise)
     with torch.no_grad():
         x, left = _left(search, model, place, term)
-        low, high = (float(np.quantile(x, q)) for q in (INNER, 1 - INNER))
-        grid = np.linspace(low, high, POINTS)
+        low, high = (float(np.quantile(x, q)) for q in (SKETCHING.inner, 1 - SKETCHING.inner))
+        grid = np.linspace(low, high, SKETCHING.points)
         view = search.views(search.look(model, broad=False))[0]
         half = _half_widths(view.subsets.covariance(view.subsets.fit()), view.linear.own, place, effect)
         y, band = _band(term, grid, half)
-    thin = slice(None, None, max(1, len(x) // DOTS))
+    thin = slice(None, None, max(1, len(x) // SKETCHING.dots))
     units, whole = known.available(model), known.axes_of(type(model))[term.axis]
     per = product((whole, 1), *((units[s], -1) for s in term.signals[1:]))
     axis = term.axis if known.flies(type(model)) else f"rate of change of {term.axis}"
     return LearnedCurve(
-        term.signals[0] if term.signals else "time",
-        units[term.signals[0]] if term.signals else "s",
-        axis if len(term.signals) < 2 else f"{axis} over {term.signals[1]}",
-        per,
-        tuple(grid.tolist()),
-        tuple(y.tolist()),
-        tuple((y - band).tolist()),
-        tuple((y + band).tolist()),
-        tuple(x[thin].tolist()),
-        tuple(left[thin].tolist()),
+        x_signal=term.signals[0] if term.signals else "time",
+        x_unit=units[term.signals[0]] if term.signals else "s",
+        y_quantity=axis if len(term.signals) < 2 else f"{axis} over {term.signals[1]}",
+        y_unit=per,
+        x=tuple(grid.tolist()),
+        y=tuple(y.tolist()),
+        low=tuple((y - band).tolist()),
+        high=tuple((y + band).tolist()),
+        dots_x=tuple(x[thin].tolist()),
+        dots_y=tuple(left[thin].tolist()),
     )
 
 

@@ -8,19 +8,8 @@ import torch
 
 from bench.diagnose.learn.candidates import Columns, Pair
 from bench.diagnose.learn.held_out import Block, HeldOut
+from bench.diagnose.settings import WORDING
 from registry.terms.shapes import SHAPES, Shape, Span
-
-WORSE = 0.01
-"""Share of what a term saves by which a formula may be worse than the best shape."""
-SURELY = 2.0
-"""Standard errors over recordings by which it must be worse to be so for sure."""
-WIDTHS = np.linspace(0.1, 0.9, 9)
-"""Of the largest magnitude, or as quantiles: where a shape may bend."""
-WAVES = np.arange(0.4, 8.1, 0.35)
-"""Periods of a wave within the span."""
-DECAYS = (-8.0, -4.0, -2.0, -1.0, 1.0, 2.0, 4.0, 8.0)
-"""Logarithm by which an exponential falls over the span."""
-_NUDGE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +43,14 @@ def options(x: np.ndarray) -> list[Option]:
     """Every formula that can be one of a signal, at every bend that is tried."""
     low, high = span_of(x)
     largest, found = max(abs(low), abs(high)), []
+    widths, periods = np.linspace(*WORDING.widths), np.arange(*WORDING.waves)
     bends = {
-        "saturation": largest * WIDTHS,
-        "dead_zone": largest * WIDTHS[:-1],
-        "above": np.quantile(x, WIDTHS),
-        "below": np.quantile(x, WIDTHS),
-        "wave": 2 * np.pi * WAVES / (high - low),
-        "exponential": np.array(DECAYS) / (high - low),
+        "saturation": largest * widths,
+        "dead_zone": largest * widths[:-1],
+        "above": np.quantile(x, widths),
+        "below": np.quantile(x, widths),
+        "wave": 2 * np.pi * periods / (high - low),
+        "exponential": np.array(WORDING.decays) / (high - low),
     }
     for shape in SHAPES.values():
         if shape.positive and low <= 0:
@@ -96,7 +86,7 @@ def _functions(option: Option, x: torch.Tensor, span: Span) -> np.ndarray:
     for unit in range(shape.linear):
         out.append(at(unit, option.bend))
     if option.bend is not None:
-        step = _NUDGE * (abs(option.bend) or 1.0)
+        step = WORDING.nudge * (abs(option.bend) or 1.0)
         for unit in range(shape.linear):
             out.append((at(unit, option.bend + step) - at(unit, option.bend - step)) / (2 * step))
     return np.stack(out)
@@ -136,7 +126,8 @@ def simplest(
     def worse(losses: np.ndarray) -> bool:
         gap = losses - least
         spread = float(gap.std(ddof=1)) * len(gap) ** 0.5 if len(gap) > 1 else 0.0
-        return bool(gap.sum() > WORSE * saved and gap.sum() > SURELY * spread) or bool(gap.sum() > 5 * WORSE * saved)
+        lost, allowed = float(gap.sum()), WORDING.worse
+        return (lost > allowed * saved and lost > WORDING.surely * spread) or lost > 5 * allowed * saved
 
     good = [f for f in best.values() if not worse(f.losses)]
     return min(good, key=lambda f: (SHAPES[f.shape].length, float(f.losses.sum())), default=None)

@@ -7,9 +7,7 @@ import numpy as np
 
 from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.select.search import View
-
-PENALTIES = (1e-7, 1e-5, 1e-3, 1e-1)
-"""Weights of the roughness, relative to the mean square of the columns, of which held-out recordings choose."""
+from bench.diagnose.settings import SPLINING
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +59,7 @@ class HeldOut:
 
     def smoothed(self, places: np.ndarray, roughness: np.ndarray, beside: Sequence[Block]) -> tuple[Block, np.ndarray]:
         """The block with the penalty that held-out recordings prefer, and their losses (folds,)."""
-        options = [Block(places, roughness, p) for p in PENALTIES]
+        options = [Block(places, roughness, p) for p in SPLINING.penalties]
         losses = [self.losses([*beside, b]) for b in options]
         best = int(np.argmin([loss.sum() for loss in losses]))
         return options[best], losses[best]

@@ -11,13 +11,14 @@ from bench.diagnose.learn.candidates import Columns, Pair, own_columns, pairs, p
 from bench.diagnose.learn.causal import consequences
 from bench.diagnose.learn.formulas import option_columns, options, simplest, span_of
 from bench.diagnose.learn.held_out import HeldOut
-from bench.diagnose.learn.splines import KNOTS, KNOTS_OF_A_POSE, Made, Spline, chosen, splines_of
+from bench.diagnose.learn.splines import Made, Spline, chosen, splines_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.choose import updated
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
 from bench.diagnose.select.search import Look, Search
+from bench.diagnose.settings import LEARNING, SPLINING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import Effect, PhysicsModel
 from registry.dynamics.model import RATE_OF
@@ -26,16 +27,6 @@ from registry.errors import BenchError
 from registry.terms.shapes import SPLINE
 
 E = TypeVar("E", bound=Effect)
-LARGE = 0.3
-"""Share of what can be explained in an equation that suffices where a term is met in few places, such as a wall."""
-FEW = 150
-"""Products of two signals that are all tried; of more, those with a signal that matters by itself."""
-TRIES = 4
-"""Times that terms are sought without what turned out to be a consequence."""
-STEPS = 2
-"""Gauss–Newton steps to the numbers with which terms are weighed."""
-ROUNDS = 2
-"""Times that every term's formula is chosen, beside those of the others."""
 
 
 def learn(
@@ -109,7 +100,7 @@ class _Seen:
 
     def sought(self, offered: Sequence[Pair]) -> list[Spline]:
         """The terms that recordings left out of the fit confirm, of what acts now."""
-        few = len(offered) ** 2 <= FEW
+        few = len(offered) ** 2 <= LEARNING.few
         splines = self._acting([*offered, *products(offered)] if few else offered)
         if few or not splines:
             return splines
@@ -119,7 +110,7 @@ class _Seen:
 
     def _acting(self, offered: Sequence[Pair]) -> list[Spline]:
         splines: list[Spline] = []
-        for _ in range(TRIES):
+        for _ in range(LEARNING.tries):
             made = self.made(offered)
             if not made:
                 return []
@@ -144,7 +135,7 @@ class _Seen:
         fits, places = self.fits(columns)
         blocks = [replace(s.block, places=places[2 * i]) for i, s in enumerate(splines)]
         terms: list[LearnedTerm] = []
-        for _ in range(ROUNDS):
+        for _ in range(LEARNING.rounds):
             terms = []
             for i, s in enumerate(splines):
                 beside = [b for j, b in enumerate(blocks) if j != i]
@@ -162,7 +153,7 @@ class _Seen:
 
 def _knots(pair: Pair) -> int:
     """Knots of its splines: more where the first signal says where the system is."""
-    return KNOTS_OF_A_POSE if pair.signals[0].partition(".")[0] in ("height", *RATE_OF) else KNOTS
+    return SPLINING.knots_of_a_pose if pair.signals[0].partition(".")[0] in ("height", *RATE_OF) else SPLINING.knots
 
 
 def _measured(subject: Subject, offered: Sequence[Pair]) -> list[Pair]:
@@ -229,7 +220,7 @@ def worthy(
 
 def _refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
     """The model with all its numbers fitted together in the weak form: without a term they stood in for it."""
-    for _ in range(STEPS):
+    for _ in range(LEARNING.steps):
         view = min(search.views(search.look(model, broad=False)), key=lambda v: v.subsets.fit().prior)
         model = updated(view, view.subsets.fit())
     return model
@@ -237,4 +228,4 @@ def _refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
 
 def _worth(saving: Saving, doubtful: bool) -> bool:
     """Whether a term is worth it: large and sure, or so large that it need not be met in every block of a recording."""
-    return (saving.worth and not doubtful) or (saving.matters and saving.share >= LARGE)
+    return (saving.worth and not doubtful) or (saving.matters and saving.share >= LEARNING.large)

@@ -8,24 +8,8 @@ import torch
 
 from bench.diagnose.learn.candidates import Columns, Pair
 from bench.diagnose.learn.held_out import Block, HeldOut
+from bench.diagnose.settings import SPLINING
 from registry.terms.spline import basis, roughness
-
-KNOTS = 7
-"""Knots of a spline in most signals."""
-KNOTS_OF_A_POSE = 15
-"""And in one that says where the system is: there may be many different places."""
-OUTER = 0.002
-"""Share of the samples beyond each of the outer knots, where the spline is a straight line."""
-MOST = 4
-"""Terms at most."""
-GAIN = 0.02
-"""Least gain on recordings not fitted, as a share of what noise leaves; noise alone reaches 0.0001."""
-RELATIVE = 0.02
-"""Least gain of a further term, relative to that of all before it."""
-AGREED = 0.75
-"""Share of the recordings that must confirm a term."""
-FIRST = 12
-"""Pairs whose penalty is chosen, of all that were tried with the middle one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +37,7 @@ class Made:
 def knots_of(x: np.ndarray, count: int) -> tuple[float, ...]:
     """Knots for a signal of any shape; fewer than three where it hardly varies."""
     flat = x[np.isfinite(x)]
-    low, high = (float(np.quantile(flat, q)) for q in (OUTER, 1 - OUTER))
+    low, high = (float(np.quantile(flat, q)) for q in (SPLINING.outer, 1 - SPLINING.outer))
     inner = np.quantile(flat, np.linspace(0, 1, count)[1:-1])
     even = np.linspace(low, high, count)[1:-1]
     # Half by how often a value is met, half by where it lies: rare values are where shapes differ.
@@ -87,7 +71,7 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
     """The pairs that held-out recordings ask for, in the order in which they were added."""
     taken: list[Spline] = []
     now = before = fits.losses([])
-    for _ in range(MOST):
+    for _ in range(SPLINING.most):
         beside = [s.block for s in taken]
         used = {s.pair for s in taken}
         free = [i for i, m in enumerate(made) if len(places[i]) and m.columns.pair not in used]
@@ -95,7 +79,7 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
         found: dict[int, tuple[int, Block, np.ndarray]] = {}
         ranked = sorted(quick, key=lambda j: quick[j])
         alone, both = ([i for i in ranked if len(made[i].columns.pair.signals) == n] for n in (1, 2))
-        for i in (*alone[:FIRST], *both[:FIRST]):
+        for i in (*alone[: SPLINING.first], *both[: SPLINING.first]):
             block, losses = fits.smoothed(places[i], made[i].roughness, beside)
             size = len(made[i].columns.pair.signals)
             if size not in found or losses.sum() < found[size][2].sum():
@@ -103,7 +87,7 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
         if not found:
             break
         i, block, losses = found[min(found)]
-        least = max(GAIN * fits.rows, RELATIVE * float((before - losses).sum()))
+        least = max(SPLINING.gain * fits.rows, SPLINING.relative * float((before - losses).sum()))
         # A product of two signals must be better than a function of one, for it holds much of that.
         if len(found) > 1 and _confirmed(losses - found[2][2], least):
             i, block, losses = found[2]
@@ -116,4 +100,4 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
 
 def _confirmed(gains: np.ndarray, least: float) -> bool:
     """Whether recordings gain enough together, and most of them something."""
-    return bool(gains.sum() >= least and (gains > 0).mean() >= AGREED)
+    return bool(gains.sum() >= least and (gains > 0).mean() >= SPLINING.agreed)

@@ -10,17 +10,11 @@ from bench.diagnose.learn.spectral_line import Line, line_at, lines
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.settings import SKETCHING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.terms import signals as known
-
-POINTS = 61
-"""Of the drawing of a wave."""
-PARTS = 16
-"""Of a period over which a dot is a mean."""
-DOTS = 700
-"""Of them, shown."""
 
 
 def waves(subject: Subject, model: PhysicsModel, noise: Noise) -> tuple[Line, ...]:
@@ -53,7 +47,7 @@ def folded(subject: Subject, model: PhysicsModel, noise: Noise, place: int) -> L
     if series is None or line is None:
         return None
     period = 1 / line.frequency
-    several = max(1, round(period / PARTS / series.step))
+    several = max(1, round(period / SKETCHING.parts / series.step))
     xs, ys = [], []
     for s in series.stretches:
         if s.recording in line.swings:
@@ -62,8 +56,8 @@ def folded(subject: Subject, model: PhysicsModel, noise: Noise, place: int) -> L
             xs.append((t + line.swings[s.recording].phase / (2 * np.pi) * period) % period)
             ys.append(left - left.mean())
     x, y = np.concatenate(xs), np.concatenate(ys)
-    thin = slice(None, None, max(1, len(x) // DOTS))
-    grid = np.linspace(0.0, period, POINTS)
+    thin = slice(None, None, max(1, len(x) // SKETCHING.dots))
+    grid = np.linspace(0.0, period, SKETCHING.points)
     swings = line.swings.values()
     shown = np.cos(2 * np.pi * grid / period) * float(np.mean([w.amplitude for w in swings]))
     half = abs(shown) * float(np.mean([(w.high - w.low) / 2 / max(w.amplitude, 1e-300) for w in swings]))

@@ -10,7 +10,6 @@ from bench.diagnose.logs.subject import Log
 from bench.diagnose.settings import READING
 from registry.datasets.reading.cleaning import widen
 from registry.dynamics import PhysicsModel
-from registry.physics.rigid_body import RigidBody
 
 Array = np.ndarray
 
@@ -34,13 +33,13 @@ class Pair:
 
 
 def pairs(model: PhysicsModel, measured: tuple[bool, ...]) -> list[Pair]:
-    """The pairs among the measured states: attitude and body rates, and every state whose rate is another state."""
+    """The pairs among the measured states: an attitude and what turns it, and every state whose rate is another."""
     names = [c.group for c in model.state_channels]
     out = []
-    if isinstance(model, RigidBody):
-        turned, turning = (tuple(i for i, n in enumerate(names) if n == s) for s in ("attitude", "body_rates"))
+    if turns := model.description().turning:
+        turned, turning = (tuple(i for i, n in enumerate(names) if n == s) for s in turns)
         axes = tuple(model.state_channels[i].axis for i in turning)
-        out = [Pair("attitude", "body_rates", turned, turning, axes)]
+        out = [Pair(*turns, turned, turning, axes)]
     grouped: dict[tuple[str, str], list[tuple[int, int]]] = {}
     for i, j in _integrals(model):
         grouped.setdefault((names[i], names[j]), []).append((i, j))

@@ -12,7 +12,6 @@ import torch
 from bench.analysis.display import Displayed, new_axes
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.manoeuvre import search
-from bench.diagnose.manoeuvre.autopilot import smoothed
 from bench.diagnose.manoeuvre.limits import Limit, shown
 from bench.diagnose.manoeuvre.play import RELEASES, Player
 from bench.diagnose.manoeuvre.rivals import Question, between, of_diagnosis
@@ -21,7 +20,7 @@ from bench.diagnose.manoeuvre.stock import kind_of, phrase_of, stock_signals
 from bench.diagnose.manoeuvre.surety import Judge
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.simulate.unmeasured import hidden
-from registry.dynamics import PhysicsModel
+from registry.dynamics import PhysicsModel, Pilot
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
@@ -31,15 +30,6 @@ SECONDS = (10.0, 30.0, 60.0)
 """Lengths of flight that are spoken of [s]."""
 FEWEST = 200
 """Samples of a manoeuvre: of slow processes the seconds are lengthened until the shortest holds so many."""
-
-PATH = (
-    *((f"position.{a}", "m") for a in "xyz"),
-    *((f"velocity.{a}", "m/s") for a in "xyz"),
-    *((f"acceleration.{a}", "m/s^2") for a in "xyz"),
-    ("yaw", "rad"),
-    ("yaw_rate", "rad/s"),
-)
-"""What a vehicle is asked to follow, and units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +68,8 @@ class Design(Displayed):
     """(rows or 1, R, N, s): what each candidate makes of the plan."""
     outputs: tuple[tuple[str, str], ...]
     """Name and unit of the s states."""
-    steered: bool = False
-    """Whether a pilot follows set-points."""
+    pilot: Pilot | None = None
+    """Who follows set-points, of a system that is steered by them."""
     without: tuple[str, ...] = ()
     """Effects that could not be fitted to the recordings, and are no candidates."""
     now: tuple[float, ...] = ()
@@ -94,15 +84,12 @@ class Design(Displayed):
     def columns(self) -> tuple[tuple[str, str], ...]:
         """Names and units of the columns of `table`."""
         own = tuple((d.name, d.unit) for d in self.drives)
-        return PATH if self.steered else own
+        return self.pilot.path_columns if self.pilot else own
 
     @property
     def table(self) -> np.ndarray:
         """(R, N, columns): inputs; of a vehicle the path through its set-points; or the starts (R, 1, columns)."""
-        if not self.steered:
-            return self.plan.asked
-        at = smoothed(self.plan.asked, self.dt)  # (R, N, 3, 4)
-        return np.concatenate([at[..., 0, :3], at[..., 1, :3], at[..., 2, :3], at[..., :2, 3]], axis=-1)
+        return self.pilot.path(self.plan.asked, self.dt) if self.pilot else self.plan.asked
 
     @property
     def headline(self) -> str:
@@ -199,7 +186,7 @@ def design(
         phrase=phrase,
         states=_states(judge, found),
         outputs=tuple((c.name, c.unit) for c in subject.model.state_channels),
-        steered=player.steered,
+        pilot=player.model.pilot(),
         without=question.without,
         now=_now(judge),
     )

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.diagnose.logs.subject import Subject
+from registry.dynamics import SetPoint
 from registry.dynamics.model import RATE_OF
 from registry.errors import BenchError, near
-from registry.physics.quadrotor import Quadrotor
-from registry.physics.rigid_body import RigidBody
 
 FASTEST = 99.0
 """Percentile of the changes between samples that is taken for the fastest: above it measurement noise decides."""
@@ -17,8 +16,8 @@ POWER = 0.98
 """Share of the power of the recorded inputs below the upper end of the band that they excite."""
 ROOM = 0.05
 """Of the span of a recorded state: how far beyond it a manoeuvre may take it."""
-TURN = 1.2
-"""Rate of the yaw of a reference [rad/s] where no recording shows one."""
+SLOWEST = 0.05
+"""Rate at which a set-point may always change, in its unit over seconds."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +96,13 @@ def shown(subject: Subject) -> Limits:
         room = ROOM * (high - low)
         free = c.group == "attitude" or not logs[0].measured[i]
         stay.append(Limit(c.name, c.unit, *((-np.inf, np.inf) if free else (low - room, high + room))))
-    if isinstance(model, RigidBody) and not isinstance(model, Quadrotor):
+    pilot = model.pilot()
+    if pilot is None and model.needs_pilot:
         raise BenchError(
             f"No pilot is known for {subject.system}: designs are for quadrotors and what is safe open loop."
         )
-    if isinstance(model, Quadrotor):
-        return Limits(_set_points(subject, states, stay), tuple(stay), (0.05, 1.0))
+    if pilot is not None:
+        return Limits(tuple(_set_point(p, states, stay) for p in pilot.set_points), tuple(stay), pilot.band)
     size = logs[0].inputs.shape[1] - len(model.extras)
     if not size:
         first = np.stack([log.states.numpy()[0] for log in logs])
@@ -133,15 +133,13 @@ def _release(stay: Limit, first: np.ndarray) -> Limit:
     return replace(stay, low=max(stay.low, min(0.0, float(first.min()))), start=float(first.mean()))
 
 
-def _set_points(subject: Subject, states: np.ndarray, stay: Sequence[Limit]) -> tuple[Limit, ...]:
-    """Position and yaw that a pilot is asked for, from the places and speeds that the recordings show."""
-    speed = np.percentile(np.abs(states[:, 3:6]), FASTEST, axis=0)
-    place = [
-        Limit(s.name, s.unit, s.low, s.high, float(max(v, 0.05)), float(states[:, i].mean()))
-        for i, (s, v) in enumerate(zip(stay[:3], speed, strict=True))
-    ]
-    turning = float(np.percentile(np.abs(states[:, 12]), FASTEST))
-    return (*place, Limit("yaw", "rad", -np.pi / 2, np.pi / 2, max(turning, 0.05), 0.0))
+def _set_point(point: SetPoint, states: np.ndarray, stay: Sequence[Limit]) -> Limit:
+    """What a pilot may be asked for: the places and the speeds that the recordings (samples, s) show."""
+    rate = max(float(np.percentile(np.abs(states[:, point.rate]), FASTEST)), SLOWEST)
+    if point.state is None:
+        return Limit(point.name, point.unit, *point.ends, rate)
+    there = stay[point.state]
+    return Limit(point.name, point.unit, there.low, there.high, rate, float(states[:, point.state].mean()))
 
 
 def _band(subject: Subject, size: int) -> tuple[float, float]:

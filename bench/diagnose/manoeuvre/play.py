@@ -9,13 +9,11 @@ from torch import Tensor
 
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
-from bench.diagnose.manoeuvre.autopilot import flown
 from bench.diagnose.manoeuvre.limits import Limits
 from bench.diagnose.manoeuvre.waveform import PARAMETERS, signals
 from bench.diagnose.simulate.floor import measure, reach
 from registry.contracts import Recording
 from registry.dynamics import PhysicsModel
-from registry.physics.quadrotor import Quadrotor
 
 RELEASES = 4
 """Of an undriven system in one manoeuvre."""
@@ -51,7 +49,6 @@ class Player:
         self.model, self.log = subject.model, subject.logs[0]
         self.dt = self.log.dt
         self.driven = self.log.inputs.shape[1] > len(self.model.extras)
-        self.steered = isinstance(self.model, Quadrotor)
         self.size = len(limits.drives) * PARAMETERS if self.driven else RELEASES * len(limits.drives)
         """Parameters of a manoeuvre."""
         extras = [log.inputs.numpy()[:, log.inputs.shape[1] - len(self.model.extras) :] for log in subject.logs]
@@ -69,8 +66,8 @@ class Player:
     def play(self, model: PhysicsModel, asked: np.ndarray) -> Played:
         """What is asked for, played through ``model``, whose parameters are numbers."""
         flat = asked.reshape(-1, *asked.shape[2:])
-        if self.steered:
-            driving, states = flown(cast(Quadrotor, model), flat, self._extras(len(flat)), self.dt)
+        if pilot := model.pilot():
+            driving, states = pilot.flown(flat, self._extras(len(flat)), self.dt)
             return Played(asked, self._with_extras(driving), states)
         start = self._first.expand(len(flat), -1) if self.driven else torch.from_numpy(flat[:, 0].copy())
         driving = torch.from_numpy(flat.copy()) if self.driven else start.new_zeros(len(flat), self.samples, 0)

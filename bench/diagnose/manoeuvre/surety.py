@@ -19,9 +19,7 @@ from bench.diagnose.manoeuvre.separation import (
     log_determinant,
     predictions,
 )
-from bench.diagnose.regression.rows import BLOCK_SECONDS
-from bench.diagnose.select.choose import DISTINCT
-from bench.diagnose.select.verify import LOUD
+from bench.diagnose.settings import CHOOSING, FOLDING, VERIFYING
 
 ODDS = 6.0
 """Twice the log odds that a diagnosis asks for before it calls a rival worse (20 to 1)."""
@@ -39,7 +37,7 @@ def scores(found: Distance, often: float = 1.0, block: int = 1, beside: int = 0)
     """(W,): by how many standard deviations a diagnosis is expected to tell the rival apart.
 
     Twice the log likelihood ratio is normal about its mean D with variance 4 D; a diagnosis asks that it exceeds
-    `ODDS` and `DISTINCT` times its spread over blocks of some seconds.
+    `ODDS` and `CHOOSING.distinct` times its spread over blocks of some seconds.
 
     Args:
         found: of W manoeuvres.
@@ -52,7 +50,7 @@ def scores(found: Distance, often: float = 1.0, block: int = 1, beside: int = 0)
     total, count = often * found.total, often * blocks.shape[1] + beside
     squares = often * (blocks**2).sum(1) - (often * blocks.sum(1)) ** 2 / count
     spread = np.sqrt(np.maximum(squares, 0.0))
-    return np.asarray((total - ODDS - DISTINCT * spread) / (2 * np.sqrt(np.maximum(total, 1.0))))
+    return np.asarray((total - ODDS - CHOOSING.distinct * spread) / (2 * np.sqrt(np.maximum(total, 1.0))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +100,7 @@ class Judge:
         beside = sum(len(log) * dt / _block(len(log) * dt) for log in self.player.subject.logs)
         recorded = sum(len(log) for log in self.player.subject.logs) / self.windows.steps
         # What leaves so much more than noise does is no rival, in however few blocks it shows.
-        loud = LOUD * len(self.windows.whitening) * (often * apart.rest.shape[1] + recorded)
+        loud = VERIFYING.loud * len(self.windows.whitening) * (often * apart.rest.shape[1] + recorded)
         found = scores(apart, often, block, int(beside))
         return np.where(often * apart.total > loud, np.maximum(found, BEST), found)
 
@@ -156,7 +154,7 @@ class Judge:
 
 def _block(seconds: float) -> float:
     """Length of the blocks that a diagnosis cuts a recording of so many seconds into: five at least."""
-    return min(BLOCK_SECONDS, seconds / 5)
+    return min(FOLDING.block, seconds / 5)
 
 
 def _by(count: int, x: np.ndarray) -> np.ndarray:

@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
-import torch
 
 from bench.diagnose.regression.least_squares import equilibrium, ridge
 from bench.diagnose.regression.weak import Stack
-from registry.dynamics import PhysicsModel
-from registry.physics.rigid_body import RigidBody, rotation_matrix
+from registry.dynamics import Description, PhysicsModel, Signals
 
 
 @dataclass(frozen=True)
@@ -95,27 +93,14 @@ def dictionary(model: PhysicsModel, stack: Stack, channels: tuple[int, ...]) -> 
     state = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
     inputs = ((stack.inputs[:, :-1] + stack.inputs[:, 1:]) / 2).numpy()
     slopes = ((stack.inputs[:, 1:] - stack.inputs[:, :-1]) / stack.dt).numpy()
-    drives = inputs.shape[-1] - len(model.extras)
-    base = _flight(state) if isinstance(model, RigidBody) else _states(model, state)
-    u, du = inputs[..., :drives], slopes[..., :drives]
-    if isinstance(model, RigidBody) and drives == 4:
-        u, du = u @ _MIX / stack.inputs.numpy()[..., :4].mean(), du @ _MIX
+    drives, described = inputs.shape[-1] - len(model.extras), model.description()
+    base, u, du = described.signals(state), inputs[..., :drives], slopes[..., :drives]
+    mixing = described.mixing(drives)
+    if mixing is not None:
+        u, du = u @ mixing / stack.inputs.numpy()[..., :drives].mean(), du @ mixing
     if drives:
         base["input"] = {f"u{i}": u[..., i] for i in range(drives)}
-    found = {signal: functions | {f"{k}²": v * v for k, v in functions.items()} for signal, functions in base.items()}
-    for signal in ("position", *(() if isinstance(model, RigidBody) else base)):
-        for k, v in base.get(signal, {}).items():
-            size = np.abs(v).max() or 1.0
-            found[signal] |= {f"{k}³": v**3, f"|{k}| {k}": np.abs(v) * v}
-            for n in (1, 2, 3):
-                found[signal] |= {f"sin {n} {k}": np.sin(n * v), f"cos {n} {k}": np.cos(n * v)}
-            found[signal] |= {f"sign {k}": np.tanh(v / size / 0.02)}
-    if "velocity" in base and isinstance(model, RigidBody):
-        speed = np.linalg.norm(np.stack(list(base["velocity"].values())), axis=0)
-        found["velocity"] |= {f"|v| {k}": speed * v for k, v in base["velocity"].items()}
-    for (first, some), (second, others) in combinations_with_replacement(base.items(), 2):
-        of = found.setdefault(first if first == second else f"{first} × {second}", {})
-        of |= {f"{a} {b}": x * y for a, x in some.items() for b, y in others.items() if first != second or a < b}
+    found = _functions(base, described)
     if drives:
         found["input_rate"] = {f"du{i}/dt": du[..., i] for i in range(drives)}
     for i, name in enumerate(model.extras):
@@ -124,41 +109,35 @@ def dictionary(model: PhysicsModel, stack: Stack, channels: tuple[int, ...]) -> 
     names = [(signal, text) for signal, functions in found.items() for text in functions]
     values = np.stack([v for functions in found.values() for v in functions.values()])
     scale = np.array([1.0 if signal == "constant" else v.std() for (signal, _), v in zip(names, values, strict=True)])
-    axes = _axes(model, state, channels)
-    everything = np.arange(len(names))
-    of_place = np.array([i for i, (signal, _) in enumerate(names) if signal in _OF_PLACE])
-    members = tuple(of_place if axis.startswith("world") else everything for axis in axes)
+    axes = described.axes(state, channels)
+    members: tuple[np.ndarray, ...] = tuple(
+        np.array([i for i, (signal, _) in enumerate(names) if not axis.follows or signal in axis.follows], dtype=int)
+        for axis in axes
+    )
     return Dictionary(
-        tuple(Term(*names[i], axis) for axis, some in zip(axes, members, strict=True) for i in some),
+        tuple(Term(*names[int(i)], axis.name) for axis, some in zip(axes, members, strict=True) for i in some),
         values / np.where(scale > 1e-12, scale, np.inf)[:, None, None],
-        np.stack(list(axes.values())),
+        np.stack([axis.rates for axis in axes]),
         members,
-        tuple(axes),
+        tuple(axis.name for axis in axes),
     )
 
 
-_OF_PLACE = ("position", "time", "constant")
-"""Signals that a force along an axis of the world may follow."""
-_MIX = np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, -1, 1], [1, -1, 1, -1]]) / 4
-"""Of four rotors: sum and differences, so that thrust, roll, pitch and yaw are not mixed."""
-
-
-def _flight(state: torch.Tensor) -> dict[str, dict[str, np.ndarray]]:
-    rotation = rotation_matrix(state[..., 6:10])
-    v = (rotation * state[..., 3:6].unsqueeze(-1)).sum(-2).numpy()
-    w, p, down = state[..., 10:13].numpy(), state[..., 0:3].numpy(), rotation[..., 2, :].numpy()
-    return {
-        "velocity": {f"v_{a}": v[..., i] for i, a in enumerate("xyz")},
-        "body_rates": {n: w[..., i] for i, n in enumerate("pqr")},
-        "position": {a: p[..., i] for i, a in enumerate("xyz")},
-        "attitude": {f"R_z{a}": down[..., i] for i, a in enumerate("xy")},
-    }
-
-
-def _states(model: PhysicsModel, state: torch.Tensor) -> dict[str, dict[str, np.ndarray]]:
-    found: dict[str, dict[str, np.ndarray]] = {}
-    for i, channel in enumerate(model.state_channels):
-        found.setdefault(channel.group, {})[channel.name] = state[..., i].numpy()
+def _functions(base: Signals, described: Description) -> Signals:
+    """Squares of the signals, curves and laws of some, and products of two."""
+    found = {signal: functions | {f"{k}²": v * v for k, v in functions.items()} for signal, functions in base.items()}
+    for signal in described.curved(base):
+        for k, v in base[signal].items():
+            size = np.abs(v).max() or 1.0
+            found[signal] |= {f"{k}³": v**3, f"|{k}| {k}": np.abs(v) * v}
+            for n in (1, 2, 3):
+                found[signal] |= {f"sin {n} {k}": np.sin(n * v), f"cos {n} {k}": np.cos(n * v)}
+            found[signal] |= {f"sign {k}": np.tanh(v / size / 0.02)}
+    for signal, functions in described.laws(base).items():
+        found[signal] |= functions
+    for (first, some), (second, others) in combinations_with_replacement(base.items(), 2):
+        of = found.setdefault(first if first == second else f"{first} × {second}", {})
+        of |= {f"{a} {b}": x * y for a, x in some.items() for b, y in others.items() if first != second or a < b}
     return found
 
 
@@ -207,29 +186,3 @@ def _held_out(grams: list[np.ndarray], total: np.ndarray, columns: list[int]) ->
         vector = np.append(-ridge((total - gram)[np.ix_(index, index)], 1e-9), 1.0)
         loss += float(vector @ gram[np.ix_(index, index)] @ vector)
     return loss
-
-
-def _axes(model: PhysicsModel, state: torch.Tensor, channels: tuple[int, ...]) -> dict[str, np.ndarray]:
-    """By axis, what a unit force, torque or rate along it adds to the rates (L, N − 1, channels)."""
-    shape = (*state.shape[:-1], len(channels))
-    out = {}
-    if isinstance(model, RigidBody):
-        rotation = rotation_matrix(state[..., 6:10]).numpy()
-        felt = [i for i, c in enumerate(model.measured_channels) if c.group == "specific_force"]
-        none = np.zeros((*state.shape[:-1], len(model.measured_channels)))
-        for i, a in enumerate("xyz"):
-            full = none.copy()
-            full[..., 3:6], full[..., felt] = rotation[..., :, i], np.eye(3)[i]
-            out[f"force {a}"] = full[..., list(channels)]
-            full[..., 3:6], full[..., felt] = np.eye(3)[i], rotation[..., i, :]
-            out[f"world force {a}"] = full[..., list(channels)]
-        for i, a in enumerate("xyz"):
-            full = none.copy()
-            full[..., 10 + i] = 1.0
-            out[f"torque {a}"] = full[..., list(channels)]
-        return out
-    for i, c in enumerate(channels):
-        direction = np.zeros(shape)
-        direction[..., i] = 1.0
-        out[f"d {model.measured_channels[c].name}/dt"] = direction
-    return out

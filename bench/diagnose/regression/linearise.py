@@ -12,15 +12,9 @@ from bench.diagnose.regression.generic import Dictionary
 from bench.diagnose.regression.parameters import Entry, effect_entries, entries, probes, with_values
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
+from bench.diagnose.settings import LINEARISING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
-
-UNSTABLE = 1e6
-"""Rates, relative to the model's own, that no physical effect adds."""
-WIDE = 0.2
-"""Relative 1σ of a constant from which what an effect does depends on it too much for one linearisation."""
-TOGETHER = 12
-"""Models, at least, whose rates are held in memory at once; those of all starts of a search would take gigabytes."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +118,19 @@ def directions(
     candidates: Sequence[tuple[str, type[Effect]]] = (),
     tick: Callable[[str], None] = lambda name: None,
 ) -> Directions:
-    """Linearise ``model`` in its numbers, and in those of every candidate effect added to it."""
+    """Linearise ``model`` in its numbers, and in those of every candidate effect added to it.
+
+    At measured states the rates f(θ) of a model with numbers θ are taken for f + Σ_j (∂f/∂θ_j) δ_j + Σ_i (f_i − f) ε_i:
+    a step δ_j of each number, and effects i that come (ε_i = 1, linearised at f_i in their own numbers too) or go.
+
+    Args:
+        model: about which it is linearised.
+        nominal: the model whose constants the uncertainties are relative to.
+        uncertainty: relative 1σ of constants as stated.
+        stack: the recordings.
+        candidates: ids and kinds of effects that could be added.
+        tick: called with the id of each.
+    """
     own = entries(model, uncertainty, nominal)
     values, steps = probes(own)
     found = mean_rates(with_values(model, own, values), stack).numpy()
@@ -132,35 +138,27 @@ def directions(
     acts = [moves(x - at) for x in found[1:]]  # a model may have constants that this input does not use
     columns = [c for c, a in zip(_slopes(found[1:], at, steps, stack), acts, strict=True) if a]
     own = [e for e, a in zip(own, acts, strict=True) if a]
-    removals = tuple(range(len(own), len(own) + len(model.effects)))
-    wide = [j for j, e in enumerate(own) if e.constant and e.scale > WIDE * abs(e.value)]
+    wide = {j: e for j, e in enumerate(own) if e.constant and e.scale > LINEARISING.wide * abs(e.value)}
     dependants = tuple(_dependants(model, i) for i in range(len(model.effects)))
-    by_constant: list[Response] = []
-    reduced: list[dict[int, int]] = []
-    for i in range(len(model.effects)):
-        rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j not in {i, *dependants[i]}))
-        without = mean_rates(rest, stack).numpy()
-        columns.append(response(without - at, stack.measured))
-        first = len(own) + len(model.effects) + len(by_constant)
-        reduced.append({j: first + k for k, j in enumerate(wide)})
-        by_constant += _by_constant(rest, [own[j] for j in wide], without, stack)
-    columns += by_constant
+    removals = tuple(range(len(own), len(own) + len(model.effects)))
+    more, reduced = _without(model, dependants, at, wide, stack, first=len(own))
+    columns += more
     starts: list[Start] = []
     for name, kind in candidates:
         tick(name)
-        starts += _starts(model, name, kind, at, {j: own[j] for j in wide}, stack, columns)
+        starts += _starts(model, name, kind, at, wide=wide, stack=stack, columns=columns)
     channels = tuple(i for i in stack.measured if any(i in c for c in columns))
     return Directions(
-        model,
-        stack,
-        tuple(own),
-        tuple(starts),
-        at[..., channels],
-        Columns(tuple(columns), channels, at.shape[:-1]),
-        channels,
-        removals,
-        dependants,
-        tuple(reduced),
+        model=model,
+        stack=stack,
+        own=tuple(own),
+        starts=tuple(starts),
+        rates=at[..., channels],
+        columns=Columns(tuple(columns), channels, at.shape[:-1]),
+        channels=channels,
+        removals=removals,
+        dependants=dependants,
+        reduced=reduced,
     )
 
 
@@ -171,6 +169,40 @@ Response = dict[int, np.ndarray]
 def _slopes(found: np.ndarray, at: np.ndarray, steps: np.ndarray, stack: Stack) -> list[Response]:
     """How rates change with each number: ``found`` (P, L, N − 1, s) after steps (P,) from where they are ``at``."""
     return [response((x - at) / step, stack.measured) for x, step in zip(found, steps, strict=True)]
+
+
+def _without(
+    model: PhysicsModel,
+    dependants: Sequence[frozenset[int]],
+    at: np.ndarray,
+    wide: Mapping[int, Entry],
+    stack: Stack,
+    first: int,
+) -> tuple[list[Response], tuple[Mapping[int, int], ...]]:
+    """What taking each effect of a model away adds to its rates, and how widely uncertain constants act without it.
+
+    Args:
+        model: with the effects.
+        dependants: by effect, the places of those that go with it.
+        at: rates of the model.
+        wide: by column, the widely uncertain constants.
+        stack: the recordings.
+        first: place of the first column that comes of it.
+
+    Returns:
+        A column an effect, then those of the constants, and `Directions.reduced`.
+    """
+    removals: list[Response] = []
+    by_constant: list[Response] = []
+    reduced: list[Mapping[int, int]] = []
+    for i in range(len(model.effects)):
+        rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j not in {i, *dependants[i]}))
+        without = mean_rates(rest, stack).numpy()
+        removals.append(response(without - at, stack.measured))
+        next_one = first + len(model.effects) + len(by_constant)
+        reduced.append({j: next_one + k for k, j in enumerate(wide)})
+        by_constant += _by_constant(rest, list(wide.values()), without, stack)
+    return [*removals, *by_constant], tuple(reduced)
 
 
 def _starts(
@@ -205,7 +237,8 @@ def _starts(
             instead = {j: len(columns) + k for k, j in enumerate(wide)}
             here = replace(model, effects=(*model.effects, effect))
             columns += _by_constant(here, list(wide.values()), x[0], stack)
-        starts.append(Start(name, effect, tuple(where), tuple(range(first, first + width)), low, high, instead))
+        own = tuple(range(first, first + width))
+        starts.append(Start(name, effect, tuple(where), own, low=low, high=high, instead=instead))
     return starts
 
 
@@ -225,9 +258,9 @@ def _probed(
     probed = [probes(where) for where in fitted]
     extended = replace(model, effects=(*model.effects, points[0]))
     plain = points == [kind.neutral()]  # then the first probe is the model itself
-    limit = UNSTABLE * (float(np.abs(at).max()) or 1.0)
+    limit = LINEARISING.unstable * (float(np.abs(at).max()) or 1.0)
     each = len(fitted[0]) + 1
-    some = max(1, -(-TOGETHER // each))
+    some = max(1, -(-LINEARISING.together // each))
     for first in range(0, len(points), some):
         part = slice(first, first + some)
         together = torch.cat([values[plain:] for values, _ in probed[part]])

@@ -10,14 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.diagnose.settings import CALIBRATING, LINEARISING
 from registry.dynamics import Effect, Parameter, PhysicsModel
-
-WITHIN = 3.0
-"""A constant is calibrated within so many of its 1σ: one further off is a wrong constant, which is an effect."""
-FREE = math.log(10)
-"""1σ of the logarithm of a constant that was let go: an order of magnitude, so that it pulls no other one along."""
-_PROBE = 1e-3
-"""Step of a one-sided difference, in scales of the parameter."""
 
 
 @dataclass(frozen=True)
@@ -115,10 +109,10 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
                 component, scale = None if np.ndim(p.value) == 0 else i, abs(b) * spread
                 low, high = _bounds(p)
                 positive = b > 0 and low >= 0.0
-                ends = (b * math.exp(-WITHIN * spread), b * math.exp(WITHIN * spread))
-                least, most = ends if positive else (b - WITHIN * scale, b + WITHIN * scale)
+                ends = (b * math.exp(-CALIBRATING.within * spread), b * math.exp(CALIBRATING.within * spread))
+                least, most = ends if positive else (b - CALIBRATING.within * scale, b + CALIBRATING.within * scale)
                 low, high = max(low, least), min(high, most)
-                found.append(Entry(-1, p.name, component, p.unit, v, scale, low, high, stated=b))
+                found.append(Entry(-1, p.name, component, p.unit, v, scale=scale, low=low, high=high, stated=b))
     for i, effect in enumerate(model.effects):
         found += effect_entries(effect, i)
     return found
@@ -126,12 +120,14 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
 
 def effect_entries(effect: Effect, owner: int) -> list[Entry]:
     """An effect's parameters that can be fitted; of a vector each component is a number of its own."""
-    return [
-        Entry(owner, p.name, i if np.ndim(p.value) else None, p.unit, v, _scale(p, i), *_bounds(p), neutral)
-        for p in effect.parameters()
-        if p.uncertainty > 0
-        for i, (v, neutral) in enumerate(zip(_flat(p.value), _flat(p.neutral), strict=True))
-    ]
+    found = []
+    for p in effect.parameters():
+        if p.uncertainty > 0:
+            low, high = _bounds(p)
+            for i, (v, neutral) in enumerate(zip(_flat(p.value), _flat(p.neutral), strict=True)):
+                at, scale = i if np.ndim(p.value) else None, _scale(p, i)
+                found.append(Entry(owner, p.name, at, p.unit, v, scale=scale, low=low, high=high, neutral=neutral))
+    return found
 
 
 def with_values(model: PhysicsModel, where: Sequence[Entry], values: np.ndarray | Tensor) -> PhysicsModel:
@@ -167,7 +163,8 @@ def with_values(model: PhysicsModel, where: Sequence[Entry], values: np.ndarray 
 def probes(where: Sequence[Entry]) -> tuple[Tensor, np.ndarray]:
     """Values (P + 1, P) for a Jacobian by one-sided differences, and the steps (P,): the first row is where it is."""
     at = np.array([e.value for e in where])
-    steps = np.array([e.scale * _PROBE if e.value + e.scale * _PROBE <= e.high else -e.scale * _PROBE for e in where])
+    reach = [e.scale * LINEARISING.probe for e in where]
+    steps = np.array([r if e.value + r <= e.high else -r for e, r in zip(where, reach, strict=True)])
     return torch.from_numpy(np.concatenate([at[None], at + np.diag(steps)])), steps
 
 

@@ -5,8 +5,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-AFFINE = 1e-9
-"""Largest difference from an affine map, relative to the map, of one that is."""
+from bench.diagnose.settings import LINEARISING
 
 
 def solved(step: Callable[[Tensor], Tensor], shape: tuple[int, ...], size: int, like: Tensor) -> Tensor | None:
@@ -30,7 +29,7 @@ def solved(step: Callable[[Tensor], Tensor], shape: tuple[int, ...], size: int, 
     matrix = torch.stack([step(e.expand(*shape, size)) - offset for e in unit], dim=-1)
     probe = torch.linspace(0.3, 0.7, size, dtype=like.dtype, device=like.device)
     off = (step(probe.expand(*shape, size)) - offset - matrix @ probe).abs().max()
-    if not off <= AFFINE * (matrix.abs().max() + offset.abs().max()):
+    if not off <= LINEARISING.affine * (matrix.abs().max() + offset.abs().max()):
         return None
     length = max(1, round(count**0.5))
     stretches = -(-count // length)

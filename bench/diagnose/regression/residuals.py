@@ -1,6 +1,8 @@
 """Force and torque, or rate of change, that a model leaves out, against the conditions in which it does."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -8,19 +10,8 @@ from bench.diagnose.evidence import ResidualMap
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.regression.conditions import Condition
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
-from registry.dynamics import PhysicsModel, tensor
-from registry.physics.rigid_body import RigidBody
-
-BINS = 12
-"""Of equally many samples each."""
-DOTS = 1500
-"""Samples kept for a scatter."""
-MAPS = 8
-"""Maps at most."""
-EACH = 2
-"""Maps of one quantity, and maps against one condition, at most."""
-FOLLOWS = 0.05
-"""Share of a residual's variance that its means in bins must hold."""
+from bench.diagnose.settings import MAPPING
+from registry.dynamics import PhysicsModel
 
 
 def residual_maps(
@@ -53,38 +44,66 @@ def residual_maps(
     found = []
     for condition in where:
         x = np.concatenate([condition.means(i, c - hop, 2 * hop + 1) for i, c in enumerate(tests.centres)])
-        if len(x) < 4 * BINS:
-            continue
-        order = np.argsort(x, kind="stable")
-        bins = np.array_split(order, BINS)
-        for (quantity, unit), y in before.items():
-            share = _share(y, bins)
-            if share > FOLLOWS:
-                later = better.get((quantity, unit))
-                found.append((share, condition, quantity, unit, x, y, bins, later))
-    found.sort(key=lambda f: (f[1].name not in regions, -f[0]))
+        if len(x) >= 4 * MAPPING.bins:
+            bins = np.array_split(np.argsort(x, kind="stable"), MAPPING.bins)
+            every = (_Followed(condition, what, x, y, bins, better.get(what)) for what, y in before.items())
+            found += [f for f in every if f.share > MAPPING.follows]
+    found.sort(key=lambda f: (f.condition.name not in regions, -f.share))
     maps: list[ResidualMap] = []
-    for _, condition, quantity, unit, x, y, bins, later in found:
-        against = sum(m.x_signal == condition.name for m in maps)
-        of = sum(m.y_quantity == quantity for m in maps)
-        if len(maps) == MAPS or max(against, of) >= EACH:
-            continue
-        thin = slice(None, None, max(1, -(-len(x) // DOTS)))
-        maps.append(
-            ResidualMap(
-                condition.name,
-                condition.unit,
-                quantity,
-                unit,
-                tuple(x[thin].tolist()),
-                tuple(y[thin].tolist()),
-                _means(x, bins),
-                _means(y, bins),
-                () if later is None else _means(later, bins),
-                regions.get(condition.name, ""),
-            )
-        )
+    for f in found:
+        against = sum(m.x_signal == f.condition.name for m in maps)
+        of = sum(m.y_quantity == f.quantity[0] for m in maps)
+        if len(maps) < MAPPING.maps and max(against, of) < MAPPING.each:
+            maps.append(f.drawn(regions.get(f.condition.name, "")))
     return tuple(maps)
+
+
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """A residual (J,) beside a condition."""
+
+    condition: Condition
+    quantity: tuple[str, str]
+    """Name and unit."""
+    x: np.ndarray
+    """(J,) the condition."""
+    y: np.ndarray
+    bins: Sequence[np.ndarray]
+    """Places of equally many samples each, by ascending condition."""
+    better: np.ndarray | None
+    """(J,) the residual of a better model."""
+
+    @cached_property
+    def share(self) -> float:
+        """Share R² of the residual's variance that its means in bins hold, less what chance alone gives them.
+
+        R² = 1 − Σ_b Σ_(j in b) (y_j − ȳ_b)² / (J − bins) / s², with s² the variance of y: adjusted for the means.
+        """
+        y = self.y
+        total = float(((y - y.mean()) ** 2).sum())
+        within = sum(float(((y[b] - y[b].mean()) ** 2).sum()) for b in self.bins)
+        if not total > 0:
+            return 0.0
+        return 1 - within / (len(y) - len(self.bins)) / (total / (len(y) - 1))
+
+    def drawn(self, region: str) -> ResidualMap:
+        """As a page shows it, with no more than `MAPPING.dots` dots."""
+        thin = slice(None, None, max(1, -(-len(self.x) // MAPPING.dots)))
+        return ResidualMap(
+            x_signal=self.condition.name,
+            x_unit=self.condition.unit,
+            y_quantity=self.quantity[0],
+            y_unit=self.quantity[1],
+            x=tuple(self.x[thin].tolist()),
+            y=tuple(self.y[thin].tolist()),
+            centres=self._means(self.x),
+            before=self._means(self.y),
+            after=() if self.better is None else self._means(self.better),
+            region=region,
+        )
+
+    def _means(self, values: np.ndarray) -> tuple[float, ...]:
+        return tuple(float(values[b].mean()) for b in self.bins)
 
 
 def residuals(
@@ -92,7 +111,7 @@ def residuals(
 ) -> dict[tuple[str, str], np.ndarray]:
     """Mean residuals (J,) over the windows of ``tests``, by quantity and unit.
 
-    Of a rigid body force [N] and torque [N m] along the body's axes, else the rate of change of each channel.
+    What the quantities are is the system's to say, `Description.residuals`.
 
     Args:
         model: whose rates are taken off.
@@ -107,46 +126,8 @@ def residuals(
         modelled = [tests.integral(i, c, rates[i, :, c], stack.dt) for c in range(len(columns))]
         parts.append(tests.increment(i, states) - np.stack(modelled, axis=-1))
     mean = np.concatenate(parts) / (tests.hop * stack.dt)
+    logs = np.repeat(np.arange(len(tests.centres)), [len(c) for c in tests.centres])
+    at = logs, np.concatenate(tests.centres)
     by_channel = {c: mean[:, i] for i, c in enumerate(columns)}
-    if isinstance(model, RigidBody):
-        return _loads(model, stack, tests, by_channel)
-    found = {}
-    for c, y in by_channel.items():
-        channel = model.state_channels[c]
-        unit = f"{channel.unit}^2" if channel.unit.endswith("/s") else f"{channel.unit}/s"
-        found[f"rate of change of {channel.name}", unit] = y
-    return found
-
-
-def _loads(
-    model: RigidBody, stack: Stack, tests: TestFunctions, by_channel: dict[int, np.ndarray]
-) -> dict[tuple[str, str], np.ndarray]:
-    centre = [(i, k) for i, centres in enumerate(tests.centres) for k in centres]
-    log, sample = (np.array(v) for v in zip(*centre, strict=True))
-    state = model.project(stack.states[log, sample])
-    motion = model.unloaded(state, stack.inputs[log, sample])[0]
-    constants = motion.model
-    found: dict[tuple[str, str], np.ndarray] = {}
-    if all(c in by_channel for c in range(3, 10)):
-        world = np.stack([by_channel[c] for c in (3, 4, 5)], axis=-1)
-        body = np.einsum("jki,jk->ji", motion.rotation.numpy(), world)
-        force = tensor(constants.mass, state).unsqueeze(-1).numpy() * body
-        found |= {(f"force {a}", "N"): force[:, i] for i, a in enumerate("xyz")}
-    if all(c in by_channel for c in (10, 11, 12)):
-        spin = np.stack([by_channel[c] for c in (10, 11, 12)], axis=-1)
-        torque = tensor(constants.inertia, state).numpy() * spin
-        found |= {(f"torque {a}", "N m"): torque[:, i] for i, a in enumerate("xyz")}
-    return found
-
-
-def _means(values: np.ndarray, bins: Sequence[np.ndarray]) -> tuple[float, ...]:
-    return tuple(float(values[b].mean()) for b in bins)
-
-
-def _share(y: np.ndarray, bins: Sequence[np.ndarray]) -> float:
-    """Share of the variance of y that its means in bins hold, less what chance alone gives them."""
-    total = float(((y - y.mean()) ** 2).sum())
-    within = sum(float(((y[b] - y[b].mean()) ** 2).sum()) for b in bins)
-    if not total > 0:
-        return 0.0
-    return 1 - within / (len(y) - len(bins)) / (total / (len(y) - 1))
+    found = model.description().residuals(stack.states[at], stack.inputs[at], by_channel)
+    return {(q.name, q.unit): q.values for q in found}

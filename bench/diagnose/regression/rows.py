@@ -10,11 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.diagnose.regression.least_squares import Normal
-
-FOLDS = 3
-"""Fewest parts of which each is held out once: recordings, or stretches of them where there are fewer."""
-BLOCK_SECONDS = 4.0
-"""Length of the blocks whose losses are compared: longer than what is left in a residual remembers."""
+from bench.diagnose.settings import FOLDING
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +103,7 @@ class Rows:
         """The rows in blocks, with their normal equations."""
         fold, count, kept = [], [], []
         for i, rows in enumerate(self.counts()):
-            length = max(1, min(round(BLOCK_SECONDS / self.hop), rows // (5 * self._stretches)))
+            length = max(1, min(round(FOLDING.block / self.hop), rows // (5 * self._stretches)))
             whole = [min(length, rows - start) for start in range(0, rows, length)]
             if len(whole) > 1 and whole[-1] < length // 2:
                 whole.pop()
@@ -126,7 +122,7 @@ class Rows:
     @property
     def _stretches(self) -> int:
         """Folds that each log makes."""
-        return 1 if len(self.parts) >= FOLDS else -(-FOLDS // len(self.parts))
+        return 1 if len(self.parts) >= FOLDING.folds else -(-FOLDING.folds // len(self.parts))
 
 
 def filtered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:

@@ -5,10 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-SILENT = 0.5
-"""Cycles of silence that are taken to have come before a recording: a wave must be heard before it is told."""
-HEARD = 1.0
-"""Cycles of a recording before which nothing is told."""
+from bench.diagnose.settings import WAVING
 
 
 def wave(left: Tensor, good: Tensor, frequency: float, dt: float, so_far: bool) -> Tensor:
@@ -38,10 +35,10 @@ def wave(left: Tensor, good: Tensor, frequency: float, dt: float, so_far: bool) 
     else:
         gram, moment = gram.sum(-3, keepdim=True), moment.sum(-2, keepdim=True)
     cycle = 1 / (frequency * dt)
-    held = torch.diag(torch.tensor([SILENT * cycle / 2, SILENT * cycle / 2, 1.0], dtype=left.dtype))
+    held = torch.diag(torch.tensor([WAVING.silent * cycle / 2, WAVING.silent * cycle / 2, 1.0], dtype=left.dtype))
     held = held if so_far else held * 1e-6
     both = torch.linalg.solve(gram + held, moment.unsqueeze(-1)).squeeze(-1)[..., :2]
-    both = torch.where(gram[..., 2, 2].unsqueeze(-1) >= HEARD * cycle, both, 0.0)
+    both = torch.where(gram[..., 2, 2].unsqueeze(-1) >= WAVING.heard * cycle, both, 0.0)
     at = turn * torch.arange(count + 1, dtype=left.dtype)
     a, b = (both[..., i].expand(*both.shape[:-2], count + 1) for i in range(2))
     return torch.stack([a * at.cos() + b * at.sin(), b * at.cos() - a * at.sin()], dim=-1)

@@ -11,7 +11,7 @@ SINDy" (2021).
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -24,14 +24,12 @@ from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.recurrence import solved
 from bench.diagnose.regression.wave import wave
-from registry.dynamics import Effect, InternalEffect, PhysicsModel
+from bench.diagnose.settings import LINEARISING
+from registry.dynamics import Effect, PhysicsModel
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.errors import BenchError
-from registry.physics.rigid_body import RigidBody
 
 M = TypeVar("M", bound=PhysicsModel)
-AT_ONCE = 8_000
-"""Samples, times models, whose rates are computed at once: what they need fits a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +111,7 @@ def mean_rates(model: PhysicsModel, stack: Stack) -> Tensor:
     shape = (*(() if many is None else (many,)), *state.shape[:-1])
     sensed = stack.sensed
     out = state.new_empty(*shape, size + (len(model.sensed_channels) if sensed else 0))
-    step = max(1, AT_ONCE // max(1, math.prod(shape[:-1])))
+    step = max(1, LINEARISING.at_once // max(1, math.prod(shape[:-1])))
     for start in range(0, shape[-1], step):
         part = slice(start, start + step)
         at, *driven = _for_all(model, many, state[:, part], middle[..., part, :], slopes[..., part, :])
@@ -134,9 +132,7 @@ def _of_all(many: int | None, *signals: Tensor) -> list[Tensor]:
 def _for_all(model: PhysicsModel, many: int | None, *signals: Tensor) -> list[Tensor]:
     """`_of_all`; but once for all where the equations are known to broadcast: what is alike is computed once."""
     ours = __name__.partition(".")[0], PhysicsModel.__module__.partition(".")[0]
-    broadcasts = isinstance(model, RigidBody) and all(
-        type(x).__module__.partition(".")[0] in ours for x in (model, *model.effects)
-    )
+    broadcasts = model.broadcasts and all(type(x).__module__.partition(".")[0] in ours for x in (model, *model.effects))
     return list(signals) if broadcasts else _of_all(many, *signals)
 
 
@@ -216,8 +212,8 @@ def _own_path(model: PhysicsModel, stack: Stack, middle: Tensor, slopes: Tensor)
     shape = (*(() if many is None else (many,)), *states.shape[:-1])
     if all(isinstance(e, PeriodicTerm) for e in model.effects if e.internal_size):
         return stack.states.new_zeros(*shape[:-1], shape[-1] + 1, model.internal_size)
-    if isinstance(model, RigidBody):
-        at_once = _swing_rates(model, states, middle, slopes)
+    at_once = model.internal_rates(states, middle, slopes)
+    if at_once is not None:
 
         def through(own: Tensor) -> Tensor:
             return own + stack.dt * at_once(own + stack.dt / 2 * at_once(own))
@@ -236,22 +232,6 @@ def _own_path(model: PhysicsModel, stack: Stack, middle: Tensor, slopes: Tensor)
         own = own + stack.dt * rate(k, own + stack.dt / 2 * rate(k, own))
         one_by_one.append(own)
     return torch.stack(one_by_one, dim=-2)
-
-
-def _swing_rates(model: RigidBody, states: Tensor, middle: Tensor, slopes: Tensor) -> Callable[[Tensor], Tensor]:
-    """Rates (…, L, N − 1, i) of the own states of a rigid body's effects over all intervals, at own states."""
-    seen, _, _, _, acceleration = model.unloaded(states, middle, slopes)
-    effects = [e for e in model.effects if isinstance(e, InternalEffect)]
-
-    def rate(own: Tensor) -> Tensor:
-        rates, at = [], 0
-        for effect in effects:
-            size = effect.internal_size
-            rates.append(effect.internal_rate(replace(seen, internal=own[..., at : at + size]), acceleration))
-            at += size
-        return torch.cat(rates, dim=-1)
-
-    return rate
 
 
 def how_many(model: PhysicsModel) -> int | None:

@@ -9,31 +9,8 @@ from bench.diagnose.regression.linearise import Start
 from bench.diagnose.regression.parameters import with_values
 from bench.diagnose.select.search import View
 from bench.diagnose.select.subset import Fit, t_value
+from bench.diagnose.settings import CHOOSING
 from registry.dynamics import PhysicsModel
-
-LARGEST = 3
-"""Effects searched for together; more are added one by one."""
-MOST = 5
-"""Effects at most."""
-SIGNIFICANT, SURE, PLAIN = 3.5, 2.0, 0.012
-"""t over blocks of the held-out gain with which an effect is accepted, and what suffices where the gain is plain: this
-share of what noise leaves, which comes from few manoeuvres rather than by chance."""
-LARGE = 0.05
-"""Gain, as a share of what noise leaves, that is accepted if every recording not fitted confirms it."""
-VISIBLE = 0.01
-"""Least gain of an effect, as a share of what noise leaves."""
-RELEVANT = 0.004
-"""Least gain of an effect, as a share of all that effects explain."""
-CLEARING = 0.8
-"""Share of what is left, where that exceeds the noise, with which an effect is relevant whatever others explain."""
-DOUBTED = 5.0
-"""Relief of the constants' prior (χ², beyond the price of parameters) that is evidence in itself."""
-DISTINCT = 2.5
-"""t over blocks with which a rival must lose to count as told apart."""
-SURELY = 5.0
-"""t from which even a small difference in explanation counts against fewer parameters."""
-SIMPLER = 0.3
-"""Share of what is left by which a set of fewer parameters may be worse, if the blocks do not agree that it is."""
 
 
 def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
@@ -45,9 +22,9 @@ def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
     taken, fields = subsets.fit(), [[subsets.fit()]]
     among: Sequence[Start] = starts
     promising: dict[str, Start] = {}
-    for size in range(1, MOST + 1):
+    for size in range(1, CHOOSING.most + 1):
         grown = _grown(view, fields[-1][0]) if size > 2 else []
-        if size > LARGEST:
+        if size > CHOOSING.largest:
             field = grown
         else:
             among = [*among, *(f.starts[-1] for f in grown if f.starts[-1] not in among)]
@@ -108,7 +85,8 @@ def _simplest(view: View, best: Fit, field: list[Fit]) -> Fit:
         t = t_value(subsets.losses(f).sum(1) - level)
         worse = subsets.cost(f) - subsets.cost(best)
         return f.parameters < best.parameters and (
-            (t < SURELY and worse < RELEVANT * everything) or (t < DISTINCT and worse < SIMPLER * best.misfit)
+            (t < CHOOSING.surely and worse < CHOOSING.relevant * everything)
+            or (t < CHOOSING.distinct and worse < CHOOSING.simpler * best.misfit)
         )
 
     everything = max(view.explained, subsets.fit().misfit - best.misfit)
@@ -123,23 +101,24 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
     price = subsets.penalty * (larger.parameters - smaller.parameters)
     if gained + relief <= price:
         return False
-    if gained > -DOUBTED and gained + relief > price + DOUBTED and relief > DOUBTED:
+    if gained > -CHOOSING.doubted and gained + relief > price + CHOOSING.doubted and relief > CHOOSING.doubted:
         return True  # constants that would otherwise lie far outside what is known of them
     if price <= 0 and gained > 0:
         return True
     everything = max(view.explained, view.subsets.fit().misfit - view.floor)
     left = smaller.misfit - view.floor
-    clears = left > view.floor and gained > CLEARING * left
-    if gained < VISIBLE * view.floor or (gained < RELEVANT * everything and not clears):
+    clears = left > view.floor and gained > CHOOSING.clearing * left
+    if gained < CHOOSING.visible * view.floor or (gained < CHOOSING.relevant * everything and not clears):
         return False
     saved = (subsets.held_out(smaller.starts, drop=drop) - subsets.held_out(larger.starts)).sum(1)
     # A large effect acts where the manoeuvre is, so its gains are as uneven as they are sure: their logarithm is not.
     levels = np.log(np.maximum(subsets.losses(smaller).sum(1), 1e-9) / np.maximum(subsets.losses(larger).sum(1), 1e-9))
     sure = max(t_value(saved), t_value(levels))
     everywhere = all(saved[subsets.normal.fold == f].sum() > 0 for f in np.unique(subsets.normal.fold))
-    if everywhere and gained > LARGE * view.floor:
+    if everywhere and gained > CHOOSING.large * view.floor:
         return True  # from few manoeuvres, but from some of every recording
-    return bool(saved.sum() > 0) and (sure > SIGNIFICANT or (sure > SURE and gained > PLAIN * view.floor))
+    plain = gained > CHOOSING.plain * view.floor
+    return bool(saved.sum() > 0) and (sure > CHOOSING.significant or (sure > CHOOSING.sure and plain))
 
 
 def agreed(views: Sequence[View]) -> tuple[View, Fit, list[list[Fit]]]:

@@ -23,25 +23,9 @@ from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
 from bench.diagnose.select.search import Search, admissible, hop_of, noise_filters, shortened
+from bench.diagnose.settings import TIMING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
-
-WITHIN_SAMPLE = 0.5
-"""Largest shift of a signal that need not act at once [samples]: what the path between two samples can make."""
-SIGNIFICANT = 4.0
-"""Standard errors from zero from which a shift is believed."""
-NEGLIGIBLE = 0.01
-"""Shift below which nothing is gained by reading the input anew [samples]."""
-COARSE = 0.5
-"""Shift from which the cross-correlation's estimate is the start [samples]; the regression alone finds smaller ones."""
-LONGEST = 9_000
-"""Samples that are looked at; more would make it slower and hardly surer."""
-STEPS = 3
-"""Gauss–Newton steps."""
-PROBE = 1e-3
-"""Step of the one-sided difference in the shift [samples]."""
-PRIOR = 3.0
-"""1σ of the effects that are fitted beside the shift, in typical values."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +61,10 @@ def prepared(
     tick("input timing")
     inputs, sensed = _shifts(subject, noise)
     logs, notes = subject.logs, list(subject.notes)
-    if abs(inputs.value) >= NEGLIGIBLE:
+    if abs(inputs.value) >= TIMING.negligible:
         logs = tuple(replace(log, inputs=read_at(log.inputs, drives, inputs.value)) for log in logs)
         notes.append(_said(subject, inputs))
-    if abs(sensed.value) >= NEGLIGIBLE:
+    if abs(sensed.value) >= TIMING.negligible:
         paths = (log.sensed for log in logs)
         read = [None if path is None else read_at(path, path.shape[1], sensed.value) for path in paths]
         logs = tuple(replace(log, sensed=path) for log, path in zip(logs, read, strict=True))
@@ -117,18 +101,18 @@ def read_at(inputs: torch.Tensor, drives: int, shift: float) -> torch.Tensor:
 def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift]:
     """The shifts of the inputs and of the sensors that all recordings share; zero where they are not significant."""
     instant, nothing = subject.model.drive_acts_at_once, Shift(0.0, 0.0, 0.0)
-    widest = np.array([np.inf if instant else WITHIN_SAMPLE, np.inf])
+    widest = np.array([np.inf if instant else TIMING.within_sample, np.inf])
     start = np.array([_coarse(subject) if instant else 0.0, 0.0])
     fit = _Regression(subject, noise, start[0])
     value, error = start, np.full(2, np.inf)
-    for _ in range(STEPS):
+    for _ in range(TIMING.steps):
         step, error = fit.step(value)
         if not np.isfinite([step, error]).all():
             return nothing, nothing  # nothing moves by which a shift could be told
         value = np.clip(value + np.clip(step, -1, 1), -widest, widest)
-        if (np.abs(step) < NEGLIGIBLE).all():
+        if (np.abs(step) < TIMING.negligible).all():
             break
-    told = (np.abs(value) >= SIGNIFICANT * error) | (start != 0)
+    told = (np.abs(value) >= TIMING.significant * error) | (start != 0)
     inputs, sensed = (
         Shift(v, v - 1.96 * e, v + 1.96 * e) if t else nothing
         for v, e, t in zip(value.tolist(), error.tolist(), told, strict=True)
@@ -139,9 +123,9 @@ def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift]:
 def _coarse(subject: Subject) -> float:
     """Shift by which the modelled motion agrees best with the measured one [samples]; 0: none that is clear."""
     lags = [lag_of(subject.model, log) for log in subject.logs]
-    clear = [-by for by, how in lags if how > COARSE]
+    clear = [-by for by, how in lags if how > TIMING.coarse]
     middle = float(np.median(clear)) if 2 * len(clear) >= len(lags) and clear else 0.0
-    return middle if abs(middle) > COARSE else 0.0
+    return middle if abs(middle) > TIMING.coarse else 0.0
 
 
 class _Regression:
@@ -150,7 +134,7 @@ class _Regression:
     def __init__(self, subject: Subject, noise: Noise, shift: float) -> None:
         """Linearise the model and every effect of the catalogue where inputs are read ``shift`` samples later."""
         self.model, self.drives = subject.model, drives_of(subject.model, subject.logs[0])
-        self.stack = Stack.of(shortened(subject.of(subject.training), longest=LONGEST))
+        self.stack = Stack.of(shortened(subject.of(subject.training), longest=TIMING.longest))
         search = Search(subject, (), lambda name: None, noise)
         candidates = [(name, kind) for name, kind in admissible(subject, self.model, None) if not kind.screen]
         white = np.random.default_rng(0).normal(size=self.stack.inputs.shape) * np.array(noise.inputs)
@@ -208,12 +192,12 @@ class _Regression:
 
         here, later = (
             mean_rates(self.model, self.read(u, noisy)).numpy()[..., list(linear.channels)]
-            for u in (inputs, inputs + PROBE)
+            for u in (inputs, inputs + TIMING.probe)
         )
         rates, moved = filed(here, sensors), [filed(later, sensors)]
         if at:
-            moved.append(filed(here, sensors + PROBE))
-        columns = linear.columns.with_more([(m - rates) / PROBE for m in moved])
+            moved.append(filed(here, sensors + TIMING.probe))
+        columns = linear.columns.with_more([(m - rates) / TIMING.probe for m in moved])
         return replace(linear, rates=rates, columns=columns).project(self.tests)
 
 
@@ -223,7 +207,7 @@ def _precision(linear: Directions, count: int) -> np.ndarray:
     out[: len(linear.own)] = Prior.of(linear.own).precision
     for start in linear.starts:
         for column, entry in zip(start.columns[len(start.columns) - len(start.entries) :], start.entries, strict=True):
-            out[column] = (PRIOR * entry.scale) ** -2
+            out[column] = (TIMING.prior * entry.scale) ** -2
     return out
 
 

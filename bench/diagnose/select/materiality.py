@@ -33,7 +33,7 @@ SHARE = 0.05
 NEAR = 1.05
 """Error, relative to the best that can be reached, up to which nothing is worth a term."""
 LOST = 1.5
-"""Error with an effect, relative to that without, from which it loses an equation."""
+"""Error with an effect, relative to that without, from which it loses an equation; its inverse: which it wins."""
 SURE = 2.0
 """Standard errors over blocks of held-out recordings of a 95 % interval over blocks of held-out recordings."""
 BLOCK = 4.0
@@ -115,8 +115,11 @@ class Saving:
 
     @property
     def worth(self) -> bool:
-        """Whether it is large enough, and sure."""
-        return self.matters and self.share >= SHARE and self.low > 0
+        """Whether it is large enough, and sure: a share of all, or an equation that is lost without it.
+
+        Beside a much larger effect the second one is a small share, and most of what the first one leaves.
+        """
+        return self.matters and self.low > 0 and (self.share >= SHARE or self.ratio < 1 / LOST)
 
 
 class Weighing:
@@ -186,10 +189,10 @@ class Weighing:
                     equation.name,
                     horizon * self.held.dt,
                     equation.group.unit,
-                    {name: value**0.5 for name, value in mean.items()},
-                    (mean["extended"] * share) ** 0.5,
-                    chance**0.5,
-                    axis,
+                    models={name: value**0.5 for name, value in mean.items()},
+                    predictable=(mean["extended"] * share) ** 0.5,
+                    floor=chance**0.5,
+                    axis=axis,
                 )
             )
         self._errors[extended] = tuple(out)

@@ -7,10 +7,9 @@ place, and what is right in the other equation is lost. Such a constant is known
 
 import math
 
-from bench.diagnose.regression.linearise import WIDE
-from bench.diagnose.regression.parameters import FREE
 from bench.diagnose.select.search import View
 from bench.diagnose.select.subset import Fit
+from bench.diagnose.settings import CALIBRATING, LINEARISING
 
 
 def contradicted(view: View, fit: Fit) -> str | None:
@@ -21,12 +20,12 @@ def contradicted(view: View, fit: Fit) -> str | None:
         fit: of the effects that explain it best.
     """
     spread = {i: e.scale / abs(e.stated) for i, e in enumerate(view.linear.own) if e.constant}
-    rough = {view.linear.own[i].name for i, s in spread.items() if WIDE * (1 + 1e-9) < s < FREE}
+    rough = {view.linear.own[i].name for i, s in spread.items() if LINEARISING.wide * (1 + 1e-9) < s < CALIBRATING.free}
     best, most = None, 0.0
     for name in sorted(rough):
         places = [i for i in spread if view.linear.own[i].name == name]
-        free = view.subsets.freed(places, FREE).fit(fit.starts, drop=fit.dropped)
-        gained = fit.loss - free.loss - sum(2 * math.log(FREE / spread[i]) for i in places)
+        free = view.subsets.freed(places, CALIBRATING.free).fit(fit.starts, drop=fit.dropped)
+        gained = fit.loss - free.loss - sum(2 * math.log(CALIBRATING.free / spread[i]) for i in places)
         if gained > most:
             best, most = name, gained
     return best

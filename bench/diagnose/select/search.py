@@ -13,27 +13,16 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
 from bench.diagnose.regression.least_squares import Normal, regularised, shifted, whitening
 from bench.diagnose.regression.linearise import Directions, directions
-from bench.diagnose.regression.parameters import FREE, Prior, entries
+from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
 from bench.diagnose.select.subset import Subsets
+from bench.diagnose.settings import CALIBRATING, SEARCHING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Channel
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
 
-HOP = 0.06
-"""From one test function to the next [s] where the motion is slower; a test function is two hops long."""
-FINE = 6
-"""Samples from one test function to the next that are enough."""
-LONGEST = 24_000
-"""Samples that are looked at; more would make it slower and no surer."""
-TELLING = 12
-"""Columns at most that are fitted before what is left is called noise."""
-BURIED = 0.3
-"""Share of noise of the inputs in what a column is made of from which the data say nothing about it."""
-MEMORY = 8
-"""Order of the autoregression that whitens a residual [hops]."""
 _OF_INPUT = ("input", "input_rate")
 """Signals of the dictionary that noise of the inputs is in."""
 
@@ -85,7 +74,7 @@ class Search:
         self.subject, self.catalogue, self.tick = subject, catalogue, tick
         logs = subject.of(subject.training)
         # Where the motion is slow against the sampling, a few samples a test function are enough.
-        stride = max(1, hop_of(Stack.of(shortened(logs))) // FINE)
+        stride = max(1, hop_of(Stack.of(shortened(logs))) // SEARCHING.fine)
         self.stack = Stack.of(shortened(logs, stride))
         given, seen = (sum(len(log) / log.rate for log in some) for some in (logs, self.stack.logs))
         self.notes = (
@@ -124,7 +113,7 @@ class Search:
             f"The stated {name.replace('_', ' ')} ({text} {stated[0].unit}) was let go: these recordings contradict it "
             "by far more than its uncertainty. What they say of it stands among the constants."
         )
-        uncertainty = {**self.subject.uncertainty, name: FREE}
+        uncertainty = {**self.subject.uncertainty, name: CALIBRATING.free}
         self.subject = replace(self.subject, uncertainty=uncertainty, notes=(*self.subject.notes, note))
         return True
 
@@ -183,15 +172,24 @@ class Search:
             noise = noise[:, [*range(count), -1]][..., [*range(count), -1]]
             by_channel = mine.power()
             power = by_channel.sum(0)[:count]
-            buried = frozenset(np.flatnonzero(some * noise.sum(0).diagonal()[:count] > BURIED * power).tolist())
+            drowned = some * noise.sum(0).diagonal()[:count] > SEARCHING.buried * power
+            buried = frozenset(np.flatnonzero(drowned).tolist())
             hidden = [c for c in buried if c < len(linear.own)]
             doubtful = frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
         reach = () if look.dictionary is None else look.dictionary.reach
         linear = replace(linear, columns=linear.columns.forgotten())
 
         def view(normal: Normal, grams: list[np.ndarray]) -> View:
-            subsets = Subsets(linear, normal, buried)
-            return View(linear, tuple(words), subsets, tuple(grams), reach, explained, doubtful, tuple(filters))
+            return View(
+                linear=linear,
+                dictionary=tuple(words),
+                subsets=Subsets(linear, normal, buried),
+                grams=tuple(grams),
+                reach=reach,
+                explained=explained,
+                doubtful=doubtful,
+                filters=tuple(filters),
+            )
 
         normal = mine.normal()
         return [view(normal, grams)] if noise is None else [view(normal.less(noise), cleaned), view(normal, grams)]
@@ -273,9 +271,12 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
     return f"{', '.join(missing)} was not measured" if missing else ""
 
 
-def shortened(logs: Sequence[Log], stride: int = 1, longest: int = LONGEST) -> list[Log]:
-    """The middle of each log, every ``stride``-th sample, so that all together have no more than ``longest``."""
-    share = min(1.0, longest * stride / sum(map(len, logs)))
+def shortened(logs: Sequence[Log], stride: int = 1, longest: int | None = None) -> list[Log]:
+    """The middle of each log, every ``stride``-th sample; all together have no more than ``longest``.
+
+    ``longest`` is `SEARCHING.longest` by default.
+    """
+    share = min(1.0, (longest or SEARCHING.longest) * stride / sum(map(len, logs)))
     out = []
     for log in logs:
         first = int(len(log) * (1 - share) / 2)
@@ -304,7 +305,7 @@ def hop_of(stack: Stack) -> int:
     share = np.cumsum(power, axis=0) / np.maximum(power.sum(0), 1e-300)
     moving = np.flatnonzero(power.sum(0) > 0)
     fastest = max((int(np.searchsorted(share[:, c], 0.95)) for c in moving), default=1) / x.shape[1]  # cycles a sample
-    return int(np.clip(round(0.15 / max(fastest, 1e-6)), 2, max(2, round(HOP / stack.dt))))
+    return int(np.clip(round(0.15 / max(fastest, 1e-6)), 2, max(2, round(SEARCHING.hop / stack.dt))))
 
 
 def input_noise(stack: Stack, drives: int, through: np.ndarray) -> np.ndarray:
@@ -350,7 +351,7 @@ def noise_filters(rows: Rows, prior: Prior) -> list[np.ndarray]:
             np.append(prior.high, free),
         )
         left = rows.residuals(beta)
-        order = min(MEMORY, max(1, min(map(len, left)) // 20))
+        order = min(SEARCHING.memory, max(1, min(map(len, left)) // 20))
         filters = [whitening([r[:, c] for r in left], order) for c in range(rows.channels)]
     return filters
 
@@ -362,4 +363,4 @@ def _telling(grams: Sequence[np.ndarray], prior: Prior) -> list[int]:
     shift = np.zeros(len(total))
     shift[list(own)] = -beta
     inside = [c for c in own if prior.low[c] < beta[c] < prior.high[c]]
-    return [c for c, _ in follow([shifted(g, shift) for g in grams], inside, len(own), TELLING)]
+    return [c for c, _ in follow([shifted(g, shift) for g in grams], inside, len(own), SEARCHING.telling)]

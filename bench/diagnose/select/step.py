@@ -10,20 +10,12 @@ from dataclasses import dataclass, replace
 
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.select.choose import VISIBLE, updated
+from bench.diagnose.select.choose import updated
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Fit
-from bench.diagnose.select.verify import LEFT, neighbour
+from bench.diagnose.select.verify import neighbour
+from bench.diagnose.settings import CHOOSING, STEPPING, VERIFYING
 from registry.dynamics import PhysicsModel
-
-SHARES = (1.0, 0.5, 0.25)
-"""Of a step of the model's own numbers, of which the best is taken."""
-KEPT = 0.5
-"""Share of a promised gain that an exchange of effects must keep when it is measured."""
-
-
-STEPS = 6
-"""Steps of a model's own numbers at most, from one look at candidates to the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +32,12 @@ class Step:
 def advanced(search: Search, view: View, fit: Fit) -> Step:
     """The model of a fit; one on the way there where that does not keep what was promised and fits worse."""
     count, options = len(view.linear.own), list[Step]()
-    for share in SHARES:
+    for share in STEPPING.shares:
         beta = fit.beta.copy()
         beta[:count] *= share
         model = without(updated(view, replace(fit, beta=beta)), fit.dropped)
         options.append(Step(model, search.loss(view, model), bool(fit.starts or fit.dropped)))
-        if options[-1].loss <= fit.loss + LEFT * view.floor:
+        if options[-1].loss <= fit.loss + VERIFYING.left * view.floor:
             break
     return min(options, key=lambda s: s.loss)
 
@@ -63,7 +55,7 @@ def next_step(search: Search, view: View, known: int) -> Step:
     if changed is None:
         return stay
     other, promised = advanced(search, view, changed), here.loss - changed.loss
-    kept = stay.loss - other.loss >= min(promised, KEPT * promised) - VISIBLE * view.floor
+    kept = stay.loss - other.loss >= min(promised, STEPPING.kept * promised) - CHOOSING.visible * view.floor
     return other if kept else stay
 
 
@@ -75,7 +67,7 @@ def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tu
         model: with the effects that it keeps.
         like: a view whose whitening filters are kept, of as many channels or more; default: anew in every step.
     """
-    for _ in range(STEPS):
+    for _ in range(STEPPING.steps):
         view = min(search.views(search.own(model), like=like), key=lambda v: v.subsets.fit().prior)
         before, model = model, advanced(search, view, view.subsets.fit()).model
         if close(before, model, search.subject):

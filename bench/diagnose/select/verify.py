@@ -11,25 +11,12 @@ from bench.diagnose.regression.generic import follow
 from bench.diagnose.regression.least_squares import ridge, shifted
 from bench.diagnose.regression.linearise import Start
 from bench.diagnose.regression.parameters import Entry
-from bench.diagnose.select.choose import DISTINCT, MOST, RELEVANT, accepted, sound
+from bench.diagnose.select.choose import accepted, sound
 from bench.diagnose.select.search import View
 from bench.diagnose.select.subset import Fit, t_value
+from bench.diagnose.settings import CHOOSING, VERIFYING
 from registry.core import EFFECTS
 
-BEATEN = 0.02
-"""Share of all that is explained by which free terms must do better before an effect counts as their imitation."""
-BESIDE = 0.3
-"""Share of its gain that an effect must keep beside such terms, or it is their imitation."""
-PLAINLY = 0.1
-"""Gain, as a share of what noise leaves, of an effect that is there although none of its parameters is known alone."""
-CRUMBS = 0.5
-"""Gain, relative to all that is not understood, below which an effect may be a part of that."""
-LEFT = 0.15
-"""What a dictionary of signals may still explain, as a share of what noise leaves, before something is missing."""
-TOGETHER = 0.5
-"""Uncertainty of a ratio of two constants, relative to that of the better known one, below which it is told as well."""
-LOUD = 10.0
-"""Times the noise: what leaves more is no rival of what leaves nothing, in however few blocks it shows."""
 SAME = ({"rotor_gyroscopic_torque", "rotor_reaction_torque"},)
 """Effects that share a constant: not rivals of each other."""
 
@@ -98,7 +85,7 @@ def ratios(view: View, fit: Fit) -> list[Ratio]:
     reach = float(student.ppf(0.975, max(2, len(view.subsets.normal.fold) - 1)))
     out, linked = [], np.arange(len(own))
     for i, j in sorted(combinations(range(len(own)), 2), key=lambda pair: together[pair]):
-        if 0 < together[i, j] < TOGETHER**2 * min(alone[i], alone[j]) and linked[i] != linked[j]:
+        if 0 < together[i, j] < VERIFYING.together**2 * min(alone[i], alone[j]) and linked[i] != linked[j]:
             linked[linked == linked[j]] = linked[i]
             value, half = float(at[j] / at[i]), reach * float(together[i, j]) ** 0.5
             out.append(Ratio(own[j][1], own[i][1], value, value * (1 - half), value * (1 + half)))
@@ -114,18 +101,19 @@ def neighbour(view: View, known: int) -> Fit | None:
     for i in places:
         less = subsets.fit(drop=[i])
         # Parameters that share an uncertainty, such as the gains of all rotors, are known together only.
-        told = less.misfit - here.misfit > PLAINLY * view.floor or any(_told(x) for x in numbers if x.entry.owner == i)
+        plain = less.misfit - here.misfit > VERIFYING.plainly * view.floor
+        told = plain or any(_told(x) for x in numbers if x.entry.owner == i)
         if not told or pinned(numbers, i) or not accepted(view, less, here, drop=[i]):
             return less
     options = [f for s in starts for i in places if sound(view, f := subsets.fit([s], drop=[i]))]
     best = min(options, key=subsets.cost, default=None)
     if best is not None and subsets.cost(best) < subsets.cost(here) - 6.0:
         difference = (subsets.losses(here) - subsets.losses(best)).sum(1)
-        sure = t_value(difference) > DISTINCT and difference.sum() > RELEVANT * view.explained
+        sure = t_value(difference) > CHOOSING.distinct and difference.sum() > CHOOSING.relevant * view.explained
         if sure or best.parameters < here.parameters:
             return best
     for more in sorted((subsets.fit([s]) for s in starts), key=subsets.cost)[:3]:
-        if len(places) < MOST and sound(view, more) and accepted(view, here, more):
+        if len(places) < CHOOSING.most and sound(view, more) and accepted(view, here, more):
             return more
     return None
 
@@ -200,7 +188,7 @@ def understood(
     here = subsets.fit(drop=dropped).misfit
     gains = {i: subsets.fit(drop=[*dropped, i]).misfit - here for i in places}
     unknown = total + sum(gain for i, gain in gains.items() if i not in kept)
-    return [i for i in kept if gains[i] > CRUMBS * unknown]
+    return [i for i in kept if gains[i] > VERIFYING.crumbs * unknown]
 
 
 def needed(view: View, place: int, traces: Sequence[Trace], dropped: Sequence[int] = ()) -> bool:
@@ -232,10 +220,10 @@ def needed(view: View, place: int, traces: Sequence[Trace], dropped: Sequence[in
 
     bare, by_terms = (loss(np.asarray(sum(without_it)), [*rest, *more]) for more in ([], terms))
     by_effect, by_both = (loss(np.asarray(sum(with_it)), [*numbers, *more]) for more in ([], terms))
-    if by_terms > by_effect - max(LEFT * view.floor, BEATEN * view.explained):
+    if by_terms > by_effect - max(VERIFYING.left * view.floor, VERIFYING.beaten * view.explained):
         return True
     # The terms may have found something else that is left: then the effect still has its own share beside them.
-    return by_terms - by_both > BESIDE * (bare - by_effect)
+    return by_terms - by_both > VERIFYING.beside * (bare - by_effect)
 
 
 def rivals(view: View, place: int) -> dict[str, Start]:
@@ -254,8 +242,9 @@ def rivals(view: View, place: int) -> dict[str, Start]:
         spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
         margin = subsets.cost(other) - subsets.cost(here)
         # Six in twice the log odds is 20 to 1.
-        alike = margin < 6.0 + DISTINCT * spread and alone - subsets.cost(other) > 0.5 * (alone - subsets.cost(here))
-        heard = other.misfit - view.floor > LOUD * view.floor and here.misfit < 2 * view.floor
+        close = margin < 6.0 + CHOOSING.distinct * spread
+        alike = close and alone - subsets.cost(other) > 0.5 * (alone - subsets.cost(here))
+        heard = other.misfit - view.floor > VERIFYING.loud * view.floor and here.misfit < 2 * view.floor
         if alike and not heard and margin < best.get(s.id, (np.inf, s))[0]:
             best[s.id] = margin, s
     return {name: start for name, (_, start) in sorted(best.items(), key=lambda item: item[1][0])}

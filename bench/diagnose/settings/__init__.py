@@ -1,7 +1,8 @@
 """The thresholds of a diagnosis: each with its unit, its meaning, and what its value rests on.
 
-Those of rooms that are not here stand beside what uses them until they move here. Code takes the instance of a class
-below, so that a test (or a study of a threshold) replaces that one: ``replace(LOCATING, regions=12)``.
+Those of materiality, of fits by simulation and of manoeuvres stand beside what uses them until they move here. Code
+takes the instance of a class below, so that a test (or a study of a threshold) replaces that one:
+``replace(LOCATING, regions=12)``.
 """
 
 from dataclasses import Field, fields
@@ -9,7 +10,11 @@ from typing import Any
 
 from bench.diagnose.settings.checks import Aligning, Freezing, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
+from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading
+from bench.diagnose.settings.regression import Calibrating, Folding, Linearising, Mapping, Waving
+from bench.diagnose.settings.select import Choosing, Searching, Stepping, Timing, Verifying
+from bench.diagnose.settings.simulate import Beginning, Playing, Running, Shooting, Simulating
 from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Observing, Telling
 from bench.diagnose.settings.unseen import Unseen
 
@@ -32,6 +37,25 @@ LIFTING = Lifting()
 READING = Reading()
 HEARING = Hearing()
 UNSEEN = Unseen()
+SEARCHING = Searching()
+TIMING = Timing()
+CHOOSING = Choosing()
+STEPPING = Stepping()
+VERIFYING = Verifying()
+SPLINING = Splining()
+WORDING = Wording()
+LEARNING = Learning()
+SKETCHING = Sketching()
+RUNNING = Running()
+BEGINNING = Beginning()
+SHOOTING = Shooting()
+SIMULATING = Simulating()
+PLAYING = Playing()
+LINEARISING = Linearising()
+CALIBRATING = Calibrating()
+FOLDING = Folding()
+WAVING = Waving()
+MAPPING = Mapping()
 
 EVERY = (
     COMPARING,
@@ -53,6 +77,25 @@ EVERY = (
     READING,
     HEARING,
     UNSEEN,
+    LINEARISING,
+    CALIBRATING,
+    FOLDING,
+    WAVING,
+    MAPPING,
+    RUNNING,
+    BEGINNING,
+    SHOOTING,
+    SIMULATING,
+    PLAYING,
+    SPLINING,
+    WORDING,
+    LEARNING,
+    SKETCHING,
+    SEARCHING,
+    TIMING,
+    CHOOSING,
+    STEPPING,
+    VERIFYING,
 )
 
 

@@ -12,6 +12,7 @@ from bench.diagnose.flight import AFTER, Flight, Path, Signal, Trace
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.settings import PLAYING
 from bench.diagnose.simulate.floor import reach
 from bench.diagnose.simulate.free_run import (
     Group,
@@ -26,21 +27,17 @@ from bench.diagnose.simulate.free_run import (
 from registry.datasets.reading.rotations import euler_from_quaternion
 from registry.dynamics import PhysicsModel
 
-MOST = 6
-"""Recordings."""
-POINTS = 430_000
-"""Points of all lines together: about five bytes each on the page."""
-FAR = 2.0
-"""How far outside the measured range a line is followed, as a share of it."""
-FINEST = 1 / 400
-"""Of the same range: by how much a drawn line may miss a sample."""
-
 Piece = tuple[int, np.ndarray]
 """The first sample of a piece of a line, and its values (n,)."""
 
 
 def flights(
-    subject: Subject, nominal: PhysicsModel, after: PhysicsModel, noise: Noise, most: int = MOST, points: int = POINTS
+    subject: Subject,
+    nominal: PhysicsModel,
+    after: PhysicsModel,
+    noise: Noise,
+    most: int | None = None,
+    points: int | None = None,
 ) -> tuple[Flight, ...]:
     """What both models make of whole recordings: held-out ones, those with the greatest error first; then others.
 
@@ -49,9 +46,11 @@ def flights(
         nominal: the model before.
         after: the model that the diagnosis ends with.
         noise: tells how far a filter of the measurements reaches.
-        most: recordings, at most.
-        points: of all lines together; recordings beyond them are left out, and the end of the first where it has more.
+        most: recordings, at most; default: `PLAYING.recordings`.
+        points: of all lines together, default `PLAYING.points`; recordings beyond them are left out, and the end of
+            the first where it has more.
     """
+    most, points = most or PLAYING.recordings, points or PLAYING.points
     fitted = [n for n in subject.training if n not in subject.held_out]
     logs = subject.of([*subject.held_out, *fitted[: max(0, most - len(subject.held_out))]])
     if not logs:
@@ -168,8 +167,9 @@ def _trace(
     low, high = (f(measured[good], initial=measured[good][:1].sum()) for f in (np.min, np.max))
     span = float(high - low) or 1.0
     lines = {"measured": _pieces(measured, good)}
-    lines |= {n: [(k, y.clip(low - FAR * span, high + FAR * span)) for k, y in p] for n, p in models.items()}
-    thinned = {n: tuple(_thinned(k, y, FINEST * span) for k, y in pieces) for n, pieces in lines.items()}
+    beyond = PLAYING.far * span
+    lines |= {n: [(k, y.clip(low - beyond, high + beyond)) for k, y in p] for n, p in models.items()}
+    thinned = {n: tuple(_thinned(k, y, PLAYING.finest * span) for k, y in pieces) for n, pieces in lines.items()}
     return Trace(name, thinned, rms)
 
 

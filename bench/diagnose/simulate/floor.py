@@ -9,18 +9,16 @@ from torch import Tensor
 from bench.diagnose.logs.noise import DERIVED_FROM, Noise, channel_indices, impulse_response
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log
+from bench.diagnose.settings import RUNNING
 from bench.diagnose.simulate.free_run import Group, errors, past, roll, windows
 from registry.contracts import Channel
 from registry.dynamics import PhysicsModel
-
-DRAWS = 8
-"""Draws of the noise for each window of a floor: one alone leaves the floor a few per cent in the hand of chance."""
 
 
 def floor(
     model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray], steps: int, noise: Noise, of: Sequence[Group]
 ) -> Tensor:
-    """Squared errors (DRAWS, W, steps + 1, groups) that an exact model would make in the same windows.
+    """Squared errors (draws, W, steps + 1, groups) that an exact model would make in the same windows.
 
     The model's own free run, begun a filter's reach before each window, is taken for the truth; it is measured with
     noise and smoothed as the data were; the same model, run from the smoothed start with noisy inputs, is compared with
@@ -40,7 +38,7 @@ def floor(
     inputs, dt = windows([log.inputs for log in logs], early, steps + 2 * r), logs[0].dt
     true = roll(model, past(model, logs, early), inputs, dt)
     found = []
-    for _ in range(DRAWS):
+    for _ in range(RUNNING.draws):
         measured = measure(true[..., :size], noise, model.state_channels, dt, generator)
         start = torch.cat([measured[..., 0, :], true[..., r, size:]], dim=-1)
         hiss = generator.normal(size=(len(start), steps + 2 * r + 1, len(noise.inputs))) * np.array(noise.inputs)

@@ -9,12 +9,10 @@ from torch import Tensor
 
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.weak import Stack, how_many, memories, narrowed, own_states
-from bench.diagnose.simulate.unmeasured import WARM, completed, hidden
+from bench.diagnose.settings import BEGINNING, RUNNING
+from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.contracts import Channel
 from registry.dynamics import PhysicsModel
-
-LONGEST, FEWEST = 0.5, 20
-"""Default horizon: half a second [s], and no fewer than this many samples."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +38,13 @@ def groups(channels: Sequence[Channel], measured: Sequence[bool]) -> list[Group]
 def default_steps(logs: Sequence[Log]) -> int:
     """Samples of the default horizon; where states are estimated, so many that their beginning is forgotten."""
     if hidden(logs):
-        return max(FEWEST, min(map(len, logs)) // 4)
-    return max(FEWEST, round(LONGEST * logs[0].rate))
+        return max(RUNNING.fewest, min(map(len, logs)) // 4)
+    return max(RUNNING.fewest, round(RUNNING.longest * logs[0].rate))
 
 
 def margin(logs: Sequence[Log], reach: int) -> int:
     """Samples at either end of a log in which no free run begins, for a filter of that reach."""
-    return max(reach, WARM) if hidden(logs) else reach
+    return max(reach, BEGINNING.warm) if hidden(logs) else reach
 
 
 def starts(log: Log, steps: int, every: int, first: int = 0) -> np.ndarray:

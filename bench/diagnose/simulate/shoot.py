@@ -13,17 +13,9 @@ import torch
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.least_squares import bounded, equilibrium
 from bench.diagnose.regression.parameters import Entry, Prior, entries, probes, with_values
+from bench.diagnose.settings import SHOOTING
 from bench.diagnose.simulate.free_run import Group, between, default_steps, free_run, groups, measured_windows, starts
 from registry.dynamics import PhysicsModel
-
-WINDOWS = 160
-"""Windows, about."""
-POINTS = 8
-"""Samples of a window whose errors count."""
-STEPS = 6
-"""Gauss–Newton steps at most."""
-ENOUGH = 1e-3
-"""Relative fall of the cost below which a fit is finished."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +37,11 @@ def shoot(
     """Fit constants (within their uncertainty) and effects of ``model`` on the recordings ``names``."""
     logs = subject.of(names)
     steps = default_steps(logs)
-    every = max(steps // 2, sum(map(len, logs)) // WINDOWS)
+    every = max(steps // 2, sum(map(len, logs)) // SHOOTING.windows)
     at = [starts(log, steps, every) for log in logs]
     where = entries(model, subject.uncertainty, subject.model)
     judged = groups(model.state_channels, logs[0].measured)
-    points = np.unique(np.linspace(0, steps, POINTS + 1).round().astype(int))[1:]
+    points = np.unique(np.linspace(0, steps, SHOOTING.points + 1).round().astype(int))[1:]
     measured = measured_windows(logs, at, steps)[:, points]
     first = _errors(free_run(model, logs, at, steps)[:, points], measured, judged)
     size = np.sqrt(np.mean(first**2, axis=0, keepdims=True)) + 1e-300  # (1, points, axes)
@@ -62,7 +54,7 @@ def shoot(
     best, current, last = model, where, cost(first)
     start = last
     gram = np.eye(len(where))
-    for _ in range(STEPS):
+    for _ in range(SHOOTING.steps):
         tick("shooting")
         values, widths = probes(current)
         runs = free_run(with_values(best, current, values), logs, at, steps)[:, :, points]
@@ -82,7 +74,7 @@ def shoot(
                 break
         else:
             break
-        best, done = moved, now > last * (1 - ENOUGH)
+        best, done = moved, now > last * (1 - SHOOTING.enough)
         current, last = entries(best, subject.uncertainty, subject.model), now
         if done:
             break

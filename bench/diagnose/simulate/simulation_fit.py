@@ -6,6 +6,7 @@ one-sided differences; the windows' beginnings are eliminated from the normal eq
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -15,17 +16,9 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import bounded, equilibrium
 from bench.diagnose.regression.parameters import Entry, Prior, entries, with_values
 from bench.diagnose.regression.weak import Stack, memories, narrowed
+from bench.diagnose.settings import SIMULATING
 from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.dynamics import PhysicsModel
-
-WINDOW = 128
-"""Samples of a window."""
-STEPS = 16
-"""Levenberg–Marquardt steps at most."""
-ENOUGH = 2e-3
-"""Relative fall of the cost below which a fit is finished."""
-FAR = 1e3
-"""An error, in units of what is measured, that stands for a free run that diverged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +38,7 @@ class Windows:
     @classmethod
     def of(cls, logs: Sequence[Log]) -> "Windows":
         """Windows one after the other over every recording."""
-        length = min(WINDOW, *(len(log) - 1 for log in logs))
+        length = min(SIMULATING.window, *(len(log) - 1 for log in logs))
         places = [(i, k) for i, log in enumerate(logs) for k in range(0, len(log) - length, length)]
         places = [(i, k) for i, k in places if logs[i].valid[k : k + length + 1].all()]
         pieces = [slice(k, k + length + 1) for _, k in places]
@@ -95,7 +88,7 @@ def fit(
     windows: Windows,
     begins: Sequence[Start],
     weights: np.ndarray | None = None,
-    steps: int = STEPS,
+    steps: int | None = None,
 ) -> list[Simulated]:
     """Fit models, which differ in numbers only, each on its share of the windows.
 
@@ -104,91 +97,233 @@ def fit(
         windows: to fit on.
         begins: starting points.
         weights: (models, W) 1 where a window counts; default: everywhere. Beginnings are always sought.
-        steps: at most.
+        steps: at most; default: `SIMULATING.steps`.
     """
-    models = [b.model for b in begins]
-    where = [entries(m, subject.uncertainty, subject.model) for m in models]
-    weights = np.ones((len(models), len(windows.log))) if weights is None else weights
-    template, size = where[0], len(where[0])
-    at, seen = hidden(windows.logs), [i for i, m in enumerate(windows.logs[0].measured) if m]
-    values = np.array([[e.value for e in w] for w in where])
-    begun = np.stack([b.begun for b in begins])  # (Q, W, H)
-    past = _past(with_values(models[0], template, torch.from_numpy(values)), windows).expand(len(models), -1, -1)
-    low, high = (np.array([getattr(e, side) for e in template]) for side in ("low", "high"))
-    step_of = np.array([e.scale for e in template]) * 1e-4
-    nudge = 1e-4 * (np.abs(begun).mean((0, 1)) + 1e-2)
+    runs = _Runs.of(subject, windows, begins)
+    fits = _Fits.at(runs, begins, np.ones((len(begins), len(windows.log))) if weights is None else weights)
+    for _ in range(SIMULATING.steps if steps is None else steps):
+        fits.judge(*fits.proposed())
+        if (fits.patience >= 2).all():
+            break
+    return fits.results()
 
-    def run(of: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        """Errors (B, W, T, seen) with numbers (B, P) from beginnings (B, W, H)."""
-        model = with_values(models[0], template, torch.from_numpy(of))
-        state = windows.states[:, 0].expand(len(of), -1, -1).clone()
-        state[..., list(at)] = torch.from_numpy(starts)
-        before = past.repeat_interleave(len(of) // len(models), 0)
-        found = _run(model, torch.cat([state, before], dim=-1), windows)[..., 1:, seen] - windows.states[:, 1:, seen]
-        out: np.ndarray = np.clip(np.nan_to_num(found.numpy(), nan=FAR, posinf=FAR, neginf=-FAR), -FAR, FAR)
+
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """Free runs of a model over the windows: errors r(p, b) of its P numbers p and of the beginnings b."""
+
+    model: PhysicsModel
+    template: tuple[Entry, ...]
+    """Its numbers."""
+    first: np.ndarray
+    """(Q, P) the numbers of the Q fits at their start."""
+    windows: Windows
+    past: Tensor
+    """(Q, W, k) own states and memories of the effects at the beginnings of the windows."""
+    at: tuple[int, ...]
+    """H places of the unmeasured states."""
+    seen: tuple[int, ...]
+    """Places of the measured ones."""
+    nudge: np.ndarray
+    """(H,) steps of the difference quotients in the beginnings."""
+
+    @classmethod
+    def of(cls, subject: Subject, windows: Windows, begins: Sequence[Start]) -> "_Runs":
+        models = [b.model for b in begins]
+        where = [entries(m, subject.uncertainty, subject.model) for m in models]
+        first = np.array([[e.value for e in w] for w in where])
+        past = _past(with_values(models[0], where[0], torch.from_numpy(first)), windows)
+        return cls(
+            model=models[0],
+            template=tuple(where[0]),
+            first=first,
+            windows=windows,
+            past=past.expand(len(models), -1, -1),
+            at=tuple(hidden(windows.logs)),
+            seen=tuple(i for i, m in enumerate(windows.logs[0].measured) if m),
+            nudge=1e-4 * (np.abs(np.stack([b.begun for b in begins])).mean((0, 1)) + 1e-2),
+        )
+
+    @cached_property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) lowest and (P,) highest values of the numbers."""
+        low, high = (np.array([getattr(e, side) for e in self.template]) for side in ("low", "high"))
+        return low, high
+
+    def errors(self, values: np.ndarray, begun: np.ndarray) -> np.ndarray:
+        """r: (B, W, T, seen) with numbers (B, P) from beginnings (B, W, H), B a multiple of Q."""
+        states, seen = self.windows.states, list(self.seen)
+        model = with_values(self.model, self.template, torch.from_numpy(values))
+        state = states[:, 0].expand(len(values), -1, -1).clone()
+        state[..., list(self.at)] = torch.from_numpy(begun)
+        before = self.past.repeat_interleave(len(values) // len(self.past), 0)
+        found = _run(model, torch.cat([state, before], dim=-1), self.windows)[..., 1:, seen] - states[:, 1:, seen]
+        far = SIMULATING.far
+        out: np.ndarray = np.clip(np.nan_to_num(found.numpy(), nan=far, posinf=far, neginf=-far), -far, far)
         return out
 
-    def loss(errors: np.ndarray) -> np.ndarray:
-        return np.asarray((errors**2).sum((2, 3)))
+    def slopes(self, values: np.ndarray, begun: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """∂r/∂p (Q, P, W, N) and ∂r/∂b (Q, H, W, N), N = T · seen, by one-sided differences within the bounds.
 
-    many, count = len(models), len(windows.log)
-    errors = run(values, begun)
-    damping = np.full(many, 1e-3)
-    cost = np.asarray((weights * loss(errors)).sum(1))
-    grams = np.zeros((many, size, size))
-    patience = np.zeros(many, dtype=int)
-    for _ in range(steps):
-        signs = np.where(values + step_of <= high, step_of, -step_of)  # (Q, P)
+        Args:
+            values: (Q, P).
+            begun: (Q, W, H).
+            errors: (Q, W, T, seen) there.
+        """
+        (many, count), size, free = begun.shape[:2], len(self.template), len(self.at)
+        step = np.array([e.scale for e in self.template]) * 1e-4
+        signs = np.where(values + step <= self.ends[1], step, -step)  # (Q, P)
         probed = np.concatenate(
-            [values[:, None] + np.eye(size) * signs[:, None], np.repeat(values[:, None], len(at), 1)], 1
+            [values[:, None] + np.eye(size) * signs[:, None], np.repeat(values[:, None], free, 1)], 1
         )
-        starts = np.repeat(begun[:, None], size + len(at), 1)
-        for h in range(len(at)):
-            starts[:, size + h, :, h] += nudge[h]
-        found = run(probed.reshape(-1, size), starts.reshape(-1, count, len(at)))
-        found = found.reshape(many, size + len(at), count, -1) - errors.reshape(many, 1, count, -1)
-        slopes = found[:, :size] / signs[:, :, None, None]
-        own = found[:, size:] / nudge[None, :, None, None]
-        new_values, new_begun = values.copy(), begun.copy()
-        for q in range(many):
-            jacobian, begin = slopes[q].transpose(1, 2, 0), own[q].transpose(1, 2, 0)  # (W, N, P), (W, N, H)
-            residual = errors[q].reshape(count, -1, 1)
-            inner = begin.transpose(0, 2, 1) @ begin
-            inner = inner + np.eye(len(at)) * (damping[q] * np.diagonal(inner, axis1=1, axis2=2).mean() + 1e-9)
-            onto = np.linalg.solve(inner, begin.transpose(0, 2, 1))  # (W, H, N)
-            left = residual - begin @ (onto @ residual)
-            slope = jacobian - begin @ (onto @ jacobian)
-            w = weights[q][:, None, None]
-            gram = (w * (jacobian.transpose(0, 2, 1) @ slope)).sum(0)
-            moment = -(w * (jacobian.transpose(0, 2, 1) @ left)).sum(0)[:, 0]
+        starts = np.repeat(begun[:, None], size + free, 1)
+        for h in range(free):
+            starts[:, size + h, :, h] += self.nudge[h]
+        found = self.errors(probed.reshape(-1, size), starts.reshape(-1, count, free))
+        found = found.reshape(many, size + free, count, -1) - errors.reshape(many, 1, count, -1)
+        return found[:, :size] / signs[:, :, None, None], found[:, size:] / self.nudge[None, :, None, None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Normal equations of one fit with the beginnings eliminated (variable projection, window by window).
+
+    With J = ∂r/∂p and B = ∂r/∂b, the beginnings that meet numbers p + δ best move by −K (r + J δ), where
+    K = (BᵀB + λ)⁻¹ Bᵀ; what is left is least where JᵀMJ δ = −JᵀM r, with M = 1 − B K.
+    """
+
+    jacobian: np.ndarray
+    """J: (W, N, P)."""
+    residual: np.ndarray
+    """r: (W, N, 1)."""
+    onto: np.ndarray
+    """K: (W, H, N)."""
+    gram: np.ndarray
+    """JᵀMJ: (P, P), over the windows that count."""
+    moment: np.ndarray
+    """−JᵀM r: (P,), over the same."""
+
+    @classmethod
+    def of(
+        cls, numbers: np.ndarray, beginnings: np.ndarray, errors: np.ndarray, weights: np.ndarray, damping: float
+    ) -> "_Normal":
+        """Of slopes (P, W, N) and (H, W, N), errors (W, T, seen), weights (W,) and λ as a share of mean BᵀB."""
+        jacobian, begin = numbers.transpose(1, 2, 0), beginnings.transpose(1, 2, 0)  # (W, N, P), (W, N, H)
+        residual = errors.reshape(len(errors), -1, 1)
+        inner = begin.transpose(0, 2, 1) @ begin
+        inner = inner + np.eye(len(beginnings)) * (damping * np.diagonal(inner, axis1=1, axis2=2).mean() + 1e-9)
+        onto = np.linalg.solve(inner, begin.transpose(0, 2, 1))  # (W, H, N)
+        left = residual - begin @ (onto @ residual)
+        slope = jacobian - begin @ (onto @ jacobian)
+        w = weights[:, None, None]
+        gram = (w * (jacobian.transpose(0, 2, 1) @ slope)).sum(0)
+        moment = -(w * (jacobian.transpose(0, 2, 1) @ left)).sum(0)[:, 0]
+        return cls(jacobian, residual, onto, gram, moment)
+
+    def step(self, prior: Prior, power: float, damping: float) -> np.ndarray:
+        """δ (P,) within the bounds of ``prior``: (JᵀMJ + σ² Λ + λ diag JᵀMJ) δ = −JᵀM r + σ² Λ (centre).
+
+        Args:
+            prior: Λ, its precision, and its centre.
+            power: σ², the variance of one observation.
+            damping: λ of Levenberg and Marquardt.
+        """
+        gram = self.gram + np.diag(prior.precision * power) + np.diag(np.diag(self.gram)) * damping
+        moment = self.moment + prior.precision * power * prior.centre
+        factor = equilibrium(np.diag(gram))
+        scaled = gram * np.outer(factor, factor) + 1e-9 * np.eye(len(factor))
+        return np.asarray(bounded(scaled, moment * factor, prior.low / factor, prior.high / factor) * factor)
+
+    def beginnings(self, step: np.ndarray) -> np.ndarray:
+        """K (r + J δ): (W, H), by how much the beginnings fall at a step δ (P,) of the numbers."""
+        return np.asarray((self.onto @ (self.residual + self.jacobian @ step[:, None]))[..., 0])
+
+
+@dataclass(eq=False)
+class _Fits:
+    """Where Q fits stand."""
+
+    runs: _Runs
+    weights: np.ndarray
+    """(Q, W)."""
+    values: np.ndarray
+    """(Q, P)."""
+    begun: np.ndarray
+    """(Q, W, H)."""
+    errors: np.ndarray
+    """(Q, W, T, seen)."""
+    cost: np.ndarray
+    """(Q,) weighted sum of squared errors."""
+    grams: np.ndarray
+    """(Q, P, P)."""
+    damping: np.ndarray
+    """(Q,) of Levenberg and Marquardt."""
+    patience: np.ndarray
+    """(Q,) steps in a row that gained nothing much."""
+
+    @classmethod
+    def at(cls, runs: _Runs, begins: Sequence[Start], weights: np.ndarray) -> "_Fits":
+        values, begun = runs.first.copy(), np.stack([b.begun for b in begins])
+        errors, (many, size) = runs.errors(values, begun), values.shape
+        return cls(
+            runs=runs,
+            weights=weights,
+            values=values,
+            begun=begun,
+            errors=errors,
+            cost=np.asarray((weights * _loss(errors)).sum(1)),
+            grams=np.zeros((many, size, size)),
+            damping=np.full(many, 1e-3),
+            patience=np.zeros(many, dtype=int),
+        )
+
+    def proposed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers (Q, P) and beginnings (Q, W, H) after a step of every fit."""
+        numbers, beginnings = self.runs.slopes(self.values, self.begun, self.errors)
+        values, begun = self.values.copy(), self.begun.copy()
+        for q in range(len(values)):
+            normal = _Normal.of(numbers[q], beginnings[q], self.errors[q], self.weights[q], self.damping[q])
+            self.grams[q] = normal.gram
             # One window is worth about one independent observation for every time the level turns; 1σ of what is
             # left weighs what is known of the constants.
-            power = cost[q] / max(1.0, weights[q].sum())
-            grams[q] = gram
-            prior = Prior.of(template, values[q])
-            gram = gram + np.diag(prior.precision * power) + np.diag(np.diag(gram)) * damping[q]
-            moment = moment + prior.precision * power * prior.centre
-            factor = equilibrium(np.diag(gram))
-            scaled = gram * np.outer(factor, factor) + 1e-9 * np.eye(size)
-            step = bounded(scaled, moment * factor, prior.low / factor, prior.high / factor) * factor
-            new_values[q] = np.clip(values[q] + step, low, high)
-            new_begun[q] = begun[q] - (onto @ (residual + jacobian @ step[:, None]))[..., 0]
-        tried = run(new_values, new_begun)
-        now = (weights * loss(tried)).sum(1)
-        better = now < cost
-        gained = np.where(better, 1 - now / np.maximum(cost, 1e-300), 0.0)
-        values[better], begun[better], errors[better] = new_values[better], new_begun[better], tried[better]
-        cost = np.where(better, now, cost)
-        damping = np.clip(np.where(better, damping / 5, damping * 8), 1e-9, 1e6)
-        patience = np.where(gained > ENOUGH, 0, patience + 1)
-        if (patience >= 2).all():
-            break
-    out = []
-    for q in range(many):
-        model = with_values(models[0], template, values[q])
-        fitted = tuple(replace(e, value=float(v)) for e, v in zip(template, values[q], strict=True))
-        out.append(Simulated(model, begun[q], fitted, loss(errors[q][None])[0], errors[q], grams[q]))
-    return out
+            power = self.cost[q] / max(1.0, self.weights[q].sum())
+            step = normal.step(Prior.of(self.runs.template, self.values[q]), power, self.damping[q])
+            values[q] = np.clip(self.values[q] + step, *self.runs.ends)
+            begun[q] = self.begun[q] - normal.beginnings(step)
+        return values, begun
+
+    def judge(self, values: np.ndarray, begun: np.ndarray) -> None:
+        """Go to numbers (Q, P) and beginnings (Q, W, H) where they are better; else damp the next step more."""
+        tried = self.runs.errors(values, begun)
+        now = (self.weights * _loss(tried)).sum(1)
+        better = now < self.cost
+        gained = np.where(better, 1 - now / np.maximum(self.cost, 1e-300), 0.0)
+        self.values[better], self.begun[better], self.errors[better] = values[better], begun[better], tried[better]
+        self.cost = np.where(better, now, self.cost)
+        self.damping = np.clip(np.where(better, self.damping / 5, self.damping * 8), 1e-9, 1e6)
+        self.patience = np.where(gained > SIMULATING.enough, 0, self.patience + 1)
+
+    def results(self) -> list[Simulated]:
+        """Model by model."""
+        out, template = [], self.runs.template
+        for q, values in enumerate(self.values):
+            where = tuple(replace(e, value=float(v)) for e, v in zip(template, values, strict=True))
+            out.append(
+                Simulated(
+                    model=with_values(self.runs.model, template, values),
+                    begun=self.begun[q],
+                    where=where,
+                    loss=_loss(self.errors[q][None])[0],
+                    errors=self.errors[q],
+                    gram=self.grams[q],
+                )
+            )
+        return out
+
+
+def _loss(errors: np.ndarray) -> np.ndarray:
+    """(B, W) sums of squared errors (B, W, T, seen)."""
+    return np.asarray((errors**2).sum((2, 3)))
 
 
 def _past(model: PhysicsModel, windows: Windows) -> Tensor:

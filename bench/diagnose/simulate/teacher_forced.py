@@ -19,12 +19,10 @@ from scipy.ndimage import convolve1d
 from bench.diagnose.logs.noise import Noise, impulse_response
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.settings import RUNNING
 from bench.diagnose.simulate.floor import measure, reach
 from bench.diagnose.simulate.free_run import Group, default_steps, groups
 from registry.dynamics import PhysicsModel
-
-SHORT = 0.2
-"""The shorter of the two horizons, as a share of the free runs': fast torques show in it, slow forces in the longer."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ def equations(model: PhysicsModel, measured: Sequence[int]) -> tuple[Equation, .
 def horizons(logs: Sequence[Log]) -> tuple[int, int]:
     """A short and a long horizon in samples; the long one is that of the free runs."""
     longest = default_steps(logs)
-    return max(2, round(SHORT * longest)), longest
+    return max(2, round(RUNNING.short * longest)), longest
 
 
 @dataclass(frozen=True, eq=False)

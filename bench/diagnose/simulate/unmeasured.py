@@ -11,14 +11,8 @@ from torch import Tensor
 
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.weak import Stack, how_many, narrowed
+from bench.diagnose.settings import BEGINNING
 from registry.dynamics import PhysicsModel
-
-WARM = 50
-"""Samples from whose measurement the beginning is sought, and before which nothing is judged."""
-SETTLE = 100
-"""Samples for which the first input is held to guess the beginning."""
-STEPS = 12
-"""Levenberg–Marquardt steps to the beginning."""
 
 
 def hidden(logs: Sequence[Log]) -> tuple[int, ...]:
@@ -40,12 +34,12 @@ def completed(model: PhysicsModel, stack: Stack) -> Tensor:
 
 
 def beginning(model: PhysicsModel, stack: Stack) -> Tensor:
-    """Full states (…, L, full) at the first samples, from which a free run meets the first `WARM` measurements."""
+    """Full states (…, L, full) at the first samples, from which a free run meets the first measurements."""
     at, size = list(hidden(stack.logs)), stack.states.shape[-1]
     seen = [i for i in range(size) if i not in at and stack.logs[0].measured[i]]
     logs, many, narrow = len(stack.logs), how_many(model), narrowed(model)
     shape = (logs,) if many is None else (many, logs)
-    span = min(WARM, stack.states.shape[1] - 1)
+    span = min(BEGINNING.warm, stack.states.shape[1] - 1)
     first = stack.states[:, 0].expand(*shape, size).clone()
     guess = _settled(narrow, first, stack, at)
     measured = stack.states[:, 1 : span + 1, seen]
@@ -65,7 +59,7 @@ def beginning(model: PhysicsModel, stack: Stack) -> Tensor:
 
     found, damping = guess, torch.full((*shape, 1), 1e-3, dtype=first.dtype)
     probe = 1e-4 * (guess.abs() + 1e-2)
-    for _ in range(STEPS):
+    for _ in range(BEGINNING.steps):
         moved = torch.stack([found, *(found + torch.diag(torch.ones(len(at)))[i] * probe for i in range(len(at)))], -3)
         errors = misfit(moved)
         base = errors[..., 0, :, :]
@@ -86,7 +80,7 @@ def _settled(narrow: PhysicsModel, first: Tensor, stack: Stack, at: Sequence[int
     """The unmeasured states (…, L, H) after the first input for long, with the measured ones held."""
     u = stack.inputs[:, 0].expand(*first.shape[:-1], stack.inputs.shape[-1])
     size, state = first.shape[-1], narrow.initial(first, u, stack.dt)
-    for _ in range(SETTLE):
+    for _ in range(BEGINNING.settle):
         after = narrow.step(state, u, u, stack.dt)
         kept = first.clone()
         kept[..., list(at)] = after[..., list(at)]

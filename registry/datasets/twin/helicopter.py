@@ -9,10 +9,10 @@ from torch import Tensor
 
 from registry.datasets.twin.quadrotor import euler_zyx, quaternion_zyx
 from registry.datasets.twin.reference import DT, REGIMES, Legs, doublets, pad, path
+from registry.dynamics import cross, rotation_matrix
 from registry.effects.actuation import InputDelay
 from registry.effects.air import Wind
 from registry.physics.helicopter import Helicopter
-from registry.physics.rigid_body import cross, rotation_matrix
 
 DELAY = 0.035
 """From the pilot's sticks to the swashplate servos [s]: chosen for the twin."""

@@ -6,10 +6,10 @@ import torch
 from torch import Tensor
 
 from registry.datasets.twin.reference import DT, REGIMES, Legs, doublets, pad, path, slow_error
+from registry.dynamics import cross, rotation_matrix
 from registry.effects.actuation import MotorLag
 from registry.effects.rotor import GroundEffect, RotorDrag, RotorGyroscopicTorque, RotorReactionTorque
 from registry.physics.quadrotor import Quadrotor
-from registry.physics.rigid_body import cross, rotation_matrix
 
 COUNT = 6.0
 """One count of the motor controllers' integer scale [rad/s]: chosen so that hover is at 83 counts, where the

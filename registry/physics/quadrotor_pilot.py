@@ -4,15 +4,22 @@ Position and velocity errors ask for an acceleration, that for a thrust and a ti
 for torques; the inverse of the model's own map from squared rotor speeds to thrust and torque gives the rotors.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 import torch
 from torch import Tensor
 
-from registry.physics.quadrotor import Quadrotor
-from registry.physics.rigid_body import cross, rotation_matrix
+from registry.dynamics import Pilot, SetPoint, cross, rotation_matrix
+from registry.physics.vehicle import BODY_RATES, POSITION, VELOCITY
 
-POSITION, VELOCITY = 4.0, 3.5
-"""Gains [1/s²], [1/s]."""
+if TYPE_CHECKING:
+    from registry.physics.quadrotor import Quadrotor
+
+STIFFNESS, DAMPING = 4.0, 3.5
+"""Accelerations for an error of position [1/s²] and of velocity [1/s]."""
 TILT, TURN = 8.0, 18.0
 """Body rate for a tilt [1/s], angular acceleration for a body rate [1/s]."""
 STEEPEST = 0.6
@@ -38,31 +45,49 @@ def smoothed(asked: np.ndarray, dt: float) -> np.ndarray:
     return np.stack([d, (c - d) / LAG, (b - 2 * c + d) / LAG**2], axis=2)
 
 
-def flown(model: Quadrotor, asked: np.ndarray, extras: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-    """What drives (W, N, 4) and the states (W, N, 13) of flights that follow set-points.
+class QuadrotorPilot(Pilot):
+    """Flies along x, y and z [m] at a yaw [rad]."""
 
-    Args:
-        model: parameters are numbers.
-        asked: (W, N, 4) x, y, z [m] and yaw [rad].
-        extras: (W, N, e) the model's extra inputs.
-        dt: [s].
-    """
-    path = torch.from_numpy(smoothed(asked, dt))
-    count, samples = path.shape[:2]
-    state = torch.zeros(count, 13, dtype=torch.float64)
-    state[:, :3] = path[:, 0, 0, :3]
-    state[:, 8], state[:, 9] = torch.sin(path[:, 0, 0, 3] / 2), torch.cos(path[:, 0, 0, 3] / 2)
-    mixer, hover = _mixer(model), _hover(model)
-    drive = _driving(model, torch.full((count, 4), hover, dtype=torch.float64))
-    full = model.initial(state, torch.cat([drive, extras[:, 0]], dim=-1), dt)
-    drives, states = [drive], [state]
-    for k in range(1, samples):
-        last = torch.cat([drive, extras[:, k - 1]], dim=-1)
-        drive = _driving(model, _speeds(model, states[-1], path[:, k - 1], mixer, hover))
-        full = model.step(full, last, torch.cat([drive, extras[:, k]], dim=-1), dt)
-        drives.append(drive)
-        states.append(full[:, :13])
-    return torch.stack(drives, dim=1), torch.stack(states, dim=1)
+    set_points = (
+        *(SetPoint(f"position.{a}", "m", VELOCITY.start + i, POSITION.start + i) for i, a in enumerate("xyz")),
+        SetPoint("yaw", "rad", BODY_RATES.stop - 1, ends=(-np.pi / 2, np.pi / 2)),
+    )
+    band = (0.05, 1.0)
+    path_columns = (
+        *((f"position.{a}", "m") for a in "xyz"),
+        *((f"velocity.{a}", "m/s") for a in "xyz"),
+        *((f"acceleration.{a}", "m/s^2") for a in "xyz"),
+        ("yaw", "rad"),
+        ("yaw_rate", "rad/s"),
+    )
+
+    def __init__(self, model: Quadrotor) -> None:
+        self.model = model
+        """Parameters are numbers."""
+
+    def path(self, asked: np.ndarray, dt: float) -> np.ndarray:
+        """Position, velocity, acceleration, yaw and its rate (W, N, 11) of set-points (W, N, 4), `smoothed`."""
+        at = smoothed(asked, dt)  # (W, N, 3, 4)
+        return np.concatenate([at[..., 0, :3], at[..., 1, :3], at[..., 2, :3], at[..., :2, 3]], axis=-1)
+
+    def flown(self, asked: np.ndarray, extras: Tensor, dt: float) -> tuple[Tensor, Tensor]:
+        """What drives (W, N, 4) and the states (W, N, 13) of flights along set-points (W, N, 4); see `Pilot.flown`."""
+        model, path = self.model, torch.from_numpy(smoothed(asked, dt))
+        count, samples = path.shape[:2]
+        state = torch.zeros(count, 13, dtype=torch.float64)
+        state[:, POSITION] = path[:, 0, 0, :3]
+        state[:, 8], state[:, 9] = torch.sin(path[:, 0, 0, 3] / 2), torch.cos(path[:, 0, 0, 3] / 2)
+        mixer, hover = _mixer(model), _hover(model)
+        drive = _driving(model, torch.full((count, 4), hover, dtype=torch.float64))
+        full = model.initial(state, torch.cat([drive, extras[:, 0]], dim=-1), dt)
+        drives, states = [drive], [state]
+        for k in range(1, samples):
+            last = torch.cat([drive, extras[:, k - 1]], dim=-1)
+            drive = _driving(model, _speeds(model, states[-1], path[:, k - 1], mixer, hover))
+            full = model.step(full, last, torch.cat([drive, extras[:, k]], dim=-1), dt)
+            drives.append(drive)
+            states.append(full[:, :13])
+        return torch.stack(drives, dim=1), torch.stack(states, dim=1)
 
 
 def _hover(model: Quadrotor) -> float:
@@ -91,7 +116,7 @@ def _speeds(model: Quadrotor, state: Tensor, wanted: Tensor, mixer: Tensor, hove
     goal, speed, ahead = wanted[..., :3].unbind(1)
     position, velocity, attitude, rates = state.split([3, 3, 4, 3], dim=-1)
     rotation = rotation_matrix(attitude)
-    lift = ahead + POSITION * (goal - position) + VELOCITY * (speed - velocity)
+    lift = ahead + STIFFNESS * (goal - position) + DAMPING * (speed - velocity)
     lift = lift + lift.new_tensor((0.0, 0.0, float(model.gravity)))
     vertical = lift[:, 2:].clamp(min=1.0)
     lift = torch.cat([torch.clamp(lift[:, :2], -STEEPEST * vertical, STEEPEST * vertical), vertical], dim=-1)

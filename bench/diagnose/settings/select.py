@@ -1,0 +1,162 @@
+"""The thresholds of `bench.diagnose.select`; those of materiality and of fits by simulation stand there still."""
+
+from dataclasses import dataclass
+
+from bench.diagnose.settings.threshold import Basis, threshold
+
+
+@dataclass(frozen=True)
+class Searching:
+    """Rows of the weak form that effects are chosen on."""
+
+    hop: float = threshold(
+        0.06,
+        "from one test function to the next where the motion is slower; a test function is two hops long",
+        Basis.JUDGED,
+        "s",
+    )
+    fine: int = threshold(6, "samples from one test function to the next that are enough", Basis.EFFORT, "samples")
+    longest: int = threshold(
+        24_000, "samples that are looked at; more would make it slower and no surer", Basis.EFFORT, "samples"
+    )
+    telling: int = threshold(
+        12, "columns at most that are fitted before what is left is called noise", Basis.JUDGED, "count"
+    )
+    buried: float = threshold(
+        0.3,
+        "share of noise of the inputs in what a column is made of from which the data say nothing about it",
+        Basis.JUDGED,
+    )
+    memory: int = threshold(8, "order of the autoregression that whitens a residual", Basis.JUDGED, "hops")
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When the inputs act."""
+
+    within_sample: float = threshold(
+        0.5,
+        "largest shift of a signal that need not act at once: what the path between two samples can make",
+        Basis.CONVENTION,
+        "samples",
+    )
+    significant: float = threshold(4.0, "standard errors from zero from which a shift is believed", Basis.JUDGED)
+    negligible: float = threshold(
+        0.01, "shift below which nothing is gained by reading the input anew", Basis.JUDGED, "samples"
+    )
+    coarse: float = threshold(
+        0.5,
+        "shift from which the cross-correlation's estimate is the start; the regression alone finds smaller ones",
+        Basis.JUDGED,
+        "samples",
+    )
+    longest: int = threshold(
+        9_000, "samples that are looked at; more would make it slower and hardly surer", Basis.EFFORT, "samples"
+    )
+    steps: int = threshold(3, "Gauss–Newton steps to the shift", Basis.EFFORT, "count")
+    probe: float = threshold(1e-3, "step of the one-sided difference in the shift", Basis.ROUNDING, "samples")
+    prior: float = threshold(3.0, "1σ of the effects that are fitted beside the shift, in typical values", Basis.JUDGED)
+
+
+@dataclass(frozen=True)
+class Choosing:
+    """How many effects, and which."""
+
+    largest: int = threshold(3, "effects searched for together; more are added one by one", Basis.EFFORT, "count")
+    most: int = threshold(5, "effects that are named at most", Basis.JUDGED, "count")
+    significant: float = threshold(
+        3.5, "t over blocks of the held-out gain with which an effect is accepted", Basis.JUDGED
+    )
+    sure: float = threshold(
+        2.0, "t over blocks of the held-out gain that suffices where the gain is plain", Basis.CONVENTION
+    )
+    plain: float = threshold(
+        0.012,
+        "gain, as a share of what noise leaves, that is plain: it comes from few manoeuvres rather than by chance",
+        Basis.JUDGED,
+    )
+    large: float = threshold(
+        0.05,
+        "gain, as a share of what noise leaves, that is accepted if every recording not fitted confirms it",
+        Basis.JUDGED,
+    )
+    visible: float = threshold(0.01, "least gain of an effect, as a share of what noise leaves", Basis.JUDGED)
+    relevant: float = threshold(0.004, "least gain of an effect, as a share of all that effects explain", Basis.JUDGED)
+    clearing: float = threshold(
+        0.8,
+        "share of what is left, where that exceeds the noise, with which an effect is relevant whatever others explain",
+        Basis.JUDGED,
+    )
+    doubted: float = threshold(
+        5.0,
+        "relief of the constants' prior, beyond the price of parameters, that is evidence in itself",
+        Basis.JUDGED,
+        "χ²",
+    )
+    distinct: float = threshold(2.5, "t over blocks with which a rival must lose to count as told apart", Basis.JUDGED)
+    surely: float = threshold(
+        5.0, "t from which even a small difference in explanation counts against fewer parameters", Basis.JUDGED
+    )
+    simpler: float = threshold(
+        0.3,
+        "share of what is left by which a set of fewer parameters may be worse, if the blocks do not agree that it is",
+        Basis.JUDGED,
+    )
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """From a linearised model to the next one."""
+
+    shares: tuple[float, ...] = threshold(
+        (1.0, 0.5, 0.25), "of a step of the model's own numbers, of which the best is taken", Basis.EFFORT
+    )
+    kept: float = threshold(
+        0.5, "share of a promised gain that an exchange of effects must keep when it is measured", Basis.JUDGED
+    )
+    steps: int = threshold(
+        6,
+        "steps of a model's own numbers at most, from one look at candidates to the next",
+        Basis.EFFORT,
+        "count",
+    )
+
+
+@dataclass(frozen=True)
+class Verifying:
+    """Effects once they were chosen: imitations, rivals, what is still unknown."""
+
+    beaten: float = threshold(
+        0.02,
+        "share of all that is explained by which free terms must do better before an effect counts as their imitation",
+        Basis.JUDGED,
+    )
+    beside: float = threshold(
+        0.3, "share of its gain that an effect must keep beside such terms, or it is their imitation", Basis.JUDGED
+    )
+    plainly: float = threshold(
+        0.1,
+        "gain, as a share of what noise leaves, of an effect that is there although none of its parameters is known "
+        "alone",
+        Basis.JUDGED,
+    )
+    crumbs: float = threshold(
+        0.5,
+        "gain, relative to all that is not understood, below which an effect may be a part of that",
+        Basis.JUDGED,
+    )
+    left: float = threshold(
+        0.15,
+        "what a dictionary of signals may still explain, as a share of what noise leaves, before something is missing",
+        Basis.JUDGED,
+    )
+    together: float = threshold(
+        0.5,
+        "uncertainty of a ratio of two constants, relative to that of the better known one, below which it is told too",
+        Basis.SHOWN,
+    )
+    loud: float = threshold(
+        10.0,
+        "times the noise: what leaves more is no rival of what leaves nothing, in however few blocks it shows",
+        Basis.JUDGED,
+    )
