@@ -84,7 +84,7 @@ def parameters_of(entry: Any) -> Iterator[Parameter]:
 
 def tensor(value: Any, like: Tensor) -> Tensor:
     """A constant (number, nested tuple or tensor) as a tensor of the type and device of ``like``: to read only."""
-    if isinstance(value, (float, tuple)):
+    if isinstance(value, (float, tuple)) and not torch.compiler.is_exporting():  # tensors made there mean nothing here
         return _fixed(value, like.dtype, like.device)
     return torch.as_tensor(value, dtype=like.dtype, device=like.device)
 

@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from registry.kernels import plain
 from registry.kernels.pointwise import pad16, pad_batch, sigmoid_grad, tanh_, tanh_grad
 
 
@@ -52,6 +53,11 @@ def gru(
     Returns:
         outputs (M, B, T, n) and hidden (M, B, L·H) after the run.
     """
+    if plain.exporting():
+        one = [(layer.input[0], layer.recurrent[0], layer.bias[0]) for layer in layers]
+        given = inputs[0], torch.cat([fed[0], hidden[0]], -1), None if forced is None else forced[0]
+        said, end = plain.gru(*given, layers=one, read=(output_weight[0], output_bias[0]))
+        return said.unsqueeze(0), end[..., fed.shape[-1] :].unsqueeze(0)
     flat = [w for layer in layers for w in (layer.input, layer.recurrent, layer.bias)]
     batch = inputs.shape[1]
     inputs, fed, hidden = (pad_batch(x) for x in (inputs, fed, hidden))

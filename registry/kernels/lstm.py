@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from registry.kernels import lstm_torch
+from registry.kernels import lstm_torch, plain
 from registry.kernels.native import library
 from registry.kernels.native import lstm as native
 from registry.kernels.pointwise import dropout_mask
@@ -57,6 +57,8 @@ def lstm(
         outputs (M, B, T, n) and the state (M, B, s) after the run.
     """
     weights, mask = _weights(layers, output_weight, output_bias), _mask(dropout, inputs, layers)
+    if plain.exporting():
+        return plain.lstm(inputs, state, forced, weights, delays)
     core = library.core_for(inputs, state, forced, *weights)
     if core is None:
         return lstm_torch.run(inputs, state, forced, mask, weights, delays)

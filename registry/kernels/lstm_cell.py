@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from registry.kernels import plain
 from registry.kernels.lstm import Layer
 from registry.kernels.pointwise import sigmoid_grad
 
@@ -41,6 +42,8 @@ class LSTMCell:
             entering: what enters the first layer, (K_i, B) each, one above the other.
             hidden, cell: (L, H, B) states before the step.
         """
+        if plain.exporting():
+            return plain.lstm_cell(self.flat, entering, hidden, cell)
         stepped: tuple[Tensor, Tensor] = _Cell.apply(len(entering), hidden, cell, *entering, *self.flat)
         return stepped
 

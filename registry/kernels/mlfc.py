@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from registry.kernels import plain
 from registry.kernels.native import library
 from registry.kernels.native import mlfc as native
 from registry.kernels.pointwise import dropout_mask, pad16, pad_batch, tanh_, tanh_grad
@@ -40,6 +41,9 @@ def mlfc(
     Returns:
         outputs (M, B, T, n) and hidden (M, B, L·H) after the run.
     """
+    if plain.exporting():
+        outputs, end = plain.mlfc(inputs, torch.cat([fed, hidden], -1), forced, layers, readout)
+        return outputs, end[..., fed.shape[-1] :]
     core = library.core_for(inputs, fed, hidden, forced, readout, *layers)
     if core is not None:
         return native.mlfc(

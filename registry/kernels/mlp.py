@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from registry.kernels import plain
 from registry.kernels.native import library
 from registry.kernels.native import mlp as native
 from registry.kernels.pointwise import pad16, pad_batch
@@ -32,6 +33,8 @@ def affine(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
 
 def mlp(x: Tensor, layers: list[tuple[Tensor, Tensor]]) -> Tensor:
     """W_L tanh(… tanh(W_1 x + b_1) …) + b_L: as `affine`, with weight and bias of each layer."""
+    if plain.exporting():
+        return plain.mlp(x, layers)
     weights = [w for layer in layers for w in layer]
     core = library.core_for(x, *weights)
     if core is not None:

@@ -11,41 +11,81 @@ from bench.cli.names import check_system
 from bench.cli.progress import announcer
 from registry.errors import BenchError
 
-ENDINGS = {"numpy": ".py", "casadi": ".casadi"}
+ENDINGS = {"numpy": ".py", "casadi": ".casadi", "onnx": ".onnx"}
 
 
 @click.command("export-model")
-@click.argument("model", metavar="MODEL.toml", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("model", metavar="MODEL.toml|KEY", callback=options.named)
 @click.option("--to", "target", type=click.Choice(list(ENDINGS)), required=True, help="What will read it.")
-@click.option("--out", type=options.Output(made=True), help="The file; default: MODEL.py or MODEL.casadi, beside it.")
+@click.option("--out", type=options.Output(made=True), help="The file; default: as MODEL.toml, beside it, or as KEY.")
 @click.option(
     "--rate",
     type=options.Positive(1e6),
-    default=100.0,
-    show_default=True,
     metavar="HZ",
-    help="Of the inputs: the length of a step.",
+    help="Of the inputs of a physics model: the length of a step.  [default: 100]",
 )
 @click.option(
     "--system", metavar="NAME|FILE.py:CLASS", help="Your own class of physics; default: what MODEL.toml names."
 )
-def export_model_command(model: Path, target: str, out: Path | None, rate: float, system: str | None) -> None:
-    """Write a physics model with its effects for use elsewhere.
+@options.results
+def export_model_command(
+    model: str, target: str, out: Path | None, rate: float | None, system: str | None, results: Path
+) -> None:
+    """Write a physics model with its effects, or a trained network, for use elsewhere.
 
     \b
     numpy    one Python file that needs numpy alone: derivative, step, simulate; arrays of any batch shape
     casadi   functions of symbols for MPC and estimation: MODEL.casadi is the derivative, MODEL_step.casadi one
              Runge-Kutta step, MODEL_initial.casadi the full state after rest; needs the extra `export`
+    onnx     the network of a run, with initializer and scalers: from measured history (past_inputs, past_outputs)
+             and inputs to outputs, SI units, any number of windows and steps; needs the extra `onnx`
 
     \b
     bench export-model diagnosis/model.toml --to numpy --out quadrotor.py
     bench export-model diagnosis/model.toml --to casadi --rate 50
+    bench export-model 3f2a --to onnx --out network.onnx        a run, by the first characters of its key
 
-    Delays, lags and swinging loads come along. Their length in samples rests on --rate.
+    Delays, lags and swinging loads come along. Their length in samples rests on --rate. `bench runs list` shows the
+    keys of runs; an ONNX file names its signals, units and rate in its metadata, and is held against `bench predict`
+    before it is written.
     """
-    out = out or model.with_suffix(ENDINGS[target])
-    if out.suffix != ENDINGS[target]:
+    if target == "onnx":
+        _export_network(model, out, results, [f"--{n}" for n, v in (("rate", rate), ("system", system)) if v])
+    else:
+        _export_physics(Path(model), target, out, rate or 100.0, system)
+
+
+def _export_network(key: str, out: Path | None, results: Path, foreign: list[str]) -> None:
+    if foreign:
+        raise BenchError(f"{foreign[0]} is for physics models: a network is written at the rate of its run.")
+    if key.endswith(".toml"):
+        raise BenchError(f"{key} is a physics model, which goes --to numpy or casadi: name a run (`bench runs list`).")
+    _check_ending(out, "onnx")
+
+    from bench.export import onnx_file
+    from bench.records import record
+
+    run = record.find(results / "runs", key)
+    out = out or Path(f"{run.key[:12]}.onnx")
+    apart = onnx_file.write(out, run)
+    s = run.summary
+    click.echo(f"{s['spec']} on {s['dataset']}, {s['rate_hz']:g} Hz, {s['history']} samples of history: {out}")
+    click.echo(
+        f"Over {s['horizon']} steps of {onnx_file.CHECKED} made-up windows, within {apart:.1g} of the outputs' "
+        "deviation of `bench predict`."
+    )
+
+
+def _check_ending(out: Path | None, target: str) -> None:
+    if out is not None and out.suffix != ENDINGS[target]:
         raise BenchError(f"--out {out}: what {target} reads ends in {ENDINGS[target]}.")
+
+
+def _export_physics(model: Path, target: str, out: Path | None, rate: float, system: str | None) -> None:
+    _check_ending(out, target)
+    if not model.suffix and not model.exists():
+        raise BenchError(f"{model} is no file: {target} takes a model.toml; the network of a run goes --to onnx.")
+    out = out or model.with_suffix(ENDINGS[target])
     if target == "numpy" and not out.stem.isidentifier():
         raise BenchError(f"--out {out}: Python imports no such name; use letters, digits and _.")
     check_system(system)

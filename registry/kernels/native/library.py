@@ -68,8 +68,12 @@ def _chosen(choice: str) -> Core | None:
 
 
 def core_for(first: Tensor, *others: Tensor | None) -> Core | None:
-    """`core`, where all are of one type that it knows, on the CPU."""
-    known = first.device.type == "cpu" and first.dtype in (torch.float32, torch.float64)
+    """`core`, where all are of one type that it knows, on the CPU, and no model is being exported."""
+    known = (
+        not torch.compiler.is_exporting()
+        and first.device.type == "cpu"
+        and first.dtype in (torch.float32, torch.float64)
+    )
     same = known and all(x is None or (x.device == first.device and x.dtype == first.dtype) for x in others)
     return core() if same else None
 
