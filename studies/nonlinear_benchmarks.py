@@ -3,6 +3,7 @@
 import dataclasses
 import tomllib
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,10 @@ HISTORY = 10
 
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
-    """Every black box, the baselines, and where the data set has a physics model that and hybrids around it."""
+    """Every black box, baselines, and what others would take (PySINDy where it is installed).
+
+    A data set with a physics model has that, and hybrids around it.
+    """
     if any(f.name == "official" for f in dataclasses.fields(dataset)):  # type: ignore[arg-type]
         benchmark: Any = dataset
         dataset = replace(benchmark, official=True)
@@ -31,7 +35,8 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     mlp = f"MLP: {start}x{tau}"
     specs = [f"{name}: 1x{width} - {mlp}" for name in ("LSTM", "GRU", "MLFC", "Neural ODE")]
     specs += [f"LRU: 2x{width} - {mlp}", f"SUBNET: 2x{width} - Encoder: {start}x{tau}"]
-    specs += [f"NARX: 1x{width}", f"TCN: 3x{narrow}", "linear", "constant"]
+    specs += [f"NARX: 1x{width}", f"TCN: 3x{narrow}", f"torch LSTM: 1x{width} - Washout: {tau}", "linear", "constant"]
+    specs += ["PySINDy"] if find_spec("pysindy") else []
     if dataset.system:
         specs += [f"Hybrid residual: 1x{narrow} - {mlp}", "physics"]
     seeds, updates = {"smoke": (2, 40), "laptop": (1, 1000), "paper": (3, 20_000)}[preset]
