@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from torch import Tensor
 
 from registry.contracts import Channel
-
-if TYPE_CHECKING:
-    from registry.dynamics.model import PhysicsModel
 
 Signals = dict[str, dict[str, np.ndarray]]
 """By signal, such as "velocity": its functions by their text, such as "v_x", each of one shape (…)."""
@@ -53,8 +50,9 @@ class Description:
     Kinds of systems of which more is known say it in a subclass (`PhysicsModel.description`).
     """
 
-    def __init__(self, model: PhysicsModel) -> None:
-        self.model: Any = model
+    def __init__(self, model: Any) -> None:
+        """Of a `PhysicsModel`."""
+        self.model = model
 
     @property
     def located(self) -> tuple[str, ...]:

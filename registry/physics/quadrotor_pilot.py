@@ -6,7 +6,7 @@ for torques; the inverse of the model's own map from squared rotor speeds to thr
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,9 +14,6 @@ from torch import Tensor
 
 from registry.dynamics import Pilot, SetPoint, cross, rotation_matrix
 from registry.physics.vehicle import BODY_RATES, POSITION, VELOCITY
-
-if TYPE_CHECKING:
-    from registry.physics.quadrotor import Quadrotor
 
 STIFFNESS, DAMPING = 4.0, 3.5
 """Accelerations for an error of position [1/s²] and of velocity [1/s]."""
@@ -61,7 +58,7 @@ class QuadrotorPilot(Pilot):
         ("yaw_rate", "rad/s"),
     )
 
-    def __init__(self, model: Quadrotor) -> None:
+    def __init__(self, model: Any) -> None:
         self.model = model
         """Parameters are numbers."""
 
@@ -90,11 +87,11 @@ class QuadrotorPilot(Pilot):
         return torch.stack(drives, dim=1), torch.stack(states, dim=1)
 
 
-def _hover(model: Quadrotor) -> float:
+def _hover(model: Any) -> float:
     return float(np.sqrt(model.mass * model.gravity / (4 * model.thrust_coefficient)))
 
 
-def _mixer(model: Quadrotor) -> Tensor:
+def _mixer(model: Any) -> Tensor:
     """(4, 4): thrust and body torques to the squares of the rotor speeds."""
     arms, k_f = np.array(model.rotor_positions), model.thrust_coefficient
     loads = [
@@ -106,12 +103,12 @@ def _mixer(model: Quadrotor) -> Tensor:
     return torch.from_numpy(np.linalg.inv(np.stack(loads)))
 
 
-def _driving(model: Quadrotor, speeds: Tensor) -> Tensor:
+def _driving(model: Any, speeds: Tensor) -> Tensor:
     """The driving signal (W, 4) that means these rotor speeds [rad/s]."""
     return (speeds - model.pwm_offset) / model.pwm_gain if model.drive == "pwm" else speeds
 
 
-def _speeds(model: Quadrotor, state: Tensor, wanted: Tensor, mixer: Tensor, hover: float) -> Tensor:
+def _speeds(model: Any, state: Tensor, wanted: Tensor, mixer: Tensor, hover: float) -> Tensor:
     """Rotor speeds (W, 4) [rad/s] at states (W, 13) for a path's position, velocity and acceleration (W, 3, 4)."""
     goal, speed, ahead = wanted[..., :3].unbind(1)
     position, velocity, attitude, rates = state.split([3, 3, 4, 3], dim=-1)

@@ -115,11 +115,13 @@ class Saving:
 
     @property
     def worth(self) -> bool:
-        """Whether it is large enough, and sure: a share of all, or an equation that is lost without it.
+        """Whether it is large enough, and sure: by its share of all, or as what keeps an equation from being lost.
 
-        Beside a much larger effect the second one is a small share, and most of what the first one leaves.
+        Beside a much larger effect the second one is a small share of the squared error, and most of what the first one
+        leaves. Then the error itself counts: its rise without the effect, of what can be explained.
         """
-        return self.matters and self.low > 0 and (self.share >= SHARE or self.ratio < 1 / LOST)
+        rise = (max(self.share, 0.0) * (1 - self.ratio) / (1 + self.ratio)) ** 0.5 if self.ratio < 1 / LOST else 0.0
+        return self.matters and self.low > 0 and (self.share >= SHARE or rise >= SHARE)
 
 
 class Weighing:
