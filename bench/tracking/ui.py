@@ -9,9 +9,10 @@ import tempfile
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 
 from bench.tracking.track import VIEW, artifact_root, default_uri, find_experiment
 from registry.errors import BenchError
@@ -43,7 +44,16 @@ def serve(
     if uri.startswith(("http://", "https://")):
         print(f"Charts: {chart_link(uri, experiment_id)}")
         return
-    with suppress(KeyboardInterrupt), server(uri, host, port) as base_url, _asked_to_stop() as asked:
+    asked: list[int] = []  # an exception raised in a destructor would be lost, and Ctrl-C with it
+
+    def stop(number: int, _: object) -> None:
+        asked.append(number)
+
+    with (
+        suppress(KeyboardInterrupt),
+        server(uri, host, port) as base_url,
+        _handled(stop, signal.SIGINT, signal.SIGTERM),
+    ):
         print(f"Charts: {chart_link(base_url, experiment_id)}\nCtrl-C stops the server.", flush=True)
         while not asked:  # not `signal.pause`: a Ctrl-C just before it would be waited for, and never seen
             time.sleep(0.2)
@@ -82,7 +92,7 @@ def server(uri: str, host: str = "127.0.0.1", port: int = 5000) -> Iterator[str]
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
-        with _terminate_as_interrupt():
+        with _handled(signal.default_int_handler, signal.SIGTERM):  # no server outlives this process
             try:
                 base_url = f"http://{host}:{port}"
                 if not _ready(process, base_url):
@@ -122,28 +132,14 @@ def _stop(process: "subprocess.Popen[bytes]") -> None:
 
 
 @contextmanager
-def _asked_to_stop() -> Iterator[list[int]]:
-    """A list to which Ctrl-C and SIGTERM are appended: an exception raised in a destructor would be lost with them."""
-    asked: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield asked
-        return
-    before = {s: signal.signal(s, lambda number, _: asked.append(number)) for s in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
-def _terminate_as_interrupt() -> Iterator[None]:
-    """SIGTERM ends the block as Ctrl-C does, so that no server outlives this process."""
+def _handled(handler: Callable[[int, FrameType | None], object], *numbers: signal.Signals) -> Iterator[None]:
+    """Within it ``handler`` takes these signals; in another thread than the main one nothing changes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, old in before.items():
+            signal.signal(number, old)

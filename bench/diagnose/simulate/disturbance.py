@@ -67,24 +67,25 @@ class Observer:
         parts, channels = _parts(steps), [c for e in places for c in e]
         made = cls(model, noise, steps, places, np.zeros((len(channels), OBSERVING.filters, len(parts))), np.ones(0))
         past = made._past(left)[recording, first]  # (W, channels, filters)
-        ahead = np.stack([_ahead(left, *part, steps, channels)[recording, first] for part in parts], axis=-1)
-        for c in range(len(channels)):
-            for p in range(len(parts)):
-                made.gains[c, :, p] = _regressed(past[:, c], ahead[:, c, p], recording)
-        return made._trusted(logs)
+        for p, (begin, end) in enumerate(parts):
+            ahead = (left.totals[recording, first + end] - left.totals[recording, first + begin]) / (end - begin)
+            for c, channel in enumerate(channels):
+                made.gains[c, :, p] = _regressed(past[:, c], ahead[:, channel], recording)
+        return made._trusted(logs, left)
 
     def drift(self, logs: Sequence[Log], at: Sequence[np.ndarray]) -> Tensor:
         """What is added to the states (W, steps, s) from sample to sample, in windows from the samples ``at``."""
-        return torch.tensordot(torch.from_numpy(self.trust), self._single(logs, at), 1)
+        return torch.tensordot(
+            torch.from_numpy(self.trust), self._single(increments(self.model, Stack.of(logs), self.noise), at), 1
+        )
 
-    def _trusted(self, logs: Sequence[Log]) -> "Observer | None":
+    def _trusted(self, logs: Sequence[Log], left: Increments) -> "Observer | None":
         """With γ: a step of Gauss and Newton, halved until free runs of these recordings err no more."""
         every = max(1, sum(map(len, logs)) // OBSERVING.windows)
-        found = [(log, k) for log in logs if len(k := starts(log, self.steps, every))]
-        logs, at = [log for log, _ in found], [k for _, k in found]
-        if len(logs) < 2:
+        at = [starts(log, self.steps, every) for log in logs]
+        if sum(map(bool, map(len, at))) < 2:
             return None
-        single, measured = self._single(logs, at), measured_windows(logs, at, self.steps)
+        single, measured = self._single(left, at), measured_windows(logs, at, self.steps)
         base = free_run(self.model, logs, at, self.steps)
         moved = free_run(self.model, logs, at, self.steps, OBSERVING.nudge * single)
         good = torch.isfinite(torch.cat([base[None], moved])).all(-1).all(-1).all(0)
@@ -97,19 +98,19 @@ class Observer:
         def scaled(x: Tensor) -> np.ndarray:
             return np.asarray((x[..., good, :, :] / size)[..., seen].flatten(-2).numpy())
 
-        left = scaled(measured - base)
+        error = scaled(measured - base)
         recording = np.repeat(np.arange(len(at)), [len(k) for k in at])[good.numpy()].repeat(int(seen.sum()))
-        step = _regressed(scaled((moved - base) / OBSERVING.nudge).T, left, recording, most=1.0)
-        losses = {0.0: float(left @ left)}
+        step = _regressed(scaled((moved - base) / OBSERVING.nudge).T, error, recording, most=1.0)
+        losses = {0.0: float(error @ error)}
         for share in 0.5 ** np.arange(OBSERVING.halvings):
             drift = torch.tensordot(torch.from_numpy(share * step), single, 1)
             rest = scaled(measured - free_run(self.model, logs, at, self.steps, drift))
             losses[share] = float(np.nan_to_num(rest @ rest, nan=np.inf))
         return replace(self, trust=min(losses, key=lambda share: losses[share]) * step)
 
-    def _single(self, logs: Sequence[Log], at: Sequence[np.ndarray]) -> Tensor:
-        """`drift` (equations, W, steps, s) of each equation for a γ of one."""
-        past = self._past(increments(self.model, Stack.of(logs), self.noise))
+    def _single(self, left: Increments, at: Sequence[np.ndarray]) -> Tensor:
+        """`drift` (equations, W, steps, s) of each equation for a γ of one, from the residuals of the same logs."""
+        past = self._past(left)
         z = np.concatenate([past[i, k] for i, k in enumerate(at)])  # (W, channels, filters)
         forecast = np.einsum("wcf,cfp->wcp", z, self.gains)
         out = np.zeros((len(self.equations), len(z), self.steps, len(self.model.state_channels)))
@@ -141,14 +142,6 @@ def _parts(steps: int) -> list[tuple[int, int]]:
     """First and last sample of the stretches of a horizon."""
     ends = np.unique(np.round(np.linspace(0, steps, OBSERVING.parts + 1)).astype(int))
     return list(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
-
-
-def _ahead(left: Increments, first: int, last: int, steps: int, channels: Sequence[int]) -> np.ndarray:
-    """Mean residual (L, N − steps, channels) from ``first`` to ``last`` samples after every sample."""
-    total = np.cumsum(left.steps[..., list(channels)], axis=1)
-    total = np.concatenate([np.zeros_like(total[:, :1]), total], axis=1)
-    count = total.shape[1] - steps
-    return np.asarray((total[:, last : last + count] - total[:, first : first + count]) / (last - first))
 
 
 def _regressed(x: np.ndarray, y: np.ndarray, fold: np.ndarray, most: float = np.inf) -> np.ndarray:

@@ -11,6 +11,7 @@ where κ is the smoothing that the measured states went through.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -64,13 +65,18 @@ class Increments:
     valid: np.ndarray
     """(L, N − 1) whether both samples are, and are no padding."""
 
+    @cached_property
+    def totals(self) -> np.ndarray:
+        """(L, N, s or s + f): their sums from the first sample to every one."""
+        return np.concatenate([np.zeros_like(self.steps[:, :1]), np.cumsum(self.steps, axis=1)], axis=1)
+
     def over(self, horizon: int, every: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Errors over ``horizon`` intervals, a window every ``every``.
 
         Returns:
             Errors (W, s), the recording (W,) and the first interval (W,) of each window.
         """
-        total = np.concatenate([np.zeros_like(self.steps[:, :1]), np.cumsum(self.steps, axis=1)], axis=1)
+        total = self.totals
         bad = np.concatenate([np.zeros((len(self.valid), 1), int), np.cumsum(~self.valid, axis=1)], axis=1)
         found = [
             (i, k)
