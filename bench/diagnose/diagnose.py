@@ -19,8 +19,7 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import Diagnosis, NamedEffect
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.input_timing import prepared
-from bench.diagnose.select.materiality import NEAR
-from bench.diagnose.settings import DECIDING
+from bench.diagnose.settings import DECIDING, MATTERING
 from bench.diagnose.simulate.flights import flights
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
@@ -186,7 +185,7 @@ def _verdict(found: Discovery, excess: dict[str, float], refuted: bool) -> tuple
         refuted: whether effects were found and free runs refute all of them.
     """
     most = max(excess.values(), default=0.0)
-    if not found.found and not refuted and most <= NEAR**2:
+    if not found.found and not refuted and most <= MATTERING.near**2:
         found = _remarked(found, most)
     # Where no equation could be judged by itself, what follows no signal at all shows in the free runs only.
     alone = found.verdict == "nothing" and not found.equations and most > DECIDING.high_excess

@@ -13,7 +13,6 @@ from bench.diagnose.select.choose import accepted, agreed
 from bench.diagnose.select.discovery import Discovery, Found, Loser
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import (
-    SHARE,
     Saving,
     Weighing,
     contradiction,
@@ -32,7 +31,7 @@ from bench.diagnose.select.verify import (
     rivals,
     understood,
 )
-from bench.diagnose.settings import DISCOVERING, VERIFYING
+from bench.diagnose.settings import DISCOVERING, MATTERING, VERIFYING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
@@ -73,7 +72,7 @@ def discover(
     errors = () if weighing is None else weighing.errors(chosen.model)
     traces, total = left_over(view, chosen.dropped)
     unknown = total > VERIFYING.left * view.floor
-    if unknown and errors and not contradicted and not any(e.unexplained >= SHARE for e in errors):
+    if unknown and errors and not contradicted and not any(e.unexplained >= MATTERING.share for e in errors):
         unknown, remarks = False, (*remarks, faint_traces(traces))
     return Discovery(
         calibrated=calibrated,

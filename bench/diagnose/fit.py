@@ -16,9 +16,6 @@ from bench.diagnose.simulate.shoot import Shot, shoot
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
 
-NEUTRAL = 1e-3
-"""Distance from no effect, relative to that of the weak form, from which a number counts as gone."""
-
 
 def fitted(
     subject: Subject,
@@ -56,7 +53,9 @@ def lost(found: Sequence[Estimate], shot: Shot) -> bool:
     Where torques are a riddle free runs lose the attitude, and say nothing of what acts in forces.
     """
     sure = [x for x in found if not x.entry.constant and not x.low <= x.entry.neutral <= x.high]
-    return any(abs(_shot_to(x, shot) - x.entry.neutral) < NEUTRAL * abs(x.value - x.entry.neutral) for x in sure)
+    return any(
+        abs(_shot_to(x, shot) - x.entry.neutral) < EXTENDING.neutral * abs(x.value - x.entry.neutral) for x in sure
+    )
 
 
 def _shot_to(x: Estimate, shot: Shot) -> float:

@@ -13,23 +13,19 @@ from bench.analysis.display import Displayed, new_axes
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.manoeuvre import search
 from bench.diagnose.manoeuvre.limits import Limit, shown
-from bench.diagnose.manoeuvre.play import RELEASES, Player
+from bench.diagnose.manoeuvre.play import Player
 from bench.diagnose.manoeuvre.rivals import Question, between, of_diagnosis
 from bench.diagnose.manoeuvre.separation import candidate, windows_of
 from bench.diagnose.manoeuvre.stock import kind_of, phrase_of, stock_signals
 from bench.diagnose.manoeuvre.surety import Judge
 from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.settings import COMPOSING, DESIGNING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel, Pilot
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-SECONDS = (10.0, 30.0, 60.0)
-"""Lengths of flight that are spoken of [s]."""
-FEWEST = 200
-"""Samples of a manoeuvre: of slow processes the seconds are lengthened until the shortest holds so many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,8 +195,8 @@ def _lengths(subject: Subject, seconds: Sequence[float] | None) -> tuple[float, 
         if lengths[0] < 20 * dt:
             raise BenchError(f"--seconds {lengths[0]:g} is less than 20 samples of {dt:g} s: give more.")
         return lengths
-    longer = max(1.0, FEWEST * dt / SECONDS[0])
-    return tuple(s * longer for s in SECONDS)
+    longer = max(1.0, DESIGNING.fewest * dt / DESIGNING.seconds[0])
+    return tuple(s * longer for s in DESIGNING.seconds)
 
 
 def _samples(subject: Subject, piece: float) -> int:
@@ -208,7 +204,7 @@ def _samples(subject: Subject, piece: float) -> int:
     if log.inputs.shape[1] > len(subject.model.extras):
         return round(piece * log.rate) + 1
     typical = int(np.median([len(x) for x in subject.logs]))
-    return max(3, min(typical, round(piece * log.rate / RELEASES)))
+    return max(3, min(typical, round(piece * log.rate / COMPOSING.releases)))
 
 
 def _judge(subject: Subject, question: Question, player: Player, often: float, tick: Callable[[str], None]) -> Judge:

@@ -6,18 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.settings import LIMITING
 from registry.dynamics import SetPoint
 from registry.dynamics.model import RATE_OF
 from registry.errors import BenchError, near
-
-FASTEST = 99.0
-"""Percentile of the changes between samples that is taken for the fastest: above it measurement noise decides."""
-POWER = 0.98
-"""Share of the power of the recorded inputs below the upper end of the band that they excite."""
-ROOM = 0.05
-"""Of the span of a recorded state: how far beyond it a manoeuvre may take it."""
-SLOWEST = 0.05
-"""Rate at which a set-point may always change, in its unit over seconds."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +85,7 @@ def shown(subject: Subject) -> Limits:
         low, high = float(x.min()), float(x.max())
         if c.group in rates:
             low, high = -max(-low, high), max(-low, high)
-        room = ROOM * (high - low)
+        room = LIMITING.room * (high - low)
         free = c.group == "attitude" or not logs[0].measured[i]
         stay.append(Limit(c.name, c.unit, *((-np.inf, np.inf) if free else (low - room, high + room))))
     pilot = model.pilot()
@@ -123,7 +115,7 @@ def _inputs(subject: Subject, size: int) -> tuple[Limit, ...]:
                 f"{channels[i].name} is zero in all recordings: say with --limit how far it may be driven."
             )
         moving = steps[steps > 0]
-        rate = float(np.percentile(moving, FASTEST)) * logs[0].rate if len(moving) else np.inf
+        rate = float(np.percentile(moving, LIMITING.fastest)) * logs[0].rate if len(moving) else np.inf
         first = float(np.mean([s[0] for s in series]))
         found.append(Limit(channels[i].name, channels[i].unit, low, high, rate, min(max(first, low), high)))
     return tuple(found)
@@ -135,7 +127,7 @@ def _release(stay: Limit, first: np.ndarray) -> Limit:
 
 def _set_point(point: SetPoint, states: np.ndarray, stay: Sequence[Limit]) -> Limit:
     """What a pilot may be asked for: the places and the speeds that the recordings (samples, s) show."""
-    rate = max(float(np.percentile(np.abs(states[:, point.rate]), FASTEST)), SLOWEST)
+    rate = max(float(np.percentile(np.abs(states[:, point.rate]), LIMITING.fastest)), LIMITING.slowest)
     if point.state is None:
         return Limit(point.name, point.unit, *point.ends, rate)
     there = stay[point.state]
@@ -143,13 +135,13 @@ def _set_point(point: SetPoint, states: np.ndarray, stay: Sequence[Limit]) -> Li
 
 
 def _band(subject: Subject, size: int) -> tuple[float, float]:
-    """Frequencies below which `POWER` of the recorded inputs is, from the lowest that a recording can hold."""
+    """Frequencies below which `LIMITING.power` of the recorded inputs is, from the lowest that a recording can hold."""
     logs, top = subject.logs, 0.0
     for log in logs:
         x = log.inputs.numpy()[:, :size]
         power = (np.abs(np.fft.rfft(x - x.mean(0), axis=0)) ** 2).sum(1)
         if power.sum() > 0:
             share = np.cumsum(power) / power.sum()
-            top = max(top, float(np.fft.rfftfreq(len(x), log.dt)[np.searchsorted(share, POWER)]))
+            top = max(top, float(np.fft.rfftfreq(len(x), log.dt)[np.searchsorted(share, LIMITING.power)]))
     lowest = logs[0].rate / max(map(len, logs))
     return lowest, min(max(top, 5 * lowest), logs[0].rate / 5)

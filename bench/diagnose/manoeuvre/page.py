@@ -14,14 +14,13 @@ from jinja2 import Environment
 from bench.diagnose.manoeuvre.design import Design
 from bench.diagnose.report.phrases import listed, named, shown
 from bench.diagnose.result import write_text
+from bench.diagnose.settings import DESIGNING
 from bench.reporting import page
 from bench.reporting.drawing import Look, Panel, Scale, align, around
 from bench.reporting.figures import COLOURS
 from bench.reporting.page import Drawing, Section
 
 DESIGNED, STOCK = Look(COLOURS[0], (), 2.0), Look(COLOURS[1], (4, 2), 1.4)
-SHOWN = 1200
-"""Samples of a curve that are drawn at most."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +171,6 @@ def _panel(design: Design, lines: Sequence[tuple[np.ndarray, Look]], name: str) 
     length = max(len(y) for y, _ in lines) * design.dt
     made = Panel(Scale(0.0, length), around(values.tolist()), "time [s]", name, 420, 190)
     for y, look in lines:
-        at = np.unique(np.linspace(0, len(y) - 1, min(SHOWN, len(y))).round().astype(int))
+        at = np.unique(np.linspace(0, len(y) - 1, min(DESIGNING.drawn, len(y))).round().astype(int))
         made.line(at * design.dt, y[at], look)
     return made

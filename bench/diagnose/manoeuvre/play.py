@@ -11,12 +11,10 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.manoeuvre.limits import Limits
 from bench.diagnose.manoeuvre.waveform import PARAMETERS, signals
+from bench.diagnose.settings import COMPOSING
 from bench.diagnose.simulate.floor import measure, reach
 from registry.contracts import Recording
 from registry.dynamics import PhysicsModel
-
-RELEASES = 4
-"""Of an undriven system in one manoeuvre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +47,7 @@ class Player:
         self.model, self.log = subject.model, subject.logs[0]
         self.dt = self.log.dt
         self.driven = self.log.inputs.shape[1] > len(self.model.extras)
-        self.size = len(limits.drives) * PARAMETERS if self.driven else RELEASES * len(limits.drives)
+        self.size = len(limits.drives) * PARAMETERS if self.driven else COMPOSING.releases * len(limits.drives)
         """Parameters of a manoeuvre."""
         extras = [log.inputs.numpy()[:, log.inputs.shape[1] - len(self.model.extras) :] for log in subject.logs]
         self._still = np.concatenate(extras).mean(0)
@@ -61,7 +59,7 @@ class Player:
         if self.driven:
             return signals(z, drives, self.samples, self.dt, self.limits.band)[:, None]
         low, span = (np.array([getattr(d, what) for d in drives]) for what in ("low", "span"))
-        return np.asarray(low + span * z.reshape(len(z), RELEASES, 1, len(drives)))
+        return np.asarray(low + span * z.reshape(len(z), COMPOSING.releases, 1, len(drives)))
 
     def play(self, model: PhysicsModel, asked: np.ndarray) -> Played:
         """What is asked for, played through ``model``, whose parameters are numbers."""

@@ -9,13 +9,11 @@ from typing import Any
 from bench.diagnose.extend import extend
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.settings import DESIGNING
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 from registry.regular_file import regular
-
-WIDE = 0.1
-"""Half width of a 95 % interval over the value from which a parameter is known badly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ def of_diagnosis(
         return Question((("model", model),), chosen)
     raise BenchError(
         f"Nothing is left to separate: the diagnosis of {said['dataset']} says {said['verdict']}, without a tie and "
-        f"without an interval wider than ±{100 * WIDE:.0f} %; --between names candidates all the same."
+        f"without an interval wider than ±{100 * DESIGNING.wide:.0f} %; --between names candidates all the same."
     )
 
 
@@ -109,7 +107,7 @@ def between(
 
 def _wide(p: dict[str, float | None]) -> bool:
     value, low, high = (p[k] for k in ("value", "low", "high"))
-    return value is not None and low is not None and high is not None and (high - low) / 2 > WIDE * abs(value)
+    return value is not None and low is not None and high is not None and (high - low) / 2 > DESIGNING.wide * abs(value)
 
 
 def _read(file: Path) -> dict[str, Any]:

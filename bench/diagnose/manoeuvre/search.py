@@ -9,9 +9,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from bench.diagnose.manoeuvre.surety import Judge
-
-POPULATION, GENERATIONS = 40, 8
-"""Manoeuvres of a generation, and generations."""
+from bench.diagnose.settings import COMPOSING
 
 
 def best(
@@ -29,14 +27,14 @@ def best(
 
     def loss(z: np.ndarray) -> np.ndarray:
         done[0] += 1
-        tick(done[0] / (GENERATIONS + 2))
+        tick(done[0] / (COMPOSING.generations + 2))
         return -judge.weigh(player.asked(z.T))
 
     found = differential_evolution(
         loss,
         [(0.0, 1.0)] * player.size,
         init=_first(player.size, seed),
-        maxiter=GENERATIONS,
+        maxiter=COMPOSING.generations,
         tol=0.0,
         mutation=(0.4, 0.9),
         recombination=0.7,
@@ -50,5 +48,5 @@ def best(
 
 
 def _first(size: int, seed: int) -> np.ndarray:
-    """(POPULATION, size) to begin with."""
-    return np.random.default_rng(seed).uniform(size=(POPULATION, size))
+    """(M, size) to begin with: `COMPOSING.population` of them."""
+    return np.random.default_rng(seed).uniform(size=(COMPOSING.population, size))

@@ -17,15 +17,9 @@ from torch import Tensor
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.parameters import Entry, Prior, entries, probes, with_values
 from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.settings import SEPARATING
 from bench.diagnose.simulate.free_run import Group, between, default_steps, groups, measured_windows, starts
 from registry.dynamics import PhysicsModel
-
-POINTS = 4
-"""Samples of a window that are compared."""
-SHRINK = 0.1
-"""Share of the covariance of a window's errors that is taken from its diagonal alone: few windows tell it badly."""
-REFITS = 3
-"""Gauss-Newton steps of a rival's parameters to imitate another candidate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +75,7 @@ def windows_of(subject: Subject, model: PhysicsModel) -> Windows:
     """Windows of the default horizon, weighed by what ``model`` errs by over the recordings."""
     logs = subject.logs
     steps = default_steps(logs)
-    points = np.unique(np.linspace(0, steps, POINTS + 1).round().astype(int))[1:]
+    points = np.unique(np.linspace(0, steps, SEPARATING.points + 1).round().astype(int))[1:]
     moved = model.equation_names()
     judged = tuple(g for g in groups(model.state_channels, logs[0].measured) if g.name in moved)
     size = len(points) * sum(len(g.at) for g in judged)
@@ -97,7 +91,8 @@ def _whitening(errors: np.ndarray) -> np.ndarray:
     size = np.where(size > 0, size, 1e-12 + np.abs(good).max(0))
     scaled = (good / size)[(np.abs(good / size) < 6).all(1)]
     covariance = scaled.T @ scaled / max(1, len(scaled))
-    covariance = (1 - SHRINK) * covariance + SHRINK * np.diag(np.diag(covariance)) + 1e-9 * np.eye(len(size))
+    covariance = (1 - SEPARATING.shrink) * covariance + SEPARATING.shrink * np.diag(np.diag(covariance))
+    covariance = covariance + 1e-9 * np.eye(len(size))
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)) / size)
 
 
@@ -193,7 +188,7 @@ def imitated(seen: Tensor, rival: Candidate, logs: Sequence[Log], windows: Windo
     now, moved, best = rival, np.zeros(len(rival.where)), None
     low, high = (np.array([getattr(e, side) for e in rival.where]) for side in ("low", "high"))
     at = np.array([e.value for e in rival.where])
-    for _ in range(REFITS + 1):
+    for _ in range(SEPARATING.refits + 1):
         base, slopes = predictions(now, logs, windows)
         away = windows.whitened(seen, base)
         price = float(moved @ rival.known @ moved) / often

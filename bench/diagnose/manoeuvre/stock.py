@@ -6,6 +6,7 @@ import numpy as np
 
 from bench.diagnose.manoeuvre.limits import Limit
 from bench.diagnose.manoeuvre.waveform import slewed
+from bench.diagnose.settings import COMPOSING
 from registry.core import EFFECTS
 
 _LINES = (
@@ -24,8 +25,6 @@ KINDS = {
     **dict.fromkeys(_CLIMBS, "climbs"),
 }
 """By effect; of all others "steps"."""
-PACE = 3.0
-"""A sine of a stock manoeuvre goes through so many periods, and once the small and once the large amplitude."""
 
 
 def kind_of(effect: str) -> str:
@@ -60,9 +59,9 @@ def _shape(kind: str, s: np.ndarray, place: int, limits: Sequence[Limit]) -> np.
     if kind == "lines":
         return _stairs(s, (0.2, 0.6, 1.0, -0.2, -0.6, -1.0))
     if kind == "reversals":
-        return np.asarray(0.5 * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * PACE * s)))
+        return np.asarray(0.5 * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * COMPOSING.pace * s)))
     if kind in ("sizes", "climbs"):
-        return np.asarray(np.where(s < 0.5, 0.2, 1.0) * np.sin(2 * np.pi * 2 * PACE * s))
+        return np.asarray(np.where(s < 0.5, 0.2, 1.0) * np.sin(2 * np.pi * 2 * COMPOSING.pace * s))
     turns = np.mod(s + place / of, 1.0)
     return _stairs(turns, (1, 0, -1, 0, 1, -1))
 

@@ -19,25 +19,14 @@ from bench.diagnose.manoeuvre.separation import (
     log_determinant,
     predictions,
 )
-from bench.diagnose.settings import CHOOSING, FOLDING, VERIFYING
-
-ODDS = 6.0
-"""Twice the log odds that a diagnosis asks for before it calls a rival worse (20 to 1)."""
-SURE = 0.95
-"""Chance from which one is said to be sure."""
-WORST, BEST = -20.0, 10.0
-"""Bounds of a score within which a search weighs it: beyond them nothing is won or lost."""
-INSIDE = 1e-9
-"""Of the span of a state: excess that is rounding."""
-TRIED = (1, 2, 3, 6, 12, 24)
-"""Repetitions that are tried when it is asked how many are needed."""
+from bench.diagnose.settings import ASSURING, CHOOSING, FOLDING, VERIFYING
 
 
 def scores(found: Distance, often: float = 1.0, block: int = 1, beside: int = 0) -> np.ndarray:
     """(W,): by how many standard deviations a diagnosis is expected to tell the rival apart.
 
     Twice the log likelihood ratio is normal about its mean D with variance 4 D; a diagnosis asks that it exceeds
-    `ODDS` and `CHOOSING.distinct` times its spread over blocks of some seconds.
+    `ASSURING.odds` and `CHOOSING.distinct` times its spread over blocks of some seconds.
 
     Args:
         found: of W manoeuvres.
@@ -50,7 +39,7 @@ def scores(found: Distance, often: float = 1.0, block: int = 1, beside: int = 0)
     total, count = often * found.total, often * blocks.shape[1] + beside
     squares = often * (blocks**2).sum(1) - (often * blocks.sum(1)) ** 2 / count
     spread = np.sqrt(np.maximum(squares, 0.0))
-    return np.asarray((total - ODDS - CHOOSING.distinct * spread) / (2 * np.sqrt(np.maximum(total, 1.0))))
+    return np.asarray((total - ASSURING.odds - CHOOSING.distinct * spread) / (2 * np.sqrt(np.maximum(total, 1.0))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +61,10 @@ class Judge:
         for i, true in enumerate(self.candidates):
             played = self.player.play(true.model, asked)
             over = np.maximum(over, played.outside(self.player.limits))
-            inside = np.flatnonzero(over <= INSIDE)
+            inside = np.flatnonzero(over <= ASSURING.inside)
             if len(inside):
                 value[inside] += self._value(_part(played, inside), i)
-        return np.where(over <= INSIDE, value, -1e3 - 1e3 * np.minimum(over, 1e3))
+        return np.where(over <= ASSURING.inside, value, -1e3 - 1e3 * np.minimum(over, 1e3))
 
     def _value(self, played: Played, truth: int) -> np.ndarray:
         """(W,) if this candidate is the truth, which ``played`` shows."""
@@ -91,7 +80,7 @@ class Judge:
                 base, slopes = predictions(rival, logs, self.windows)
                 away = _by(count, self.windows.whitened(seen, base))
                 apart = distance(away, _by(count, slopes), rival.known, self.often).beyond(own)
-                total += np.clip(self._scores(apart, self.often), WORST, BEST)
+                total += np.clip(self._scores(apart, self.often), ASSURING.worst, ASSURING.best)
         return total
 
     def _scores(self, apart: Distance, often: float) -> np.ndarray:
@@ -102,7 +91,7 @@ class Judge:
         # What leaves so much more than noise does is no rival, in however few blocks it shows.
         loud = VERIFYING.loud * len(self.windows.whitening) * (often * apart.rest.shape[1] + recorded)
         found = scores(apart, often, block, int(beside))
-        return np.where(often * apart.total > loud, np.maximum(found, BEST), found)
+        return np.where(often * apart.total > loud, np.maximum(found, ASSURING.best), found)
 
     def _own(self, truth: int, logs: Sequence[Log]) -> np.ndarray:
         """(n,): squared errors of the true candidate itself, which noise makes."""
@@ -120,7 +109,7 @@ class Judge:
 
         Returns:
             (truths, repetitions): the chance that each candidate, if it is the truth, is told from all others; and the
-            first of `TRIED` repetitions after which their mean is `SURE`, None where all are too few.
+            first of `ASSURING.tried` repetitions after which their mean is `ASSURING.sure`, None where all are too few.
         """
         flights = [self.player.logs(self.player.play(c.model, asked)) for c in self.candidates]
         known: dict[int, np.ndarray] = {}
@@ -130,7 +119,7 @@ class Judge:
                 known[times] = np.array([self._chance(i, logs, times) for i, logs in enumerate(flights)])
             return known[times]
 
-        needed = next((n for n in TRIED if chance(n).mean() >= SURE), None)
+        needed = next((n for n in ASSURING.tried if chance(n).mean() >= ASSURING.sure), None)
         return np.stack([chance(n) for n in often], axis=1), needed
 
     def _chance(self, truth: int, logs: Sequence[Log], times: int) -> float:

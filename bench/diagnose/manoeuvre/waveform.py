@@ -8,12 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from bench.diagnose.manoeuvre.limits import Limit
+from bench.diagnose.settings import COMPOSING
 
-LEVELS = 6
-"""Of a staircase."""
-TEMPI = (1, 2, 4)
-"""How often a staircase is gone through."""
-PARAMETERS = LEVELS + 4
+PARAMETERS = COMPOSING.levels + 4
 """Of a channel, each from 0 to 1: levels, share of the multisine, both ends of its band, tempo."""
 
 
@@ -47,9 +44,10 @@ class _Grid:
 
 def _channel(z: np.ndarray, limit: Limit, place: int, of: int, grid: _Grid) -> np.ndarray:
     """(W, N) of one channel; the harmonics of several channels take turns, so that they can be told apart."""
-    levels, (share, one, other, tempo) = z[:, :LEVELS], z[:, LEVELS:].T
-    often = np.array(TEMPI)[np.minimum((tempo * len(TEMPI)).astype(int), len(TEMPI) - 1)]
-    step = (np.arange(grid.samples)[None] * often[:, None] * LEVELS // grid.samples) % LEVELS
+    count, tempi = COMPOSING.levels, np.array(COMPOSING.tempi)
+    levels, (share, one, other, tempo) = z[:, :count], z[:, count:].T
+    often = tempi[np.minimum((tempo * len(tempi)).astype(int), len(tempi) - 1)]
+    step = (np.arange(grid.samples)[None] * often[:, None] * count // grid.samples) % count
     stairs = limit.low + limit.span * np.take_along_axis(levels, step, axis=1)
     ratio = grid.high / grid.low
     first, last = grid.low * ratio ** np.minimum(one, other), grid.low * ratio ** np.maximum(one, other)

@@ -19,23 +19,10 @@ from bench.diagnose.select.discovery import Discovery, Found, Loser
 from bench.diagnose.select.search import admissible
 from bench.diagnose.select.subset import t_value
 from bench.diagnose.select.verify import Estimate
+from bench.diagnose.settings import GROWING
 from bench.diagnose.simulate.simulation_fit import Simulated, Start, Windows, fit, starts
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
-
-MOST = 3
-"""Effects at most, added one by one: each set costs a fit through the simulator."""
-LIKELY = 3
-"""Starting points that are followed to the end."""
-FIRST = 4
-"""Steps after which the less promising starting points are dropped."""
-GROWING = (16, 64)
-"""Samples of the windows that lead a fit to the whole ones."""
-ODDS = 6.0
-"""Difference of the criterion that counts: twice the logarithm of 20 to 1."""
-SURE = 2.0
-"""t over windows of the held-out gain that a larger set needs."""
-FOLDS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +43,11 @@ class Choice:
     def held_out(self) -> np.ndarray:
         """(W,) squared error of each window, from fits without it."""
         count = len(self.windows.log)
-        folds = np.array_split(np.arange(count), min(FOLDS, count))
+        folds = np.array_split(np.arange(count), min(GROWING.folds, count))
         weights = np.ones((len(folds), count))
         for row, fold in zip(weights, folds, strict=True):
             row[fold] = 0.0
-        apart = fit(self.subject, self.windows, [self.fitted] * len(folds), weights, FIRST)
+        apart = fit(self.subject, self.windows, [self.fitted] * len(folds), weights, GROWING.first)
         return np.concatenate([a.loss[f] for a, f in zip(apart, folds, strict=True)])
 
 
@@ -72,7 +59,7 @@ def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[
         tick("calibrate")
         base = Choice((), _fit(subject, windows, [subject.model]), subject, windows)
         fields, taken = [[base]], base
-        for _ in range(MOST):
+        for _ in range(GROWING.most):
             field = []
             for name in kinds:
                 if name not in taken.ids:
@@ -82,7 +69,7 @@ def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[
                     field.append(Choice((*taken.ids, name), _fit(subject, windows, grown), subject, windows))
             if not field:
                 break
-            fields.append(_settled(field, taken, tick))
+            fields.append(_refitted(field, taken, tick))
             if not _accepted(taken, fields[-1][0]):
                 break
             taken = fields[-1][0]
@@ -153,16 +140,16 @@ def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> 
     """
 
     def likely(windows: Windows, begin: Sequence[Start]) -> list[Simulated]:
-        return sorted(fit(subject, windows, begin, steps=FIRST), key=lambda f: f.loss.sum())[:LIKELY]
+        return sorted(fit(subject, windows, begin, steps=GROWING.first), key=lambda f: f.loss.sum())[: GROWING.likely]
 
     begin = starts(windows, models)
     led: Sequence[Start] = begin
-    for samples in GROWING:
+    for samples in GROWING.lengths:
         led = likely(windows.shortened(samples), led)
     return min(fit(subject, windows, likely(windows, [*begin, *led])), key=lambda f: f.loss.sum())
 
 
-def _settled(field: Sequence[Choice], smaller: Choice, tick: Callable[[str], None]) -> list[Choice]:
+def _refitted(field: Sequence[Choice], smaller: Choice, tick: Callable[[str], None]) -> list[Choice]:
     """Sets of one size, the best first; it and those like it are fitted a second time before they are compared.
 
     Other numbers of a set were those of the smaller one when its search grid was tried: that may be the valley of
@@ -210,14 +197,14 @@ def _log_gain(smaller: Choice, larger: Choice) -> np.ndarray:
 
 def _accepted(smaller: Choice, larger: Choice) -> bool:
     """Whether the larger set is better by the criterion and on windows that were not fitted."""
-    saved = smaller.held_out.sum() > larger.held_out.sum() and t_value(_log_gain(smaller, larger)) > SURE
-    return bool(saved) and _criterion(larger, smaller) < -ODDS
+    saved = smaller.held_out.sum() > larger.held_out.sum() and t_value(_log_gain(smaller, larger)) > GROWING.sure
+    return bool(saved) and _criterion(larger, smaller) < -GROWING.odds
 
 
 def _alike(taken: Choice, other: Choice) -> bool:
     """Whether another set of the same size does as well, or nearly."""
     near = _criterion(other, taken)
-    return near < ODDS or (near < 3 * ODDS and t_value(_log_gain(other, taken)) < SURE)
+    return near < GROWING.odds or (near < 3 * GROWING.odds and t_value(_log_gain(other, taken)) < GROWING.sure)
 
 
 def _round(base: Choice, taken: Choice, field: Sequence[Choice]) -> tuple[Loser, ...]:

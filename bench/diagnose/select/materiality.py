@@ -18,6 +18,7 @@ from bench.diagnose.regression.generic import Dictionary, dictionary, follow
 from bench.diagnose.regression.least_squares import ridge
 from bench.diagnose.regression.weak import Stack
 from bench.diagnose.select.verify import Trace
+from bench.diagnose.settings import MATTERING
 from bench.diagnose.simulate.teacher_forced import (
     Equation,
     Increments,
@@ -27,23 +28,6 @@ from bench.diagnose.simulate.teacher_forced import (
     noise_increments,
 )
 from registry.dynamics import PhysicsModel
-
-SHARE = 0.05
-"""Of the squared error that can be explained: what an effect must save to be named, in some equation."""
-NEAR = 1.05
-"""Error, relative to the best that can be reached, up to which nothing is worth a term."""
-LOST = 1.5
-"""Error with an effect, relative to that without, from which it loses an equation; its inverse: which it wins."""
-SURE = 2.0
-"""Standard errors over blocks of held-out recordings of a 95 % interval over blocks of held-out recordings."""
-BLOCK = 4.0
-"""Longest of these blocks [s]."""
-BLOCKS = 8
-"""Blocks at least, where recordings are long enough for that many horizons."""
-TERMS = 8
-"""Columns at most that are taken one by one."""
-SHRINKAGE = np.logspace(-4, 2, 13)
-"""Ridge penalties, relative to the mean eigenvalue, of which one is chosen on recordings left out."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +54,12 @@ class EquationError:
     @property
     def scale(self) -> float:
         """Squared error that shares are told of: what can be explained, but no less than what would matter."""
-        return max(self.explainable, (NEAR**2 - 1) * self._best**2, 1e-300)
+        return max(self.explainable, (MATTERING.near**2 - 1) * self._best**2, 1e-300)
 
     @property
     def matters(self) -> bool:
         """Whether enough can be explained that anything is worth a term."""
-        return self.models["calibrated"] > NEAR * self._best
+        return self.models["calibrated"] > MATTERING.near * self._best
 
     @property
     def _best(self) -> float:
@@ -84,7 +68,7 @@ class EquationError:
     @property
     def unexplained(self) -> float:
         """Share of what can be explained that the extended model leaves, 0 to 1; 0 where it is near the best."""
-        if self.models["extended"] <= NEAR * self.predictable:
+        if self.models["extended"] <= MATTERING.near * self.predictable:
             return 0.0
         left = self.models["extended"] ** 2 - self.predictable**2
         return left / max(self.models["calibrated"] ** 2 - self.predictable**2, left)
@@ -111,7 +95,7 @@ class Saving:
     @property
     def harms(self) -> bool:
         """Whether the equation is lost by it, for sure: what other equations gain is then not understood."""
-        return self.ratio > LOST and self.high < 0
+        return self.ratio > MATTERING.lost and self.high < 0
 
     @property
     def worth(self) -> bool:
@@ -120,8 +104,10 @@ class Saving:
         Beside a much larger effect the second one is a small share of the squared error, and most of what the first one
         leaves. Then the error itself counts: its rise without the effect, of what can be explained.
         """
-        rise = (max(self.share, 0.0) * (1 - self.ratio) / (1 + self.ratio)) ** 0.5 if self.ratio < 1 / LOST else 0.0
-        return self.matters and self.low > 0 and (self.share >= SHARE or rise >= SHARE)
+        rise = 0.0
+        if self.ratio < 1 / MATTERING.lost:
+            rise = (max(self.share, 0.0) * (1 - self.ratio) / (1 + self.ratio)) ** 0.5
+        return self.matters and self.low > 0 and (self.share >= MATTERING.share or rise >= MATTERING.share)
 
 
 class Weighing:
@@ -165,7 +151,7 @@ class Weighing:
         if equation.sensed:
             squared = squared / (horizon * self.held.dt) ** 2
         whole = sum(map(len, self.held.logs))
-        length = max(horizon, min(round(BLOCK / self.held.dt), whole // BLOCKS))
+        length = max(horizon, min(round(MATTERING.block / self.held.dt), whole // MATTERING.blocks))
         block = np.unique(np.stack([recording, first // length]), axis=1, return_inverse=True)[1]
         return squared, block
 
@@ -221,7 +207,7 @@ class Weighing:
             gains = np.bincount(block, before - after) / np.maximum(np.bincount(block), 1)
             mean = float(gains.mean())
             spread = float(gains.std(ddof=1)) / len(gains) ** 0.5 if len(gains) > 1 else np.inf
-            low, high = ((mean + side * SURE * spread) / error.scale for side in (-1, 1))
+            low, high = ((mean + side * MATTERING.sure * spread) / error.scale for side in (-1, 1))
             ratio = float(after.mean() / max(before.mean(), 1e-300)) ** 0.5
             share = mean / error.scale
             saving = Saving(
@@ -319,13 +305,13 @@ def _left_of(
         grams = [rows[fold == f].T @ rows[fold == f] for f in np.unique(fold)]
         whole = np.asarray(sum(grams))
         losses = {0.0: float((own**2).sum())}
-        losses |= {float(s): _ridge_loss(grams, whole, s) for s in SHRINKAGE}
+        losses |= {s: _ridge_loss(grams, whole, s) for s in MATTERING.shrinkage}
         penalty = min(losses, key=lambda s: losses[s])
         beta = np.zeros(x.shape[1])
         if penalty:
             inner = whole[:-1, :-1]
             beta = np.linalg.solve(inner + penalty * np.trace(inner) / len(inner) * np.eye(len(inner)), whole[:-1, -1])
-        chosen = follow(grams, [], 0, TERMS)
+        chosen = follow(grams, [], 0, MATTERING.terms)
         if chosen and losses[0.0] - sum(gain for _, gain in chosen) < losses[penalty]:
             index = [column for column, _ in chosen]
             beta = np.zeros(x.shape[1])
@@ -371,6 +357,6 @@ def faint_traces(traces: Sequence[Trace]) -> str:
     """A remark on what is left, significant and not worth a term."""
     signals = dict.fromkeys(t.signal.replace("_", " ") for t in traces[:2])
     return (
-        f"A trace that follows {' and '.join(signals)} is left; less than {100 * SHARE:.0f} % of what can be explained "
-        "goes with it on held-out recordings: not worth a term."
+        f"A trace that follows {' and '.join(signals)} is left; less than {100 * MATTERING.share:.0f} % of what can be "
+        "explained goes with it on held-out recordings: not worth a term."
     )

@@ -1,7 +1,6 @@
 """The thresholds of a diagnosis: each with its unit, its meaning, and what its value rests on.
 
-Those of materiality, of fits by simulation and of manoeuvres stand beside what uses them until they move here. Code
-takes the instance of a class below, so that a test (or a study of a threshold) replaces that one:
+Code takes the instance of a class below, so that a test (or a study of a threshold) replaces that one:
 ``replace(LOCATING, regions=12)``.
 """
 
@@ -12,8 +11,9 @@ from bench.diagnose.settings.checks import Aligning, Freezing, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading
+from bench.diagnose.settings.manoeuvre import Assuring, Composing, Designing, Limiting, Separating
 from bench.diagnose.settings.regression import Calibrating, Folding, Linearising, Mapping, Waving
-from bench.diagnose.settings.select import Choosing, Searching, Stepping, Timing, Verifying
+from bench.diagnose.settings.select import Choosing, Growing, Mattering, Searching, Stepping, Timing, Verifying
 from bench.diagnose.settings.simulate import Beginning, Playing, Running, Shooting, Simulating
 from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Observing, Telling
 from bench.diagnose.settings.unseen import Unseen
@@ -42,6 +42,8 @@ TIMING = Timing()
 CHOOSING = Choosing()
 STEPPING = Stepping()
 VERIFYING = Verifying()
+MATTERING = Mattering()
+GROWING = Growing()
 SPLINING = Splining()
 WORDING = Wording()
 LEARNING = Learning()
@@ -56,6 +58,11 @@ CALIBRATING = Calibrating()
 FOLDING = Folding()
 WAVING = Waving()
 MAPPING = Mapping()
+DESIGNING = Designing()
+LIMITING = Limiting()
+COMPOSING = Composing()
+SEPARATING = Separating()
+ASSURING = Assuring()
 
 EVERY = (
     COMPARING,
@@ -96,6 +103,13 @@ EVERY = (
     CHOOSING,
     STEPPING,
     VERIFYING,
+    MATTERING,
+    GROWING,
+    DESIGNING,
+    LIMITING,
+    COMPOSING,
+    SEPARATING,
+    ASSURING,
 )
 
 

@@ -1,4 +1,4 @@
-"""The thresholds of `bench.diagnose.select`; those of materiality and of fits by simulation stand there still."""
+"""The thresholds of `bench.diagnose.select`."""
 
 from dataclasses import dataclass
 
@@ -160,3 +160,57 @@ class Verifying:
         "times the noise: what leaves more is no rival of what leaves nothing, in however few blocks it shows",
         Basis.JUDGED,
     )
+
+
+@dataclass(frozen=True)
+class Mattering:
+    """What is worth a term, on recordings that were not fitted."""
+
+    share: float = threshold(
+        0.05,
+        "squared error that an effect must save to be named, as a share of what can be explained of some equation",
+        Basis.JUDGED,
+    )
+    near: float = threshold(
+        1.05, "error, relative to the best that can be reached, up to which nothing is worth a term", Basis.JUDGED
+    )
+    lost: float = threshold(
+        1.5,
+        "error with an effect, relative to that without, from which an equation is lost by it; its inverse: from which "
+        "one would be lost without it",
+        Basis.JUDGED,
+    )
+    sure: float = threshold(
+        2.0, "half of a 95 % interval of a saving, in standard errors of its mean over blocks", Basis.CONVENTION
+    )
+    block: float = threshold(
+        4.0, "length of these blocks at most: longer than what is left in a residual remembers", Basis.JUDGED, "s"
+    )
+    blocks: int = threshold(
+        8, "blocks at least, where the recordings are long enough for that many horizons", Basis.JUDGED, "count"
+    )
+    terms: int = threshold(
+        8, "functions of measured signals at most that are taken one by one to predict errors", Basis.EFFORT, "count"
+    )
+    shrinkage: tuple[float, ...] = threshold(
+        tuple(10.0 ** (k / 2) for k in range(-8, 5)),
+        "ridge penalties, relative to the mean eigenvalue, of which one is chosen on recordings left out",
+        Basis.EFFORT,
+    )
+
+
+@dataclass(frozen=True)
+class Growing:
+    """Sets of effects that are fitted through the simulator, one effect added at a time."""
+
+    most: int = threshold(3, "effects that are added at most: each set costs a fit", Basis.EFFORT, "count")
+    likely: int = threshold(3, "starting points that are followed to the end", Basis.EFFORT, "count")
+    first: int = threshold(4, "steps after which the less promising ones are dropped", Basis.EFFORT, "count")
+    lengths: tuple[int, ...] = threshold(
+        (16, 64), "lengths of the windows that lead a fit to the whole ones", Basis.JUDGED, "samples"
+    )
+    odds: float = threshold(
+        6.0, "difference of Bayes's criterion that counts: twice the logarithm of 20 to 1", Basis.CONVENTION
+    )
+    sure: float = threshold(2.0, "t over windows of the held-out gain that a larger set needs", Basis.CONVENTION)
+    folds: int = threshold(4, "parts of the windows of which each is held out once", Basis.CONVENTION, "count")

@@ -119,6 +119,11 @@ class Extending:
         Basis.JUDGED,
     )
     interval: float = threshold(1.96, "half of a 95 % interval in standard deviations", Basis.CONVENTION)
+    neutral: float = threshold(
+        1e-3,
+        "distance from no effect after shooting, over that of the weak form, below which a number counts as gone",
+        Basis.JUDGED,
+    )
     determined: float = threshold(
         0.5,
         "width of a constant's interval, relative to that of what was stated, below which the recordings determine it",
