@@ -17,6 +17,7 @@ from bench.speed.rows import ROWS, Row
 from bench.speed.timing import Effort, interleaved
 from registry import PREDICTORS
 from registry.contracts import Problem
+from registry.errors import BenchError
 from registry.kernels.native.library import core
 from registry.kernels.native.products import Products
 
@@ -103,3 +104,17 @@ def test_a_quick_run_measures_every_kind_of_row(tmp_path: Path) -> None:
     assert {r["model"] for r in rows} == {"LSTM", "LSTM TDL", "MLFC", "Hybrid"}
     assert 0 <= next(r for r in rows if r["task"] == "step")["outside_share"] < 1
     assert "Milliseconds of one step" in done.output
+
+
+def test_only_chooses_among_networks(tmp_path: Path) -> None:
+    done = CliRunner().invoke(speed_command, ["--diagnose", "--only", "LSTM"])
+    assert isinstance(done.exception, BenchError) and "--only" in str(done.exception)
+
+
+@pytest.mark.slow  # half a minute
+def test_the_cost_of_a_diagnosis_is_that_of_a_process_that_named_an_effect(tmp_path: Path) -> None:
+    done = CliRunner().invoke(speed_command, ["--diagnose", "--quick", "--json", str(tmp_path / "speed.json")])
+    assert done.exit_code == 0, done.output
+    (cost,) = json.loads((tmp_path / "speed.json").read_text())["diagnoses"]
+    assert cost["samples"] == 18_000 and cost["cpu_s"] > 5 and cost["peak_mb"] > 200
+    assert "rotor_drag" in cost["effects"] and "rotor_drag" in done.output

@@ -37,6 +37,8 @@ class Steps:
     curves: tuple[LearnedCurve, ...] = ()
     """The shapes of learned terms."""
     flights: tuple[Flight, ...] = ()
+    damaged: tuple[DataProblem, ...] = ()
+    """What is wrong with recordings that were left out."""
 
 
 def stopped(subject: Subject, source: str, found: Sequence[DataProblem]) -> Diagnosis:
@@ -70,7 +72,7 @@ def answer(steps: Steps) -> Diagnosis:
         effects=placed(discovery, effects),
         unexplained=_unexplained(steps),
         where=steps.location.regions,
-        data_problems=(),
+        data_problems=steps.damaged,
         evidence=_evidence(steps),
         by_equation=equation_results(discovery, subject.model, bool(effects)),
         constants=constant_estimates(subject, extension.model, extension.constants),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bench.diagnose.answer import Steps, answer, stopped
 from bench.diagnose.checks.checklist import check_subject
-from bench.diagnose.checks.problems import Checked, problems
+from bench.diagnose.checks.problems import Checked, problems, without_damaged
 from bench.diagnose.compare import compare
 from bench.diagnose.discover import discover
 from bench.diagnose.extend import Extension, extend, ordered, stage
@@ -15,8 +15,9 @@ from bench.diagnose.learned import curves, judged, learned
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.sample import sampled
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.result import Diagnosis, NamedEffect
+from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.settings import DECIDING, MATTERING
@@ -63,10 +64,11 @@ def diagnose(
     subject = source if isinstance(source, Subject) else load(source, system, model)
     named_as = subject.name if isinstance(source, (Subject, Dataset)) else str(source)
     tick("check the data")
-    checked = _checked(subject, ignore)
+    subject, checked, damaged = _checked(subject, ignore)
     if checked.problems and not checked.only_shifts:
         return stopped(subject, named_as, checked.problems), subject.model
     tick("noise")
+    source = subject = sampled(subject)
     subject, noise = prepared(subject, tick=tick)
     found = discover(subject, catalogue, tick, noise)
     subject = replace(subject, uncertainty=dict(found.uncertainty) or subject.uncertainty)
@@ -81,7 +83,7 @@ def diagnose(
     if not brief:
         tick("locate")
         steps = _shown(steps, noise, terms)
-    return answer(steps), steps.extension.model
+    return answer(replace(steps, damaged=damaged)), steps.extension.model
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,16 +97,24 @@ class _Run:
     """Longest horizon of the comparisons [s]."""
 
 
-def _checked(subject: Subject, ignore: Sequence[str]) -> Checked:
-    """What is wrong with the data; how they are read comes first, since everything else follows from it."""
+def _checked(subject: Subject, ignore: Sequence[str]) -> tuple[Subject, Checked, tuple[DataProblem, ...]]:
+    """What is wrong with the data; how they are read comes first, since everything else follows from it.
+
+    Returns:
+        The subject without few damaged recordings of many, what is wrong with the others, and what was with these.
+    """
     stopping, minor = check_subject(subject)
     faults = [p for p in stopping if p.kind not in ignore]
     if faults:
-        return Checked(tuple(faults), tuple(minor))
+        return subject, Checked(tuple(faults), tuple(minor)), ()
     found = problems(subject)
-    passed = [p for p in (*stopping, *found.problems) if p.kind in ignore]
     left = tuple(p for p in found.problems if p.kind not in ignore)
-    return Checked(left, (*found.suspicions, *minor, *passed))
+    rest = None if Checked(left, ()).only_shifts else without_damaged(subject, left)
+    if rest is not None:
+        subject, checked, damaged = _checked(rest, ignore)
+        return subject, checked, (*left, *damaged)
+    passed = [p for p in (*stopping, *found.problems) if p.kind in ignore]
+    return subject, Checked(left, (*found.suspicions, *minor, *passed)), ()
 
 
 def _shifts_again(subject: Subject, checked: Checked) -> Checked:

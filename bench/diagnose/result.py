@@ -152,6 +152,7 @@ class Diagnosis(Displayed):
     unexplained: Unexplained
     where: tuple[Region, ...]
     data_problems: tuple[DataProblem, ...]
+    """What stopped the analysis, or else what is wrong with recordings that were left out."""
     evidence: Evidence = field(default_factory=Evidence, compare=False)
     by_equation: dict[str, EquationResult] = field(default_factory=dict)
     """By name, such as "forces"; empty: no equation could be judged by itself."""
@@ -169,7 +170,8 @@ class Diagnosis(Displayed):
         """The data set, the verdict and the effects."""
         effects = ", ".join(e.id for e in self.effects) or "no effect"
         problems = "; ".join(dict.fromkeys(f"{p.kind} in {p.signal}" for p in self.data_problems))
-        return f"{self.dataset} ({self.system}): {self.verdict}: {problems or effects}"
+        said = problems if self.verdict == "data_problem" else effects
+        return f"{self.dataset} ({self.system}): {self.verdict}: {said}"
 
     def to_frame(self) -> pd.DataFrame:
         """The effects, one row a parameter.

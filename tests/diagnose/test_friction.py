@@ -19,23 +19,25 @@ TRUE = (ViscousFriction(f_v=200.0), CoulombFriction(f_c=20.0))
 NAMES = ["viscous_friction", "coulomb_friction"]
 
 
-def subject(samples: int = 2000, late: int = 0, measured: int = 2) -> Subject:
-    """Three recordings; inputs filed ``late`` samples too late, and the first states measured."""
+def subject(samples: int = 2000, late: int = 0, measured: int = 2, count: int = 3, spiked: int = 0) -> Subject:
+    """Recordings; inputs filed ``late`` samples too late, the first states measured, spikes in the last ``spiked``."""
     rng, logs = np.random.default_rng(5), []
     truth, model = MassOnRail(effects=TRUE), MassOnRail()
     t = np.arange(samples + late) / RATE
-    for i in range(3):
+    for i in range(count):
         tones, phases = rng.uniform(0.05, 1.0, 12), rng.uniform(0, 2 * np.pi, 12)
         drive = np.sin(2 * np.pi * tones * t[:, None] + phases).sum(1, keepdims=True)
-        drive *= (3 + i) / np.abs(drive).max()
+        drive *= (3 + i % 3) / np.abs(drive).max()
         run = truth.simulate(torch.zeros(1, 2, dtype=torch.float64), torch.from_numpy(drive)[None], 1 / RATE)[0].numpy()
         seen = run[late:, :measured] + rng.normal(size=(samples, measured)) * NOISE[:measured]
+        if i >= count - spiked:
+            seen[700, 1] += 3.0
         channels, valid = MassOnRail.state_channels[:measured], np.ones(samples, dtype=bool)
         made = Recording(f"run_{i}", RATE, drive[:samples], seen, (Channel("voltage", "V"),), channels, valid)
         logs.append(log_of(made, model, "voltage"))
     names = tuple(log.name for log in logs)
     signals = ("voltage", *(c.group for c in MassOnRail.state_channels[:measured]))
-    return Subject("rail", model, tuple(logs), names[:2], names[2:], signals=signals)
+    return Subject("rail", model, tuple(logs), names[: 2 * count // 3], names[2 * count // 3 :], signals=signals)
 
 
 def test_motion_that_leads_for_want_of_friction_is_no_time_shift() -> None:
@@ -56,6 +58,20 @@ def test_motion_that_leads_for_want_of_friction_is_no_time_shift() -> None:
 def test_a_log_that_was_shifted_is_one_whatever_friction_is_missing() -> None:
     said, _ = diagnose(subject(late=8), catalogue=NAMES, brief=True)
     assert said.verdict == "data_problem" and {p.kind for p in said.data_problems} == {"time shift"}
+
+
+def test_one_damaged_recording_of_many_is_left_out_and_two_stop_the_analysis() -> None:
+    """As many as one in ten are left out, and told in the answer; what is diagnosed is as if they were not there."""
+    said, _ = diagnose(subject(900, count=12, spiked=1), catalogue=NAMES, brief=True)
+    assert (said.verdict, sorted(e.id for e in said.effects)) == ("named", sorted(NAMES))
+    assert [(p.recording, p.signal, p.kind) for p in said.data_problems] == [("run_11", "speed", "spike")]
+    assert said.evidence.recordings == 11 and "run_11" not in said.evidence.held_out
+    assert any("left out" in note and "run_11" in note for note in said.evidence.notes)
+    assert said.headline.startswith("rail (mass_on_rail): named: ")
+    said, _ = diagnose(subject(900, count=12, spiked=2), catalogue=NAMES, brief=True)
+    assert said.verdict == "data_problem" and {p.recording for p in said.data_problems} == {"run_10", "run_11"}
+    said, _ = diagnose(subject(900, count=12, spiked=2), catalogue=NAMES, brief=True, ignore=["spike"])
+    assert said.verdict == "named" and said.data_problems == ()
 
 
 def test_friction_is_found_by_the_position_alone() -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.markup import escape
@@ -28,6 +29,9 @@ from bench.cli.diagnosing import (
 )
 from bench.cli.place import Place, placed
 from bench.cli.progress import announcer
+
+if TYPE_CHECKING:
+    from bench.diagnose.logs.subject import Subject
 
 Command = Callable[..., None]
 
@@ -329,20 +333,30 @@ def diagnose_command(
     if fleets.is_fleet(source, vehicles, place, exclude):
         asked = fleets.asked_of(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
         return fleets.diagnose_fleet(source, asked, vehicles, folder, to_json=to_json, place=place)
-    subject, model = load(source, system, model_file)
+    given = [_measured(source, system, model_file, catalogue, exclude)]
 
     from bench.diagnose.diagnose import diagnose
-    from bench.diagnose.logs.load import excluding
     from bench.diagnose.report.together import write
-    from bench.diagnose.select.catalogue import check_catalogue
 
-    check_catalogue(subject, model or subject.model, catalogue)
-    subject = excluding(subject if model is None else replace(subject, model=model), exclude)
     with announcer(options.console()) as tick:
-        found, extended = diagnose(subject, tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
+        # Held by nobody else: of a thousand recordings those that are checked only can be let go then.
+        found, extended = diagnose(given.pop(), tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
     found = replace(found, evidence=replace(found.evidence, source=source))
     say_diagnosis(found)
     written = write(folder, found, extended)
     if to_json is not None:
         found.write(to_json)
     say_written(options.console(), written)
+
+
+def _measured(
+    source: str, system: str | None, model_file: Path | None, catalogue: tuple[str, ...], exclude: tuple[str, ...]
+) -> "Subject":
+    """The measurements without some recordings, with the model that is diagnosed."""
+    subject, model = load(source, system, model_file)
+
+    from bench.diagnose.logs.load import excluding
+    from bench.diagnose.select.catalogue import check_catalogue
+
+    check_catalogue(subject, model or subject.model, catalogue)
+    return excluding(subject if model is None else replace(subject, model=model), exclude)

@@ -2,7 +2,9 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -21,9 +23,12 @@ if TYPE_CHECKING:
 @click.command("speed")
 @click.option("--quick", is_flag=True, help="A few small rows, briefly: that everything runs; seconds.")
 @click.option("--only", metavar="TEXT", multiple=True, help='Rows whose name holds TEXT, such as "MLFC". Repeatable.')
+@click.option("--diagnose", is_flag=True, help="Diagnoses of 6 to 1,000 flights instead; about ten minutes.")
 @click.option("--json", "target", type=options.Output(), help="Write everything as JSON.")
-def speed_command(quick: bool, only: tuple[str, ...], target: Path | None) -> None:
+def speed_command(quick: bool, only: tuple[str, ...], diagnose: bool, target: Path | None) -> None:
     """Measure how fast networks train here: ms of one step, on one thread, all in turns in one run.
+
+    With --diagnose: what a diagnosis takes as recordings become more.
 
     \b
     reference   the equations under autograd, a Linear a gate, a loop over the time steps
@@ -36,10 +41,16 @@ def speed_command(quick: bool, only: tuple[str, ...], target: Path | None) -> No
     bench speed                                  about ten minutes
     bench speed --quick                          seconds
     bench speed --only "1x50" --json speed.json
+    bench speed --diagnose                       seconds and memory of `bench diagnose`, 6 to 1,000 flights
 
     A step is forward, cost, backward and fused Adam. Times are CPU time of the process, so that other load matters
     little; with two processes wall time, for which the machine should be idle.
     """
+    if diagnose:
+        if only:
+            raise BenchError("--only chooses among networks: leave it out with --diagnose.")
+        return _diagnoses(options.console(), quick, target)
+
     from bench.speed.measure import machine, measure
     from bench.speed.timing import QUICK, Effort
 
@@ -59,6 +70,41 @@ def speed_command(quick: bool, only: tuple[str, ...], target: Path | None) -> No
         _write(target, {**host, "rows": [m.plain() for m in rows]})
     if rows:
         _show(out, host, rows)
+
+
+def _diagnoses(out: Console, quick: bool, target: Path | None) -> None:
+    """Diagnose more and more recordings; after Ctrl-C what is done is shown."""
+    from bench.speed import diagnosis
+    from bench.speed.measure import machine
+
+    rows = diagnosis.QUICK if quick else diagnosis.ROWS
+    done: list[diagnosis.Cost] = []
+    try:
+        with meter(out, sum(map(diagnosis.seconds, rows)), len(rows), "rows") as progress:
+            for recordings in rows:
+                progress.start(f"{recordings} recordings")
+                with TemporaryDirectory() as folder:
+                    done.append(diagnosis.measure(recordings, Path(folder)))
+                progress.tick(diagnosis.seconds(recordings))
+                progress.record()
+    except KeyboardInterrupt:
+        out.print(f"Stopped after {len(done)} of {len(rows)} rows.")
+    if target is not None:
+        _write(target, {**machine(), "diagnoses": [asdict(cost) for cost in done]})
+    table = Table(title=f"Diagnoses of recordings of {diagnosis.SECONDS:g} s, on one thread", title_justify="left")
+    for title in ("recordings", "samples", "CPU [s]", "memory [MB]"):
+        table.add_column(title, justify="right")
+    table.add_column("effects named")
+    for cost in done:
+        table.add_row(
+            f"{cost.recordings:,}",
+            f"{cost.samples:,}",
+            f"{cost.cpu_s:.0f}",
+            f"{cost.peak_mb:.0f}",
+            ", ".join(cost.effects),
+        )
+    if done:
+        out.print(table)
 
 
 def _chosen(quick: bool, only: Sequence[str]) -> "list[Row]":

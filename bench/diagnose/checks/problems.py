@@ -5,7 +5,8 @@ body rates, and only where nothing else was measured against what the nominal mo
 so that each must stand far above what noise, violent manoeuvres and missing physics do to the same quantities.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from bench.diagnose.checks.shifts import shifts
 from bench.diagnose.logs.consistency import View, accumulated, change, integral, slope, spread
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import DataProblem
-from bench.diagnose.settings import FREEZING, READING
+from bench.diagnose.settings import FREEZING, LEAVING, READING
 from registry.datasets.reading.cleaning import held, runs
 from registry.dynamics import PhysicsModel
 
@@ -58,6 +59,23 @@ def problems(subject: Subject) -> Checked:
     order = {log.name: i for i, log in enumerate(subject.logs)}
     found.sort(key=lambda p: (order[p.recording], p.rows or (0, 0)))
     return Checked(tuple(found), tuple(minor))
+
+
+def without_damaged(subject: Subject, found: Sequence[DataProblem]) -> Subject | None:
+    """The subject without the recordings that have these faults; None: they are too many, and the faults stop it all.
+
+    One damaged recording of many is what a fleet brings every day; a fault of many is one of how they are made or read.
+    """
+    damaged = {p.recording for p in found}
+    if not 0 < len(damaged) <= LEAVING.share * len(subject.logs):
+        return None
+    logs = tuple(log for log in subject.logs if log.name not in damaged)
+    training, held_out = (tuple(n for n in part if n not in damaged) for part in (subject.training, subject.held_out))
+    if not training or not held_out:
+        return None
+    some = "One recording is" if len(damaged) == 1 else f"{len(damaged)} recordings are"
+    note = f"{some} left out, with damaged data: {', '.join(log.name for log in subject.logs if log.name in damaged)}."
+    return replace(subject, logs=logs, training=training, held_out=held_out, notes=(*subject.notes, note))
 
 
 def _of_log(model: PhysicsModel, log: Log) -> tuple[list[DataProblem], list[Event]]:

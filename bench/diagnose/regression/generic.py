@@ -6,7 +6,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from bench.diagnose.regression.least_squares import equilibrium, ridge
+from bench.diagnose.regression.least_squares import equilibrium, ridge, shifted
 from bench.diagnose.regression.weak import Stack
 from registry.dynamics import Description, PhysicsModel, Signals
 
@@ -142,28 +142,36 @@ def _functions(base: Signals, described: Description) -> Signals:
 
 
 def follow(
-    grams: list[np.ndarray], kept: list[int], first: int, most: int = 8, allowed: Sequence[int] | None = None
+    grams: Sequence[np.ndarray],
+    kept: Sequence[int],
+    first: int,
+    most: int = 8,
+    allowed: Sequence[int] | None = None,
+    shift: np.ndarray | None = None,
 ) -> list[tuple[int, float]]:
     """What a residual follows: dictionary columns, most telling first, each with the held-out loss that it saves.
 
-    Orthogonal matching pursuit, judged recording by recording by a fit to the others.
+    Orthogonal matching pursuit, judged fold by fold by a fit to the others.
 
     Args:
-        grams: a recording: normal equations of its whitened rows, with dictionary columns from ``first`` on.
+        grams: a fold: normal equations of its whitened rows, with dictionary columns from ``first`` on.
         kept: columns that are always fitted.
         first: the first dictionary column.
         most: terms at most.
         allowed: columns to choose from; default: all of the dictionary.
+        shift: times the columns, what is added to the residual first; default: nothing.
     """
     total = np.asarray(sum(grams))
+    tails = [gram[-1] if shift is None else shifted(gram, shift) for gram in grams]
+    tail = np.asarray(sum(tails))
     chosen, found = list(kept), []
-    last = _held_out(grams, total, chosen)
+    last = _held_out(grams, tails, chosen)
     for _ in range(most):
         inner = total[np.ix_(chosen, chosen)]
         scale = equilibrium(np.diag(inner))
         inverse = np.linalg.inv(inner * np.outer(scale, scale) + 1e-9 * np.eye(len(chosen))) * np.outer(scale, scale)
         cross = total[chosen]
-        left = total[-1] - cross[:, -1] @ inverse @ cross  # what each column shares with the residual that is left
+        left = tail - tail[chosen] @ inverse @ cross  # what each column shares with the residual that is left
         power = np.diag(total) - np.einsum("ij,ik,kj->j", cross, inverse, cross, optimize=True)
         free = power > 1e-6 * np.diag(total)
         gain = np.where(free, left**2 / np.where(free, power, 1.0), 0.0)
@@ -172,7 +180,7 @@ def follow(
             gain = np.where(np.isin(np.arange(len(gain)), allowed), gain, 0.0)
         best = int(np.argmax(gain))
         chosen.append(best)
-        now = _held_out(grams, total, chosen)
+        now = _held_out(grams, tails, chosen)
         if now >= last:
             break
         found.append((best, last - now))
@@ -180,9 +188,12 @@ def follow(
     return found
 
 
-def _held_out(grams: list[np.ndarray], total: np.ndarray, columns: list[int]) -> float:
-    index, loss = [*columns, total.shape[0] - 1], 0.0
-    for gram in grams:
-        vector = np.append(-ridge((total - gram)[np.ix_(index, index)], 1e-9), 1.0)
-        loss += float(vector @ gram[np.ix_(index, index)] @ vector)
-    return loss
+def _held_out(grams: Sequence[np.ndarray], tails: Sequence[np.ndarray], columns: Sequence[int]) -> float:
+    """Squares of the residual that some columns leave, each fold's by a fit to the others."""
+    index = [*columns, -1]
+    blocks = [gram[np.ix_(index, index)] for gram in grams]
+    for block, tail in zip(blocks, tails, strict=True):
+        block[-1] = block[:, -1] = tail[index]
+    total = np.asarray(sum(blocks))
+    vectors = (np.append(-ridge(total - block, 1e-9), 1.0) for block in blocks)
+    return sum(float(v @ block @ v) for v, block in zip(vectors, blocks, strict=True))

@@ -90,11 +90,10 @@ def regularised(
 
 
 def shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Normal equations whose last column, the residual, has ``shift`` times the others added."""
-    out, more = gram.copy(), gram @ shift
-    out[-1] += more
-    out[:, -1] += more
-    out[-1, -1] += shift @ more
+    """The last column (c,) of normal equations (c, c) whose residual has ``shift`` (c,) times the columns added."""
+    more: np.ndarray = gram @ shift
+    out = gram[-1] + more
+    out[-1] += more[-1] + shift @ more
     return out
 
 
@@ -110,7 +109,7 @@ class Normal:
     width: int
     """Columns of all; the last is the residual to be explained."""
     fold: np.ndarray
-    """(blocks,) the part that is held out with a block: its recording, or a stretch of the only one; ascending."""
+    """(blocks,) the part that is held out with a block: its recording, or a stretch of it, or several; ascending."""
     count: np.ndarray
     """(blocks,) rows a channel; those of a block follow those of the one before."""
     noise: np.ndarray | None = None

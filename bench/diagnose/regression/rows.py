@@ -5,7 +5,7 @@ equations over all channels and columns alike would multiply zeros.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,9 @@ class Rows:
     """Number of columns without the residual, which is the column of this number."""
     hop: float
     """From one row to the next [s]."""
+    filters: tuple[np.ndarray, ...] = ()
+    """A channel: the whitening filter that its rows are seen through; none: as they are. What comes out of it is made
+    anew whenever it is asked for: kept, it would take as much memory as the rows."""
 
     @property
     def channels(self) -> int:
@@ -33,7 +36,13 @@ class Rows:
 
     def counts(self) -> list[int]:
         """Rows of each log, a channel."""
-        return [len(log[0]) for log in self.parts]
+        lost = len(self.filters[0]) - 1 if self.filters else 0
+        return [max(0, len(log[0]) - lost) for log in self.parts]
+
+    def seen(self, log: int, channel: int) -> np.ndarray:
+        """Rows (J, n) of a log in a channel, through its filter."""
+        x = self.parts[log][channel]
+        return filtered(x, self.filters[channel]) if self.filters else x
 
     def some(self, columns: Sequence[int]) -> "Rows":
         """The rows with some of the columns, ascending; the residual stays."""
@@ -42,10 +51,10 @@ class Rows:
         kept = [np.flatnonzero(place[a] >= 0) for a in self.acting]
         parts = tuple(tuple(x[:, k] for x, k in zip(log, kept, strict=True)) for log in self.parts)
         acting = tuple(place[a[k]] for a, k in zip(self.acting, kept, strict=True))
-        return Rows(parts, acting, len(columns), self.hop)
+        return replace(self, parts=parts, acting=acting, width=len(columns))
 
     def less(self, other: "Rows") -> "Rows":
-        """The difference from rows of as many columns."""
+        """The difference from rows of as many columns, seen through the same filters."""
         acting = tuple(np.union1d(a, b) for a, b in zip(self.acting, other.acting, strict=True))
 
         def spread(x: np.ndarray, of: np.ndarray, into: np.ndarray) -> np.ndarray:
@@ -60,69 +69,73 @@ class Rows:
             )
             for own, its in zip(self.parts, other.parts, strict=True)
         )
-        return Rows(parts, acting, self.width, self.hop)
+        return replace(self, parts=parts, acting=acting)
 
     def residuals(self, beta: np.ndarray) -> list[np.ndarray]:
         """A log: what all columns with these coefficients (c,) leave (J, channels)."""
         vector = np.append(-beta, 1.0)
-        return [np.stack([x @ vector[a] for x, a in zip(log, self.acting, strict=True)], axis=-1) for log in self.parts]
+        return [
+            np.stack([self.seen(i, c) @ vector[a] for c, a in enumerate(self.acting)], axis=-1)
+            for i in range(len(self.parts))
+        ]
 
     def whitened(self, filters: Sequence[np.ndarray]) -> "Rows":
-        """The rows through a whitening filter a channel; nothing is left of a log shorter than its filter."""
-        parts = tuple(tuple(filtered(x, f) for x, f in zip(log, filters, strict=True)) for log in self.parts)
-        return Rows(parts, self.acting, self.width, self.hop)
+        """The rows through whitening filters of one length, a channel each; nothing is left of a shorter log."""
+        return replace(self, filters=tuple(filters))
 
     def power(self) -> np.ndarray:
         """Squares (channels, c + 1) of every column."""
         out = np.zeros((self.channels, self.width + 1))
-        for log in self.parts:
-            for total, x, acting in zip(out, log, self.acting, strict=True):
-                total[acting] += np.einsum("jn,jn->n", x, x)
+        for i in range(len(self.parts)):
+            for c, acting in enumerate(self.acting):
+                x = self.seen(i, c)
+                out[c, acting] += np.einsum("jn,jn->n", x, x)
         return out
 
     def mean_gram(self) -> np.ndarray:
         """Products of all columns with each other, the mean of a row (channels, c + 1, c + 1)."""
         out = np.zeros((self.channels, self.width + 1, self.width + 1))
-        for log in self.parts:
-            for total, x, acting in zip(out, log, self.acting, strict=True):
-                total[np.ix_(acting, acting)] += x.T @ x
+        for i in range(len(self.parts)):
+            for c, acting in enumerate(self.acting):
+                x = self.seen(i, c)
+                out[c][np.ix_(acting, acting)] += x.T @ x
         return out / max(1, sum(self.counts()))
 
     def folds(self) -> list[np.ndarray]:
         """A fold: normal equations (c + 1, c + 1) of its rows, all channels together."""
-        out = []
-        for log in self.parts:
-            pieces = [np.zeros((self.width + 1, self.width + 1)) for _ in range(self._stretches)]
-            for x, acting in zip(log, self.acting, strict=True):
-                for total, rows in zip(pieces, np.array_split(x, len(pieces)), strict=True):
-                    total[np.ix_(acting, acting)] += rows.T @ rows
-            out += pieces
+        out = [np.zeros((self.width + 1, self.width + 1)) for _ in range(max(self._folds_of(len(self.parts) - 1)) + 1)]
+        for i in range(len(self.parts)):
+            folds = self._folds_of(i)
+            for c, acting in enumerate(self.acting):
+                for fold, rows in zip(folds, np.array_split(self.seen(i, c), len(folds)), strict=True):
+                    out[fold][np.ix_(acting, acting)] += rows.T @ rows
         return out
 
     def normal(self) -> Normal:
         """The rows in blocks, with their normal equations."""
         fold, count, kept = [], [], []
         for i, rows in enumerate(self.counts()):
-            length = max(1, min(round(FOLDING.block / self.hop), rows // (5 * self._stretches)))
+            folds = self._folds_of(i)
+            length = max(1, min(round(FOLDING.block / self.hop), rows // (5 * len(folds))))
             whole = [min(length, rows - start) for start in range(0, rows, length)]
             if len(whole) > 1 and whole[-1] < length // 2:
                 whole.pop()
             kept.append(sum(whole))
-            fold += [
-                i * self._stretches + min(k * length * self._stretches // rows, self._stretches - 1)
-                for k in range(len(whole))
-            ]
+            fold += [folds[min(k * length * len(folds) // rows, len(folds) - 1)] for k in range(len(whole))]
             count += whole
         channels = tuple(
-            (acting, np.concatenate([log[c][:n] for log, n in zip(self.parts, kept, strict=True)]).T.copy())
+            (acting, np.concatenate([self.seen(i, c)[:n].T for i, n in enumerate(kept)], axis=1))
             for c, acting in enumerate(self.acting)
         )
         return Normal(channels, self.width + 1, np.array(fold), np.array(count))
 
-    @property
-    def _stretches(self) -> int:
-        """Folds that each log makes."""
-        return 1 if len(self.parts) >= FOLDING.folds else -(-FOLDING.folds // len(self.parts))
+    def _folds_of(self, log: int) -> range:
+        """Folds that stretches of a log belong to, ascending: a few logs make several each, many share them."""
+        logs = len(self.parts)
+        if logs > FOLDING.most:
+            return range(log * FOLDING.most // logs, log * FOLDING.most // logs + 1)
+        each = 1 if logs >= FOLDING.folds else -(-FOLDING.folds // logs)
+        return range(log * each, (log + 1) * each)
 
 
 def filtered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:

@@ -59,14 +59,7 @@ class Stack:
     @property
     def measured(self) -> tuple[int, ...]:
         """Places of what was measured in every log, among the model's `measured_channels`."""
-        states = range(self.states.shape[-1])
-        own = [i for i in states if all(log.measured[i] for log in self.logs)]
-        first = self.logs[0].sensed
-        return (
-            (*own, *(len(states) + i for i in range(first.shape[1])))
-            if self.sensed and first is not None
-            else tuple(own)
-        )
+        return measured(self.logs)
 
     @classmethod
     def of(cls, logs: Sequence[Log]) -> "Stack":
@@ -80,6 +73,15 @@ class Stack:
             raise BenchError(f"The recordings were sampled at {sorted(rates)} Hz: resample them to one rate first.")
         states, inputs = (_padded([getattr(log, what) for log in logs]) for what in ("states", "inputs"))
         return cls(tuple(logs), states, inputs, logs[0].dt)
+
+
+def measured(logs: Sequence[Log]) -> tuple[int, ...]:
+    """Places of what was measured in every log, among the model's `measured_channels`."""
+    states = logs[0].states.shape[-1]
+    own = [i for i in range(states) if all(log.measured[i] for log in logs)]
+    first = logs[0].sensed
+    told = 0 if first is None or any(log.sensed is None for log in logs) else first.shape[1]
+    return (*own, *(states + i for i in range(told)))
 
 
 def _padded(series: Sequence[Tensor]) -> Tensor:

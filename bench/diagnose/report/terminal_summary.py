@@ -68,4 +68,5 @@ def _regions(diagnosis: Diagnosis) -> list[str]:
 def _problems(diagnosis: Diagnosis) -> list[str]:
     found = phrases.gathered(diagnosis.data_problems)
     more = [f"  and {len(found) - 4} more in the report"] if len(found) > 4 else []
-    return [*(f"  {line}" for line in found[:4]), *more]
+    what = "" if diagnosis.verdict == "data_problem" else "left out: "
+    return [*(f"  {what}{line}" for line in found[:4]), *more]

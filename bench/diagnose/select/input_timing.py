@@ -16,13 +16,14 @@ from scipy.ndimage import convolve1d
 
 from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.regression.linearise import Directions, directions
 from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
-from bench.diagnose.select.search import Search, admissible, hop_of, noise_filters, shortened
+from bench.diagnose.select.search import Search, admissible, hop_of, noise_filters
 from bench.diagnose.settings import TIMING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
@@ -134,7 +135,7 @@ class _Regression:
     def __init__(self, subject: Subject, noise: Noise, shift: float) -> None:
         """Linearise the model and every effect of the catalogue where inputs are read ``shift`` samples later."""
         self.model, self.drives = subject.model, drives_of(subject.model, subject.logs[0])
-        self.stack = Stack.of(shortened(subject.of(subject.training), longest=TIMING.longest))
+        self.stack = Stack.of(shortened(subject.of(subject.training), TIMING.longest))
         search = Search(subject, (), lambda name: None, noise)
         candidates = [(name, kind) for name, kind in admissible(subject, self.model, None) if not kind.screen]
         white = np.random.default_rng(0).normal(size=self.stack.inputs.shape) * np.array(noise.inputs)

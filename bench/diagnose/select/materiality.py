@@ -13,12 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.generic import Dictionary, dictionary, follow
 from bench.diagnose.regression.least_squares import ridge
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import Stack, measured
 from bench.diagnose.select.verify import Trace
-from bench.diagnose.settings import MATTERING
+from bench.diagnose.settings import FOLDING, MATTERING
 from bench.diagnose.simulate.teacher_forced import (
     Equation,
     Increments,
@@ -122,9 +123,9 @@ class Weighing:
             calibrated: the model without the effects to be weighed, its constants fitted.
         """
         self.subject, self.noise, self.calibrated = subject, noise, calibrated
-        self.held = Stack.of(subject.of(subject.held_out))
+        self.held = Stack.of(shortened(subject.of(subject.held_out), MATTERING.longest))
         self.horizons = horizons(self.held.logs)
-        self.equations = equations(subject.model, Stack.of(subject.logs).measured)
+        self.equations = equations(subject.model, measured(subject.logs))
         self._left: dict[PhysicsModel, Increments] = {}
         self._squares: dict[tuple[Increments, str, str, int], tuple[np.ndarray, np.ndarray]] = {}
         self._errors: dict[PhysicsModel, tuple[EquationError, ...]] = {}
@@ -228,10 +229,8 @@ class Weighing:
             signals = [s.of(equation.group.at) for s in self._signals]
             axes = signals[0].axes
             for horizon in self.horizons:
-                (x, y, fold), (held_x, held_y, _) = (
-                    s.windows(of, horizon) for s, of in zip(signals, left, strict=True)
-                )
-                rest, total = _left_of(x, y, fold, held_x, held_y)
+                folds, held = (s.folds(of, horizon) for s, of in zip(signals, left, strict=True))
+                rest, total = _left_of(folds, np.asarray(sum(held)), len(axes))
                 out[equation, "", horizon] = float(rest.sum() / max(total.sum(), 1e-300))
                 for axis, some, all_ in zip(axes, rest, total, strict=True):
                     if len(equation.group.at) > 1 and not axis.startswith("world"):
@@ -241,7 +240,7 @@ class Weighing:
     @cached_property
     def train(self) -> Stack:
         """The recordings that are learnt from."""
-        return Stack.of(self.subject.of(self.subject.training))
+        return Stack.of(shortened(self.subject.of(self.subject.training), MATTERING.longest))
 
     @cached_property
     def _signals(self) -> tuple["_Signals", "_Signals"]:
@@ -280,45 +279,54 @@ class _Signals:
         some = [np.einsum("lnc,lnc->ln", self.words.axes[self.axes.index(a)], steps) for a in axes]
         return Increments(np.stack(some, axis=-1), left.valid)
 
-    def windows(self, left: Increments, horizon: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Integrals (W, functions) and errors (W, axes) over windows, and the recording (W,) of each."""
+    def folds(self, left: Increments, horizon: int) -> list[np.ndarray]:
+        """A fold: products (functions + axes, functions + axes) of integrals and errors over its windows, summed."""
         y, recording, first = self.along(left, self.axes).over(horizon, max(1, horizon // 2))
-        values = self.words.values
-        total = np.concatenate([np.zeros_like(values[..., :1]), np.cumsum(values, axis=-1)], axis=-1)
-        x = total[:, recording, first + horizon] - total[:, recording, first]
-        return x.T * self.dt, y, recording
+        logs, width = self.words.values.shape[1], len(self.words.values) + y.shape[1]
+        out = [np.zeros((width, width)) for _ in range(min(logs, FOLDING.most))]
+        for log in np.unique(recording):
+            own, values = first[recording == log], self.words.values[:, log]
+            total = np.concatenate([np.zeros_like(values[:, :1]), np.cumsum(values, axis=-1)], axis=-1)
+            rows = np.concatenate([(total[:, own + horizon] - total[:, own]) * self.dt, y[recording == log].T])
+            out[log * len(out) // logs] += rows @ rows.T
+        return [gram for gram in out if gram.any()]
 
 
-def _left_of(
-    x: np.ndarray, y: np.ndarray, fold: np.ndarray, held_x: np.ndarray, held_y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Held-out squares (axes,) of ``y`` (W, axes) that a regression on ``x`` (W, f) leaves, no more than all, and all.
+def _left_of(folds: Sequence[np.ndarray], held_out: np.ndarray, axes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Held-out squares (axes,) of errors that a regression on functions leaves, no more than all, and all.
 
-    For each axis the better one, with one recording left out after another, of ridge regression and of a few columns
-    taken one by one.
+    For each axis the better one, with one fold left out after another, of ridge regression and of a few columns taken
+    one by one.
+
+    Args:
+        folds: products (functions + axes, functions + axes) of integrals and errors; see `_Signals.folds`.
+        held_out: of recordings held out.
+        axes: how many.
     """
-    size = np.sqrt((x**2).mean(0))
-    x, held_x = (z[:, size > 0] / size[size > 0] for z in (x, held_x))
+    power = np.asarray(sum(folds)).diagonal()[:-axes]
+    used = np.flatnonzero(power > 0)
+    size = np.append(1 / np.sqrt(power[used]), 1.0)
     left = []
-    for own, held in zip(y.T, held_y.T, strict=True):
-        rows = np.column_stack([x, own])
-        grams = [rows[fold == f].T @ rows[fold == f] for f in np.unique(fold)]
+    for axis in range(len(held_out) - axes, len(held_out)):
+        some = np.ix_([*used, axis], [*used, axis])
+        grams = [gram[some] * np.outer(size, size) for gram in folds]
         whole = np.asarray(sum(grams))
-        losses = {0.0: float((own**2).sum())}
+        losses = {0.0: float(whole[-1, -1])}
         losses |= {s: _ridge_loss(grams, whole, s) for s in MATTERING.shrinkage}
         penalty = min(losses, key=lambda s: losses[s])
-        beta = np.zeros(x.shape[1])
+        beta = np.zeros(len(used))
         if penalty:
             inner = whole[:-1, :-1]
             beta = np.linalg.solve(inner + penalty * np.trace(inner) / len(inner) * np.eye(len(inner)), whole[:-1, -1])
         chosen = follow(grams, [], 0, MATTERING.terms)
         if chosen and losses[0.0] - sum(gain for _, gain in chosen) < losses[penalty]:
             index = [column for column, _ in chosen]
-            beta = np.zeros(x.shape[1])
+            beta = np.zeros(len(used))
             beta[index] = ridge(whole[np.ix_([*index, -1], [*index, -1])], 1e-9)
-        rest = float(((held - held_x @ beta) ** 2).sum())
-        left.append(min(rest, float((held**2).sum())))
-    return np.array(left), (held_y**2).sum(0)
+        vector = np.append(-beta, 1.0) * size
+        rest = max(float(vector @ held_out[some] @ vector), 0.0)
+        left.append(min(rest, float(held_out[axis, axis])))
+    return np.array(left), held_out.diagonal()[-axes:]
 
 
 def _ridge_loss(grams: Sequence[np.ndarray], whole: np.ndarray, shrinkage: float) -> float:

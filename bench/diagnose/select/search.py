@@ -8,10 +8,11 @@ import torch
 from scipy.ndimage import convolve1d
 
 from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.sample import left_out, shortened
 from bench.diagnose.logs.smoothing import Smoothing
-from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
-from bench.diagnose.regression.least_squares import Normal, regularised, shifted, whitening
+from bench.diagnose.regression.least_squares import Normal, regularised, whitening
 from bench.diagnose.regression.linearise import Directions, directions
 from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
@@ -74,17 +75,9 @@ class Search:
         self.subject, self.catalogue, self.tick = subject, catalogue, tick
         logs = subject.of(subject.training)
         # Where the motion is slow against the sampling, a few samples a test function are enough.
-        stride = max(1, hop_of(Stack.of(shortened(logs))) // SEARCHING.fine)
-        self.stack = Stack.of(shortened(logs, stride))
-        given, seen = (sum(len(log) / log.rate for log in some) for some in (logs, self.stack.logs))
-        self.notes = (
-            ()
-            if seen > 0.99 * given
-            else (
-                f"Effects were sought in the middle {100 * seen / given:.0f} % of each of the {len(logs)} recordings "
-                f"that are learnt from, {seen:.0f} s in all: more would be slower and no surer.",
-            )
-        )
+        stride = max(1, hop_of(Stack.of(shortened(logs, SEARCHING.longest))) // SEARCHING.fine)
+        self.stack = Stack.of(shortened(logs, SEARCHING.longest, stride))
+        self.notes = left_out(logs, self.stack.logs)
         self.hop = hop_of(self.stack)
         self._made: dict[tuple[int, ...], TestFunctions] = {}
         noise = noise or noise_of(subject)
@@ -151,22 +144,22 @@ class Search:
 
         Whitened as ``like`` is; default: by what is left.
         """
-        linear, tests = look.linear, self._tests(look.linear)
-        rows = linear.project(tests, look.dictionary)
+        tests, words = self._tests(look.linear), () if look.dictionary is None else look.dictionary.terms
+        rows, count = look.linear.project(tests, look.dictionary), len(look.linear.columns)
+        noisy = [*range(count), *(count + i for i, t in enumerate(words) if t.signal in _OF_INPUT)]
+        again = None if look.moved is None else look.moved.project(tests, look.noisy_dictionary).some(noisy)
+        linear = replace(look.linear, columns=look.linear.columns.forgotten())
+        reach = () if look.dictionary is None else look.dictionary.reach
+        del look  # its columns take as much memory as the rows, and more than all that follows
         if like is None:
             filters = noise_filters(rows, Prior.of(linear.own).loosened(linear.own))
         else:
             filters = [like.filters[like.linear.channels.index(c)] for c in linear.channels]
         white = rows.whitened(filters)
-        count, some = len(linear.columns), sum(white.counts())
-        words = () if look.dictionary is None else look.dictionary.terms
-        mine = white.some(range(count))
-        noisy = [*range(count), *(count + i for i, t in enumerate(words) if t.signal in _OF_INPUT)]
-        grams = white.folds() if words else []
+        mine, some, grams = white.some(range(count)), sum(white.counts()), white.folds() if words else []
         noise, cleaned = None, grams
         buried, doubtful = frozenset[int](), frozenset[int]()
-        if look.moved is not None:
-            again = look.moved.project(tests, look.noisy_dictionary).some(noisy)
+        if again is not None:
             noise = rows.some(noisy).less(again).whitened(filters).mean_gram()
             cleaned = _less(grams, [*noisy, rows.width], noise.sum(0) * some / max(1, len(grams)))
             noise = noise[:, [*range(count), -1]][..., [*range(count), -1]]
@@ -176,8 +169,6 @@ class Search:
             buried = frozenset(np.flatnonzero(drowned).tolist())
             hidden = [c for c in buried if c < len(linear.own)]
             doubtful = frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
-        reach = () if look.dictionary is None else look.dictionary.reach
-        linear = replace(linear, columns=linear.columns.forgotten())
 
         def view(normal: Normal, grams: list[np.ndarray]) -> View:
             return View(
@@ -271,33 +262,6 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
     return f"{', '.join(missing)} was not measured" if missing else ""
 
 
-def shortened(logs: Sequence[Log], stride: int = 1, longest: int | None = None) -> list[Log]:
-    """The middle of each log, every ``stride``-th sample; all together have no more than ``longest``.
-
-    ``longest`` is `SEARCHING.longest` by default.
-    """
-    share = min(1.0, (longest or SEARCHING.longest) * stride / sum(map(len, logs)))
-    out = []
-    for log in logs:
-        first = int(len(log) * (1 - share) / 2)
-        part = slice(first, first + max(1, int(len(log) * share)), stride)
-        # A sample that is left out must not hide that it is not valid.
-        gaps = torch.from_numpy(
-            np.minimum.reduceat(log.valid[part.start : part.stop].numpy(), np.arange(0, part.stop - first, stride))
-        )
-        out.append(
-            replace(
-                log,
-                rate=log.rate / stride,
-                states=log.states[part],
-                inputs=log.inputs[part],
-                valid=gaps,
-                sensed=None if log.sensed is None else log.sensed[part],
-            )
-        )
-    return out
-
-
 def hop_of(stack: Stack) -> int:
     """Samples between test functions: short against the motion, long against the sampling."""
     x = stack.states.numpy()
@@ -363,4 +327,4 @@ def _telling(grams: Sequence[np.ndarray], prior: Prior) -> list[int]:
     shift = np.zeros(len(total))
     shift[list(own)] = -beta
     inside = [c for c in own if prior.low[c] < beta[c] < prior.high[c]]
-    return [c for c, _ in follow([shifted(g, shift) for g in grams], inside, len(own), SEARCHING.telling)]
+    return [c for c, _ in follow(grams, inside, len(own), SEARCHING.telling, shift=shift)]

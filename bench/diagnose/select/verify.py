@@ -168,7 +168,12 @@ def _anchored(view: View, dropped: Sequence[int] = ()) -> tuple[list[int], list[
     held[kept, kept] = subsets.anchor[mine]
     held[kept, -1] = held[-1, kept] = pull
     held[-1, -1] = pull @ away
-    return kept, [shifted(g, shift) + held / len(view.grams) for g in view.grams]
+    anchored = []
+    for gram in view.grams:
+        tail, gram = shifted(gram, shift) + held[-1] / len(view.grams), gram + held / len(view.grams)
+        gram[-1] = gram[:, -1] = tail
+        anchored.append(gram)
+    return kept, anchored
 
 
 def understood(

@@ -7,7 +7,7 @@ Code takes the instance of a class below, so that a test (or a study of a thresh
 from dataclasses import Field, fields
 from typing import Any
 
-from bench.diagnose.settings.checks import Aligning, Freezing, Shifting, Spiking
+from bench.diagnose.settings.checks import Aligning, Freezing, Leaving, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading
@@ -29,6 +29,7 @@ ALIGNING = Aligning()
 SPIKING = Spiking()
 FREEZING = Freezing()
 SHIFTING = Shifting()
+LEAVING = Leaving()
 OFFSETTING = Offsetting()
 MENDING = Mending()
 SAMPLING = Sampling()
@@ -76,6 +77,7 @@ EVERY = (
     SPIKING,
     FREEZING,
     SHIFTING,
+    LEAVING,
     OFFSETTING,
     MENDING,
     SAMPLING,

@@ -154,3 +154,14 @@ class Shifting:
         "correlation of modelled and measured acceleration at the shift from which it is told",
         Basis.JUDGED,
     )
+
+
+@dataclass(frozen=True)
+class Leaving:
+    """Damaged recordings among many."""
+
+    share: float = threshold(
+        0.1,
+        "share of the recordings that may be damaged and are left out; a fault of more of them stops the analysis",
+        Basis.CONVENTION,
+    )

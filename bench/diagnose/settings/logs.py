@@ -31,6 +31,25 @@ class Reading:
         "share of the recordings that only test",
         Basis.CONVENTION,
     )
+    enough: int = threshold(
+        180_000,
+        "samples that are diagnosed: of more, some recordings are, and all are checked",
+        Basis.EFFORT,
+        "samples",
+    )
+    fewest: int = threshold(
+        6,
+        "recordings to fit, and to test on, that are diagnosed at least: of fewer none is left out for its length",
+        Basis.EFFORT,
+        "count",
+    )
+    stretch: float = threshold(
+        5.0,
+        "shortest stretch of a recording that is looked at where recordings are not looked at whole: a block of rows "
+        "and what a whitening filter remembers",
+        Basis.EFFORT,
+        "s",
+    )
 
 
 @dataclass(frozen=True)

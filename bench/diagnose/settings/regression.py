@@ -65,6 +65,13 @@ class Folding:
         Basis.CONVENTION,
         "count",
     )
+    most: int = threshold(
+        10,
+        "parts of which each is held out at most, the usual number for cross-validation: more recordings make them "
+        "together, neighbours by neighbours, else normal equations of each would take memory without bound",
+        Basis.CONVENTION,
+        "count",
+    )
     block: float = threshold(
         4.0,
         "length of the blocks whose losses are compared: longer than what is left in a residual remembers",

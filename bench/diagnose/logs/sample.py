@@ -1,0 +1,97 @@
+"""Of many recordings a sample: what a diagnosis costs must not grow with what it does not need."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+import torch
+
+from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.settings import READING
+
+T = TypeVar("T")
+
+
+def sampled(subject: Subject) -> Subject:
+    """A subject with no more samples than a diagnosis has use for: whole recordings, evenly spread.
+
+    Those to fit and those that only test keep their shares. Of few long recordings the middle of each.
+    """
+    share = READING.enough / sum(map(len, subject.logs))
+    if share >= 1:
+        return subject
+    parts = [
+        subject.of(spread(names, max(READING.fewest, int(share * len(names)))))
+        for names in (subject.training, subject.held_out)
+    ]
+    whole = sum(len(log) for part in parts for log in part)
+    cut = min(1.0, READING.enough / whole)
+    parts = [tuple(shortened(part, int(cut * sum(map(len, part))))) for part in parts]
+    training, held_out = (tuple(log.name for log in part) for part in parts)
+    by_name = {log.name: log for part in parts for log in part}
+    logs = tuple(by_name[log.name] for log in subject.logs if log.name in by_name)
+    what = "of each" if len(logs) == len(subject.logs) else f"of {len(logs)} of them, evenly spread,"
+    what = what if cut == 1 else f"the middle {100 * cut:.0f} % {what}"
+    note = (
+        f"{len(subject.logs)} recordings were read and checked, and {what.removeprefix('of ')} diagnosed: effects are "
+        f"fitted to {len(training)} and tested on {len(held_out)}. More would be slower and no surer."
+    )
+    return replace(subject, logs=logs, training=training, held_out=held_out, notes=(*subject.notes, note))
+
+
+def spread(some: Sequence[T], most: int) -> Sequence[T]:
+    """At most so many of some, one at least, evenly spread."""
+    if len(some) <= most:
+        return some
+    return [some[i] for i in np.linspace(0, len(some) - 1, max(1, most)).round().astype(int)]
+
+
+def shortened(logs: Sequence[Log], longest: int, stride: int = 1) -> list[Log]:
+    """The middle of each log, every ``stride``-th sample; all together have no more than ``longest``.
+
+    Of more logs than can have a stretch worth looking at, as many as can, evenly spread.
+    """
+    samples = longest * stride
+    logs = spread(logs, int(samples / (READING.stretch * max(log.rate for log in logs))))
+    share = min(1.0, samples / sum(map(len, logs)))
+    out = []
+    for log in logs:
+        first = int(len(log) * (1 - share) / 2)
+        part = slice(first, first + max(1, int(len(log) * share)), stride)
+        # A sample that is left out must not hide that it is not valid.
+        gaps = torch.from_numpy(
+            np.minimum.reduceat(log.valid[part.start : part.stop].numpy(), np.arange(0, part.stop - first, stride))
+        )
+        out.append(
+            replace(
+                log,
+                rate=log.rate / stride,
+                states=log.states[part],
+                inputs=log.inputs[part],
+                valid=gaps,
+                sensed=None if log.sensed is None else log.sensed[part],
+                recording=replace(
+                    log.recording,
+                    rate=log.rate / stride,
+                    inputs=log.recording.inputs[part],
+                    outputs=log.recording.outputs[part],
+                    valid=gaps.numpy(),
+                ),
+            )
+        )
+    return out
+
+
+def left_out(logs: Sequence[Log], looked_at: Sequence[Log]) -> tuple[str, ...]:
+    """How much of the recordings that are learnt from effects were sought in, where that is not all."""
+    given, seen = (sum(len(log) / log.rate for log in some) for some in (logs, looked_at))
+    if seen > 0.99 * given:
+        return ()
+    names = {log.name for log in looked_at}
+    of = sum(len(log) / log.rate for log in logs if log.name in names)
+    those = "each" if len(names) == len(logs) else f"{len(names)}"
+    return (
+        f"Effects were sought in the middle {100 * seen / of:.0f} % of {those} of the {len(logs)} recordings that are "
+        f"learnt from, {seen:.0f} s in all: more would be slower and no surer.",
+    )

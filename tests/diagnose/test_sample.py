@@ -1,0 +1,108 @@
+"""What is looked at of many or of long recordings: bounded, evenly spread, and said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from bench.diagnose.logs.sample import sampled, shortened
+from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.regression.rows import Rows
+from bench.diagnose.settings import FOLDING, READING
+from registry.contracts import Channel, Recording
+from registry.physics.oscillator import Oscillator
+
+CHANNELS = Channel("force", "N"), Channel("displacement.q", "m"), Channel("speed.q", "m/s")
+
+
+def log(name: str, samples: int) -> Log:
+    """A recording in which every signal counts the samples."""
+    count = np.arange(samples, dtype=float)
+    recording = Recording(
+        name=name,
+        rate=100.0,
+        inputs=count[:, None],
+        outputs=np.stack([count, count], axis=1),
+        input_channels=CHANNELS[:1],
+        output_channels=CHANNELS[1:],
+        valid=np.ones(samples, dtype=bool),
+    )
+    states, inputs = torch.from_numpy(recording.outputs), torch.from_numpy(recording.inputs)
+    return Log(name, 100.0, states, (True, True), inputs, torch.ones(samples, dtype=torch.bool), recording)
+
+
+def subject(recordings: int, samples: int) -> Subject:
+    """Of every three recordings the last one is held out."""
+    logs = tuple(log(f"f{i:04d}", samples) for i in range(recordings))
+    names = [x.name for x in logs]
+    held_out = tuple(names[2::3])
+    return Subject("many", Oscillator(), logs, tuple(n for n in names if n not in held_out), held_out)
+
+
+def test_what_is_enough_stays_as_it_is() -> None:
+    some = subject(12, READING.enough // 12)
+    assert sampled(some) is some
+
+
+def test_of_many_recordings_whole_ones_are_taken_evenly_and_said() -> None:
+    many = subject(900, 1000)
+    some = sampled(many)
+    taken = [int(x.name[1:]) for x in some.logs]
+    assert 0.97 * READING.enough < sum(map(len, some.logs)) <= READING.enough
+    assert {len(x) for x in some.logs} == {1000}
+    assert sorted({*some.training, *some.held_out}) == [x.name for x in some.logs]
+    assert len(some.training) == 2 * len(some.held_out)
+    assert set(some.training) <= set(many.training) and set(some.held_out) <= set(many.held_out)
+    assert np.diff(taken).max() <= 2 * len(many.logs) / len(taken)
+    assert min(taken) < 10 and max(taken) > 890
+    said = some.notes[-1]
+    assert "900 recordings were read and checked, and 180 of them" in said and "fitted to 120 and tested on 60" in said
+
+
+@pytest.mark.parametrize("recordings", [4, 9])
+def test_of_long_recordings_the_middle_is_taken_with_all_that_was_measured(recordings: int) -> None:
+    long = subject(recordings, 2 * READING.enough // recordings)
+    some = sampled(long)
+    assert [x.name for x in some.logs] == [x.name for x in long.logs]
+    assert sum(map(len, some.logs)) == pytest.approx(READING.enough, abs=recordings)
+    for before, x in zip(long.logs, some.logs, strict=True):
+        first = int(x.states[0, 0])
+        assert abs(first + len(x) / 2 - len(before) / 2) <= 1
+        np.testing.assert_array_equal(x.recording.outputs, x.states)
+        np.testing.assert_array_equal(x.recording.inputs, x.inputs)
+    assert "the middle 50 % of each" in some.notes[-1]
+
+
+def test_a_stretch_is_long_enough_to_be_learnt_from_however_many_recordings_there_are() -> None:
+    some = shortened(subject(300, 3000).logs, 24_000)
+    assert sum(map(len, some)) <= 24_000
+    assert {len(x) for x in some} == {round(READING.stretch * 100)}
+
+
+def test_a_sample_left_out_does_not_hide_that_it_is_not_valid() -> None:
+    gap = log("gap", 1000)
+    gap = replace(gap, valid=torch.arange(1000) != 401)
+    (some,) = shortened([gap], 10_000, stride=2)
+    assert some.rate == some.recording.rate == 50.0
+    np.testing.assert_array_equal(np.flatnonzero(~some.valid), [200])
+    np.testing.assert_array_equal(some.recording.valid, some.valid)
+
+
+def test_folds_of_many_recordings_are_neighbours_and_hold_all_rows() -> None:
+    """No more matrices than folds, whose sum is that over all rows; blocks know theirs."""
+    rng = np.random.default_rng(3)
+    logs = 23
+    parts = tuple((rng.normal(size=(30, 3)), rng.normal(size=(30, 2))) for _ in range(logs))
+    rows = Rows(parts, (np.array([0, 1, 3]), np.array([2, 3])), 3, 0.1)
+    folds = rows.folds()
+    assert len(folds) == FOLDING.most
+    dense = np.zeros((4, 4))
+    for first, second in parts:
+        dense[np.ix_([0, 1, 3], [0, 1, 3])] += first.T @ first
+        dense[np.ix_([2, 3], [2, 3])] += second.T @ second
+    np.testing.assert_allclose(sum(folds), dense)
+    normal = rows.normal()
+    assert sorted(normal.by_fold) == list(range(FOLDING.most)) and (np.diff(normal.fold) >= 0).all()
+    for fold, gram in normal.by_fold.items():  # 30 rows are one block, so that nothing is dropped
+        np.testing.assert_allclose(gram, folds[fold])
