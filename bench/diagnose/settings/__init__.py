@@ -8,6 +8,7 @@ takes the instance of a class below, so that a test (or a study of a threshold) 
 from dataclasses import Field, fields
 from typing import Any
 
+from bench.diagnose.settings.ceiling import Ceiling
 from bench.diagnose.settings.checks import Aligning, Freezing, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
@@ -20,6 +21,7 @@ from bench.diagnose.settings.unseen import Unseen
 
 COMPARING = Comparing()
 OBSERVING = Observing()
+CEILING = Ceiling()
 LOCATING = Locating()
 DISCOVERING = Discovering()
 EXTENDING = Extending()
@@ -60,6 +62,7 @@ MAPPING = Mapping()
 EVERY = (
     COMPARING,
     OBSERVING,
+    CEILING,
     LOCATING,
     DISCOVERING,
     EXTENDING,
