@@ -133,9 +133,10 @@ class Window:
 
 @dataclass(frozen=True)
 class Predictable:
-    """What a network predicts of what the last model leaves of one output group: rms errors at the last horizon, SI."""
+    """What a network predicts of what the last model leaves of outputs: rms errors at the last horizon, SI."""
 
     group: str
+    """A group of outputs, or one channel."""
     horizon_s: float
     unit: str
     model: float
@@ -143,11 +144,11 @@ class Predictable:
     """Of the model with a disturbance observer; NaN: nothing is known of it."""
     network: float
     floor: float
-    own: bool
-    """Whether it has an equation of its own: a pose is wrong because its rates are."""
     finding: str
     """"missing": something that these signals tell; "slow": as much as an observer tells; "little" is left to learn;
     "worse": nothing follows; "open": the recordings do not tell."""
+    own: bool = True
+    """Whether it has an equation of its own: a pose is wrong because its rates are."""
     axes: tuple[str, ...] = ()
     """Where something is missing, the channels of the group in which it is; empty: in all of it, or none by itself."""
 
@@ -179,6 +180,8 @@ class Evidence:
     """The shapes of learned terms."""
     predictable: tuple[Predictable, ...] = ()
     """What a network predicts, group by group; empty: none was asked for."""
+    predictable_axes: tuple[Predictable, ...] = ()
+    """The same of single channels of those that have an equation of their own."""
     flights: tuple[Flight, ...] = ()
     """Whole recordings, held-out ones first."""
     vehicle: str = ""

@@ -233,7 +233,7 @@ def test_what_follows_from_errors(model: float, observer: float, network_: float
 
 
 def told(finding: str, axes: tuple[str, ...] = ()) -> Predictable:
-    return Predictable("body_rates", 0.5, "rad/s", 1.5, 1.4, 0.9, 0.05, True, finding, axes)
+    return Predictable("body_rates", 0.5, "rad/s", 1.5, 1.4, 0.9, 0.05, finding, axes=axes)
 
 
 def test_sentences_say_where_and_by_how_much() -> None:
@@ -252,11 +252,11 @@ def test_a_diagnosis_has_it_on_its_page_and_in_its_figures(tmp_path: Path) -> No
     assert plain.to_json()["ceiling"] is None and "with a network" not in (tmp_path / "before.html").read_text()
     curves = plain.evidence.curves
     findings_ = tuple(
-        Predictable(g, 0.5, c.unit, 1.0, 1.0, c.lines["extended"].rmse[-1] / 2, 0.001, True, "missing")
+        Predictable(g, 0.5, c.unit, 1.0, 1.0, c.lines["extended"].rmse[-1] / 2, 0.001, "missing")
         for g, c in curves.items()
     )
     lines = {g: replace(c, lines={"network": c.lines["extended"]}) for g, c in curves.items()}
-    full = informed(plain, Ceiling(lines, findings_, ("A note on the network.",)))
+    full = informed(plain, Ceiling(lines, findings_, findings_[1:2], ("A note on the network.",)))
     jsonschema.validate(full.to_json(), schema())
     assert full.to_json()["ceiling"]["velocity"]["rmse"] == pytest.approx(samples.EXTENDED["velocity"] / 2)
     page.write(tmp_path / "after.html", full)

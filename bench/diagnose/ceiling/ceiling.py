@@ -44,6 +44,8 @@ class Ceiling(Displayed):
     """By group: lines "extended" (the model), "disturbance" (helped by an observer), "network" and "floor"."""
     findings: tuple[Predictable, ...]
     """One a group."""
+    axes: tuple[Predictable, ...]
+    """One a channel of the groups that have an equation of their own."""
     notes: tuple[str, ...]
     """What was done, in sentences."""
 
@@ -59,17 +61,17 @@ class Ceiling(Displayed):
         return f"A network on the same history and inputs: {', '.join(each)}"
 
     def to_frame(self) -> pd.DataFrame:
-        """One row a group.
+        """One row a group, then one a channel of those that have an equation of their own.
 
         Returns:
-            group, horizon_s, model, observer, network, floor (rms errors in the unit named, SI), unit, finding, axes.
+            output, horizon_s, model, observer, network, floor (rms errors in the unit named, SI), unit, finding, axes.
         """
         return pd.DataFrame(
             [
                 (f.group, f.horizon_s, f.model, f.observer, f.network, f.floor, f.unit, f.finding, ", ".join(f.axes))
-                for f in self.findings
+                for f in (*self.findings, *self.axes)
             ],
-            columns=["group", "horizon_s", "model", "observer", "network", "floor", "unit", "finding", "axes"],
+            columns=["output", "horizon_s", "model", "observer", "network", "floor", "unit", "finding", "axes"],
         )
 
     def plot(self) -> "list[Axes]":
@@ -199,11 +201,12 @@ def _judged(of: _Judged, shown: Examples, each: Tensor, learned: int) -> Ceiling
     repeated = Repetition.of(runs, own[:, runs.ends][..., : len(runs.groups)])
     last = {name: values[:, -1] for name, values in lines.items()}
     singles = [squared(corrected(run, one, runs.groups))[:, -1].mean(0) ** 0.5 for one in added]
-    found = find(Compared(last, repeated, every), len(runs.groups), runs.horizon_s[-1])
+    found, single = find(Compared(last, repeated, every), len(runs.groups), runs.horizon_s[-1])
     drawn = {n: repeated.lines(v[:, runs.ends], runs) for n, v in lines.items() if n != "still"}
     return Ceiling(
         {g.name: Curves(g.unit, runs.horizon_s, {n: of[g.name] for n, of in drawn.items()}) for g in runs.groups},
         found,
+        single,
         _notes(of, found, np.array(singles), learned, repeated.basis),
     )
 
@@ -245,6 +248,7 @@ def informed(diagnosis: Diagnosis, found: Ceiling) -> Diagnosis:
         diagnosis.evidence,
         curves=curves,
         predictable=found.findings,
+        predictable_axes=found.axes,
         notes=(*diagnosis.evidence.notes, *found.notes),
     )
     return replace(diagnosis, ceiling=found.error, evidence=evidence)

@@ -7,7 +7,7 @@ noise floor's squared error f² and is no physics. So something is *missing* onl
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,25 +54,27 @@ class Compared:
         return bool(np.quantile(self.repeated.means(positive), 0.025) > 0)
 
 
-def find(of: Compared, judged: int, horizon_s: float) -> tuple[Predictable, ...]:
-    """One finding for each of the first ``judged`` groups, with the channels of it in which something is missing."""
-    out = []
-    for at, group in enumerate(of.groups[:judged]):
-        finding = of.finding(at)
-        inside = [i for i in range(judged, len(of.groups)) if of.groups[i].name.partition(".")[0] == group.name]
-        axes = [of.groups[i].name for i in inside if finding == "missing" and of.finding(i) == "missing"]
-        out.append(
-            Predictable(
-                group=group.name,
-                horizon_s=horizon_s,
-                unit=group.unit,
-                model=of.rms("extended", at),
-                observer=of.rms("disturbance", at),
-                network=of.rms("network", at),
-                floor=of.rms("floor", at),
-                own=bool(inside),
-                finding=finding,
-                axes=() if len(axes) == len(inside) else tuple(axes),
-            )
+def find(of: Compared, judged: int, horizon_s: float) -> tuple[tuple[Predictable, ...], tuple[Predictable, ...]]:
+    """One finding for each of the first ``judged`` groups, and one for each channel after them."""
+    every = [
+        Predictable(
+            group=group.name,
+            horizon_s=horizon_s,
+            unit=group.unit,
+            model=of.rms("extended", at),
+            observer=of.rms("disturbance", at),
+            network=of.rms("network", at),
+            floor=of.rms("floor", at),
+            finding=of.finding(at),
         )
-    return tuple(out)
+        for at, group in enumerate(of.groups)
+    ]
+    groups, channels = every[:judged], tuple(every[judged:])
+    return tuple(_placed(group, channels) for group in groups), channels
+
+
+def _placed(group: Predictable, channels: Sequence[Predictable]) -> Predictable:
+    """A group with the channels in which something is missing, where that is not all of them."""
+    inside = [c for c in channels if c.group.partition(".")[0] == group.group]
+    lacking = [c.group for c in inside if group.finding == c.finding == "missing"]
+    return replace(group, own=bool(inside), axes=() if len(lacking) == len(inside) else tuple(lacking))

@@ -17,6 +17,25 @@ _BY = {
 """By finding, in the order of telling."""
 
 
+Row = tuple[str, list[str], str]
+"""An output with its horizon and unit, the errors of model, observer, network and floor, and what follows."""
+_SHORT = {
+    "missing": "something is missing",
+    "slow": "may be slow",
+    "little": "little is left",
+    "open": "not told",
+    "worse": "nothing follows",
+}
+
+
+def row(f: Predictable) -> Row:
+    """A line of the table of single axes."""
+    errors = (f.model, f.observer, f.network, f.floor)
+    unit, factor = shown(f.unit, f.group.partition(".")[0], errors)
+    said = f"{named(f.group)} after {f.horizon_s:g} s [{unit}]"
+    return said, [number(e * factor) for e in errors], _SHORT[f.finding]
+
+
 def sentences(found: Sequence[Predictable]) -> list[str]:
     """One for every finding that some group with an equation of its own has."""
     out = []

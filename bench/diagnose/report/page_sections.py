@@ -43,6 +43,8 @@ class _Where(_Drawn):
 class _Left:
     sentence: str
     hypothesis: str
+    axes: Sequence[ceiling_words.Row]
+    """What a network leaves of single axes."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,7 @@ def _left(d: Diagnosis) -> _Left | None:
         return None
     said = sentences.remainder(d) or "Nothing systematic is left above the noise floor."
     said = " ".join(filter(None, (said, sentences.observed(d), *ceiling_words.sentences(d.evidence.predictable))))
-    return _Left(said, d.evidence.hypothesis)
+    return _Left(said, d.evidence.hypothesis, [ceiling_words.row(f) for f in d.evidence.predictable_axes])
 
 
 def _constants(d: Diagnosis) -> list[_Constant]:
