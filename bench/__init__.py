@@ -8,6 +8,7 @@
     bench.discover(subject)                         3  which effect is missing?
     bench.extend(subject, subject.model, ["mass"])  4  add it, watch the error fall
     bench.diagnose("my_flights")                    all four
+    bench.ceiling("my_flights", model)              how much is left to find, by a network
     bench.design("my_flights")                      after a tie: which flight would tell
     bench.fleet("fleet", workers=8)                 of every vehicle: which lack what, which differ, which drift
 
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from bench.api.check import Verdicts, check
     from bench.api.run import Results, run
     from bench.diagnose import (
+        Ceiling,
         Comparison,
         Design,
         Diagnosis,
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
         Extension,
         Location,
         Subject,
+        ceiling,
         compare,
         design,
         diagnose,
@@ -57,6 +60,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BenchError",
+    "Ceiling",
     "Comparison",
     "Design",
     "Diagnosis",
@@ -69,6 +73,7 @@ __all__ = [
     "Subject",
     "SweepResult",
     "Verdicts",
+    "ceiling",
     "check",
     "compare",
     "design",

@@ -5,6 +5,7 @@ import os
 import shlex
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,6 +46,19 @@ def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Sub
     for sentence in subject.resampled:
         click.echo(f"note: {sentence}", err=True)
     return subject, None if model_file is None else starting_from(subject, model_file)
+
+
+def measured(
+    source: str, system: str | None, model_file: Path | None, catalogue: Sequence[str], exclude: Sequence[str]
+) -> "Subject":
+    """The measurements without some recordings, with the model that is diagnosed."""
+    subject, model = load(source, system, model_file)
+
+    from bench.diagnose.logs.load import excluding
+    from bench.diagnose.select.catalogue import check_catalogue
+
+    check_catalogue(subject, model or subject.model, catalogue)
+    return excluding(subject if model is None else replace(subject, model=model), exclude)
 
 
 def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None:

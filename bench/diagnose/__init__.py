@@ -8,11 +8,12 @@
     print([f.id for f in bench.discover(subject).found])
     print(bench.extend(subject, subject.model, ["rotor_drag"]).effects)
 
-`diagnose` does all of it; the package may be called in its place. `design` says which flight
-would tell what is left open.
+`diagnose` does all of it; the package may be called in its place. `ceiling` asks a network how much is left to
+find, `design` says which flight would tell what is left open.
 """
 
 from bench.callable_package import make_callable
+from bench.diagnose.ceiling.ceiling import Ceiling, ceiling
 from bench.diagnose.compare import Comparison, compare
 from bench.diagnose.diagnose import diagnose
 from bench.diagnose.discover import discover
@@ -25,6 +26,7 @@ from bench.diagnose.result import Diagnosis
 from bench.diagnose.select.discovery import Discovery
 
 __all__ = [
+    "Ceiling",
     "Comparison",
     "Design",
     "Diagnosis",
@@ -32,6 +34,7 @@ __all__ = [
     "Extension",
     "Location",
     "Subject",
+    "ceiling",
     "compare",
     "design",
     "diagnose",

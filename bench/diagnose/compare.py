@@ -131,6 +131,60 @@ def compare(
     """
     subject, noise = prepared(subject, noise)
     models = {"nominal": subject.model} | dict(models or {})
+    runs = free_runs(subject, noise, names, horizon_s)
+    with torch.no_grad():
+        every_sample = _squared(subject, models, noise, runs)
+    squared = {name: finite(of[:, runs.ends]) for name, of in every_sample.items()}
+    repeated = Repetition.of(runs, squared[next(reversed(models))])
+    return Comparison(
+        recordings=tuple(log.name for log in runs.logs),
+        horizon_s=runs.horizon_s,
+        groups=runs.groups,
+        lines={name: repeated.lines(e, runs) for name, e in squared.items()},
+        starts=len(runs.recording),
+        every_s=runs.every * runs.logs[0].dt,
+        basis=repeated.basis,
+        noise=noise,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRuns:
+    """Which free runs models are judged by."""
+
+    logs: tuple[Log, ...]
+    at: tuple[np.ndarray, ...]
+    """Of each log, the samples that a free run starts from."""
+    steps: int
+    """Samples of the longest horizon."""
+    every: int
+    """Samples from one start to the next."""
+    groups: tuple[Group, ...]
+
+    @property
+    def recording(self) -> np.ndarray:
+        """(W,) the log of each free run."""
+        return np.repeat(np.arange(len(self.logs)), [len(a) for a in self.at])
+
+    @property
+    def ends(self) -> np.ndarray:
+        """Samples of the horizons of a curve, the longest one last."""
+        return np.unique(np.round(np.linspace(0, self.steps, COMPARING.horizons + 1)[1:]).astype(int))
+
+    @property
+    def horizon_s(self) -> tuple[float, ...]:
+        """The same in seconds."""
+        return tuple(float(k / self.logs[0].rate) for k in self.ends)
+
+
+def free_runs(
+    subject: Subject, noise: Noise, names: Sequence[str] | None = None, horizon_s: float | None = None
+) -> FreeRuns:
+    """The free runs that models of a prepared subject are judged by; arguments are those of `compare`.
+
+    Raises:
+        BenchError: no recording is long enough.
+    """
     logs = subject.of(subject.held_out if names is None else names)
     rate = logs[0].rate if logs else math.nan
     steps = default_steps(logs) if horizon_s is None else max(1, round(horizon_s * rate))
@@ -143,78 +197,98 @@ def compare(
             f"No recording to compare with has {steps + 2 * clear + 1} valid samples in a row: "
             f"give a shorter horizon than {steps / rate:.3g} s, or longer recordings."
         )
-    logs, at = tuple(log for log, _ in kept), [a for _, a in kept]
+    logs = tuple(log for log, _ in kept)
     judged = groups(subject.model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
-    ends = np.unique(np.round(np.linspace(0, steps, COMPARING.horizons + 1)[1:]).astype(int))
-    with torch.no_grad():
-        every_sample = _squared(subject, models, noise, judged, logs=logs, at=at, steps=steps)
-    squared = {name: _finite(of[:, ends]) for name, of in every_sample.items()}
-    units, basis = _units(logs, at, every, steps, squared[next(reversed(models))])
-    recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
-    draws = _draws(units, recording, len(logs) >= MIN_RECORDINGS)
-    lines = {name: _lines(e, judged, logs, recording, units, draws) for name, e in squared.items()}
-    return Comparison(
-        recordings=tuple(log.name for log in logs),
-        horizon_s=tuple(float(k / rate) for k in ends),
-        groups=tuple(judged),
-        lines=lines,
-        starts=len(recording),
-        every_s=every / rate,
-        basis=basis,
-        noise=noise,
-    )
+    return FreeRuns(logs, tuple(a for _, a in kept), steps, every, tuple(judged))
 
 
-def _squared(
-    subject: Subject,
-    models: dict[str, PhysicsModel],
-    noise: Noise,
-    judged: Sequence[Group],
-    *,
-    logs: Sequence[Log],
-    at: Sequence[np.ndarray],
-    steps: int,
-) -> dict[str, Tensor]:
+def _squared(subject: Subject, models: dict[str, PhysicsModel], noise: Noise, runs: FreeRuns) -> dict[str, Tensor]:
     """Squared errors (W, steps + 1, groups) of every line."""
+    logs, at, steps = runs.logs, runs.at, runs.steps
     measured = measured_windows(logs, at, steps)
-    squared = {name: errors(free_run(model, logs, at, steps), measured, judged) for name, model in models.items()}
+    squared = {name: errors(free_run(model, logs, at, steps), measured, runs.groups) for name, model in models.items()}
     last = next(reversed(models.values()))
-    drift = _disturbance(subject, last, noise, logs, at, steps)
-    if drift is not None:
-        squared["disturbance"] = errors(free_run(last, logs, at, steps, drift), measured, judged)
+    observed = with_observer(subject, last, noise, runs)
+    if observed is not None:
+        squared["disturbance"] = errors(observed, measured, runs.groups)
     for model in reversed(models.values()):
-        squared["floor"] = floor(model, logs, at, steps, noise, judged).mean(0)
+        squared["floor"] = floor(model, logs, at, steps, noise, runs.groups).mean(0)
         if torch.isfinite(squared["floor"]).all():
             break
     return squared
 
 
-def _disturbance(
-    subject: Subject, model: PhysicsModel, noise: Noise, logs: Sequence[Log], at: Sequence[np.ndarray], steps: int
-) -> Tensor | None:
-    """What the past of a model's disturbance adds to free runs (W, steps, s); None: nothing can be said of it."""
+def with_observer(subject: Subject, model: PhysicsModel, noise: Noise, runs: FreeRuns) -> Tensor | None:
+    """Free runs (W, steps + 1, s) that go on with what the past of a model's disturbance tells.
+
+    None: nothing can be said of it.
+    """
     train = subject.of(subject.training)
-    if not train or hidden(train) or hidden(logs):
+    if not train or hidden(train) or hidden(runs.logs):
         return None
-    observer = Observer.learned(model, train, noise, steps)
-    return None if observer is None else observer.drift(logs, at)
+    observer = Observer.learned(model, train, noise, runs.steps)
+    if observer is None:
+        return None
+    return free_run(model, runs.logs, runs.at, runs.steps, observer.drift(runs.logs, runs.at))
 
 
-def _finite(squared: Tensor) -> np.ndarray:
+def finite(squared: Tensor) -> np.ndarray:
     """Squared errors with inf for whatever is no number: that run diverged."""
     return np.nan_to_num(squared.numpy(), nan=np.inf, posinf=np.inf)
 
 
-def _units(
-    logs: Sequence[Log], at: Sequence[np.ndarray], every: int, steps: int, squared: np.ndarray
-) -> tuple[np.ndarray, str]:
+@dataclass(frozen=True, eq=False)
+class Repetition:
+    """What repeats among free runs, and how often a bootstrap draws each of it."""
+
+    unit: np.ndarray
+    """(W,) that each free run belongs to."""
+    draws: np.ndarray
+    """(draws, units)."""
+    basis: str
+    """What the intervals rest on."""
+
+    @classmethod
+    def of(cls, runs: FreeRuns, squared: np.ndarray) -> "Repetition":
+        """From the squared errors (W, horizons, groups) of one model."""
+        unit, basis = _units(runs, squared)
+        return cls(unit, _draws(unit, runs.recording, len(runs.logs) >= MIN_RECORDINGS), basis)
+
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """Means (draws, …) of values (W, …) over the free runs of every draw."""
+        sums = np.zeros((self.draws.shape[1], *values.shape[1:]))
+        np.add.at(sums, self.unit, values)
+        count = self.draws @ np.bincount(self.unit)
+        return np.tensordot(self.draws, sums, axes=1) / count.reshape(-1, *(1,) * (values.ndim - 1))
+
+    def lines(self, squared: np.ndarray, runs: FreeRuns) -> dict[str, Line]:
+        """By group, the line of squared errors (W, horizons, groups)."""
+        usable = np.where(np.isfinite(squared), squared, 0.0)
+        diverged = ~np.isfinite(squared).all(0)  # (H, G)
+        low, high = np.sqrt(np.quantile(self.means(usable), [0.025, 0.975], axis=0))
+        rmse = np.sqrt(usable.mean(0))
+        for of in (rmse, low, high):
+            of[diverged] = np.inf
+        single = {log.name: np.sqrt(squared[runs.recording == i].mean(0)) for i, log in enumerate(runs.logs)}
+        return {
+            g.name: Line(
+                tuple(rmse[:, i].tolist()),
+                tuple(low[:, i].tolist()),
+                tuple(high[:, i].tolist()),
+                {name: tuple(own[:, i].tolist()) for name, own in single.items()},
+            )
+            for i, g in enumerate(runs.groups)
+        }
+
+
+def _units(runs: FreeRuns, squared: np.ndarray) -> tuple[np.ndarray, str]:
     """The unit of repetition (W,) that each window belongs to, and what it is in words."""
-    recording = np.repeat(np.arange(len(logs)), [len(a) for a in at])
+    logs, recording = runs.logs, runs.recording
     if len(logs) >= MIN_RECORDINGS:
         return recording, f"95 %, bootstrap over {len(logs)} recordings"
     # Two windows that overlap are not independent, nor are two that are nearer than errors are alike.
-    length = max(2 * steps, 2 * every * _alike(squared[:, -1], recording))
-    block = np.concatenate([a // length for a in at])
+    length = max(2 * runs.steps, 2 * runs.every * _alike(squared[:, -1], recording))
+    block = np.concatenate([a // length for a in runs.at])
     unit = np.unique(np.stack([recording, block]), axis=1, return_inverse=True)[1]
     words = "recording" if len(logs) == 1 else "recordings"
     return unit, (
@@ -244,33 +318,3 @@ def _draws(unit: np.ndarray, recording: np.ndarray, over_recordings: bool) -> np
         among = np.flatnonzero(of == stratum)
         out[:, among] = generator.multinomial(len(among), np.full(len(among), 1 / len(among)), size=COMPARING.draws)
     return out
-
-
-def _lines(
-    squared: np.ndarray,
-    judged: Sequence[Group],
-    logs: Sequence[Log],
-    recording: np.ndarray,
-    unit: np.ndarray,
-    draws: np.ndarray,
-) -> dict[str, Line]:
-    """By group, the line of squared errors (W, horizons, groups)."""
-    usable = np.where(np.isfinite(squared), squared, 0.0)
-    diverged = ~np.isfinite(squared).all(0)  # (H, G)
-    sums = np.zeros((draws.shape[1], *squared.shape[1:]))
-    np.add.at(sums, unit, usable)
-    means = np.tensordot(draws, sums, axes=1) / (draws @ np.bincount(unit))[:, None, None]
-    low, high = np.sqrt(np.quantile(means, [0.025, 0.975], axis=0))
-    rmse = np.sqrt(usable.mean(0))
-    for of in (rmse, low, high):
-        of[diverged] = np.inf
-    single = {log.name: np.sqrt(squared[recording == i].mean(0)) for i, log in enumerate(logs)}
-    return {
-        g.name: Line(
-            tuple(rmse[:, i].tolist()),
-            tuple(low[:, i].tolist()),
-            tuple(high[:, i].tolist()),
-            {name: tuple(own[:, i].tolist()) for name, own in single.items()},
-        )
-        for i, g in enumerate(judged)
-    }

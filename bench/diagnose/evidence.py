@@ -12,8 +12,8 @@ from registry.units import display
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LINES = ("nominal", "calibrated", "extended", "disturbance", "floor")
-"""The lines of every comparison, in the order of drawing; "disturbance" may be missing."""
+LINES = ("nominal", "calibrated", "extended", "disturbance", "network", "floor")
+"""The lines of every comparison, in the order of drawing; "disturbance" and "network" may be missing."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +132,28 @@ class Window:
 
 
 @dataclass(frozen=True)
+class Predictable:
+    """What a network predicts of what the last model leaves of outputs: rms errors at the last horizon, SI."""
+
+    group: str
+    """A group of outputs, or one channel."""
+    horizon_s: float
+    unit: str
+    model: float
+    observer: float
+    """Of the model with a disturbance observer; NaN: nothing is known of it."""
+    network: float
+    floor: float
+    finding: str
+    """"missing": something that these signals tell; "slow": as much as an observer tells; "little" is left to learn;
+    "worse": nothing follows; "open": the recordings do not tell."""
+    own: bool = True
+    """Whether it has an equation of its own: a pose is wrong because its rates are."""
+    axes: tuple[str, ...] = ()
+    """Where something is missing, the channels of the group in which it is; empty: in all of it, or none by itself."""
+
+
+@dataclass(frozen=True)
 class Evidence:
     """What the page shows beyond the contract. Every part may be missing."""
 
@@ -156,6 +178,10 @@ class Evidence:
     """Sentences: what was estimated, what was assumed, what the data cannot show."""
     learned: tuple[LearnedCurve, ...] = ()
     """The shapes of learned terms."""
+    predictable: tuple[Predictable, ...] = ()
+    """What a network predicts, group by group; empty: none was asked for."""
+    predictable_axes: tuple[Predictable, ...] = ()
+    """The same of single channels of those that have an equation of their own."""
     flights: tuple[Flight, ...] = ()
     """Whole recordings, held-out ones first."""
     vehicle: str = ""

@@ -160,6 +160,8 @@ class Diagnosis(Displayed):
     """Of the base model, by name."""
     disturbance_floor: ByGroup = field(default_factory=dict)
     """What the last model leaves that goes on with the disturbance which its own past tells; empty: none is known."""
+    ceiling: ByGroup | None = None
+    """What a network leaves that stands around the last model; None: it was not asked for."""
 
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:

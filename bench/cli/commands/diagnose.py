@@ -15,6 +15,7 @@ from bench.cli.diagnosing import (
     chosen,
     folder_for,
     load,
+    measured,
     print_notes,
     say_diagnosis,
     say_next,
@@ -29,9 +30,12 @@ from bench.cli.diagnosing import (
 )
 from bench.cli.place import Place, placed
 from bench.cli.progress import announcer
+from registry.errors import BenchError
 
 if TYPE_CHECKING:
     from bench.diagnose.logs.subject import Subject
+    from bench.diagnose.result import Diagnosis
+    from registry.dynamics import PhysicsModel
 
 Command = Callable[..., None]
 
@@ -289,6 +293,12 @@ def extend_command(
 )
 @click.option("--exclude", multiple=True, metavar="RECORDING", help="Leave this recording out. Repeatable.")
 @click.option("--vehicle", "vehicles", multiple=True, metavar="NAME", help="Of a fleet, this one only. Repeatable.")
+@click.option(
+    "--ceiling",
+    "asks_network",
+    is_flag=True,
+    help="Then ask a network how much is left to find: 2 to 5 minutes more. Seeds 0, 1 and 2, so the same each time.",
+)
 @_out
 @placed
 def diagnose_command(
@@ -302,6 +312,7 @@ def diagnose_command(
     ignore: tuple[str, ...],
     exclude: tuple[str, ...],
     vehicles: tuple[str, ...],
+    asks_network: bool,
     out: Path | None,
     place: Place,
 ) -> None:
@@ -317,6 +328,7 @@ def diagnose_command(
     bench diagnose flights/ --system mine.py:Tailsitter    your own physics
     bench diagnose flights/ --without mass --out second/   another look
     bench diagnose flights/ --ignore-problem spike --exclude flight_3
+    bench diagnose flights/ --ceiling                      is anything left that these signals tell?
 
     A fleet is a folder of such folders, one a vehicle, or one folder whose dataset.toml names the column that holds
     the vehicle, `vehicle = {column = "tail"}`. Each is diagnosed by itself; fleet.html says which lack what, which
@@ -331,32 +343,53 @@ def diagnose_command(
     names, folder = chosen(catalogue, without), folder_for(source, out)
     check_writable(folder, to_json)
     if fleets.is_fleet(source, vehicles, place, exclude):
+        _refuse_ceiling(asks_network)
         asked = fleets.asked_of(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
         return fleets.diagnose_fleet(source, asked, vehicles, folder, to_json=to_json, place=place)
-    given = [_measured(source, system, model_file, catalogue, exclude)]
+    given = [measured(source, system, model_file, catalogue, exclude)]
 
     from bench.diagnose.diagnose import diagnose
-    from bench.diagnose.report.together import write
 
     with announcer(options.console()) as tick:
         # Held by nobody else: of a thousand recordings those that are checked only can be let go then.
+        subject = given[0] if asks_network else None
         found, extended = diagnose(given.pop(), tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
     found = replace(found, evidence=replace(found.evidence, source=source))
     say_diagnosis(found)
-    written = write(folder, found, extended)
+    _written(found, extended, folder, to_json)
+    if subject is not None and found.verdict != "data_problem":
+        _written(_with_network(found, subject, extended, horizon), extended, folder, to_json)
+
+
+def _refuse_ceiling(asked: bool) -> None:
+    if asked:
+        raise BenchError("--ceiling is for one vehicle: give the folder of that one.")
+
+
+def _written(found: "Diagnosis", model: "PhysicsModel", folder: Path, to_json: Path | None) -> None:
+    """Write page, figures and model, and say so."""
+    from bench.diagnose.report.together import write
+
+    written = write(folder, found, model)
     if to_json is not None:
         found.write(to_json)
     say_written(options.console(), written)
 
 
-def _measured(
-    source: str, system: str | None, model_file: Path | None, catalogue: tuple[str, ...], exclude: tuple[str, ...]
-) -> "Subject":
-    """The measurements without some recordings, with the model that is diagnosed."""
-    subject, model = load(source, system, model_file)
-
+def _with_network(found: "Diagnosis", subject: "Subject", model: "PhysicsModel", horizon: float | None) -> "Diagnosis":
+    """The diagnosis with what a network leaves, which is printed; Ctrl-C leaves the one that was written."""
+    from bench.diagnose.ceiling.ceiling import ceiling, informed
     from bench.diagnose.logs.load import excluding
-    from bench.diagnose.select.catalogue import check_catalogue
+    from bench.diagnose.logs.sample import sampled
+    from bench.diagnose.report.ceiling_words import sentences
 
-    check_catalogue(subject, model or subject.model, catalogue)
-    return excluding(subject if model is None else replace(subject, model=model), exclude)
+    subject = sampled(excluding(subject, sorted({p.recording for p in found.data_problems})))  # what was diagnosed
+    try:
+        with announcer(options.console()) as tick:
+            asked = ceiling(subject, model, tick=tick, horizon_s=horizon)
+    except KeyboardInterrupt:
+        click.echo("\nbench: stopped. The diagnosis is written, without the network.", err=True)
+        raise click.exceptions.Exit(130) from None
+    for sentence in ("", *sentences(asked.findings)):
+        options.console().print(sentence, highlight=False, markup=False)
+    return informed(found, asked)

@@ -29,13 +29,15 @@ _VARIABLES = {
     "#0a0707": "floor",
     "#0a0808": "paper",
     "#0a0909": "disturbance",
+    "#0a0a0a": "network",
 }
-INK, MUTED, GRID, NOMINAL, CALIBRATED, EXTENDED, FLOOR, PAPER, DISTURBANCE = _VARIABLES
+INK, MUTED, GRID, NOMINAL, CALIBRATED, EXTENDED, FLOOR, PAPER, DISTURBANCE, NETWORK = _VARIABLES
 LOOK: dict[str, tuple[str, Any, float]] = {
     "nominal": (NOMINAL, (0, (5, 1.6)), 1.6),
     "calibrated": (CALIBRATED, (0, (6, 1.5, 1.2, 1.5)), 1.5),
     "extended": (EXTENDED, "solid", 2.0),
     "disturbance": (DISTURBANCE, (0, (4, 1.2, 1, 1.2)), 1.5),
+    "network": (NETWORK, (0, (2.5, 1.2)), 1.7),
     "floor": (FLOOR, (0, (1, 1.3)), 1.5),
 }
 """Colour, dashes and width of a line."""

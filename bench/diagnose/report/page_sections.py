@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.diagnose.evidence import LINES, Candidate
+from bench.diagnose.report import ceiling_words, phrases, sentences
 from bench.diagnose.report import page_figures as figures
-from bench.diagnose.report import phrases, sentences
 from bench.diagnose.report.page_equations import equation_by_equation
 from bench.diagnose.report.page_flights import over_time
 from bench.diagnose.result import Diagnosis, NamedEffect, Region
@@ -31,7 +31,7 @@ class _Drawn:
 @dataclass(frozen=True)
 class _Curves(_Drawn):
     rows: Sequence[tuple[str, str, list[str]]]
-    """Recording, output and the error of each of `LINES` at the longest horizon."""
+    """Recording, output and the error of each of ``models`` at the longest horizon."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,8 @@ class _Where(_Drawn):
 class _Left:
     sentence: str
     hypothesis: str
+    axes: Sequence[ceiling_words.Row]
+    """What a network leaves of single axes."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def _curves(d: Diagnosis) -> _Curves | None:
         ends = {(n, r): errors[-1] for n, line in c.lines.items() for r, errors in line.recordings.items()}
         unit, factor = phrases.shown(c.unit, group, ends.values())
         for recording in dict.fromkeys(r for _, r in ends):
-            errors = [phrases.number(ends.get((n, recording), math.nan) * factor) for n in LINES]
+            errors = [phrases.number(ends.get((n, recording), math.nan) * factor) for n in present]
             rows.append((recording, f"{phrases.named(group)} after {c.horizon_s[-1]:g} s [{unit}]", errors))
     return _Curves(drawings, present, rows)
 
@@ -154,8 +156,8 @@ def _left(d: Diagnosis) -> _Left | None:
     if d.verdict == "data_problem":
         return None
     said = sentences.remainder(d) or "Nothing systematic is left above the noise floor."
-    said = " ".join(filter(None, (said, sentences.observed(d))))
-    return _Left(said, d.evidence.hypothesis)
+    said = " ".join(filter(None, (said, sentences.observed(d), *ceiling_words.sentences(d.evidence.predictable))))
+    return _Left(said, d.evidence.hypothesis, [ceiling_words.row(f) for f in d.evidence.predictable_axes])
 
 
 def _constants(d: Diagnosis) -> list[_Constant]:

@@ -252,6 +252,11 @@ class Fall:
         """Whether a disturbance observer lowers the error by enough to be told."""
         return self.errors["disturbance"] < TELLING.observer_helps * self.errors[self.after]
 
+    @property
+    def networked(self) -> bool:
+        """Whether a network was asked what it leaves."""
+        return not math.isnan(self.errors["network"])
+
     def text(self, model: str) -> str:
         """The error of a model."""
         error = self.errors[model]
@@ -270,6 +275,7 @@ def falls(diagnosis: Diagnosis) -> list[Fall]:
         diagnosis.error.calibrated,
         diagnosis.error.extended,
         diagnosis.disturbance_floor,
+        diagnosis.ceiling or {},
         diagnosis.noise_floor,
     )
     out = []

@@ -49,7 +49,9 @@ def _errors(diagnosis: Diagnosis) -> list[str]:
         (
             f"{phrases.named(f.group)} after {f.horizon}",
             f"{f.text('nominal')} → {f.text(f.after)} {f.unit}",
-            (f"with observer {f.text('disturbance')}, " if f.observed else "") + f"floor {f.text('floor')}",
+            (f"with observer {f.text('disturbance')}, " if f.observed else "")
+            + (f"network {f.text('network')}, " if f.networked else "")
+            + f"floor {f.text('floor')}",
         )
         for f in sentences.falls(diagnosis)[:4]
     ]

@@ -7,6 +7,7 @@ Code takes the instance of a class below, so that a test (or a study of a thresh
 from dataclasses import Field, fields
 from typing import Any
 
+from bench.diagnose.settings.ceiling import Ceiling
 from bench.diagnose.settings.checks import Aligning, Freezing, Leaving, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
@@ -20,6 +21,7 @@ from bench.diagnose.settings.unseen import Unseen
 
 COMPARING = Comparing()
 OBSERVING = Observing()
+CEILING = Ceiling()
 LOCATING = Locating()
 DISCOVERING = Discovering()
 EXTENDING = Extending()
@@ -68,6 +70,7 @@ ASSURING = Assuring()
 EVERY = (
     COMPARING,
     OBSERVING,
+    CEILING,
     LOCATING,
     DISCOVERING,
     EXTENDING,
