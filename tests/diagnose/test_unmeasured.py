@@ -11,6 +11,7 @@ from bench.diagnose.discover import discover
 from bench.diagnose.logs.subject import Subject, log_of, self_contained
 from bench.diagnose.regression.weak import Stack
 from bench.diagnose.select import by_simulation
+from bench.diagnose.settings import SIMULATING
 from bench.diagnose.simulate.simulation_fit import Windows, fit, starts
 from bench.diagnose.simulate.unmeasured import beginning, completed, hidden
 from registry.contracts import Channel, Recording
@@ -54,6 +55,24 @@ def test_constants_are_fitted_although_a_state_is_unmeasured(tanks):
     (found,) = fit(subject, windows, starts(windows, [subject.model]))
     assert np.sqrt(found.loss.sum() / found.errors.size) < 2e-3  # as much as the noise
     assert found.model.lower_outflow == pytest.approx(truth.lower_outflow, rel=0.05)
+
+
+@pytest.mark.parametrize("times", [(0.5, 2, 1), (2, 0.5, 1), (0.5, 0.5, 2), (2, 1, 1)], ids=str)
+def test_steps_that_go_too_far_do_not_end_a_fit(tanks, times):
+    """By itself a fit from afar ends at the noise, without others beside it whose steps still gain."""
+    subject, _, _ = tanks
+    names = ("lower_outflow", "pump_gain", "upper_outflow")
+    far = replace(subject.model, **{n: f * getattr(subject.model, n) for n, f in zip(names, times, strict=True)})
+    windows = Windows.of(subject.logs)
+    (found,) = fit(subject, windows, starts(windows, [far]), steps=30)
+    assert np.sqrt(found.loss.sum() / found.errors.size) < 2e-3
+
+
+def test_there_are_windows_enough_to_leave_some_out_at_any_sampling_rate(tanks):
+    one, two = (Windows.of(tanks[0].logs[:count]) for count in (1, 2))
+    assert len(one.log) >= 7 and len(two.log) >= 7  # the first sample of all is no step
+    many = Windows.of(tanks[0].logs * 8)
+    assert many.inputs.shape[1] - 1 == SIMULATING.window
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from bench.diagnose.select.discovery import Discovery, Found, Loser
 from bench.diagnose.select.search import admissible
 from bench.diagnose.select.subset import t_value
 from bench.diagnose.select.verify import Estimate
-from bench.diagnose.settings import GROWING
+from bench.diagnose.settings import GROWING, SIMULATING
 from bench.diagnose.simulate.simulation_fit import Simulated, Start, Windows, fit, starts
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
@@ -133,20 +133,28 @@ def independent(of: Simulated) -> float:
 
 
 def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> Simulated:
-    """The best fit from several starting points: all for a few steps, the likely ones to the end.
+    """The best fit from several starting points, of which the better half goes on each time, for twice as many steps.
 
-    They are also led there by windows that grow: over a short one no free run falls out of step with the measurement,
-    which makes a valley of every missed period; but it says little of what is slow, so both ways are gone.
+    (Successive halving: Jamieson and Talwalkar, AISTATS 2016.) They are also led there by windows that grow: over a
+    short one no free run falls out of step with the measurement, which makes a valley of every missed period; but it
+    says little of what is slow, so both ways are gone to their ends: a start that was led has more steps behind it.
     """
 
-    def likely(windows: Windows, begin: Sequence[Start]) -> list[Simulated]:
-        return sorted(fit(subject, windows, begin, steps=GROWING.first), key=lambda f: f.loss.sum())[: GROWING.likely]
+    def best(field: Sequence[Simulated], count: int) -> list[Simulated]:
+        return sorted(field, key=lambda f: f.loss.sum())[:count]
+
+    def ended(field: Sequence[Start]) -> Simulated:
+        steps = GROWING.first
+        while len(field) > 1:
+            field = best(fit(subject, windows, field, steps=steps), len(field) // 2)
+            steps *= 2
+        return fit(subject, windows, field, steps=max(steps, SIMULATING.steps))[0]
 
     begin = starts(windows, models)
     led: Sequence[Start] = begin
     for samples in GROWING.lengths:
-        led = likely(windows.shortened(samples), led)
-    return min(fit(subject, windows, likely(windows, [*begin, *led])), key=lambda f: f.loss.sum())
+        led = best(fit(subject, windows.shortened(samples), led, steps=GROWING.first), GROWING.likely)
+    return best([ended(begin), ended(led)], 1)[0]
 
 
 def _refitted(field: Sequence[Choice], smaller: Choice, tick: Callable[[str], None]) -> list[Choice]:

@@ -204,8 +204,10 @@ class Growing:
     """Sets of effects that are fitted through the simulator, one effect added at a time."""
 
     most: int = threshold(3, "effects that are added at most: each set costs a fit", Basis.EFFORT, "count")
-    likely: int = threshold(3, "starting points that are followed to the end", Basis.EFFORT, "count")
-    first: int = threshold(4, "steps after which the less promising ones are dropped", Basis.EFFORT, "count")
+    likely: int = threshold(3, "starting points that growing windows lead", Basis.EFFORT, "count")
+    first: int = threshold(
+        4, "steps after which the worse half of them is dropped, and then after twice as many", Basis.EFFORT, "count"
+    )
     lengths: tuple[int, ...] = threshold(
         (16, 64), "lengths of the windows that lead a fit to the whole ones", Basis.JUDGED, "samples"
     )

@@ -55,7 +55,10 @@ class Shooting:
 class Simulating:
     """Models with unmeasured states, fitted over windows that begin where they are met best."""
 
-    window: int = threshold(128, "length of a window, which has a beginning of its own", Basis.JUDGED, "samples")
+    window: int = threshold(128, "longest window, which has a beginning of its own", Basis.JUDGED, "samples")
+    windows: int = threshold(
+        8, "windows at least, of the recordings together: sets are compared on windows left out", Basis.JUDGED, "count"
+    )
     steps: int = threshold(16, "Levenberg–Marquardt steps at most", Basis.EFFORT, "count")
     enough: float = threshold(2e-3, "relative fall of the cost below which a fit is finished", Basis.EFFORT)
     far: float = threshold(

@@ -38,7 +38,8 @@ class Windows:
     @classmethod
     def of(cls, logs: Sequence[Log]) -> "Windows":
         """Windows one after the other over every recording."""
-        length = min(SIMULATING.window, *(len(log) - 1 for log in logs))
+        whole = sum(map(len, logs))
+        length = min(SIMULATING.window, max(1, whole // SIMULATING.windows), *(len(log) - 1 for log in logs))
         places = [(i, k) for i, log in enumerate(logs) for k in range(0, len(log) - length, length)]
         places = [(i, k) for i, k in places if logs[i].valid[k : k + length + 1].all()]
         pieces = [slice(k, k + length + 1) for _, k in places]
@@ -194,6 +195,8 @@ class _Normal:
 
     jacobian: np.ndarray
     """J: (W, N, P)."""
+    begin: np.ndarray
+    """B: (W, N, H)."""
     residual: np.ndarray
     """r: (W, N, 1)."""
     onto: np.ndarray
@@ -218,7 +221,7 @@ class _Normal:
         w = weights[:, None, None]
         gram = (w * (jacobian.transpose(0, 2, 1) @ slope)).sum(0)
         moment = -(w * (jacobian.transpose(0, 2, 1) @ left)).sum(0)[:, 0]
-        return cls(jacobian, residual, onto, gram, moment)
+        return cls(jacobian, begin, residual, onto, gram, moment)
 
     def step(self, prior: Prior, power: float, damping: float) -> np.ndarray:
         """δ (P,) within the bounds of ``prior``: (JᵀMJ + σ² Λ + λ diag JᵀMJ) δ = −JᵀM r + σ² Λ (centre).
@@ -237,6 +240,11 @@ class _Normal:
     def beginnings(self, step: np.ndarray) -> np.ndarray:
         """K (r + J δ): (W, H), by how much the beginnings fall at a step δ (P,) of the numbers."""
         return np.asarray((self.onto @ (self.residual + self.jacobian @ step[:, None]))[..., 0])
+
+    def promised(self, step: np.ndarray) -> np.ndarray:
+        """(W,) sums of squared errors after a step δ (P,), as far as r is linear."""
+        left = self.residual + self.jacobian @ step[:, None]
+        return np.asarray(((left - self.begin @ (self.onto @ left)) ** 2).sum((1, 2)))
 
 
 @dataclass(eq=False)
@@ -259,7 +267,7 @@ class _Fits:
     damping: np.ndarray
     """(Q,) of Levenberg and Marquardt."""
     patience: np.ndarray
-    """(Q,) steps in a row that gained nothing much."""
+    """(Q,) steps in a row that gained nothing much, or promised no more; one that went too far tells nothing."""
 
     @classmethod
     def at(cls, runs: _Runs, begins: Sequence[Start], weights: np.ndarray) -> "_Fits":
@@ -277,10 +285,10 @@ class _Fits:
             patience=np.zeros(many, dtype=int),
         )
 
-    def proposed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers (Q, P) and beginnings (Q, W, H) after a step of every fit."""
+    def proposed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Numbers (Q, P) and beginnings (Q, W, H) after a step of every fit, and the cost (Q,) that it promises."""
         numbers, beginnings = self.runs.slopes(self.values, self.begun, self.errors)
-        values, begun = self.values.copy(), self.begun.copy()
+        values, begun, promised = self.values.copy(), self.begun.copy(), self.cost.copy()
         for q in range(len(values)):
             normal = _Normal.of(numbers[q], beginnings[q], self.errors[q], self.weights[q], self.damping[q])
             self.grams[q] = normal.gram
@@ -290,18 +298,20 @@ class _Fits:
             step = normal.step(Prior.of(self.runs.template, self.values[q]), power, self.damping[q])
             values[q] = np.clip(self.values[q] + step, *self.runs.ends)
             begun[q] = self.begun[q] - normal.beginnings(step)
-        return values, begun
+            promised[q] = self.weights[q] @ normal.promised(step)
+        return values, begun, promised
 
-    def judge(self, values: np.ndarray, begun: np.ndarray) -> None:
+    def judge(self, values: np.ndarray, begun: np.ndarray, promised: np.ndarray) -> None:
         """Go to numbers (Q, P) and beginnings (Q, W, H) where they are better; else damp the next step more."""
         tried = self.runs.errors(values, begun)
         now = (self.weights * _loss(tried)).sum(1)
         better = now < self.cost
-        gained = np.where(better, 1 - now / np.maximum(self.cost, 1e-300), 0.0)
+        hoped = 1 - np.where(better, now, promised) / np.maximum(self.cost, 1e-300)
         self.values[better], self.begun[better], self.errors[better] = values[better], begun[better], tried[better]
         self.cost = np.where(better, now, self.cost)
         self.damping = np.clip(np.where(better, self.damping / 5, self.damping * 8), 1e-9, 1e6)
-        self.patience = np.where(gained > SIMULATING.enough, 0, self.patience + 1)
+        idle = hoped <= SIMULATING.enough
+        self.patience = np.where(idle, self.patience + 1, np.where(better, 0, self.patience))
 
     def results(self) -> list[Simulated]:
         """Model by model."""
