@@ -5,7 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_compare import TRUE, flights, subject_of
+import torch
+from test_compare import DT, TRUE, flights, subject_of
 
 from bench.diagnose.regression import weak
 from bench.diagnose.regression.generic import Term
@@ -161,11 +162,26 @@ def test_a_constant_whose_column_is_noise_of_the_inputs_is_free_and_its_channel_
     assert buried or 0.96 < mass.low < 1.0 < mass.high < 1.04
 
 
-def test_a_widely_uncertain_constant_does_not_stand_in_for_an_effect_that_is_taken_away() -> None:
+@pytest.mark.parametrize("acts", [False, True])
+def test_what_jitters_in_the_inputs_is_no_noise_where_the_system_answers_it(acts: bool) -> None:
+    """White noise on a measured force is taken off; a force that jitters itself is not."""
+    states, force = flights(count=3, samples=2000)
+    force = force + np.random.default_rng(2).normal(0, 0.3 * force.std(), force.shape)
+    if acts:
+        states = TRUE.simulate(torch.from_numpy(states[:, 0]), torch.from_numpy(force), DT).numpy()
+    subject = subject_of(TRUE, states + np.random.default_rng(1).normal(size=states.shape) * [1e-4, 1e-3], force)
+    search = Search(subject, [], lambda what: None)
+    assert len(search.views(search.look(subject.model, broad=False))) == (1 if acts else 2)
+
+
+@pytest.mark.parametrize("spread", [0.7, 0.02])
+def test_an_uncertain_constant_does_not_stand_in_for_an_effect_that_is_taken_away(spread: float) -> None:
     """The column of the mass holds the friction; without the friction it must not."""
     states, force = flights(count=3, samples=2000)
     seen = states + np.random.default_rng(1).normal(size=states.shape) * [1e-4, 1e-3]
-    subject = subject_of(replace(TRUE, damping=0.0), seen, 0.3 * force, uncertainty={"mass": 0.7, "stiffness": 0.7})
+    subject = subject_of(
+        replace(TRUE, damping=0.0), seen, 0.3 * force, uncertainty={"mass": spread, "stiffness": spread}
+    )
     friction = EFFECTS.get("viscous_friction")(0.5)
     search = Search(subject, [], lambda what: None)
     misfits = []

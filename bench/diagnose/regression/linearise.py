@@ -58,7 +58,7 @@ class Directions:
     dependants: tuple[frozenset[int], ...]
     """An effect of the model: the places of those that cannot do without it."""
     reduced: tuple[Mapping[int, int], ...]
-    """An effect of the model: by column of a widely uncertain constant, the one that it has without the effect."""
+    """An effect of the model: by column of a constant, the one that it has without the effect."""
 
     def away(self, dropped: Collection[int]) -> tuple[set[int], list[int]]:
         """Places of all effects that go with those in the places ``dropped``, and the columns that take them away."""
@@ -141,7 +141,8 @@ def directions(
     wide = {j: e for j, e in enumerate(own) if e.constant and e.scale > LINEARISING.wide * abs(e.value)}
     dependants = tuple(_dependants(model, i) for i in range(len(model.effects)))
     removals = tuple(range(len(own), len(own) + len(model.effects)))
-    more, reduced = _without(model, dependants, at, wide, stack, first=len(own))
+    constants = {j: e for j, e in enumerate(own) if e.constant}
+    more, reduced = _without(model, dependants, at, constants, stack, first=len(own))
     columns += more
     starts: list[Start] = []
     for name, kind in candidates:
@@ -175,17 +176,17 @@ def _without(
     model: PhysicsModel,
     dependants: Sequence[frozenset[int]],
     at: np.ndarray,
-    wide: Mapping[int, Entry],
+    constants: Mapping[int, Entry],
     stack: Stack,
     first: int,
 ) -> tuple[list[Response], tuple[Mapping[int, int], ...]]:
-    """What taking each effect of a model away adds to its rates, and how widely uncertain constants act without it.
+    """What taking each effect of a model away adds to its rates, and how constants act without it.
 
     Args:
         model: with the effects.
         dependants: by effect, the places of those that go with it.
         at: rates of the model.
-        wide: by column, the widely uncertain constants.
+        constants: by column.
         stack: the recordings.
         first: place of the first column that comes of it.
 
@@ -200,8 +201,8 @@ def _without(
         without = mean_rates(rest, stack).numpy()
         removals.append(response(without - at, stack.measured))
         next_one = first + len(model.effects) + len(by_constant)
-        reduced.append({j: next_one + k for k, j in enumerate(wide)})
-        by_constant += _by_constant(rest, list(wide.values()), without, stack)
+        reduced.append({j: next_one + k for k, j in enumerate(constants)})
+        by_constant += _by_constant(rest, list(constants.values()), without, stack)
     return [*removals, *by_constant], tuple(reduced)
 
 

@@ -183,7 +183,12 @@ class Search:
             )
 
         normal = mine.normal()
-        return [view(normal, grams)] if noise is None else [view(normal.less(noise), cleaned), view(normal, grams)]
+        plain = view(normal, grams)
+        if noise is None:
+            return [plain]
+        less = view(normal.less(noise), cleaned)
+        # Where far less than nothing would be left, what was taken for noise of the inputs acts on the system.
+        return [less, plain] if less.subsets.fit().misfit > -less.floor else [plain]
 
     def as_known(self, view: View) -> View:
         """The view with what is known of the constants now."""
