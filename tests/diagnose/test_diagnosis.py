@@ -331,3 +331,16 @@ def test_extending_prints_the_units_of_the_page() -> None:
     ):
         assert part in shown
     assert "rad" not in shown
+
+
+@pytest.mark.parametrize(
+    ("unit", "shown"),
+    [
+        ("m/s^2", "m/s²"),
+        ("N s^2 / kg", "N s² / kg"),
+        ("N / (kg m^2)", "N/(kg m²)"),
+        ("kg/rad s", "kg/(rad s)"),
+    ],
+)
+def test_a_unit_that_is_divided_by_several_has_these_in_brackets(unit: str, shown: str) -> None:
+    assert phrases.shown(unit)[0] == shown

@@ -25,7 +25,8 @@ def shown(si_unit: str, signal: str = "", values: Iterable[float] = ()) -> tuple
 def _in_brackets(unit: str) -> str:
     """With what it is divided by in brackets, where that is several units."""
     above, slash, below = unit.partition("/")
-    return f"{above}/({below})" if slash and " " in below else unit
+    below = below.strip().removeprefix("(").removesuffix(")")
+    return f"{above.rstrip()}/({below})" if slash and " " in below else unit
 
 
 def united(value: str, unit: str) -> str:
