@@ -219,3 +219,18 @@ def test_crumbs_of_something_that_is_not_understood_are_not_named(monkeypatch: p
     assert verify.understood(view, [0, 1, 2], [], total=50.0) == [2]  # type: ignore[arg-type]
     monkeypatch.setattr(verify, "needed", lambda view, place, traces, dropped: True)
     assert verify.understood(view, [0, 1, 2], [], total=50.0) == [0, 1, 2]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("drowned_too", [False, True])
+def test_a_constant_that_is_free_with_an_effect_is_known_as_stated_without_it(drowned_too: bool) -> None:
+    """Columns: the constant (noise), the effect taken away, the constant without it, which can undo just that."""
+    rng = np.random.default_rng(4)
+    effect = rng.normal(5.0, 1.0, 4000)
+    rows = np.stack([rng.normal(size=4000), -effect, effect, rng.normal(size=4000)])
+    inertia = Entry(-1, "inertia", None, "kg m^2", 1.0, 0.01, 0.97, 1.03, stated=1.0)
+    nothing = np.empty(0)
+    linear = Directions(None, None, (inertia,), (), nothing, nothing, (), (1,), (frozenset(),), ({0: 2},))  # type: ignore[arg-type]
+    normal = Normal(((np.arange(4), rows),), 4, np.repeat(np.arange(4), 10), np.full(40, 100))
+    dropped = Subsets(linear, normal, {0, 2} if drowned_too else {0}).fit(drop=[0])
+    stands_in = dropped.misfit < 1.1 * 4000
+    assert stands_in == drowned_too and (abs(dropped.beta[0]) < 0.05) != drowned_too

@@ -65,14 +65,16 @@ class Subsets:
         own: tuple[Entry, ...] = linear.own
         self.own = list(range(len(own)))
         known = Prior.of(own)
-        self.prior, self.centre, self.low, self.high = known.precision, known.centre, known.low, known.high
+        self.prior, self.low, self.high = known.precision.copy(), known.low.copy(), known.high.copy()
+        self.centre = known.centre
         self.anchor = self.prior.copy()
         """As the prior, and where that is none, weakly: what holds a constant of which some recordings say little."""
-        for i in set(buried) & set(self.own):
-            if own[i].constant:
-                self.prior[i] = 0.0
-                self.anchor[i] = max(abs(own[i].value), own[i].scale) ** -2
-                self.low[i], self.high[i] = sign_kept(own[i].value)
+        self.stated = known
+        self.drowned = [i for i in self.own if i in set(buried) and own[i].constant]
+        for i in self.drowned:
+            self.prior[i] = 0.0
+            self.anchor[i] = max(abs(own[i].value), own[i].scale) ** -2
+            self.low[i], self.high[i] = sign_kept(own[i].value)
         self.penalty = float(np.log(max(normal.rows, 2)))
         """What a further parameter costs (Schwarz's criterion)."""
 
@@ -80,10 +82,24 @@ class Subsets:
         """The same with only this relative 1σ known of the constants in these places, and their sign."""
         out = copy(self)
         out.prior, out.low, out.high = self.prior.copy(), self.low.copy(), self.high.copy()
+        out.drowned = [i for i in self.drowned if i not in places]
         for i in places:
             value = self.linear.own[i].value
             out.prior[i], (out.low[i], out.high[i]) = (spread * value) ** -2, sign_kept(value)
         return out
+
+    def _known(self, own: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Precision and bounds of the model's own numbers where these are their columns.
+
+        A constant that is left free because its column is noise has another column without an effect. Where that one
+        is not noise, the constant is known as stated: freed, it would stand in for the effect that is dropped.
+        """
+        prior, low, high = self.prior.copy(), self.low.copy(), self.high.copy()
+        told = [i for i in self.drowned if own[i] != self.own[i] and own[i] not in self.buried]
+        prior[told], low[told], high[told] = (
+            of[told] for of in (self.stated.precision, self.stated.low, self.stated.high)
+        )
+        return prior, low, high
 
     def fit(
         self,
@@ -106,10 +122,11 @@ class Subsets:
         extra = len(columns) - len(self.own)
         fixed = np.array([e.owner in gone for e in self.linear.own], dtype=bool)
         once = np.ones(len(taken))
-        low, high = np.where(fixed, 0.0, self.low), np.where(fixed, 0.0, self.high)
+        precision, low, high = self._known(own)
+        low, high = np.where(fixed, 0.0, low), np.where(fixed, 0.0, high)
         low = np.concatenate([low, *(s.low for s in starts), np.full(len(more), -np.inf), once])
         high = np.concatenate([high, *(s.high for s in starts), np.full(len(more), np.inf), once])
-        prior, centre = np.concatenate([self.prior, np.zeros(extra)]), np.concatenate([self.centre, np.zeros(extra)])
+        prior, centre = np.concatenate([precision, np.zeros(extra)]), np.concatenate([self.centre, np.zeros(extra)])
         beta, misfit = self.normal.fit(columns, prior, centre, low, high, without)
         count = sum(len(s.entries) for s in starts) + len(more)
         count += sum(not e.constant and e.owner not in gone for e in self.linear.own)
@@ -152,7 +169,8 @@ class Subsets:
         The larger, coefficient by coefficient, of what white residuals would give and of a sandwich over blocks, which
         does not need them white; coefficients at a bound count as free.
         """
-        prior = np.concatenate([self.prior, np.zeros(len(fit.columns) - len(self.own))])
+        own = self._known(fit.columns[: len(self.own)])[0]
+        prior = np.concatenate([own, np.zeros(len(fit.columns) - len(own))])
         index = list(fit.columns)
         posterior = self.normal.total[np.ix_(index, index)] + np.diag(prior)
         scale = equilibrium(np.diag(posterior))
