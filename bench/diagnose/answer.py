@@ -177,7 +177,7 @@ def _hypothesis(found: Discovery) -> str:
         return ""
     first = [t for t in found.traces if t.gain > DECIDING.hypothesis_term * found.traces[0].gain][:3]
     said = "; ".join(f"{t.axis} goes with {t.text}" for t in first)
-    alike = f" The catalogue's nearest imitation is {', '.join(found.imitators)}." if found.imitators else ""
+    alike = f" The catalogue's nearest imitation is {', '.join(found.confounders)}." if found.confounders else ""
     return f"{said}.{alike}"
 
 

@@ -10,7 +10,7 @@ from bench.diagnose.checks.problems import Checked, problems, without_damaged
 from bench.diagnose.compare import compare
 from bench.diagnose.discover import discover
 from bench.diagnose.extend import Extension, extend, ordered, stage
-from bench.diagnose.fit import fitted
+from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learned import curves, judged, learned
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
@@ -173,7 +173,7 @@ def _calibrated_only(run: _Run, found: Discovery) -> Extension:
     """The calibrated model, to which no effect is added, and its errors."""
     subject, model, numbers = run.subject, found.calibrated, found.constants
     if subject.model.effects:  # it was fitted so that free runs meet the measurements, and stays so
-        model, estimated = fitted(subject, subject.model, run.noise, run.tick)
+        model, estimated = fit_parameters(subject, subject.model, run.noise, run.tick)
         numbers = tuple(estimated)
     comparison = compare(subject, {"calibrated": model}, noise=run.noise, horizon_s=run.horizon_s)
     return Extension(
@@ -243,7 +243,7 @@ def _unnamed(found: Discovery, names: Sequence[str]) -> Discovery:
         "forecast of recordings better, and so is not named."
     )
     left = tuple(f for f in found.found if f.id not in names)
-    return replace(found, found=left, imitators=(*found.imitators, *names), notes=(*found.notes, note))
+    return replace(found, found=left, confounders=(*found.confounders, *names), notes=(*found.notes, note))
 
 
 def _remarked(found: Discovery, excess: float) -> Discovery:

@@ -7,10 +7,10 @@ from functools import cached_property
 
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.linearise import Start
+from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.select import by_simulation
-from bench.diagnose.select.choose import accepted, agreed
-from bench.diagnose.select.discovery import Discovery, Found, Loser
+from bench.diagnose.select.choose import accepted, select_across_views
+from bench.diagnose.select.discovery import Discovery, Found, RejectedCandidate
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import (
     Saving,
@@ -24,9 +24,9 @@ from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced, next_step, settled
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.select.verify import (
+    at_bound,
     estimates,
     left_over,
-    pinned,
     ratios,
     rivals,
     understood,
@@ -66,9 +66,9 @@ def discover(
     tick("weigh")
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
     worthy, remarks, contradicted = _worthy(search, view, weighing)
-    named, imitators = _understood(view, worthy, len(subject.model.effects))
-    chosen = _Choice(search, view, tuple(sorted({*worthy.dropped, *imitators})))
-    found = _found(weighing, chosen, named, worthy.model, sure=not imitators)
+    named, confounders = _understood(view, worthy, len(subject.model.effects))
+    chosen = _Choice(search, view, tuple(sorted({*worthy.dropped, *confounders})))
+    found = _found(weighing, chosen, named, worthy.model, sure=not confounders)
     errors = () if weighing is None else weighing.errors(chosen.model)
     traces, total = left_over(view, chosen.dropped)
     unknown = total > VERIFYING.left * view.floor
@@ -82,7 +82,7 @@ def discover(
         traces=tuple(traces) if unknown else (),
         constants=tuple(x for x in estimates(view, chosen.fit) if x.entry.constant),
         ratios=tuple(ratios(view, chosen.fit)),
-        imitators=tuple(_names(view)[i] for i in imitators),
+        confounders=tuple(_names(view)[i] for i in confounders),
         faint=tuple(t for t in traces if t.gain > DISCOVERING.faint_trace),
         notes=(*subject.notes, *search.notes),
         equations=errors,
@@ -110,7 +110,7 @@ class _Choice:
         """With these numbers."""
         return advanced(self.search, self.view, self.fit).model
 
-    def less(self, place: int, start: Start | None = None) -> PhysicsModel:
+    def less(self, place: int, start: Candidate | None = None) -> PhysicsModel:
         """The model less the effect in one more place, with another one instead."""
         fit = self.view.subsets.fit([] if start is None else [start], drop=[*self.dropped, place])
         return advanced(self.search, self.view, fit).model
@@ -119,10 +119,10 @@ class _Choice:
 def _first(search: Search) -> tuple[View, Fit, list[list[Fit]]]:
     """The first choice of effects, with what is stated of constants let go where the recordings contradict it."""
     views = search.views(search.look(search.subject.model))
-    view, fit, fields = agreed(views)
+    view, fit, fields = select_across_views(views)
     while search.let_go(contradicted(view, fit)):
         views = [search.as_known(v) for v in views]
-        view, fit, fields = agreed(views)
+        view, fit, fields = select_across_views(views)
     return view, fit, fields
 
 
@@ -192,7 +192,7 @@ def _worthy(search: Search, view: View, weighing: Weighing | None) -> tuple[_Cho
     """
     subsets, numbers = view.subsets, estimates(view, view.subsets.fit())
     places = range(len(search.subject.model.effects), len(view.linear.model.effects))
-    dropped = {i for i in places if pinned(numbers, i)}
+    dropped = {i for i in places if at_bound(numbers, i)}
     remarks: list[str] = []
     contradicted = False
     while True:
@@ -263,7 +263,7 @@ def _chain(fit: Fit, fields: list[list[Fit]]) -> list[Fit]:
     return out
 
 
-def _round(view: View, field: list[Fit], chosen: Fit) -> tuple[Loser, ...]:
+def _round(view: View, field: list[Fit], chosen: Fit) -> tuple[RejectedCandidate, ...]:
     """The sets of one size, as a reader compares them."""
     subsets = view.subsets
     base = subsets.fit()
@@ -288,5 +288,5 @@ def _round(view: View, field: list[Fit], chosen: Fit) -> tuple[Loser, ...]:
             rest = max(f.misfit - view.floor, 0.0) / view.floor
             why = f"leaves {rest:.2g} times the noise unexplained (t = {t:.1f} against the best)"
         low, high = share - half / scale, share + half / scale
-        out.append(Loser(id=" + ".join(f.ids), gain=share, low=low, high=high, text=text, why=why))
+        out.append(RejectedCandidate(id=" + ".join(f.ids), gain=share, low=low, high=high, text=text, why=why))
     return tuple(out)

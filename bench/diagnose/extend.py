@@ -11,7 +11,7 @@ import pandas as pd
 from bench.analysis.display import Displayed
 from bench.diagnose.compare import Comparison, compare
 from bench.diagnose.evidence import Stage
-from bench.diagnose.fit import fitted
+from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.candidates import equation_of
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.request import is_request, parsed
@@ -111,7 +111,7 @@ def extend(
     """
     subject, noise = prepared(subject, noise, tick)
     _check_added(subject, model, add)
-    chain = _Chain(*fitted(subject, model, noise, tick, through_simulator=not add))
+    chain = _Chain(*fit_parameters(subject, model, noise, tick, through_simulator=not add))
     given = () if start is None else start.effects[len(model.effects) :]
     for i, item in enumerate(add):
         added = [given[i]] if given else _starts(subject, chain.model, item, noise, tick)
@@ -119,7 +119,7 @@ def extend(
             last = i == len(add) - 1 and j == len(added) - 1
             grown = replace(chain.model, effects=(*chain.model.effects, effect))
             whole = start if last and start is not None else grown
-            chain.append(*fitted(subject, whole, noise, tick, through_simulator=last))
+            chain.append(*fit_parameters(subject, whole, noise, tick, through_simulator=last))
     comparison = compare(subject, chain.lines(), noise=noise, horizon_s=horizon_s)
     lines = {
         i: told(subject, chain.model, noise, i)

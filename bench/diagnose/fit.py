@@ -12,12 +12,12 @@ from bench.diagnose.select.search import Search
 from bench.diagnose.select.step import settled
 from bench.diagnose.select.verify import Estimate, estimates
 from bench.diagnose.settings import EXTENDING
-from bench.diagnose.simulate.shoot import Shot, shoot
+from bench.diagnose.simulate.multiple_shooting import Shot, multiple_shooting
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
 
 
-def fitted(
+def fit_parameters(
     subject: Subject,
     model: PhysicsModel,
     noise: Noise | None = None,
@@ -33,14 +33,14 @@ def fitted(
         BenchError: the recordings are too short.
     """
     if hidden(subject.logs):
-        return by_simulation.fitted(subject, model, tick)
+        return by_simulation.fit_by_simulation(subject, model, tick)
     search = Search(subject, (), tick, noise)
     view, model = settled(search, model)
     found = estimates(view, view.subsets.fit())
     if not through_simulator:
         return model, found
     tick("shooting")
-    shot = shoot(model, subject, subject.training, tick)
+    shot = multiple_shooting(model, subject, subject.training, tick)
     if lost(found, shot):
         return model, found
     better = shot.after < EXTENDING.shooting_gain * shot.before

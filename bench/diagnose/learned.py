@@ -86,7 +86,7 @@ def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extensio
     gone = tuple(f.id for f in found.found if f.id not in there)
     notes = tuple(f"{n} imitated what is described by a learned term, and is not named." for n in gone)
     left = tuple(f for f in found.found if f.id in there)
-    found = replace(found, found=left, imitators=(*found.imitators, *gone), notes=(*found.notes, *notes))
+    found = replace(found, found=left, confounders=(*found.confounders, *gone), notes=(*found.notes, *notes))
     found = replace(found, constants=extension.constants, ratios=())
     if not found.equations:
         return found

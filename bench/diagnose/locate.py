@@ -15,11 +15,11 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.conditions import Condition, conditions
 from bench.diagnose.regression.residuals import residual_maps
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.result import Region
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.settings import LOCATING
-from bench.diagnose.simulate.floor import floor, reach
+from bench.diagnose.simulate.floor import filter_half_width, floor
 from bench.diagnose.simulate.free_run import (
     Group,
     default_steps,
@@ -104,13 +104,13 @@ def locate(
     """
     subject, noise = prepared(subject, noise)
     logs = list(subject.logs if names is None else subject.of(names))
-    stack = Stack.of(logs)
+    stack = LogBatch.of(logs)
     if hidden(logs):
         stack = replace(stack, states=completed(after or model, stack))
     steps = max(1, round(LOCATING.horizon_share * default_steps(logs)))
     judged, variance = _judged(model, logs)
     with torch.no_grad():
-        at = _starts(logs, steps, margin(logs, reach(noise.smoothing)), LOCATING.free_runs)
+        at = _starts(logs, steps, margin(logs, filter_half_width(noise.smoothing)), LOCATING.free_runs)
         squared = errors(free_run(model, logs, at, steps), measured_windows(logs, at, steps), judged)[:, -1].numpy()
         chance = floor(model, logs, at, steps, noise, judged)[:, :, -1].flatten(0, 1).numpy()
         diverged = 1e3 * float(squared[np.isfinite(squared)].max(initial=1.0))
@@ -134,7 +134,7 @@ def locate(
         named = {condition.name: region.region for region, condition in reversed(found)}
         maps = residual_maps(model, after, stack, where, noise, window=steps, regions=named)
         worst = judged[int(np.argmax(ratio.mean(0)))]
-        shown = _worst(model, after, logs, worst, margin(logs, reach(noise.smoothing)))
+        shown = _worst(model, after, logs, worst, margin(logs, filter_half_width(noise.smoothing)))
     notes = []
     if not regions:
         notes.append(

@@ -18,9 +18,9 @@ from scipy.signal import savgol_filter
 from bench.diagnose.compare import compare
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.least_squares import bounded, ridge
-from bench.diagnose.regression.linearise import Directions, Start, directions
+from bench.diagnose.regression.linearise import Candidate, Linearization, directions
 from bench.diagnose.regression.parameters import entries, with_values
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.select.search import admissible
 from bench.score.case import Case
 from bench.score.chains import measured
@@ -42,7 +42,7 @@ MAX_TERMS = 5
 MEASURED = ("single", "pair", "triple")
 """Conditions in which the error on held-out recordings is asked for."""
 
-Rows = Callable[[Directions], list[np.ndarray]]
+Rows = Callable[[Linearization], list[np.ndarray]]
 """Columns and, last, what is to be explained: a recording (c + 1, rows, channels)."""
 
 
@@ -71,7 +71,7 @@ def attempt_all(case: Case, cache: Path) -> dict[str, Said]:
 
 def attempts(who: Subject, catalogue: Sequence[str]) -> dict[str, PhysicsModel]:
     """By alternative, the model with the effects that it names."""
-    stack = Stack.of(who.of(who.training))
+    stack = LogBatch.of(who.of(who.training))
     linear = directions(who.model, who.model, who.uncertainty, stack, admissible(who, who.model, catalogue))
     nominal = {e.label: e.value for e in entries(who.model, who.uncertainty) if e.constant}
     pointwise, weak = (Problem(linear, rows(linear), nominal) for rows in (accelerations, changes))
@@ -83,7 +83,7 @@ def attempts(who: Subject, catalogue: Sequence[str]) -> dict[str, PhysicsModel]:
     return {name: _refined(who, nominal, linear, effects, rows) for name, (effects, rows) in chosen.items()}
 
 
-def accelerations(linear: Directions) -> list[np.ndarray]:
+def accelerations(linear: Linearization) -> list[np.ndarray]:
     """Differentiated velocity and rates, and what an accelerometer shows, against the model's, sample by sample."""
     out = []
     for i, log in enumerate(linear.stack.logs):
@@ -95,7 +95,7 @@ def accelerations(linear: Directions) -> list[np.ndarray]:
     return out
 
 
-def changes(linear: Directions) -> list[np.ndarray]:
+def changes(linear: Linearization) -> list[np.ndarray]:
     """Changes of velocity, rates and the accelerometer's integral over windows in a row, against the model's."""
     length, dt, out = max(1, round(WINDOW / linear.stack.dt)), linear.stack.dt, []
     for i, log in enumerate(linear.stack.logs):
@@ -109,7 +109,7 @@ def changes(linear: Directions) -> list[np.ndarray]:
     return out
 
 
-def _offset_free(linear: Directions, rows: np.ndarray) -> np.ndarray:
+def _offset_free(linear: Linearization, rows: np.ndarray) -> np.ndarray:
     """Rows (c + 1, n, channels) of a recording, without the offset that a sensor of rates has in it."""
     sensor = np.array(linear.channels) >= linear.stack.states.shape[-1]
     return rows - np.where(sensor, rows.mean(1, keepdims=True), 0.0)
@@ -118,7 +118,7 @@ def _offset_free(linear: Directions, rows: np.ndarray) -> np.ndarray:
 class Problem:
     """Least squares for the effects of a linearised model, with its constants beside them."""
 
-    def __init__(self, linear: Directions, rows: Sequence[np.ndarray], nominal: dict[str, float]) -> None:
+    def __init__(self, linear: Linearization, rows: Sequence[np.ndarray], nominal: dict[str, float]) -> None:
         self.linear = linear
         own = linear.own
         self.own = list(range(len(own)))
@@ -132,7 +132,7 @@ class Problem:
         self.grams = np.stack([x @ x.T for x in self.rows])
         self.count = sum(x.shape[1] for x in self.rows)
 
-    def fit(self, starts: Sequence[Start] = (), without: int | None = None) -> np.ndarray:
+    def fit(self, starts: Sequence[Candidate] = (), without: int | None = None) -> np.ndarray:
         """Coefficients (c,) of all columns, those of other effects 0."""
         gram = self.grams.sum(0) - (0.0 if without is None else self.grams[without])
         index = [*self.own, *(c for s in starts for c in s.columns)]
@@ -153,28 +153,28 @@ class Problem:
         vector = np.append(-beta, 1.0)
         return np.asarray(np.einsum("i,fij,j->f", vector, self.grams, vector))
 
-    def effects(self, beta: np.ndarray, starts: Sequence[Start]) -> list[Effect]:
+    def effects(self, beta: np.ndarray, starts: Sequence[Candidate]) -> list[Effect]:
         """The effects that these coefficients stand for."""
         return [s.effect_at(beta[list(s.columns)].tolist()) for s in starts]
 
 
-def _bic(problem: Problem, starts: Sequence[Start]) -> float:
+def _bic(problem: Problem, starts: Sequence[Candidate]) -> float:
     """Schwarz's criterion over samples, and the least gain; a sample."""
     loss = float(problem.losses(problem.fit(starts)).sum())
     price = sum(len(s.entries) for s in starts) * np.log(problem.count) / problem.count
     return float(np.log(loss / problem.count) + price + GAIN_BIC * len(starts))
 
 
-def _flight_held_out(problem: Problem, starts: Sequence[Start]) -> float:
+def _flight_held_out(problem: Problem, starts: Sequence[Candidate]) -> float:
     """Residual of each recording by a fit to the others, and the least gain."""
     flights = range(len(problem.grams))
     loss = sum(float(problem.losses(problem.fit(starts, i))[i]) for i in flights)
     return float(np.log(loss / problem.count) + GAIN_WEAK * len(starts))
 
 
-def _forward(problem: Problem, criterion: Callable[[Problem, Sequence[Start]], float]) -> list[Effect]:
+def _forward(problem: Problem, criterion: Callable[[Problem, Sequence[Candidate]], float]) -> list[Effect]:
     """Whole effects, one after another, as long as the criterion falls."""
-    chosen: list[Start] = []
+    chosen: list[Candidate] = []
     now = criterion(problem, chosen)
     while len(chosen) < MAX_TERMS:
         left = [s for s in problem.linear.starts if s.id not in {c.id for c in chosen}]
@@ -210,7 +210,7 @@ def _sparse(problem: Problem) -> list[Effect]:
         )
         model.fit(features, t=problem.linear.stack.dt, x_dot=target)
     weight = np.abs(model.coefficients()[0])
-    best: dict[str, tuple[float, Start]] = {}
+    best: dict[str, tuple[float, Candidate]] = {}
     for w, (start, _) in zip(weight, library, strict=True):
         if w > best.get(start.id, (0.0, start))[0]:
             best[start.id] = (float(w), start)
@@ -219,7 +219,7 @@ def _sparse(problem: Problem) -> list[Effect]:
 
 
 def _refined(
-    who: Subject, nominal: dict[str, float], linear: Directions, effects: Sequence[Effect], rows: Rows
+    who: Subject, nominal: dict[str, float], linear: Linearization, effects: Sequence[Effect], rows: Rows
 ) -> PhysicsModel:
     """The model with these effects, all numbers fitted again where they act."""
     model = replace(who.model, effects=(*who.model.effects, *effects))

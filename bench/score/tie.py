@@ -9,10 +9,10 @@ import torch
 
 from bench.diagnose.compare import compare
 from bench.diagnose.extend import extend
-from bench.diagnose.fit import fitted
+from bench.diagnose.fit import fit_parameters
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.simulate.floor import reach
+from bench.diagnose.simulate.floor import filter_half_width
 from bench.diagnose.simulate.free_run import default_steps, errors, free_run, groups, starts
 from bench.score.case import Case
 from bench.score.chains import measured
@@ -37,7 +37,7 @@ def distance(
     who, _ = measured(case, cache)
     noise = noise_of(who)
     true = {k: EFFECTS.get(k)(**v) for k, v in case.effects.items() if k in EFFECTS.names()}
-    right, _ = fitted(who, replace(who.model, effects=(*who.model.effects, *true.values())), noise)
+    right, _ = fit_parameters(who, replace(who.model, effects=(*who.model.effects, *true.values())), noise)
     floor = compare(who, {"true": right}, noise=noise).lines["floor"]
     level = np.array([line.rmse[-1] for line in floor.values()])
     out = {}
@@ -55,7 +55,7 @@ def distance(
 def _difference(who: Subject, one: PhysicsModel, other: PhysicsModel, noise: Noise) -> np.ndarray:
     """Root mean square difference (groups,) of two models' free runs at the last step, on held-out recordings."""
     logs = who.of(who.held_out)
-    steps, margin = default_steps(logs), reach(noise.smoothing)
+    steps, margin = default_steps(logs), filter_half_width(noise.smoothing)
     at = [starts(log, steps + 2 * margin, EVERY) + margin for log in logs]
     judged = groups(who.model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
     with torch.no_grad():

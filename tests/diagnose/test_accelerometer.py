@@ -12,7 +12,7 @@ from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.regression import weak
 from bench.diagnose.regression.linearise import directions
-from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
 from registry.contracts import Channel, Recording
@@ -66,7 +66,7 @@ def subject() -> Subject:
 
 def test_the_model_feels_the_forces_per_mass_and_no_weight() -> None:
     logs = subject().logs
-    rates = mean_rates(MODEL, Stack.of(logs)).numpy()
+    rates = mean_rates(MODEL, LogBatch.of(logs)).numpy()
     speed = (logs[0].inputs[1:] + logs[0].inputs[:-1]).numpy()[:, :4] / 2
     thrust = 1.5e-6 * (speed**2).sum(1) / 0.5
     assert rates.shape[-1] == 16
@@ -118,7 +118,7 @@ def test_what_is_left_along_the_axes_of_the_body_is_all_that_is_left() -> None:
 def test_rows_of_what_is_felt_know_no_offset_of_the_sensor() -> None:
     """Least squares of drag in these rows alone: an offset that stayed would be taken for thrust that is missing."""
     who = subject()
-    stack = Stack.of(who.logs)
+    stack = LogBatch.of(who.logs)
     linear = directions(MODEL, MODEL, {}, stack, [("linear_drag", LinearDrag), ("thrust_scale", ThrustScale)])
     felt = [i for i, c in enumerate(linear.channels) if c >= 13]
     rows = linear.project(weak.TestFunctions.over(stack.logs, 6, [Smoothing()] * len(linear.channels)))

@@ -104,8 +104,8 @@ def test_noise_and_filter_are_found_in_the_data_and_the_floor_is_the_error_of_th
 
 def test_noise_of_inputs_that_were_smoothed_counts_as_the_low_notes_it_left_behind() -> None:
     states, force = flights()
-    hiss = savgol_filter(np.random.default_rng(2).normal(0, 8.0, force.shape), 9, 3, axis=1)
-    subject = subject_of(TRUE, smoothed(states, 0.0005)[:, 10:-10], (force + hiss)[:, 10:-10])
+    drawn = savgol_filter(np.random.default_rng(2).normal(0, 8.0, force.shape), 9, 3, axis=1)
+    subject = subject_of(TRUE, smoothed(states, 0.0005)[:, 10:-10], (force + drawn)[:, 10:-10])
     noise = noise_of(subject)
     assert (noise.input_smoothing.kind, noise.input_smoothing.window) == ("savgol", 9)
     assert noise.inputs[0] == pytest.approx(8.0, rel=0.1)

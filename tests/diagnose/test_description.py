@@ -20,7 +20,7 @@ from bench.diagnose.regression import weak
 from bench.diagnose.regression.conditions import conditions
 from bench.diagnose.regression.generic import dictionary
 from bench.diagnose.regression.residuals import residuals
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from registry.contracts import Channel
 from registry.core import EFFECTS
 from registry.datasets.signals import recording
@@ -128,13 +128,13 @@ def hoisted(model: Winch, missing: float = 0.0) -> Subject:
 
 def residual_means(model: Winch, missing: float) -> dict[tuple[str, str], np.ndarray]:
     logs = hoisted(model, missing).logs
-    return residuals(model, Stack.of(logs), weak.TestFunctions.over(logs, 10, [Smoothing()] * 2), [0, 1])
+    return residuals(model, LogBatch.of(logs), weak.TestFunctions.over(logs, 10, [Smoothing()] * 2), [0, 1])
 
 
 def test_a_system_that_says_nothing_is_described_by_its_states_and_inputs() -> None:
     model = Winch()
     logs = hoisted(model).logs
-    stack = Stack.of(logs)
+    stack = LogBatch.of(logs)
     met = {c.name: c for c in conditions(model, stack)}
     assert list(met) == [
         "displacement",
@@ -170,7 +170,7 @@ def test_a_system_that_says_nothing_is_described_by_its_states_and_inputs() -> N
 def test_a_system_is_described_as_it_says_itself() -> None:
     model = ToldWinch()
     logs = hoisted(model).logs
-    stack = Stack.of(logs)
+    stack = LogBatch.of(logs)
     assert [(c.name, c.unit) for c in conditions(model, stack)] == [("energy", "N m")]
     assert residual_means(model, 3.0)["pull", "N"] == pytest.approx(3.0, rel=1e-3)
     assert [g.name for g in _judged(model, logs)[0]] == ["speed"]
@@ -185,7 +185,7 @@ def test_the_ropes_act_together_and_the_air_brakes(monkeypatch: pytest.MonkeyPat
     model = ToldWinch()
     logs = hoisted(model).logs
     monkeypatch.setattr(Told, "axes", Description.axes)
-    words = dictionary(model, Stack.of(logs), (1,))
+    words = dictionary(model, LogBatch.of(logs), (1,))
     at = {t.text: values for t, values in zip(words.terms, words.values, strict=True)}
     assert "v |v| v" in at and "sin 1 displacement.q" in at and not {"sin 1 speed.q", "sin 1 u0"} & set(at)
     ropes = torch.stack([log.inputs for log in logs]).numpy()

@@ -8,7 +8,7 @@ from undriven import undriven
 
 from bench.diagnose import diagnose, extend
 from bench.diagnose.regression.parameters import effect_entries
-from bench.diagnose.select.verify import Estimate, pinned
+from bench.diagnose.select.verify import Estimate, at_bound
 from registry.core import EFFECTS
 from registry.errors import BenchError
 
@@ -70,8 +70,8 @@ def test_an_effect_that_spoils_the_forecast_of_held_out_recordings_is_not_named(
 def test_a_parameter_that_is_pushed_to_its_bound_betrays_an_imitation(length, damping, edge):
     effect = EFFECTS.get("suspended_load")(m_l=0.1, l=length, zeta=damping)
     numbers = [Estimate(e, e.value, e.low, e.high) for e in effect_entries(effect, 2)]
-    assert pinned(numbers, 2) is edge
-    assert not pinned(numbers, 1)
+    assert at_bound(numbers, 2) is edge
+    assert not at_bound(numbers, 1)
 
 
 def test_an_effect_is_not_added_twice():

@@ -11,7 +11,7 @@ from test_compare import DT, TRUE, flights, subject_of
 from bench.diagnose.regression import weak
 from bench.diagnose.regression.generic import Term
 from bench.diagnose.regression.least_squares import Normal
-from bench.diagnose.regression.linearise import Directions, Start
+from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select import verify
@@ -31,11 +31,11 @@ def view_of(residual: np.ndarray, **effects: np.ndarray) -> View:
     entry = Entry(0, "k", None, "1", 0.0, 1.0, -np.inf, np.inf)
     mass = Entry(-1, "mass", None, "kg", 1.0, 0.01, 0.97, 1.03, stated=1.0)
     starts = tuple(
-        Start(name, None, (entry,), (i + 1,), (-np.inf,), (np.inf,))  # type: ignore[arg-type]
+        Candidate(name, None, (entry,), (i + 1,), (-np.inf,), (np.inf,))  # type: ignore[arg-type]
         for i, name in enumerate(effects)
     )
     nothing = np.empty(0)
-    linear = Directions(None, None, (mass,), starts, nothing, nothing, (), (), (), ())  # type: ignore[arg-type]
+    linear = Linearization(None, None, (mass,), starts, nothing, nothing, (), (), (), ())  # type: ignore[arg-type]
     channel = np.arange(rows.shape[-1]), rows.reshape(-1, rows.shape[-1]).T
     normal = Normal((channel,), rows.shape[-1], np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
     return View(linear, (), Subsets(linear, normal), (), (), 0.0, frozenset(), ())
@@ -135,8 +135,8 @@ def test_what_is_linearised_at_a_value_is_believed_to_the_next_one_that_is_tried
 def test_the_noise_of_a_delayed_input_is_accounted_for() -> None:
     """The mean of two delayed inputs has less noise than one, which must not be taken for a better model."""
     states, force = flights(count=3, samples=500)
-    hiss = np.random.default_rng(2).normal(0, 0.1 * force.std(), force.shape)
-    search = Search(subject_of(TRUE, states, force + hiss), ["input_delay"], lambda what: None)
+    drawn = np.random.default_rng(2).normal(0, 0.1 * force.std(), force.shape)
+    search = Search(subject_of(TRUE, states, force + drawn), ["input_delay"], lambda what: None)
     look = search.look(search.subject.model, broad=False)
     assert look.moved is not None and search.noisy is not None
     for start in look.linear.starts:
@@ -151,8 +151,8 @@ def test_a_constant_whose_column_is_noise_of_the_inputs_is_free_and_its_channel_
 ) -> None:
     states, force = flights(count=3, samples=2000)
     seen = states + np.random.default_rng(1).normal(size=states.shape) * [1e-4, 1e-3]
-    hiss = np.random.default_rng(2).normal(0, share * force.std(), force.shape)
-    subject = subject_of(TRUE, seen, force + hiss)
+    drawn = np.random.default_rng(2).normal(0, share * force.std(), force.shape)
+    subject = subject_of(TRUE, seen, force + drawn)
     search = Search(subject, [], lambda what: None)
     view = search.views(search.look(subject.model, broad=False))[0]
     assert bool(view.doubtful) is buried
@@ -187,7 +187,7 @@ def test_an_uncertain_constant_does_not_stand_in_for_an_effect_that_is_taken_awa
     misfits = []
     for model in (replace(subject.model, effects=(friction,)), subject.model):
         linear = search.look(model, broad=False).linear
-        rows = linear.project(weak.TestFunctions.over(search.stack.logs, search.hop, [search.smoothing["speed"]]))
+        rows = linear.project(weak.TestFunctions.over(search.stack.logs, search.stride, [search.smoothing["speed"]]))
         normal = rows.normal()
         misfits.append(Subsets(linear, normal).fit(drop=range(len(model.effects))).misfit)
     assert misfits[0] == pytest.approx(misfits[1], rel=1e-6)
@@ -229,7 +229,7 @@ def test_a_constant_that_is_free_with_an_effect_is_known_as_stated_without_it(dr
     rows = np.stack([rng.normal(size=4000), -effect, effect, rng.normal(size=4000)])
     inertia = Entry(-1, "inertia", None, "kg m^2", 1.0, 0.01, 0.97, 1.03, stated=1.0)
     nothing = np.empty(0)
-    linear = Directions(None, None, (inertia,), (), nothing, nothing, (), (1,), (frozenset(),), ({0: 2},))  # type: ignore[arg-type]
+    linear = Linearization(None, None, (inertia,), (), nothing, nothing, (), (1,), (frozenset(),), ({0: 2},))  # type: ignore[arg-type]
     normal = Normal(((np.arange(4), rows),), 4, np.repeat(np.arange(4), 10), np.full(40, 100))
     dropped = Subsets(linear, normal, {0, 2} if drowned_too else {0}).fit(drop=[0])
     stands_in = dropped.misfit < 1.1 * 4000

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.diagnose import compare, diagnose, extend
-from bench.diagnose.fit import fitted
+from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.logs.subject import Subject, log_of
@@ -84,7 +84,7 @@ def subject(force: Force, noise: float = 1e-3, gust: float = 0.0) -> Subject:
 def terms_of(of: Subject) -> list[tuple[str, tuple[str, ...], str, tuple[float, ...]]]:
     """The terms that are learned, before they are fitted by simulation."""
     of, noise = prepared(of)
-    calibrated, _ = fitted(of, of.model, noise, through_simulator=False)
+    calibrated, _ = fit_parameters(of, of.model, noise, through_simulator=False)
     return [(t.axis, t.signals, t.shape, t.values) for t in learn(of, calibrated, noise)]
 
 

@@ -11,7 +11,7 @@ from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.columns import Columns, response
 from bench.diagnose.regression.linearise import directions
 from bench.diagnose.regression.parameters import entries, probes, with_values
-from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.regression.weak import LogBatch, mean_rates
 from registry.core import EFFECTS
 from registry.physics.quadrotor import Quadrotor
 
@@ -25,7 +25,7 @@ def test_what_needs_an_effect_goes_with_it() -> None:
     drag, wind = EFFECTS.get("rotor_drag")(k_d=1e-4), EFFECTS.get("wind")(w_x=2.0, w_y=-1.0)
     model = Quadrotor(effects=(drag, wind))
     x, u, valid = torch.from_numpy(states), torch.from_numpy(inputs), torch.ones(samples, dtype=torch.bool)
-    stack = Stack.of([Log("flight", 100.0, x, (True,) * 13, u, valid, None)])  # type: ignore[arg-type]
+    stack = LogBatch.of([Log("flight", 100.0, x, (True,) * 13, u, valid, None)])  # type: ignore[arg-type]
     linear = directions(model, model, {}, stack)
     assert linear.away([1]) == ({1}, [linear.removals[1]])
     assert linear.away([0]) == linear.away([0, 1]) == ({0, 1}, [linear.removals[0]])
@@ -57,7 +57,7 @@ def test_models_that_share_what_is_alike_have_the_rates_of_each_alone():
     )
     inputs = np.abs(np.full((samples, 4), 496.0) + rng.normal(0, 30, (samples, 4)))
     x, u, valid = torch.from_numpy(states), torch.from_numpy(inputs), torch.ones(samples, dtype=torch.bool)
-    stack = Stack.of([Log("flight", 100.0, x, (True,) * 13, u, valid, None)])  # type: ignore[arg-type]
+    stack = LogBatch.of([Log("flight", 100.0, x, (True,) * 13, u, valid, None)])  # type: ignore[arg-type]
     for names in (("motor_lag", "rotor_drag"), ("unequal_rotors", "ground_effect"), ("suspended_load", "mass")):
         model = Quadrotor(effects=tuple(EFFECTS.get(n).typical() for n in names))
         where = entries(model, {})

@@ -8,7 +8,7 @@ import pytest
 from bench.diagnose.fit import lost
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.select.verify import Estimate
-from bench.diagnose.simulate.shoot import Shot
+from bench.diagnose.simulate.multiple_shooting import Shot
 
 DRAG = Entry(0, "drag", None, "kg/s", 0.2, 0.1, 0.0, 10.0, neutral=0.0)
 MASS = Entry(-1, "mass", None, "kg", 1.0, 0.03, 0.9, 1.1, stated=1.0)

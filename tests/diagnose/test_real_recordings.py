@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.diagnose import diagnose, discover, extend, load
-from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.regression.weak import LogBatch, mean_rates
 from registry.datasets.crazypad import Crazypad
 
 
@@ -127,7 +127,7 @@ def test_nanobench_lacks_drag_although_its_torques_hardly_follow_the_commands(be
     felt = said.by_equation["accelerations"]
     assert felt.extended < 0.45 * felt.calibrated and felt.extended < 1.35 * felt.predictable
     subject = load("nanobench")
-    held = Stack.of(subject.of(subject.held_out))
+    held = LogBatch.of(subject.of(subject.held_out))
     slopes, left = lateral_regression(held, np.diff(held.paths[..., 13:], axis=1) * held.logs[0].rate)
     assert (left < 0.5).all()
     modelled, _ = lateral_regression(held, mean_rates(model, held)[..., 13:].numpy())

@@ -7,7 +7,7 @@ import pytest
 from test_compare import TRUE, flights, subject_of
 
 from bench.diagnose.regression.least_squares import Normal
-from bench.diagnose.regression.linearise import Directions
+from bench.diagnose.regression.linearise import Linearization
 from bench.diagnose.regression.parameters import Entry, Prior, entries
 from bench.diagnose.select.choose import updated
 from bench.diagnose.select.release import contradicted
@@ -27,7 +27,7 @@ def two_equations(wanted: float, *known: Entry) -> View:
     signal, *noise = np.random.default_rng(0).normal(size=(3, BLOCKS * ROWS))
     acting = {"gain": (1.0, 1.0), "mass": (-1.0, 0.0), "inertia": (0.0, -1.0)}
     columns = np.array([[acting[e.name]] for e in known])[:, :, None]  # (c, 1, 1, channels)
-    linear = Directions(None, None, known, (), columns[0] * 0, columns, (0, 1), (), (), ())  # type: ignore[arg-type]
+    linear = Linearization(None, None, known, (), columns[0] * 0, columns, (0, 1), (), (), ())  # type: ignore[arg-type]
     channels = []
     for c, residual in enumerate((noise[0], noise[1] - wanted * signal)):
         rows = [*(columns[j, 0, 0, c] * signal for j in range(len(known))), residual]

@@ -8,7 +8,7 @@ from test_compare import DT, TRUE, flights, subject_of
 
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.simulate.teacher_forced import equations, increments, noise_increments
 
@@ -19,7 +19,7 @@ def test_what_an_equation_leaves_is_the_integral_of_the_term_that_it_lacks() -> 
     states, force = flights(samples=1000)
     lacking = replace(TRUE, damping=0.0)
     subject = subject_of(lacking, states, force, **STATED)
-    errors, recording, first = increments(lacking, Stack.of(subject.logs), noise_of(subject)).over(50, 10)
+    errors, recording, first = increments(lacking, LogBatch.of(subject.logs), noise_of(subject)).over(50, 10)
     moved = states[recording, first + 50, 0] - states[recording, first, 0]
     # The integral of −d v/m over a window is −d/m times the way. The trapezoidal rule misses (ω dt)²/12 of what the
     # spring does to the speed and of what the speed does to the displacement.
@@ -37,7 +37,7 @@ def test_noise_alone_leaves_the_difference_of_two_samples() -> None:
     states, force = flights(samples=3000)
     subject = subject_of(TRUE, states, force, **STATED)
     noise = replace(noise_of(subject), inputs=(0.0,))
-    errors, _, _ = noise_increments(TRUE, Stack.of(subject.logs), noise).over(5, 1)
+    errors, _, _ = noise_increments(TRUE, LogBatch.of(subject.logs), noise).over(5, 1)
     # Beside the two ends, noise of position and speed goes through stiffness and damping over five samples.
     through = np.sqrt(5) * 0.01 * np.array([100.0 * 1e-3, 0.5 * 0.02])
     assert errors[:, 1].std() == pytest.approx(np.sqrt(2 * 0.02**2 + (through**2).sum()), rel=0.05)

@@ -9,7 +9,7 @@ import torch
 from bench.diagnose import diagnose, load
 from bench.diagnose.discover import discover
 from bench.diagnose.logs.subject import Subject, log_of, self_contained
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.select import by_simulation
 from bench.diagnose.settings import SIMULATING
 from bench.diagnose.simulate.simulation_fit import Windows, fit, starts
@@ -43,7 +43,7 @@ def tanks():
 
 def test_the_beginning_of_an_unmeasured_state_is_found(tanks):
     subject, truth, upper = tanks
-    stack = Stack.of(subject.logs)
+    stack = LogBatch.of(subject.logs)
     assert hidden(subject.logs) == (0,)
     assert beginning(truth, stack)[:, 0].numpy() == pytest.approx(UPPER, rel=0.01)
     assert completed(truth, stack)[..., 0].numpy() == pytest.approx(upper, rel=0.01)
@@ -94,7 +94,7 @@ def spring():
 
 def test_a_fit_is_led_past_valleys_of_missed_periods(spring):
     model = replace(spring.model, effects=(CubicStiffness(),))
-    found, _ = by_simulation.fitted(spring, model)
+    found, _ = by_simulation.fit_by_simulation(spring, model)
     assert found.effects[0].k_3 == pytest.approx(3000.0, rel=0.02)
     windows = Windows.of(spring.logs)
     (at_once,) = fit(spring, windows, starts(windows, [replace(model, effects=(CubicStiffness.typical(),))]))

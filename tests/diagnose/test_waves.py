@@ -12,7 +12,7 @@ import torch
 from scipy.stats import kstest
 
 from bench.diagnose import diagnose
-from bench.diagnose.fit import fitted
+from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.learn.spectral_line import Line
 from bench.diagnose.learn.thomson import scan
@@ -32,7 +32,7 @@ from registry.physics.quadrotor import Quadrotor
 def found(of: Subject) -> tuple[Line, ...]:
     """The waves in what the calibrated model leaves."""
     of, noise = prepared(of)
-    calibrated, _ = fitted(of, of.model, noise, through_simulator=False)
+    calibrated, _ = fit_parameters(of, of.model, noise, through_simulator=False)
     return waves(of, calibrated, noise)
 
 

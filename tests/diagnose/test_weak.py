@@ -42,7 +42,7 @@ def test_a_swinging_load_that_is_solved_at_once_takes_the_path_of_one_step_after
     flight[..., 9] += 1.0
     speeds = 900 + 30 * torch.sin(torch.arange(403.0, dtype=torch.float64)).reshape(1, -1, 1).expand(2, -1, 4)
     model = Quadrotor(effects=(SuspendedLoad(m_l=0.1, l=length, zeta=0.1),))
-    stack = weak.Stack((), flight, speeds, 0.01)
+    stack = weak.LogBatch((), flight, speeds, 0.01)
     at_once = weak.own_states(model, stack)
     monkeypatch.setattr(weak, "solved", lambda *a: None)
     one_by_one = weak.own_states(model, stack)

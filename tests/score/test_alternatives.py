@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("rotorpy")
 
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.linearise import Directions, directions
+from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.weak import Stack
 from bench.score.alternatives import WINDOW, accelerations, attempt_all, changes
 from bench.score.chain.case import ChainCase, measured
@@ -33,7 +33,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def flown(cache: Path) -> tuple[Subject, Directions]:
+def flown(cache: Path) -> tuple[Subject, Linearization]:
     who = measured(DRAG, cache)
     stack = Stack.of(who.of(who.training))
     return who, directions(who.model, who.model, who.uncertainty, stack)
@@ -41,7 +41,7 @@ def flown(cache: Path) -> tuple[Subject, Directions]:
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_an_accelerometer_sideways_shows_what_a_model_of_thrust_alone_leaves(
-    flown: tuple[Subject, Directions], axis: int
+    flown: tuple[Subject, Linearization], axis: int
 ) -> None:
     who, linear = flown
     sensed = linear.channels.index(len(who.model.state_channels) + axis)

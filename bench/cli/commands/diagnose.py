@@ -108,12 +108,12 @@ def compare_command(
     subject, model = load(source, system, model_file)
 
     from bench.diagnose.compare import compare
-    from bench.diagnose.fit import fitted
+    from bench.diagnose.fit import fit_parameters
     from bench.diagnose.report import phrases
 
     with announcer(options.console()) as tick:
         say_problems(subject)
-        calibrated, _ = fitted(subject, subject.model, tick=tick)
+        calibrated, _ = fit_parameters(subject, subject.model, tick=tick)
         models = {"calibrated": calibrated}
         if model is not None:
             tick("model")
@@ -151,13 +151,13 @@ def locate_command(source: str, system: str | None, model_file: Path | None, to_
     """
     subject, model = load(source, system, model_file)
 
-    from bench.diagnose.fit import fitted
+    from bench.diagnose.fit import fit_parameters
     from bench.diagnose.locate import locate
 
     with announcer(options.console()) as tick:
         say_problems(subject)
         if model is None:
-            model, _ = fitted(subject, subject.model, tick=tick)
+            model, _ = fit_parameters(subject, subject.model, tick=tick)
         tick("locate")
         found = locate(subject, model)
     out = options.console()

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from bench.diagnose.ceiling.deviation import deviation
 from bench.diagnose.logs.subject import Log
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.settings import CEILING
 from bench.diagnose.simulate.free_run import Group, full_states, measured_windows, roll, windows
 from registry.dynamics import PhysicsModel, rotation_matrix
@@ -64,7 +64,7 @@ class Examples:
         cls, model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray], grid: Grid, groups: Sequence[Group]
     ) -> "Examples":
         """Of free runs from the samples ``at`` of each log."""
-        stack, size = Stack.of(logs), len(model.state_channels)
+        stack, size = LogBatch.of(logs), len(model.state_channels)
         log = torch.from_numpy(np.repeat(np.arange(len(logs)), [len(k) for k in at]))
         start = torch.from_numpy(np.concatenate(at).astype(int))
         with torch.no_grad():
@@ -93,7 +93,7 @@ def _valid(logs: Sequence[Log]) -> Tensor:
 
 
 def _short_runs(
-    model: PhysicsModel, stack: Stack, full: Tensor, steps: int, groups: Sequence[Group]
+    model: PhysicsModel, stack: LogBatch, full: Tensor, steps: int, groups: Sequence[Group]
 ) -> tuple[Tensor, Tensor]:
     """Of runs of so many steps that end at every sample: whether there is one (L, N), and its deviation (L, N, n)."""
     count, size = full.shape[1] - steps, len(model.state_channels)

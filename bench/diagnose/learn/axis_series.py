@@ -10,8 +10,8 @@ from bench.diagnose.learn.candidates import dynamic_axes, paths, with_axes
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.generic import Dictionary, dictionary
-from bench.diagnose.regression.linearise import Directions, directions
-from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
+from bench.diagnose.regression.linearise import Linearization, directions
+from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
 from bench.diagnose.settings import UNSEEN
 from registry.dynamics import PhysicsModel
 from registry.terms import signals as known
@@ -69,8 +69,8 @@ def axis_series(subject: Subject, model: PhysicsModel, noise: Noise) -> list[Axi
         noise: of the measurements.
     """
     share = min(1.0, UNSEEN.longest / sum(map(len, subject.logs)))
-    stack = Stack.of([_beginning(log, share) for log in subject.logs])
-    hop = max(2, round(UNSEEN.window / stack.dt))
+    stack = LogBatch.of([_beginning(log, share) for log in subject.logs])
+    stride = max(2, round(UNSEEN.window / stack.dt))
     base = len(model.effects)
     with torch.no_grad():
         linear = directions(with_axes(model), subject.model, subject.uncertainty, stack)
@@ -78,7 +78,7 @@ def axis_series(subject: Subject, model: PhysicsModel, noise: Noise) -> list[Axi
         words = dictionary(model, stack, tuple(linear.channels[k] for k in kept))
         still = replace(stack, inputs=stack.inputs.mean(1, keepdim=True).expand_as(stack.inputs))
         driven = linear.rates - mean_rates(model, still).numpy()[..., list(linear.channels)]
-    tests = TestFunctions.over(stack.logs, hop, [noise.smoothing_of(linear.channels[k]) for k in kept])
+    tests = TestFunctions.over(stack.logs, stride, [noise.smoothing_of(linear.channels[k]) for k in kept])
     order, places = dynamic_axes(model), {}
     for j, e in enumerate(linear.own):
         if e.owner >= base:
@@ -101,9 +101,9 @@ def _beginning(log: Log, share: float) -> Log:
 class _Windows:
     """Means over short windows of what a linearised model leaves."""
 
-    stack: Stack
+    stack: LogBatch
     tests: TestFunctions
-    linear: Directions
+    linear: Linearization
     driven: np.ndarray
     """(L, N − 1, channels)."""
     signals: np.ndarray
@@ -125,7 +125,7 @@ class _Windows:
         weights = self.tests.modelled[0][moved[0]]
         row = weights[0].toarray().ravel() if weights.shape[0] else np.ones(1)
         row = row[np.flatnonzero(row)[0] : np.flatnonzero(row)[-1] + 1]
-        step = self.tests.hop * self.stack.dt
+        step = self.tests.stride * self.stack.dt
         return AxisSeries(
             axis=axis,
             unit=unit,
@@ -154,7 +154,7 @@ class _Windows:
         scale = np.where(good, power, 1.0)
         driven = np.stack([rows(k, self.driven[i, :, self.kept[k]]) for k in moved], axis=-1)
         functions, signals = (
-            rows(moved[0], x) / (self.tests.hop * dt) for x in (self.words.values[:, i].T, self.signals[i])
+            rows(moved[0], x) / (self.tests.stride * dt) for x in (self.words.values[:, i].T, self.signals[i])
         )
         beside = np.concatenate([np.einsum("jpc,jc->jp", own, units) / scale[:, None], functions], axis=1)
         amount, driving = ((x * units).sum(-1) / scale for x in (left, driven))
@@ -162,6 +162,6 @@ class _Windows:
         name = log.name
         return [
             Stretch(name, centre[part] * dt, amount[part], beside[part], driving[part], signals[part])
-            for part in np.split(np.arange(len(centre)), np.flatnonzero(np.diff(centre) != self.tests.hop) + 1)
+            for part in np.split(np.arange(len(centre)), np.flatnonzero(np.diff(centre) != self.tests.stride) + 1)
             if good[part].all()
         ]

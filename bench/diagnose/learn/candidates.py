@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from bench.diagnose.regression.generic import Dictionary, Term
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.select.search import Look, Search, View
 from registry.dynamics import PhysicsModel
 from registry.effects.learned_term import LearnedTerm
@@ -94,7 +94,7 @@ def with_axes(model: PhysicsModel) -> PhysicsModel:
     return replace(model, effects=(*model.effects, *constants))
 
 
-def paths(model: PhysicsModel, stack: Stack) -> dict[str, np.ndarray]:
+def paths(model: PhysicsModel, stack: LogBatch) -> dict[str, np.ndarray]:
     """Every signal (L, N − 1) that a term can follow, at the middle of each sampling interval."""
     state = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
     before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]

@@ -70,7 +70,7 @@ def _left(search: Search, model: PhysicsModel, place: int, term: LearnedTerm) ->
     direction = mean_rates(replace(rest, effects=(*rest.effects, unit)), stack).numpy() - rates
     channels = [c for c in stack.measured if np.abs(direction[..., c]).max() > 0 and c < stack.states.shape[-1]]
     tests = TestFunctions.over(
-        stack.logs, search.hop, [search.smoothing_of(model.measured_channels[c]) for c in channels]
+        stack.logs, search.stride, [search.smoothing_of(model.measured_channels[c]) for c in channels]
     )
     followed = paths(rest, stack)
     first = (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from registry.dynamics import PhysicsModel, Quantity
 
 
@@ -16,7 +16,7 @@ class Condition(Quantity):
         return np.asarray((sums[first + samples] - sums[first]) / samples)
 
 
-def conditions(model: PhysicsModel, stack: Stack) -> list[Condition]:
+def conditions(model: PhysicsModel, stack: LogBatch) -> list[Condition]:
     """Every condition that was measured and that varies."""
     drives, log = stack.inputs.shape[-1] - len(model.extras), stack.logs[0]
     own = model.description().conditions(

@@ -7,7 +7,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from bench.diagnose.regression.least_squares import equilibrium, ridge, shifted
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from registry.dynamics import Description, PhysicsModel, Signals
 
 
@@ -82,7 +82,7 @@ class Block:
     """(terms,) the function that each is."""
 
 
-def dictionary(model: PhysicsModel, stack: Stack, channels: tuple[int, ...]) -> Dictionary:
+def dictionary(model: PhysicsModel, stack: LogBatch, channels: tuple[int, ...]) -> Dictionary:
     """Low-order functions of every measured signal, and products of two, along every axis that has dynamics.
 
     Args:

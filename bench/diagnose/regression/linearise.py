@@ -11,14 +11,14 @@ from bench.diagnose.regression.columns import Columns, moves, response
 from bench.diagnose.regression.generic import Dictionary
 from bench.diagnose.regression.parameters import Entry, effect_entries, entries, probes, with_values
 from bench.diagnose.regression.rows import Rows
-from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
+from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
 from bench.diagnose.settings import LINEARISING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
 
 
 @dataclass(frozen=True)
-class Start:
+class Candidate:
     """One effect that could be added, linearised about one value of its parameters."""
 
     id: str
@@ -39,14 +39,14 @@ class Start:
 
 
 @dataclass(frozen=True, eq=False)
-class Directions:
+class Linearization:
     """How the rates of a model over every sampling interval change with each of its numbers and with rival effects."""
 
     model: PhysicsModel
-    stack: Stack
+    stack: LogBatch
     own: tuple[Entry, ...]
     """The model's constants and its effects' parameters: the first columns."""
-    starts: tuple[Start, ...]
+    starts: tuple[Candidate, ...]
     rates: np.ndarray
     """(L, N − 1, channels) of the model itself."""
     columns: Columns
@@ -65,13 +65,13 @@ class Directions:
         follow = {j for i in dropped for j in self.dependants[i]}
         return follow | set(dropped), [self.removals[i] for i in sorted(set(dropped) - follow)]
 
-    def changed(self, columns: Sequence[int], dropped: Collection[int], added: Sequence[Start] = ()) -> list[int]:
+    def changed(self, columns: Sequence[int], dropped: Collection[int], added: Sequence[Candidate] = ()) -> list[int]:
         """Columns of ``own`` as they are without the effects in the places ``dropped``, and with those ``added``."""
         instead = {c: r for i in dropped for c, r in self.reduced[i].items()}
         instead |= {c: r for s in added for c, r in s.instead.items()}
         return [instead.get(c, c) for c in columns]
 
-    def moved(self, noisy: "Directions") -> "Directions":
+    def moved(self, noisy: "Linearization") -> "Linearization":
         """These directions with those of the same names as ``noisy`` has them."""
         same = len(self.own) + len(self.removals) + sum(map(len, self.reduced))
         by = dict(enumerate(noisy.columns.responses[:same]))
@@ -107,17 +107,17 @@ class Directions:
                 # What a sensor of rates shows has an offset of its own in every recording.
                 parts.append(rows - rows.mean(0) if self.channels[c] >= states and len(rows) else rows)
             out.append(tuple(parts))
-        return Rows(tuple(out), tuple(acting), width, tests.hop * dt)
+        return Rows(tuple(out), tuple(acting), width, tests.stride * dt)
 
 
 def directions(
     model: PhysicsModel,
     nominal: PhysicsModel,
     uncertainty: dict[str, float],
-    stack: Stack,
+    stack: LogBatch,
     candidates: Sequence[tuple[str, type[Effect]]] = (),
     tick: Callable[[str], None] = lambda name: None,
-) -> Directions:
+) -> Linearization:
     """Linearise ``model`` in its numbers, and in those of every candidate effect added to it.
 
     At measured states the rates f(θ) of a model with numbers θ are taken for f + Σ_j (∂f/∂θ_j) δ_j + Σ_i (f_i − f) ε_i:
@@ -144,12 +144,12 @@ def directions(
     constants = {j: e for j, e in enumerate(own) if e.constant}
     more, reduced = _without(model, dependants, at, constants, stack, first=len(own))
     columns += more
-    starts: list[Start] = []
+    starts: list[Candidate] = []
     for name, kind in candidates:
         tick(name)
         starts += _starts(model, name, kind, at, wide=wide, stack=stack, columns=columns)
     channels = tuple(i for i in stack.measured if any(i in c for c in columns))
-    return Directions(
+    return Linearization(
         model=model,
         stack=stack,
         own=tuple(own),
@@ -167,7 +167,7 @@ Response = dict[int, np.ndarray]
 """By channel that responds, a change of its rates (L, N − 1)."""
 
 
-def _slopes(found: np.ndarray, at: np.ndarray, steps: np.ndarray, stack: Stack) -> list[Response]:
+def _slopes(found: np.ndarray, at: np.ndarray, steps: np.ndarray, stack: LogBatch) -> list[Response]:
     """How rates change with each number: ``found`` (P, L, N − 1, s) after steps (P,) from where they are ``at``."""
     return [response((x - at) / step, stack.measured) for x, step in zip(found, steps, strict=True)]
 
@@ -177,7 +177,7 @@ def _without(
     dependants: Sequence[frozenset[int]],
     at: np.ndarray,
     constants: Mapping[int, Entry],
-    stack: Stack,
+    stack: LogBatch,
     first: int,
 ) -> tuple[list[Response], tuple[Mapping[int, int], ...]]:
     """What taking each effect of a model away adds to its rates, and how constants act without it.
@@ -191,7 +191,7 @@ def _without(
         first: place of the first column that comes of it.
 
     Returns:
-        A column an effect, then those of the constants, and `Directions.reduced`.
+        A column an effect, then those of the constants, and `Linearization.reduced`.
     """
     removals: list[Response] = []
     by_constant: list[Response] = []
@@ -212,9 +212,9 @@ def _starts(
     kind: type[Effect],
     at: np.ndarray,
     wide: Mapping[int, Entry],
-    stack: Stack,
+    stack: LogBatch,
     columns: list[Response],
-) -> list[Start]:
+) -> list[Candidate]:
     """An effect linearised about every value of its search grid; what it makes of the rates goes to ``columns``.
 
     Args:
@@ -239,12 +239,12 @@ def _starts(
             here = replace(model, effects=(*model.effects, effect))
             columns += _by_constant(here, list(wide.values()), x[0], stack)
         own = tuple(range(first, first + width))
-        starts.append(Start(name, effect, tuple(where), own, low=low, high=high, instead=instead))
+        starts.append(Candidate(name, effect, tuple(where), own, low=low, high=high, instead=instead))
     return starts
 
 
 def _probed(
-    model: PhysicsModel, kind: type[Effect], at: np.ndarray, stack: Stack
+    model: PhysicsModel, kind: type[Effect], at: np.ndarray, stack: LogBatch
 ) -> Iterator[tuple[Effect, list[Entry], np.ndarray, np.ndarray]]:
     """Starting points of an effect, their numbers, rates (P + 1, L, N − 1, s) there and after steps (P,), and these.
 
@@ -274,7 +274,7 @@ def _probed(
                 yield effect, where, x, steps
 
 
-def _by_constant(model: PhysicsModel, constants: Sequence[Entry], at: np.ndarray, stack: Stack) -> list[Response]:
+def _by_constant(model: PhysicsModel, constants: Sequence[Entry], at: np.ndarray, stack: LogBatch) -> list[Response]:
     """How the rates ``at`` of ``model`` change with each of its constants."""
     if not constants:
         return []

@@ -9,7 +9,7 @@ import numpy as np
 from bench.diagnose.evidence import ResidualMap
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.regression.conditions import Condition
-from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
+from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
 from bench.diagnose.settings import MAPPING
 from registry.dynamics import PhysicsModel
 
@@ -17,7 +17,7 @@ from registry.dynamics import PhysicsModel
 def residual_maps(
     model: PhysicsModel,
     after: PhysicsModel | None,
-    stack: Stack,
+    stack: LogBatch,
     where: Sequence[Condition],
     noise: Noise,
     window: int,
@@ -34,16 +34,16 @@ def residual_maps(
         window: samples over which a residual is averaged.
         regions: by name of a condition, the region that it tells.
     """
-    hop = max(2, window // 2)
+    stride = max(2, window // 2)
     measured = [i for i in range(len(model.state_channels)) if all(log.measured[i] for log in stack.logs)]
-    tests = TestFunctions.over(stack.logs, hop, [noise.smoothing_of(i) for i in measured])
+    tests = TestFunctions.over(stack.logs, stride, [noise.smoothing_of(i) for i in measured])
     if not any(len(c) for c in tests.centres):
         return ()
     before = residuals(model, stack, tests, measured)
     better = {} if after is None else residuals(after, stack, tests, measured)
     found = []
     for condition in where:
-        x = np.concatenate([condition.means(i, c - hop, 2 * hop + 1) for i, c in enumerate(tests.centres)])
+        x = np.concatenate([condition.means(i, c - stride, 2 * stride + 1) for i, c in enumerate(tests.centres)])
         if len(x) >= 4 * MAPPING.bins:
             bins = np.array_split(np.argsort(x, kind="stable"), MAPPING.bins)
             every = (_Followed(condition, what, x, y, bins, better.get(what)) for what, y in before.items())
@@ -107,7 +107,7 @@ class _Followed:
 
 
 def residuals(
-    model: PhysicsModel, stack: Stack, tests: TestFunctions, channels: Sequence[int]
+    model: PhysicsModel, stack: LogBatch, tests: TestFunctions, channels: Sequence[int]
 ) -> dict[tuple[str, str], np.ndarray]:
     """Mean residuals (J,) over the windows of ``tests``, by quantity and unit.
 
@@ -125,7 +125,7 @@ def residuals(
         states = log.states.numpy()[:, columns]
         modelled = [tests.integral(i, c, rates[i, :, c], stack.dt) for c in range(len(columns))]
         parts.append(tests.increment(i, states) - np.stack(modelled, axis=-1))
-    mean = np.concatenate(parts) / (tests.hop * stack.dt)
+    mean = np.concatenate(parts) / (tests.stride * stack.dt)
     logs = np.repeat(np.arange(len(tests.centres)), [len(c) for c in tests.centres])
     at = logs, np.concatenate(tests.centres)
     by_channel = {c: mean[:, i] for i, c in enumerate(columns)}

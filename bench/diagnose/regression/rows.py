@@ -23,7 +23,7 @@ class Rows:
     """A channel: (n,) places of these among all columns, ascending."""
     width: int
     """Number of columns without the residual, which is the column of this number."""
-    hop: float
+    stride: float
     """From one row to the next [s]."""
     filters: tuple[np.ndarray, ...] = ()
     """A channel: the whitening filter that its rows are seen through; none: as they are. What comes out of it is made
@@ -116,7 +116,7 @@ class Rows:
         fold, count, kept = [], [], []
         for i, rows in enumerate(self.counts()):
             folds = self._folds_of(i)
-            length = max(1, min(round(FOLDING.block / self.hop), rows // (5 * len(folds))))
+            length = max(1, min(round(FOLDING.block / self.stride), rows // (5 * len(folds))))
             whole = [min(length, rows - start) for start in range(0, rows, length)]
             if len(whole) > 1 and whole[-1] < length // 2:
                 whole.pop()

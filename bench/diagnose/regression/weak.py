@@ -33,7 +33,7 @@ M = TypeVar("M", bound=PhysicsModel)
 
 
 @dataclass(frozen=True, eq=False)
-class Stack:
+class LogBatch:
     """Logs of one rate side by side, the shorter ones padded with their last sample."""
 
     logs: tuple[Log, ...]
@@ -62,8 +62,8 @@ class Stack:
         return measured(self.logs)
 
     @classmethod
-    def of(cls, logs: Sequence[Log]) -> "Stack":
-        """Stack ``logs``.
+    def of(cls, logs: Sequence[Log]) -> "LogBatch":
+        """LogBatch ``logs``.
 
         Raises:
             BenchError: they were sampled at different rates.
@@ -90,7 +90,7 @@ def _padded(series: Sequence[Tensor]) -> Tensor:
     return torch.stack([torch.cat([x, x[-1:].expand(longest - len(x), -1)]) for x in series])
 
 
-def mean_rates(model: PhysicsModel, stack: Stack) -> Tensor:
+def mean_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """The model's rates (…, L, N − 1, s) of the state proper over each sampling interval, at the measured states.
 
     Where all recordings have the sensors, followed by what they would show (…, L, N − 1, s + f).
@@ -138,7 +138,7 @@ def _for_all(model: PhysicsModel, many: int | None, *signals: Tensor) -> list[Te
     return list(signals) if broadcasts else _of_all(many, *signals)
 
 
-def _transmitted(model: PhysicsModel, stack: Stack) -> Tensor:
+def _transmitted(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, after delays and lags."""
     driving, extras, held = _driven(model, stack)
     for effect in narrowed(model).input_effects():
@@ -146,7 +146,7 @@ def _transmitted(model: PhysicsModel, stack: Stack) -> Tensor:
     return torch.cat([driving, extras], dim=-1)
 
 
-def memories(model: PhysicsModel, stack: Stack) -> Tensor:
+def memories(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """Memories (…, L, N, size) of delays and lags at every sample, as the inputs until then left them."""
     driving, _, held = _driven(model, stack)
     parts = []
@@ -157,7 +157,7 @@ def memories(model: PhysicsModel, stack: Stack) -> Tensor:
     return out
 
 
-def _driven(model: PhysicsModel, stack: Stack) -> tuple[Tensor, Tensor, bool]:
+def _driven(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, Tensor, bool]:
     """What drives the model over each interval (…, L, N − 1, 3, m), its extras alike, and whether samples are held."""
     many = _most(_tensors(*model.input_effects()))  # models that differ in what comes after these are driven alike
     before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
@@ -169,7 +169,7 @@ def _driven(model: PhysicsModel, stack: Stack) -> tuple[Tensor, Tensor, bool]:
     return driving, extras, held
 
 
-def own_states(model: PhysicsModel, stack: Stack) -> Tensor:
+def own_states(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """The effects' own states (…, L, N, i) at every sample, driven by the measured states."""
     u0, u1 = stack.inputs[:, :-1], stack.inputs[:, 1:]
     held = model.input_hold == "previous"
@@ -177,7 +177,7 @@ def own_states(model: PhysicsModel, stack: Stack) -> Tensor:
     return _recalled(_own_path(model, stack, middle, slopes), model, stack, so_far=True)
 
 
-def _recalled(path: Tensor, model: PhysicsModel, stack: Stack, so_far: bool = False) -> Tensor:
+def _recalled(path: Tensor, model: PhysicsModel, stack: LogBatch, so_far: bool = False) -> Tensor:
     """The effects' own states (…, L, N, i), of those that only what was measured tells as that does.
 
     Args:
@@ -206,7 +206,7 @@ def _recalled(path: Tensor, model: PhysicsModel, stack: Stack, so_far: bool = Fa
     return path
 
 
-def _own_path(model: PhysicsModel, stack: Stack, middle: Tensor, slopes: Tensor) -> Tensor:
+def _own_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tensor) -> Tensor:
     """The effects' own states at every sample, by the midpoint rule."""
     many, size = how_many(model), stack.states.shape[-1]
     states = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
@@ -270,29 +270,31 @@ class TestFunctions:
     """A log, a channel: (J, N − 1) with the channel's smoothing, for the model's."""
     centres: tuple[np.ndarray, ...]
     """A log: (J,) middle of each window [samples]."""
-    hop: int
+    stride: int
     """Samples from one window to the next; a window spans two hops."""
 
     @classmethod
-    def over(cls, logs: Sequence[Log], hop: int, smoothing: Sequence[Smoothing]) -> "TestFunctions":
-        """Windows every ``hop`` samples over ``logs``; ``smoothing`` of each channel that is looked at."""
-        hann = np.hanning(2 * hop + 1)
+    def over(cls, logs: Sequence[Log], stride: int, smoothing: Sequence[Smoothing]) -> "TestFunctions":
+        """Windows every ``stride`` samples over ``logs``; ``smoothing`` of each channel that is looked at."""
+        hann = np.hanning(2 * stride + 1)
         bump = hann[:-1] + hann[1:]
-        bump = bump / bump.sum() * hop  # windows half a span apart add up to one
+        bump = bump / bump.sum() * stride  # windows half a span apart add up to one
         kernels = [s.kernel() for s in smoothing]
-        reach = max(len(k) // 2 for k in kernels)
+        half_width = max(len(k) // 2 for k in kernels)
         measured, modelled, centres = [], [], []
         for log in logs:
             intervals = len(log) - 1
-            starts = np.arange(reach, intervals - 2 * hop - reach + 1, hop)
+            starts = np.arange(half_width, intervals - 2 * stride - half_width + 1, stride)
             good = (log.valid[:-1] & log.valid[1:]).numpy()
             bad = np.concatenate([[0], np.cumsum(~good)])
-            starts = starts[bad[starts + 2 * hop + reach] == bad[starts - reach]] if len(starts) else starts
+            starts = (
+                starts[bad[starts + 2 * stride + half_width] == bad[starts - half_width]] if len(starts) else starts
+            )
             measured.append(_rows(bump, starts, intervals))
             by = {k.tobytes(): _rows(np.convolve(bump, k), starts - len(k) // 2, intervals) for k in kernels}
             modelled.append(tuple(by[k.tobytes()] for k in kernels))
-            centres.append(starts + hop)
-        return cls(tuple(measured), tuple(modelled), tuple(centres), hop)
+            centres.append(starts + stride)
+        return cls(tuple(measured), tuple(modelled), tuple(centres), stride)
 
     def increment(self, log: int, states: np.ndarray) -> np.ndarray:
         """Weighted increments (J, channels) of measured states (N, channels) of the log of that number."""

@@ -15,12 +15,12 @@ from scipy.stats import t as student
 
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import Prior
-from bench.diagnose.select.discovery import Discovery, Found, Loser
+from bench.diagnose.select.discovery import Discovery, Found, RejectedCandidate
 from bench.diagnose.select.search import admissible
 from bench.diagnose.select.subset import t_value
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import GROWING, SIMULATING
-from bench.diagnose.simulate.simulation_fit import Simulated, Start, Windows, fit, starts
+from bench.diagnose.simulate.simulation_fit import Simulated, StartingPoint, Windows, fit, starts
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
 
@@ -93,7 +93,7 @@ def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[
     )
 
 
-def fitted(
+def fit_by_simulation(
     subject: Subject, model: PhysicsModel, tick: Callable[[str], None] = lambda what: None
 ) -> tuple[PhysicsModel, list[Estimate]]:
     """Constants within their uncertainty and all effects of ``model``, fitted on the training recordings.
@@ -143,7 +143,7 @@ def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> 
     def best(field: Sequence[Simulated], count: int) -> list[Simulated]:
         return sorted(field, key=lambda f: f.loss.sum())[:count]
 
-    def ended(field: Sequence[Start]) -> Simulated:
+    def ended(field: Sequence[StartingPoint]) -> Simulated:
         steps = GROWING.first
         while len(field) > 1:
             field = best(fit(subject, windows, field, steps=steps), len(field) // 2)
@@ -151,7 +151,7 @@ def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> 
         return fit(subject, windows, field, steps=max(steps, SIMULATING.steps))[0]
 
     begin = starts(windows, models)
-    led: Sequence[Start] = begin
+    led: Sequence[StartingPoint] = begin
     for samples in GROWING.lengths:
         led = best(fit(subject, windows.shortened(samples), led, steps=GROWING.first), GROWING.likely)
     return best([ended(begin), ended(led)], 1)[0]
@@ -215,7 +215,7 @@ def _alike(taken: Choice, other: Choice) -> bool:
     return near < GROWING.odds or (near < 3 * GROWING.odds and t_value(_log_gain(other, taken)) < GROWING.sure)
 
 
-def _round(base: Choice, taken: Choice, field: Sequence[Choice]) -> tuple[Loser, ...]:
+def _round(base: Choice, taken: Choice, field: Sequence[Choice]) -> tuple[RejectedCandidate, ...]:
     """The sets of one size, as a reader compares them."""
     before, out = base.fitted.loss, []
     for c in field[:8]:
@@ -230,5 +230,5 @@ def _round(base: Choice, taken: Choice, field: Sequence[Choice]) -> tuple[Loser,
         if c is not taken:
             times = float(c.fitted.loss.sum() / taken.fitted.loss.sum())
             why = f"leaves {times:.2g} times the squared error of {' + '.join(taken.ids) or 'the base model'}"
-        out.append(Loser(" + ".join(c.ids), share, share - half, share + half, text, why))
+        out.append(RejectedCandidate(" + ".join(c.ids), share, share - half, share + half, text, why))
     return tuple(out)

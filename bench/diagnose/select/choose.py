@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.diagnose.regression.linearise import Start
+from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import with_values
 from bench.diagnose.select.search import View
 from bench.diagnose.select.subset import Fit, t_value
@@ -20,8 +20,8 @@ def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
     """
     subsets, starts = view.subsets, view.subsets.starts
     taken, fields = subsets.fit(), [[subsets.fit()]]
-    among: Sequence[Start] = starts
-    promising: dict[str, Start] = {}
+    among: Sequence[Candidate] = starts
+    promising: dict[str, Candidate] = {}
     for size in range(1, CHOOSING.most + 1):
         grown = _grown(view, fields[-1][0]) if size > 2 else []
         if size > CHOOSING.largest:
@@ -34,14 +34,14 @@ def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
         fields.append(field)
         if size == 1:
             promising = {s.id: s for f in field for s in f.starts}
-        larger = next((f for f in field if sound(view, f) and accepted(view, taken, f)), None)
+        larger = next((f for f in field if within_bounds(view, f) and accepted(view, taken, f)), None)
         if larger is not None:
             larger = _simplest(view, larger, field)
         if larger is None and size >= 2:
             break
         taken = larger or taken
         if size == 2:
-            best: dict[str, Start] = {}
+            best: dict[str, Candidate] = {}
             for s in (s for f in field for s in f.starts):
                 best.setdefault(s.id, s)
             among = list(best.values())[:10]
@@ -62,7 +62,7 @@ def _grown(view: View, fit: Fit) -> list[Fit]:
     return sorted(best.values(), key=view.subsets.cost)[:5]
 
 
-def sound(view: View, fit: Fit) -> bool:
+def within_bounds(view: View, fit: Fit) -> bool:
     """Whether no parameter of the added effects is pushed to a bound that is not its neutral value."""
     at = len(view.linear.own)
     for s in fit.starts:
@@ -90,7 +90,7 @@ def _simplest(view: View, best: Fit, field: list[Fit]) -> Fit:
         )
 
     everything = max(view.explained, subsets.fit().misfit - best.misfit)
-    rivals = [f for f in field if alike(f) and sound(view, f)]
+    rivals = [f for f in field if alike(f) and within_bounds(view, f)]
     return min(rivals, key=lambda f: (f.parameters, f.loss), default=best)
 
 
@@ -121,7 +121,7 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
     return bool(saved.sum() > 0) and (sure > CHOOSING.significant or (sure > CHOOSING.sure and plain))
 
 
-def agreed(views: Sequence[View]) -> tuple[View, Fit, list[list[Fit]]]:
+def select_across_views(views: Sequence[View]) -> tuple[View, Fit, list[list[Fit]]]:
     """The choice with the inputs' noise taken off, less what would not be chosen with the inputs as they are."""
     view = views[0]
     fit, fields = choose(view)

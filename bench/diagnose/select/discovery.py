@@ -9,7 +9,7 @@ import pandas as pd
 from bench.analysis.display import Displayed, draw_bars, new_axes
 from bench.diagnose.result import effect_frame
 from bench.diagnose.select.materiality import EquationError, Saving
-from bench.diagnose.select.verify import Estimate, Ratio, Trace
+from bench.diagnose.select.verify import Estimate, Ratio, ResidualTerm
 from registry.dynamics import Effect, PhysicsModel
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Loser:
+class RejectedCandidate:
     """A candidate that was not taken, in one round."""
 
     id: str
@@ -59,13 +59,13 @@ class Discovery(Displayed):
     model: PhysicsModel
     """With the effects found."""
     found: tuple[Found, ...]
-    rounds: tuple[tuple[Loser, ...], ...]
-    traces: tuple[Trace, ...]
+    rounds: tuple[tuple[RejectedCandidate, ...], ...]
+    traces: tuple[ResidualTerm, ...]
     constants: tuple[Estimate, ...]
     ratios: tuple[Ratio, ...] = ()
-    imitators: tuple[str, ...] = ()
+    confounders: tuple[str, ...] = ()
     """Effects that would imitate what is left, and were not named."""
-    faint: tuple[Trace, ...] = ()
+    faint: tuple[ResidualTerm, ...] = ()
     """What the rest goes with where all of it is too little to say that something is left."""
     notes: tuple[str, ...] = ()
     """What was done, in sentences."""

@@ -19,11 +19,11 @@ from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import equilibrium
-from bench.diagnose.regression.linearise import Directions, directions
+from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
-from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
-from bench.diagnose.select.search import Search, admissible, hop_of, noise_filters
+from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
+from bench.diagnose.select.search import Search, admissible, noise_filters, stride_of
 from bench.diagnose.settings import TIMING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
@@ -135,24 +135,24 @@ class _Regression:
     def __init__(self, subject: Subject, noise: Noise, shift: float) -> None:
         """Linearise the model and every effect of the catalogue where inputs are read ``shift`` samples later."""
         self.model, self.drives = subject.model, drives_of(subject.model, subject.logs[0])
-        self.stack = Stack.of(shortened(subject.of(subject.training), TIMING.longest))
+        self.stack = LogBatch.of(shortened(subject.of(subject.training), TIMING.longest))
         search = Search(subject, (), lambda name: None, noise)
         candidates = [(name, kind) for name, kind in admissible(subject, self.model, None) if not kind.screen]
         white = np.random.default_rng(0).normal(size=self.stack.inputs.shape) * np.array(noise.inputs)
-        self.hiss = torch.from_numpy(convolve1d(white, noise.input_smoothing.kernel(), axis=1))
+        self.drawn = torch.from_numpy(convolve1d(white, noise.input_smoothing.kernel(), axis=1))
         here, noisy = self.read(shift), self.read(shift, noisy=True)
         self.linear, self.noisy = (
             directions(self.model, self.model, subject.uncertainty, stack, candidates) for stack in (here, noisy)
         )
         filters = [search.smoothing_of(self.model.measured_channels[c]) for c in self.linear.channels]
-        self.tests = TestFunctions.over(self.stack.logs, hop_of(self.stack), filters)
+        self.tests = TestFunctions.over(self.stack.logs, stride_of(self.stack), filters)
         self.whitening = noise_filters(
             self.linear.project(self.tests), Prior.of(self.linear.own).loosened(self.linear.own)
         )
 
-    def read(self, shift: float, noisy: bool = False) -> Stack:
+    def read(self, shift: float, noisy: bool = False) -> LogBatch:
         """The recordings with their inputs read ``shift`` samples later, once more with noise or not."""
-        inputs = self.stack.inputs + self.hiss if noisy else self.stack.inputs
+        inputs = self.stack.inputs + self.drawn if noisy else self.stack.inputs
         return replace(self.stack, inputs=torch.stack([read_at(u, self.drives, shift) for u in inputs]))
 
     def step(self, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -176,11 +176,11 @@ class _Regression:
         step[:found], spread_of[:found] = beta[shifts], error[shifts]
         return step, spread_of
 
-    def _sensors(self, linear: Directions) -> list[int]:
+    def _sensors(self, linear: Linearization) -> list[int]:
         """Places, among the channels, of what sensors show of the rates."""
         return [i for i, c in enumerate(linear.channels) if c >= self.stack.states.shape[-1]]
 
-    def _rows(self, linear: Directions, shift: np.ndarray, noisy: bool) -> Rows:
+    def _rows(self, linear: Linearization, shift: np.ndarray, noisy: bool) -> Rows:
         """Rows with a column for the shift of the inputs and, where there are sensors, one for theirs."""
         at, (inputs, sensors) = self._sensors(linear), shift.tolist()
 
@@ -202,7 +202,7 @@ class _Regression:
         return replace(linear, rates=rates, columns=columns).project(self.tests)
 
 
-def _precision(linear: Directions, count: int) -> np.ndarray:
+def _precision(linear: Linearization, count: int) -> np.ndarray:
     """1/σ² (``count``,) of every column: as known of constants, wide for effects, none for the shift."""
     out = np.zeros(count)
     out[: len(linear.own)] = Prior.of(linear.own).precision

@@ -17,8 +17,8 @@ from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.generic import Dictionary, dictionary, follow
 from bench.diagnose.regression.least_squares import ridge
-from bench.diagnose.regression.weak import Stack, measured
-from bench.diagnose.select.verify import Trace
+from bench.diagnose.regression.weak import LogBatch, measured
+from bench.diagnose.select.verify import ResidualTerm
 from bench.diagnose.settings import FOLDING, MATTERING
 from bench.diagnose.simulate.teacher_forced import (
     Equation,
@@ -123,7 +123,7 @@ class Weighing:
             calibrated: the model without the effects to be weighed, its constants fitted.
         """
         self.subject, self.noise, self.calibrated = subject, noise, calibrated
-        self.held = Stack.of(shortened(subject.of(subject.held_out), MATTERING.longest))
+        self.held = LogBatch.of(shortened(subject.of(subject.held_out), MATTERING.longest))
         self.horizons = horizons(self.held.logs)
         self.equations = equations(subject.model, measured(subject.logs))
         self._left: dict[PhysicsModel, Increments] = {}
@@ -238,9 +238,9 @@ class Weighing:
         return out
 
     @cached_property
-    def train(self) -> Stack:
+    def train(self) -> LogBatch:
         """The recordings that are learnt from."""
-        return Stack.of(shortened(self.subject.of(self.subject.training), MATTERING.longest))
+        return LogBatch.of(shortened(self.subject.of(self.subject.training), MATTERING.longest))
 
     @cached_property
     def _signals(self) -> tuple["_Signals", "_Signals"]:
@@ -361,7 +361,7 @@ def contradiction(name: str) -> str:
     )
 
 
-def faint_traces(traces: Sequence[Trace]) -> str:
+def faint_traces(traces: Sequence[ResidualTerm]) -> str:
     """A remark on what is left, significant and not worth a term."""
     signals = dict.fromkeys(t.signal.replace("_", " ") for t in traces[:2])
     return (

@@ -13,10 +13,10 @@ from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
 from bench.diagnose.regression.least_squares import Normal, regularised, whitening
-from bench.diagnose.regression.linearise import Directions, directions
+from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
-from bench.diagnose.regression.weak import Stack, TestFunctions, mean_rates
+from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
 from bench.diagnose.select.subset import Subsets
 from bench.diagnose.settings import CALIBRATING, SEARCHING
 from bench.diagnose.simulate.unmeasured import hidden
@@ -32,7 +32,7 @@ _OF_INPUT = ("input", "input_rate")
 class View:
     """A model linearised on the training recordings, whitened, with normal equations to choose from."""
 
-    linear: Directions
+    linear: Linearization
     dictionary: tuple[Term, ...]
     subsets: Subsets
     grams: tuple[np.ndarray, ...]
@@ -56,8 +56,8 @@ class View:
 class Look:
     """A model linearised on the training recordings, and again with the inputs' noise added once more."""
 
-    linear: Directions
-    moved: Directions | None
+    linear: Linearization
+    moved: Linearization | None
     dictionary: Dictionary | None
     noisy_dictionary: Dictionary | None
 
@@ -75,10 +75,10 @@ class Search:
         self.subject, self.catalogue, self.tick = subject, catalogue, tick
         logs = subject.of(subject.training)
         # Where the motion is slow against the sampling, a few samples a test function are enough.
-        stride = max(1, hop_of(Stack.of(shortened(logs, SEARCHING.longest))) // SEARCHING.fine)
-        self.stack = Stack.of(shortened(logs, SEARCHING.longest, stride))
+        stride = max(1, stride_of(LogBatch.of(shortened(logs, SEARCHING.longest))) // SEARCHING.fine)
+        self.stack = LogBatch.of(shortened(logs, SEARCHING.longest, stride))
         self.notes = left_out(logs, self.stack.logs)
-        self.hop = hop_of(self.stack)
+        self.stride = stride_of(self.stack)
         self._made: dict[tuple[int, ...], TestFunctions] = {}
         noise = noise or noise_of(subject)
         filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
@@ -89,8 +89,8 @@ class Search:
         if subject.model.input_hold == "previous":
             sigma = sigma * 0.0  # commands are known
         generator = np.random.default_rng(0)
-        hiss = convolve1d(generator.normal(size=self.stack.inputs.shape) * sigma, through, axis=1)
-        self.noisy = replace(self.stack, inputs=self.stack.inputs + torch.from_numpy(hiss)) if sigma.any() else None
+        drawn = convolve1d(generator.normal(size=self.stack.inputs.shape) * sigma, through, axis=1)
+        self.noisy = replace(self.stack, inputs=self.stack.inputs + torch.from_numpy(drawn)) if sigma.any() else None
 
     def smoothing_of(self, channel: Channel) -> Smoothing:
         """What a measured channel went through."""
@@ -198,11 +198,11 @@ class Search:
         linear = replace(view.linear, own=own)
         return replace(view, linear=linear, subsets=Subsets(linear, view.subsets.normal, view.subsets.buried))
 
-    def _tests(self, linear: Directions) -> TestFunctions:
+    def _tests(self, linear: Linearization) -> TestFunctions:
         """The test functions of what a model moves; made once for the same channels."""
         if linear.channels not in self._made:
             filters_of = [self.smoothing_of(linear.model.measured_channels[c]) for c in linear.channels]
-            self._made[linear.channels] = TestFunctions.over(self.stack.logs, self.hop, filters_of)
+            self._made[linear.channels] = TestFunctions.over(self.stack.logs, self.stride, filters_of)
         return self._made[linear.channels]
 
     def loss(self, view: View, model: PhysicsModel) -> float:
@@ -267,17 +267,17 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
     return f"{', '.join(missing)} was not measured" if missing else ""
 
 
-def hop_of(stack: Stack) -> int:
+def stride_of(stack: LogBatch) -> int:
     """Samples between test functions: short against the motion, long against the sampling."""
     x = stack.states.numpy()
     power = (np.abs(np.fft.rfft(x - x.mean(1, keepdims=True), axis=1)) ** 2).sum(0)
     share = np.cumsum(power, axis=0) / np.maximum(power.sum(0), 1e-300)
     moving = np.flatnonzero(power.sum(0) > 0)
     fastest = max((int(np.searchsorted(share[:, c], 0.95)) for c in moving), default=1) / x.shape[1]  # cycles a sample
-    return int(np.clip(round(0.15 / max(fastest, 1e-6)), 2, max(2, round(SEARCHING.hop / stack.dt))))
+    return int(np.clip(round(0.15 / max(fastest, 1e-6)), 2, max(2, round(SEARCHING.stride / stack.dt))))
 
 
-def input_noise(stack: Stack, drives: int, through: np.ndarray) -> np.ndarray:
+def input_noise(stack: LogBatch, drives: int, through: np.ndarray) -> np.ndarray:
     """1σ (m,) of white noise in each input channel, before it went ``through`` a filter of these weights.
 
     From third differences: an upper bound where inputs are lively.

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from bench.diagnose.regression.least_squares import Normal, equilibrium
-from bench.diagnose.regression.linearise import Directions, Start
+from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.parameters import Entry, Prior, sign_kept
 from registry.dynamics import Effect
 
@@ -17,7 +17,7 @@ from registry.dynamics import Effect
 class Fit:
     """A set of effects beside what the model holds already, fitted together with the model's own numbers."""
 
-    starts: tuple[Start, ...]
+    starts: tuple[Candidate, ...]
     columns: tuple[int, ...]
     beta: np.ndarray
     misfit: float
@@ -51,7 +51,7 @@ class Fit:
 class Subsets:
     """Fits of subsets of the starts of a linearised model."""
 
-    def __init__(self, linear: Directions, normal: Normal, buried: Collection[int] = ()) -> None:
+    def __init__(self, linear: Linearization, normal: Normal, buried: Collection[int] = ()) -> None:
         """Prepare.
 
         Args:
@@ -103,7 +103,7 @@ class Subsets:
 
     def fit(
         self,
-        starts: Sequence[Start] = (),
+        starts: Sequence[Candidate] = (),
         more: Sequence[int] = (),
         without: int | None = None,
         drop: Sequence[int] = (),
@@ -143,7 +143,9 @@ class Subsets:
         """The loss and what its parameters cost."""
         return fit.loss + self.penalty * fit.parameters
 
-    def held_out(self, starts: Sequence[Start] = (), more: Sequence[int] = (), drop: Sequence[int] = ()) -> np.ndarray:
+    def held_out(
+        self, starts: Sequence[Candidate] = (), more: Sequence[int] = (), drop: Sequence[int] = ()
+    ) -> np.ndarray:
         """Losses (blocks, channels), each block's by a fit to the other folds."""
         out = np.empty((len(self.normal.fold), len(self.normal.channels)))
         for fold in np.unique(self.normal.fold):
@@ -151,7 +153,9 @@ class Subsets:
             out[these] = self.losses(self.fit(starts, more, int(fold), drop))[these]
         return out
 
-    def best(self, size: int, among: Sequence[Start], one_of: Sequence[Start] = (), keep: int = 12) -> list[Fit]:
+    def best(
+        self, size: int, among: Sequence[Candidate], one_of: Sequence[Candidate] = (), keep: int = 12
+    ) -> list[Fit]:
         """The ``keep`` best sets of ``size`` different effects by cost, best first; ``one_of`` must be in each."""
         found: dict[frozenset[str], Fit] = {}
         required = set(map(id, one_of))

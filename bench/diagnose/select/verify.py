@@ -9,9 +9,9 @@ from scipy.stats import t as student
 
 from bench.diagnose.regression.generic import follow
 from bench.diagnose.regression.least_squares import ridge, shifted
-from bench.diagnose.regression.linearise import Start
+from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import Entry
-from bench.diagnose.select.choose import accepted, sound
+from bench.diagnose.select.choose import accepted, within_bounds
 from bench.diagnose.select.search import View
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.settings import CHOOSING, VERIFYING
@@ -43,7 +43,7 @@ class Ratio:
 
 
 @dataclass(frozen=True)
-class Trace:
+class ResidualTerm:
     """Something systematic that is left."""
 
     axis: str
@@ -103,9 +103,9 @@ def neighbour(view: View, known: int) -> Fit | None:
         # Parameters that share an uncertainty, such as the gains of all rotors, are known together only.
         plain = less.misfit - here.misfit > VERIFYING.plainly * view.floor
         told = plain or any(_told(x) for x in numbers if x.entry.owner == i)
-        if not told or pinned(numbers, i) or not accepted(view, less, here, drop=[i]):
+        if not told or at_bound(numbers, i) or not accepted(view, less, here, drop=[i]):
             return less
-    options = [f for s in starts for i in places if sound(view, f := subsets.fit([s], drop=[i]))]
+    options = [f for s in starts for i in places if within_bounds(view, f := subsets.fit([s], drop=[i]))]
     best = min(options, key=subsets.cost, default=None)
     if best is not None and subsets.cost(best) < subsets.cost(here) - 6.0:
         difference = (subsets.losses(here) - subsets.losses(best)).sum(1)
@@ -113,7 +113,7 @@ def neighbour(view: View, known: int) -> Fit | None:
         if sure or best.parameters < here.parameters:
             return best
     for more in sorted((subsets.fit([s]) for s in starts), key=subsets.cost)[:3]:
-        if len(places) < CHOOSING.most and sound(view, more) and accepted(view, here, more):
+        if len(places) < CHOOSING.most and within_bounds(view, more) and accepted(view, here, more):
             return more
     return None
 
@@ -124,7 +124,7 @@ def _told(x: Estimate) -> bool:
     return not x.low <= e.neutral <= x.high and e.low < x.value < e.high
 
 
-def pinned(numbers: Sequence[Estimate], place: int) -> bool:
+def at_bound(numbers: Sequence[Estimate], place: int) -> bool:
     """Whether a parameter of the effect in this place is pushed to a bound that is not its neutral value.
 
     What is best beyond the physical range is an imitation of something else.
@@ -135,7 +135,7 @@ def pinned(numbers: Sequence[Estimate], place: int) -> bool:
     )
 
 
-def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], float]:
+def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[ResidualTerm], float]:
     """What the residual of a fit follows, and the loss that all of it saves on recordings not fitted."""
     kept, grams = _anchored(view, dropped)
     first = len(view.linear.columns)
@@ -144,7 +144,7 @@ def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[Trace], flo
     traces = []
     for column, gain in found:
         term = view.dictionary[column - first]
-        traces.append(Trace(term.axis, term.signal, term.text, gain / view.floor, column))
+        traces.append(ResidualTerm(term.axis, term.signal, term.text, gain / view.floor, column))
     return traces, sum(g for _, g in found)
 
 
@@ -177,7 +177,7 @@ def _anchored(view: View, dropped: Sequence[int] = ()) -> tuple[list[int], list[
 
 
 def understood(
-    view: View, places: Sequence[int], traces: Sequence[Trace], total: float, dropped: Sequence[int] = ()
+    view: View, places: Sequence[int], traces: Sequence[ResidualTerm], total: float, dropped: Sequence[int] = ()
 ) -> list[int]:
     """Of the effects in these places, those that neither imitate nor are crumbs of something larger.
 
@@ -196,7 +196,7 @@ def understood(
     return [i for i in kept if gains[i] > VERIFYING.crumbs * unknown]
 
 
-def needed(view: View, place: int, traces: Sequence[Trace], dropped: Sequence[int] = ()) -> bool:
+def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequence[int] = ()) -> bool:
     """Whether an effect explains its share as well as as many free terms of the dictionary do where it acts.
 
     An effect of the catalogue that imitates one outside it is beaten by the terms that are closer to the truth.
@@ -231,13 +231,13 @@ def needed(view: View, place: int, traces: Sequence[Trace], dropped: Sequence[in
     return by_terms - by_both > VERIFYING.beside * (bare - by_effect)
 
 
-def rivals(view: View, place: int) -> dict[str, Start]:
+def rivals(view: View, place: int) -> dict[str, Candidate]:
     """Effects that would explain the data as well as the one in this place of the model, the likeliest first."""
     subsets = view.subsets
     here = subsets.fit()
     mine = EFFECTS.name_of(type(view.linear.model.effects[place]))
     level = subsets.losses(here).sum(1)
-    best: dict[str, tuple[float, Start]] = {}
+    best: dict[str, tuple[float, Candidate]] = {}
     alone = subsets.cost(subsets.fit(drop=[place]))
     for s in subsets.starts:
         if any({mine, s.id} <= same for same in SAME):

@@ -9,7 +9,7 @@ from bench.diagnose.settings.threshold import Basis, threshold
 class Searching:
     """Rows of the weak form that effects are chosen on."""
 
-    hop: float = threshold(
+    stride: float = threshold(
         0.06,
         "from one test function to the next where the motion is slower; a test function is two hops long",
         Basis.JUDGED,

@@ -25,9 +25,9 @@ from torch import Tensor
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.least_squares import bounded, equilibrium
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.settings import OBSERVING
-from bench.diagnose.simulate.floor import reach
+from bench.diagnose.simulate.floor import filter_half_width
 from bench.diagnose.simulate.free_run import free_run, measured_windows, starts
 from bench.diagnose.simulate.teacher_forced import Increments, equations, increments
 from registry.dynamics import PhysicsModel
@@ -58,7 +58,7 @@ class Observer:
             noise: of the measurements.
             steps: samples of a horizon.
         """
-        stack, own = Stack.of(logs), len(model.state_channels)
+        stack, own = LogBatch.of(logs), len(model.state_channels)
         places = tuple(e.group.at for e in equations(model, stack.measured) if max(e.group.at) < own)
         left = increments(model, stack, noise)
         _, recording, first = left.over(steps, max(1, steps // 4))
@@ -76,7 +76,7 @@ class Observer:
     def drift(self, logs: Sequence[Log], at: Sequence[np.ndarray]) -> Tensor:
         """What is added to the states (W, steps, s) from sample to sample, in windows from the samples ``at``."""
         return torch.tensordot(
-            torch.from_numpy(self.trust), self._single(increments(self.model, Stack.of(logs), self.noise), at), 1
+            torch.from_numpy(self.trust), self._single(increments(self.model, LogBatch.of(logs), self.noise), at), 1
         )
 
     def _trusted(self, logs: Sequence[Log], left: Increments) -> "Observer | None":
@@ -127,7 +127,7 @@ class Observer:
 
         The filters wait for as long as the smoothing of a later measurement looks back.
         """
-        late, channels = reach(self.noise.smoothing), [c for e in self.equations for c in e]
+        late, channels = filter_half_width(self.noise.smoothing), [c for e in self.equations for c in e]
         spans = OBSERVING.fastest * self.steps * OBSERVING.ratio ** np.arange(OBSERVING.filters)
         valid = left.valid[..., None].astype(float)
         known = np.concatenate([np.where(valid > 0, left.steps[..., channels], 0.0), valid], axis=-1)

@@ -11,9 +11,9 @@ from torch import Tensor
 from bench.diagnose.flight import AFTER, Flight, Path, Signal, Trace
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
-from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.settings import PLAYING
-from bench.diagnose.simulate.floor import reach
+from bench.diagnose.simulate.floor import filter_half_width
 from bench.diagnose.simulate.free_run import (
     Group,
     default_steps,
@@ -55,7 +55,7 @@ def flights(
     logs = subject.of([*subject.held_out, *fitted[: max(0, most - len(subject.held_out))]])
     if not logs:
         return ()
-    steps, clear = default_steps(logs), margin(logs, reach(noise.smoothing))
+    steps, clear = default_steps(logs), margin(logs, filter_half_width(noise.smoothing))
     models, left = {"nominal": nominal, AFTER: after}, points
     found: list[Flight] = []
     at = [starts(log, steps, steps, clear) for log in logs]
@@ -149,7 +149,7 @@ def _sensed(log: Log, models: dict[str, PhysicsModel]) -> Signal:
     channels = models["nominal"].sensed_channels
     size, good = log.states.shape[1], (log.valid[:-1] & log.valid[1:]).numpy()
     seen = np.diff(log.sensed.numpy(), axis=0) / log.dt
-    told = {n: mean_rates(m, Stack.of([log]))[0, :, size:].numpy() for n, m in models.items()}
+    told = {n: mean_rates(m, LogBatch.of([log]))[0, :, size:].numpy() for n, m in models.items()}
     traces = []
     for c, channel in enumerate(channels):
         off = {n: rates[:, c] - seen[:, c] for n, rates in told.items()}

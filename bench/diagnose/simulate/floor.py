@@ -27,12 +27,12 @@ def floor(
     Args:
         model: taken for exact.
         logs: give states to start from, and inputs.
-        at: first samples of the windows of each log; none nearer than `reach` to an end of the log.
+        at: first samples of the windows of each log; none nearer than `filter_half_width` to an end of the log.
         steps: samples of a window after its first.
         noise: of states and inputs.
         of: what is judged.
     """
-    r, size = reach(noise.smoothing), len(model.state_channels)
+    r, size = filter_half_width(noise.smoothing), len(model.state_channels)
     generator = np.random.default_rng(0)
     early = [k - r for k in at]
     inputs, dt = windows([log.inputs for log in logs], early, steps + 2 * r), logs[0].dt
@@ -41,14 +41,14 @@ def floor(
     for _ in range(RUNNING.draws):
         measured = measure(true[..., :size], noise, model.state_channels, dt, generator)
         start = torch.cat([measured[..., 0, :], true[..., r, size:]], dim=-1)
-        hiss = generator.normal(size=(len(start), steps + 2 * r + 1, len(noise.inputs))) * np.array(noise.inputs)
-        hiss = _convolved(hiss, impulse_response(noise.input_smoothing, False), r)
-        noisy = inputs[..., r : r + steps + 1, :] + torch.from_numpy(hiss)
+        drawn = generator.normal(size=(len(start), steps + 2 * r + 1, len(noise.inputs))) * np.array(noise.inputs)
+        drawn = _convolved(drawn, impulse_response(noise.input_smoothing, False), r)
+        noisy = inputs[..., r : r + steps + 1, :] + torch.from_numpy(drawn)
         found.append(errors(roll(model, start, noisy, dt)[..., :size], measured, of))
     return torch.stack(found)
 
 
-def reach(smoothing: Smoothing) -> int:
+def filter_half_width(smoothing: Smoothing) -> int:
     """Samples on either side that a smoothed one depends on."""
     return max(len(impulse_response(smoothing, d)) // 2 for d in (False, smoothing.derived))
 
@@ -56,8 +56,8 @@ def reach(smoothing: Smoothing) -> int:
 def measure(
     states: Tensor, noise: Noise, channels: Sequence[Channel], dt: float, generator: np.random.Generator
 ) -> Tensor:
-    """What sensors and filter make (W, N − 2 reach, s) of true states (W, N, s)."""
-    r, x = reach(noise.smoothing), states.numpy()
+    """What sensors and filter make (W, N − 2 half widths, s) of true states (W, N, s)."""
+    r, x = filter_half_width(noise.smoothing), states.numpy()
     groups = channel_indices(channels, [True] * len(channels))
     noisy = x + generator.normal(size=x.shape) * np.array(noise.raw)
     if "attitude" in groups:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.logs.subject import Log
-from bench.diagnose.regression.weak import Stack, how_many, memories, narrowed, own_states
+from bench.diagnose.regression.weak import LogBatch, how_many, memories, narrowed, own_states
 from bench.diagnose.settings import BEGINNING, RUNNING
 from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.contracts import Channel
@@ -42,9 +42,9 @@ def default_steps(logs: Sequence[Log]) -> int:
     return max(RUNNING.fewest, round(RUNNING.longest * logs[0].rate))
 
 
-def margin(logs: Sequence[Log], reach: int) -> int:
-    """Samples at either end of a log in which no free run begins, for a filter of that reach."""
-    return max(reach, BEGINNING.warm) if hidden(logs) else reach
+def margin(logs: Sequence[Log], half_width: int) -> int:
+    """Samples at either end of a log in which no free run begins, for a filter of that half width."""
+    return max(half_width, BEGINNING.warm) if hidden(logs) else half_width
 
 
 def starts(log: Log, steps: int, every: int, first: int = 0) -> np.ndarray:
@@ -68,7 +68,7 @@ def free_run(
 
 def past(model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray]) -> Tensor:
     """Full states (…, W, full) at the samples ``at`` of each log, as its past says."""
-    full = full_states(model, Stack.of(logs))
+    full = full_states(model, LogBatch.of(logs))
     return torch.cat([full[..., i, k, :] for i, k in enumerate(map(torch.as_tensor, at))], dim=-2)
 
 
@@ -98,7 +98,7 @@ def windows(series: Sequence[Tensor], at: Sequence[np.ndarray], steps: int) -> T
     return torch.cat([x[k[:, None] + np.arange(steps + 1)] for x, k in zip(series, at, strict=True)])
 
 
-def full_states(model: PhysicsModel, stack: Stack) -> Tensor:
+def full_states(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """Full states (…, L, N, s) at every sample: as measured, with the effects' own states and memories."""
     parts = [completed(model, stack) if hidden(stack.logs) else stack.states]
     if model.internal_size:

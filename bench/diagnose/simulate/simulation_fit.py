@@ -15,7 +15,7 @@ from torch import Tensor
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import bounded, equilibrium
 from bench.diagnose.regression.parameters import Entry, Prior, entries, with_values
-from bench.diagnose.regression.weak import Stack, memories, narrowed
+from bench.diagnose.regression.weak import LogBatch, memories, narrowed
 from bench.diagnose.settings import SIMULATING
 from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.dynamics import PhysicsModel
@@ -53,7 +53,7 @@ class Windows:
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class StartingPoint:
     """What a fit goes out from."""
 
     model: PhysicsModel
@@ -62,7 +62,7 @@ class Start:
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated(Start):
+class Simulated(StartingPoint):
     """A model fitted to windows."""
 
     where: tuple[Entry, ...]
@@ -75,19 +75,21 @@ class Simulated(Start):
     """(P, P): JᵀJ of the numbers, with beginnings eliminated."""
 
 
-def starts(windows: Windows, models: Sequence[PhysicsModel]) -> list[Start]:
+def starts(windows: Windows, models: Sequence[PhysicsModel]) -> list[StartingPoint]:
     """Models, which differ in numbers only, and the beginnings as they simulate the whole recordings."""
     where = entries(models[0], {})
     values = [[e.value for e in entries(m, {})] for m in models]
-    path = completed(with_values(models[0], where, torch.tensor(values, dtype=torch.float64)), Stack.of(windows.logs))
+    path = completed(
+        with_values(models[0], where, torch.tensor(values, dtype=torch.float64)), LogBatch.of(windows.logs)
+    )
     begun = path[..., windows.log, windows.first, :][..., list(hidden(windows.logs))].expand(len(models), -1, -1)
-    return [Start(m, b) for m, b in zip(models, begun.numpy(), strict=True)]
+    return [StartingPoint(m, b) for m, b in zip(models, begun.numpy(), strict=True)]
 
 
 def fit(
     subject: Subject,
     windows: Windows,
-    begins: Sequence[Start],
+    begins: Sequence[StartingPoint],
     weights: np.ndarray | None = None,
     steps: int | None = None,
 ) -> list[Simulated]:
@@ -129,7 +131,7 @@ class _Runs:
     """(H,) steps of the difference quotients in the beginnings."""
 
     @classmethod
-    def of(cls, subject: Subject, windows: Windows, begins: Sequence[Start]) -> "_Runs":
+    def of(cls, subject: Subject, windows: Windows, begins: Sequence[StartingPoint]) -> "_Runs":
         models = [b.model for b in begins]
         where = [entries(m, subject.uncertainty, subject.model) for m in models]
         first = np.array([[e.value for e in w] for w in where])
@@ -270,7 +272,7 @@ class _Fits:
     """(Q,) steps in a row that gained nothing much, or promised no more; one that went too far tells nothing."""
 
     @classmethod
-    def at(cls, runs: _Runs, begins: Sequence[Start], weights: np.ndarray) -> "_Fits":
+    def at(cls, runs: _Runs, begins: Sequence[StartingPoint], weights: np.ndarray) -> "_Fits":
         values, begun = runs.first.copy(), np.stack([b.begun for b in begins])
         errors, (many, size) = runs.errors(values, begun), values.shape
         return cls(
@@ -341,7 +343,7 @@ def _past(model: PhysicsModel, windows: Windows) -> Tensor:
     own = windows.states.new_zeros(len(windows.log), model.internal_size)
     if not model.input_effects():
         return own
-    found = memories(model, Stack.of(windows.logs))[..., windows.log, windows.first, :]
+    found = memories(model, LogBatch.of(windows.logs))[..., windows.log, windows.first, :]
     return torch.cat([own.expand(*found.shape[:-1], -1), found], dim=-1)
 
 

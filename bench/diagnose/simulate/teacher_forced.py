@@ -19,9 +19,9 @@ from scipy.ndimage import convolve1d
 
 from bench.diagnose.logs.noise import Noise, impulse_response
 from bench.diagnose.logs.subject import Log
-from bench.diagnose.regression.weak import Stack, mean_rates
+from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.settings import RUNNING
-from bench.diagnose.simulate.floor import measure, reach
+from bench.diagnose.simulate.floor import filter_half_width, measure
 from bench.diagnose.simulate.free_run import Group, default_steps, groups
 from registry.dynamics import PhysicsModel
 
@@ -88,7 +88,7 @@ class Increments:
         return total[recording, first + horizon] - total[recording, first], recording, first
 
 
-def increments(model: PhysicsModel, stack: Stack, noise: Noise) -> Increments:
+def increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments:
     """What ``model`` leaves of the measured changes of every state; see the head of this file.
 
     A sensor of rates has an offset of its own in every recording, which is taken off.
@@ -100,7 +100,7 @@ def increments(model: PhysicsModel, stack: Stack, noise: Noise) -> Increments:
     for c in range(size):
         smoothed[..., c] = convolve1d(rates[..., c], noise.smoothing_of(c).kernel(), axis=1, mode="nearest")
     valid = np.zeros(rates.shape[:2], dtype=bool)
-    margin = reach(noise.smoothing)
+    margin = filter_half_width(noise.smoothing)
     for i, log in enumerate(stack.logs):
         good = (log.valid[:-1] & log.valid[1:]).numpy()
         valid[i, margin : len(log) - 1 - margin] = good[margin : len(good) - margin]
@@ -111,18 +111,18 @@ def increments(model: PhysicsModel, stack: Stack, noise: Noise) -> Increments:
     return Increments(steps, valid)
 
 
-def noise_increments(model: PhysicsModel, stack: Stack, noise: Noise) -> Increments:
+def noise_increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments:
     """What noise alone adds to the increments: those of measurements with noise drawn once more, less those without."""
-    generator, r = np.random.default_rng(0), reach(noise.smoothing)
+    generator, r = np.random.default_rng(0), filter_half_width(noise.smoothing)
     padded = torch.cat([stack.states[:, :1].expand(-1, r, -1), stack.states, stack.states[:, -1:].expand(-1, r, -1)], 1)
     channels = model.state_channels
     silent = replace(noise, raw=tuple(0.0 for _ in noise.raw))
-    hiss = measure(padded, noise, channels, stack.dt, generator) - measure(
+    drawn = measure(padded, noise, channels, stack.dt, generator) - measure(
         padded, silent, channels, stack.dt, generator
     )
     white = generator.normal(size=stack.inputs.shape) * np.array(noise.inputs)
     through = convolve1d(white, impulse_response(noise.input_smoothing, False), axis=1)
-    noisy = replace(stack, states=stack.states + hiss, inputs=stack.inputs + torch.from_numpy(through))
+    noisy = replace(stack, states=stack.states + drawn, inputs=stack.inputs + torch.from_numpy(through))
     clean, moved = increments(model, stack, noise), increments(model, noisy, noise)
     steps = moved.steps - clean.steps
     if stack.sensed:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.logs.subject import Log
-from bench.diagnose.regression.weak import Stack, how_many, narrowed
+from bench.diagnose.regression.weak import LogBatch, how_many, narrowed
 from bench.diagnose.settings import BEGINNING
 from registry.dynamics import PhysicsModel
 
@@ -20,7 +20,7 @@ def hidden(logs: Sequence[Log]) -> tuple[int, ...]:
     return tuple(i for i, e in enumerate(logs[0].estimated) if e)
 
 
-def completed(model: PhysicsModel, stack: Stack) -> Tensor:
+def completed(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """States (…, L, N, s): as measured, and as the model carries those that were not."""
     at = list(hidden(stack.logs))
     size, narrow, path = stack.states.shape[-1], narrowed(model), [beginning(model, stack)]
@@ -33,7 +33,7 @@ def completed(model: PhysicsModel, stack: Stack) -> Tensor:
     return torch.stack([p[..., :size] for p in path], dim=-2)
 
 
-def beginning(model: PhysicsModel, stack: Stack) -> Tensor:
+def beginning(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """Full states (…, L, full) at the first samples, from which a free run meets the first measurements."""
     at, size = list(hidden(stack.logs)), stack.states.shape[-1]
     seen = [i for i in range(size) if i not in at and stack.logs[0].measured[i]]
@@ -76,7 +76,7 @@ def beginning(model: PhysicsModel, stack: Stack) -> Tensor:
     return narrow.initial(first, stack.inputs[:, 0].expand(*shape, stack.inputs.shape[-1]), stack.dt)
 
 
-def _settled(narrow: PhysicsModel, first: Tensor, stack: Stack, at: Sequence[int]) -> Tensor:
+def _settled(narrow: PhysicsModel, first: Tensor, stack: LogBatch, at: Sequence[int]) -> Tensor:
     """The unmeasured states (…, L, H) after the first input for long, with the measured ones held."""
     u = stack.inputs[:, 0].expand(*first.shape[:-1], stack.inputs.shape[-1])
     size, state = first.shape[-1], narrow.initial(first, u, stack.dt)

@@ -31,7 +31,7 @@ class Shot:
     """(P, P) of the free numbers, from blocks of windows."""
 
 
-def shoot(
+def multiple_shooting(
     model: PhysicsModel, subject: Subject, names: Sequence[str], tick: Callable[[str], None] = lambda what: None
 ) -> Shot:
     """Fit constants (within their uncertainty) and effects of ``model`` on the recordings ``names``."""
