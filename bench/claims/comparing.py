@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
+from typing_extensions import override
 
 from bench.claims.estimate import Estimate, Kind
 from bench.claims.evidence import Evidence
@@ -41,8 +42,8 @@ class Ratio(Kind):
     horizons: tuple[int, ...]
     phase: str = "whole"
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         found = []
         opponents: dict[str, list[str]] = {}
         for a, b in [pair for patterns in self.pairs for pair in evidence.pairs(*patterns)]:
@@ -71,8 +72,8 @@ class Alike(Kind):
     horizons: tuple[int, ...]
     phase: str = "whole"
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         names = [s for pattern in self.specs for s in evidence.specs(pattern)]
         found = []
         for role in self.quantities:
@@ -96,8 +97,8 @@ class Factor(Kind):
     against: tuple[str, ...] = ()
     """For each of specs the pattern of those whose own factor it is divided by; equal sizes belong together."""
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         found = []
         for above, below in self.quantities:
             for horizon in self.horizons:
@@ -128,8 +129,8 @@ class FewerWeights(Kind):
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         found = []
         pairs = [
             (a, b)
@@ -173,8 +174,8 @@ class Norms(Kind):
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         names = list(dict.fromkeys(s for pattern in self.specs for s in evidence.specs(pattern)))
         found, same, turned = [], 0, 0
         for role in self.quantities:
@@ -217,8 +218,8 @@ class Convergence(Kind):
     pairs: tuple[tuple[str, str], ...]
     horizons: tuple[int, ...]
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         found = []
         for horizon in self.horizons:
             wanted: list[Stratum] = []

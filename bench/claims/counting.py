@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from bench.analysis import stats
 from bench.claims.estimate import Estimate, Kind, fact
@@ -23,8 +24,8 @@ class Diverged(Kind):
 
     relative: ClassVar[bool] = False
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         counts = []
         for pattern in (self.a, self.b):
             runs = [r for s in evidence.specs(pattern) for r in evidence.of(s)]
@@ -56,8 +57,8 @@ class Fact(ABC):
 class Samples(Fact):
     """Time steps of all recordings together."""
 
+    @override
     def count(self, loaded: "RecordingSet") -> list[Estimate]:
-        """See `Fact.count`."""
         return [fact(f"samples in {len(loaded.recordings)} recordings:", sum(map(len, loaded.recordings)))]
 
 
@@ -65,8 +66,8 @@ class Samples(Fact):
 class Hours(Fact):
     """Time recorded, in hours."""
 
+    @override
     def count(self, loaded: "RecordingSet") -> list[Estimate]:
-        """See `Fact.count`."""
         return [fact("hours:", sum(len(r) / r.rate for r in loaded.recordings) / 3600)]
 
 
@@ -77,8 +78,8 @@ class Maxima(Fact):
     names: tuple[str, ...]
     values: tuple[float, ...]
 
+    @override
     def count(self, loaded: "RecordingSet") -> list[Estimate]:
-        """See `Fact.count`."""
         found = []
         for name, published in zip(self.names, self.values, strict=True):
             largest = [

@@ -6,6 +6,7 @@ from functools import cache
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from bench.analysis.contrast import Cell
 from bench.analysis.tables import FIRST, LAST
@@ -72,8 +73,8 @@ class EarlyPeak(Kind):
     """The peak may lie anywhere before the end, and not only in the first half."""
     relative: ClassVar[bool] = False
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         found = []
         for role in self.quantities:
             for horizon in self.horizons:
@@ -109,8 +110,8 @@ class Growth(Kind):
     horizons: tuple[int, ...]
     relative: ClassVar[bool] = False
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         found = []
         for role in self.quantities:
             for horizon in self.horizons:
@@ -157,8 +158,8 @@ class HistorySpread(Kind):
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         found = []
         for pattern in self.specs:
             by_history = _families(evidence, pattern)
@@ -201,8 +202,8 @@ class PeakShrinks(Kind):
     quantities: tuple[str, ...]
     horizons: tuple[int, ...]
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         found = []
         for role in self.quantities:
             for horizon in self.horizons:

@@ -7,6 +7,7 @@ from functools import cache
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from bench.analysis import stats
 from bench.claims.estimate import Estimate, Kind
@@ -43,8 +44,8 @@ class Level(Kind):
     of: str = "max"
     relative: ClassVar[bool] = False
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         found = []
         reduce = np.max if self.of == "max" else np.mean
         for role in self.quantities:
@@ -99,8 +100,8 @@ class Quantile(Kind):
     unit: str
     relative: ClassVar[bool] = False
 
+    @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        """See `Kind.measure`."""
         found = []
         for role in self.quantities:
             for horizon in self.horizons:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from typing_extensions import override
 
 from registry.errors import BenchError
 from registry.regular_file import regular
@@ -56,8 +57,8 @@ class Positive(click.FloatRange):
     def __init__(self, most: float | None = None) -> None:
         super().__init__(min=0, max=most, min_open=True)
 
+    @override
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """See `click.ParamType.convert`."""
         number: float = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
@@ -69,8 +70,8 @@ class Duration(click.ParamType):
 
     name = "duration"
 
+    @override
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """See `click.ParamType.convert`."""
         if isinstance(value, float):
             return value
         found = re.fullmatch(r"(?:(\d{1,4})h)?(?:(\d{1,5})m)?(?:(\d{1,6})s)?", str(value).strip())

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from registry.contracts import Channel, Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
@@ -62,8 +63,8 @@ class Crazypad(Dataset):
         "torque_coefficient": 0.7,
     }
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         files = locate(
             "crazypad_mass_prop",
             "controller_data/*/E?_log[0-9][0-9]",

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from typing_extensions import override
 
 from registry.contracts import Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
@@ -69,8 +70,8 @@ class Nanobench(Dataset):
     physics: ClassVar[dict[str, Any]] = CONSTANTS
     uncertainty: ClassVar[dict[str, float]] = UNCERTAINTY
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         files = locate(
             "nanobench",
             "*.csv*",

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pandas as pd
 from pyarrow import ArrowException
+from typing_extensions import override
 
 from registry.contracts import Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
@@ -91,8 +92,8 @@ class Nanodrone(Dataset):
                 f"nanodrone.smoothing = {self.smoothing} must be 0 or an odd number of at least 5 samples."
             )
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         files = locate(
             "nanodrone_idsia/raw_parquet",
             "*.parquet",

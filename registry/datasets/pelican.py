@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from registry.contracts import Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
@@ -51,8 +52,8 @@ class Pelican(Dataset):
     targets: ClassVar[tuple[str, ...]] = ("body_rates",)
     chain: ClassVar[tuple[str, ...]] = ("velocity", "body_rates")
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         (file,) = locate(
             "pelican",
             "AscTec_Pelican_Flight_Dataset.mat",

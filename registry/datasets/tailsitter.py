@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from registry.contracts import Dataset, Finding, RecordingSet, Split
 from registry.core import DATASETS
@@ -35,8 +36,8 @@ class Tailsitter(Dataset):
     targets: ClassVar[tuple[str, ...]] = ("body_rates",)
     chain: ClassVar[tuple[str, ...]] = ("velocity", "body_rates")
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         files = locate(
             "tailsitter_polyu",
             "*.mat",

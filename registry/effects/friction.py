@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.core import EFFECTS
 from registry.dynamics import RateEffect, constant, tensor
@@ -54,8 +55,8 @@ class ViscousFriction(ForceEffect):
     equation: ClassVar[str] = "F = −F_v dq/dt"
     manoeuvre: ClassVar[str] = "move at several constant speeds, slow and fast"
 
+    @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        """See `ForceEffect.force`."""
         return -scaled(self.f_v, speed) * speed
 
 
@@ -69,8 +70,8 @@ class CoulombFriction(ForceEffect):
     manoeuvre: ClassVar[str] = "move slowly in both directions, with reversals"
     systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator", "pendulum", "falling_body")
 
+    @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        """See `ForceEffect.force`."""
         return -scaled(self.f_c, speed) * sign(speed)
 
 
@@ -89,8 +90,8 @@ class StribeckFriction(ForceEffect):
     manoeuvre: ClassVar[str] = "creep through standstill in both directions, and move faster for comparison"
     systems: ClassVar[tuple[str, ...]] = CoulombFriction.systems
 
+    @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        """See `ForceEffect.force`."""
         f_c, f_s, v_s = (scaled(p, speed) for p in (self.f_c, self.f_s, self.v_s))
         return -(f_c + (f_s - f_c) * torch.exp(-((speed / v_s) ** 2))) * sign(speed)
 
@@ -106,8 +107,8 @@ class OffsetForce(ForceEffect):
     manoeuvre: ClassVar[str] = "make the same motion in both directions"
     systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator", "pendulum")
 
+    @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        """See `ForceEffect.force`."""
         return scaled(self.f_0, speed).expand(speed.shape)
 
 
@@ -120,8 +121,8 @@ class QuadraticDrag(ForceEffect):
     equation: ClassVar[str] = "F = −c ‖v‖ v"
     manoeuvre: ClassVar[str] = "move at several constant speeds, slow and fast"
 
+    @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        """See `ForceEffect.force`."""
         # The root of a sum that never is zero: at rest the norm has no gradient.
         norm = ((speed * speed).sum(-1, keepdim=True) + 1e-16).sqrt()
         return -scaled(self.c, speed) * norm * speed

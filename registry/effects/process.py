@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.core import EFFECTS
 from registry.dynamics import InputEffect, RateEffect, constant, tensor
@@ -96,8 +97,8 @@ class DeadZone(StaticInputEffect):
     screen: ClassVar[dict[str, tuple[float, ...]]] = {"width": (0.05, 0.2, 0.5, 1.0)}
     manoeuvre: ClassVar[str] = "drive with small amplitude about zero, and with large"
 
+    @override
     def passed(self, drive: Tensor) -> Tensor:
-        """See `StaticInputEffect.passed`."""
         width = scaled(self.width, drive).unsqueeze(-1)
         return torch.sign(drive) * (drive.abs() - width).clamp(min=0)
 
@@ -112,6 +113,6 @@ class Saturation(StaticInputEffect):
     screen: ClassVar[dict[str, tuple[float, ...]]] = {"inverse": (0.1, 0.2, 0.4, 0.8)}
     manoeuvre: ClassVar[str] = "drive with amplitudes up to the largest that is allowed"
 
+    @override
     def passed(self, drive: Tensor) -> Tensor:
-        """See `StaticInputEffect.passed`."""
         return drive / (drive.abs() * scaled(self.inverse, drive).unsqueeze(-1)).clamp(min=1)

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.core import EFFECTS
 from registry.dynamics import InputEffect, constant
@@ -23,8 +24,8 @@ class CubicStiffness(ForceEffect):
     systems: ClassVar[tuple[str, ...]] = ("oscillator", "mass_on_rail")
     manoeuvre: ClassVar[str] = "swing with small and with large amplitude"
 
+    @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        """See `ForceEffect.force`."""
         return -scaled(self.k_3, displacement) * displacement**3
 
 
@@ -42,8 +43,8 @@ class Cogging(ForceEffect):
     screen: ClassVar[dict[str, tuple[float, ...]]] = {"pitch": (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03, 0.04)}
     manoeuvre: ClassVar[str] = "travel slowly and evenly over many periods of the magnets"
 
+    @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        """See `ForceEffect.force`."""
         phase = 2 * math.pi * displacement / scaled(self.pitch, displacement)
         return scaled(self.a, phase) * torch.sin(phase) + scaled(self.b, phase) * torch.cos(phase)
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import cast
 
 from torch import Tensor, nn
+from typing_extensions import override
 
 from registry.contracts import Composite, Gradients, Initializer, InitializerEntry, InitialVJP, Predictor
 
@@ -20,8 +21,8 @@ class EachInitializer(Initializer):
         """As the parts do."""
         return any(part.uses_state_cost for part in self.parts)
 
+    @override
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """See `Initializer.initialize`."""
         assert isinstance(predictor, Composite)
         states = [
             cast(Initializer, initializer).initialize(part, *predictor.part_history(i, inputs, outputs))
@@ -29,8 +30,8 @@ class EachInitializer(Initializer):
         ]
         return predictor.join(states, inputs, outputs)
 
+    @override
     def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
-        """See `Initializer.initialize_vjp`."""
         assert isinstance(predictor, Composite)
         names = {id(network): name for name, network in predictor.named_children()}
         parts = [

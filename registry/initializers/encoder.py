@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
 from registry.core import INITIALIZERS, option
@@ -21,8 +22,8 @@ class EncoderInitializer(Initializer):
         columns, rows = entry.history * problem.n_measured, predictor.layout.hidden + predictor.layout.cell
         self.network = Bypassed(columns, rows, entry.layers, entry.hidden, entry.weight_scale)
 
+    @override
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """See `Initializer.initialize`."""
         u, y = inputs[..., -self.history :, :], outputs[..., -self.history :, :]
         states = self.network(torch.cat([u.flatten(-2), y.flatten(-2)], -1))
         return bounded(predictor, predictor.init_buffers(inputs, outputs), states)
@@ -43,6 +44,6 @@ class Encoder(InitializerEntry):
     layers: int = option(2, "hidden layers", low=1, high=20)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
 
+    @override
     def build(self, predictor: Predictor, problem: Problem) -> Initializer:
-        """See `InitializerEntry.build`."""
         return EncoderInitializer(self, predictor, problem)

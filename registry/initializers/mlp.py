@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
+from typing_extensions import override
 
 from registry.contracts import Gradients, Initializer, InitializerEntry, InitialVJP, Predictor, Problem
 from registry.core import INITIALIZERS, option
@@ -44,12 +45,12 @@ class MLPInitializer(Initializer):
         self.output_weight = uniform(states, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(states))
 
+    @override
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """See `Initializer.initialize`."""
         return bounded(predictor, predictor.init_buffers(inputs, outputs), mlp(*self._run(inputs, outputs)))
 
+    @override
     def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
-        """See `Initializer.initialize_vjp`."""
         states, back = mlp_vjp(*self._run(inputs, outputs))
         state = bounded(predictor, predictor.init_buffers(inputs, outputs), states)
 
@@ -81,6 +82,6 @@ class MLP(InitializerEntry):
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
 
+    @override
     def build(self, predictor: Predictor, problem: Problem) -> Initializer:
-        """See `InitializerEntry.build`."""
         return MLPInitializer(self, predictor, problem)

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.contracts import Initializer, InitializerEntry, Predictor, Problem
 from registry.core import INITIALIZERS, option
@@ -79,6 +80,6 @@ class Optimized(InitializerEntry):
     iterations: int = option(10, "gradient steps on the states of a window", low=0, high=1000)
     rate: float = option(10.0, "largest length of a step per unit of gradient", low=1e-3, high=1e3, log=True)
 
+    @override
     def build(self, predictor: Predictor, problem: Problem) -> Initializer:
-        """See `InitializerEntry.build`."""
         return OptimizedInitializer(self)

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
+from typing_extensions import override
 
 from registry.contracts import Gradients, Initializer, InitializerEntry, InitialVJP, Predictor, Problem
 from registry.core import INITIALIZERS, option
@@ -32,14 +33,14 @@ class RNNInitializer(Initializer):
         self.output_weight = uniform(states, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(states))
 
+    @override
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """See `Initializer.initialize`."""
         _, after = lstm(*self._run(inputs, outputs))
         states = affine(after[..., : self.hidden], self.output_weight, self.output_bias)
         return bounded(predictor, predictor.init_buffers(inputs, outputs), states)
 
+    @override
     def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
-        """See `Initializer.initialize_vjp`."""
         _, after, through_time = lstm_vjp(*self._run(inputs, outputs))
         states, back = mlp_vjp(after[..., : self.hidden], [(self.output_weight, self.output_bias)])
         state = bounded(predictor, predictor.init_buffers(inputs, outputs), states)
@@ -77,6 +78,6 @@ class RNN(InitializerEntry):
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)
 
+    @override
     def build(self, predictor: Predictor, problem: Problem) -> Initializer:
-        """See `InitializerEntry.build`."""
         return RNNInitializer(self, predictor, problem)

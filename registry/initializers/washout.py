@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.contracts import Gradients, Initializer, InitializerEntry, InitialVJP, Predictor, Problem
 from registry.core import INITIALIZERS, option
@@ -23,8 +24,8 @@ class WashoutInitializer(Initializer):
         end = start if run is None else predictor.rollout(*run)[1]
         return self._at_the_end(predictor, inputs, outputs, end)
 
+    @override
     def initialize_vjp(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, InitialVJP]:
-        """See `Initializer.initialize_vjp`."""
         start, run = self._run(predictor, inputs, outputs)
         if run is None:
             return self._at_the_end(predictor, inputs, outputs, start), lambda d_state: ({}, {})
@@ -72,8 +73,8 @@ class Washout(InitializerEntry):
         "measured", "outputs fed back during washout: measured ones or the network's own", choices=("measured", "own")
     )
 
+    @override
     def build(self, predictor: Predictor, problem: Problem) -> Initializer:
-        """See `InitializerEntry.build`."""
         return WashoutInitializer(self)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.contracts import Composite, CostVJP, Dataset, Gradients, Predictor, Problem, ReadoutVJP, StateLayout
 from registry.core import PREDICTORS
@@ -42,12 +43,12 @@ class CascadePredictor(Composite):
         sizes = zip(self.first.layout.sizes, self.second.layout.sizes, strict=True)
         self.layout = StateLayout(*(a + b for a, b in sizes))
 
+    @override
     def parts(self) -> list[Predictor]:
-        """See `Composite.parts`."""
         return [self.first, self.second]
 
+    @override
     def part_history(self, part: int, inputs: Tensor, outputs: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Composite.part_history`."""
         velocity, rates, context = outputs.split([self.slow, self.n_outputs - self.slow, self.n_context], -1)
         if part == 0:
             return inputs, torch.cat([rates, context], -1)
@@ -61,8 +62,8 @@ class CascadePredictor(Composite):
         pieces = zip(self.first.layout.split(one), self.second.layout.split(two), strict=True)
         return torch.cat([x for pair in pieces for x in pair], -1)
 
+    @override
     def separate(self, d_state: Tensor) -> list[Tensor]:
-        """See `Composite.separate`."""
         return list(self._separate(d_state))
 
     def _separate(self, state: Tensor) -> tuple[Tensor, Tensor]:
@@ -70,14 +71,14 @@ class CascadePredictor(Composite):
         pieces = state.split(sizes, -1)
         return torch.cat(pieces[::2], -1), torch.cat(pieces[1::2], -1)
 
+    @override
     def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """See `Predictor.init_buffers`."""
         return torch.cat(
             [p.init_buffers(*self.part_history(i, inputs, outputs)) for i, p in enumerate(self.parts())], -1
         )
 
+    @override
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """See `Predictor.rollout`."""
         one, two = self._separate(state)
         fed = (None, None) if feedback is None else (feedback[..., self.slow :], feedback[..., : self.slow])
         rates, one = self.first.rollout(inputs, one, fed[0])
@@ -92,8 +93,8 @@ class CascadePredictor(Composite):
         velocity, _ = self.second.rollout(torch.cat([inputs, outputs[..., self.slow :]], -1), two)
         return torch.cat([velocity, rates], -1)
 
+    @override
     def training_rollout_vjp(self, inputs: Tensor, outputs: Tensor, state: Tensor) -> tuple[Tensor, CostVJP]:
-        """See `Predictor.training_rollout_vjp`."""
         one, two = self._separate(state)
         rates, _, first = self.first.rollout_vjp(inputs, one)
         velocity, _, second = self.second.rollout_vjp(torch.cat([inputs, outputs[..., self.slow :]], -1), two)
@@ -118,8 +119,8 @@ class CascadePredictor(Composite):
         one, two = self._separate(state)
         return torch.cat([self.second.readout(two, inputs), self.first.readout(one, inputs)], -1)
 
+    @override
     def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP]:
-        """See `Predictor.readout_vjp`."""
         one, two = self._separate(state)
         (rates, first), (velocity, second) = self.first.readout_vjp(one, inputs), self.second.readout_vjp(two, inputs)
 
@@ -145,12 +146,12 @@ class Cascade(LSTM):
     forcing); judged with predicted ones ("practical") and, as ``velocity_forced``, with measured ones.
     """
 
+    @override
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-        """See `PredictorEntry.signals`."""
         return dataset.inputs, dataset.predicted_together(), ()
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return CascadePredictor(self, problem)
 
 

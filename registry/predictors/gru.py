@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
+from typing_extensions import override
 
 from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
@@ -35,8 +36,8 @@ class GRUPredictor(Predictor):
         """The last measured output."""
         return outputs[..., -1, : self.n_outputs]
 
+    @override
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """See `Predictor.rollout`."""
         fed, hidden, _ = self.layout.split(state)
         single = inputs.dim() == 3
         lead = (lambda x: x.unsqueeze(0)) if single else (lambda x: x)
@@ -78,6 +79,6 @@ class GRU(PredictorEntry):
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     update_bias: float = option(1.0, "initial bias of the update gates; above 0 they keep", low=-10.0, high=10.0)
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return GRUPredictor(self, problem)

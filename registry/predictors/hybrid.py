@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
+from typing_extensions import override
 
 from registry.contracts import (
     Composite,
@@ -145,8 +146,8 @@ class HybridPredictor(Composite):
 
     # ----------------------------------------------------------------------------------------- initialization
 
+    @override
     def parts(self) -> list[Predictor]:
-        """See `Composite.parts`."""
         return list(self._networks())
 
     def _networks(self) -> list[Network]:
@@ -156,13 +157,13 @@ class HybridPredictor(Composite):
         """All that was measured, for both."""
         return inputs, outputs
 
+    @override
     def join(self, states: Sequence[Tensor], inputs: Tensor, outputs: Tensor) -> Tensor:
-        """See `Composite.join`."""
         _, hidden, cell = zip(*(p.layout.split(s) for p, s in zip(self.parts(), states, strict=True)), strict=True)
         return torch.cat([self.init_buffers(inputs, outputs), *hidden, *cell], -1)
 
+    @override
     def separate(self, d_state: Tensor) -> list[Tensor]:
-        """See `Composite.separate`."""
         return [torch.cat(pair, -1) for pair in self._ends(d_state)]
 
     def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
@@ -176,8 +177,8 @@ class HybridPredictor(Composite):
         last = self.output_network
         return self._from(state, affine(self._top(state, last), last.output_weight, last.output_bias))
 
+    @override
     def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP] | None:
-        """See `Predictor.readout_vjp`."""
         last = self.output_network
         if last is None:
             return None
@@ -203,8 +204,8 @@ class HybridPredictor(Composite):
 
     # ---------------------------------------------------------------------------------------------- prediction
 
+    @override
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """See `Predictor.rollout`."""
         outputs, _, end = self._run(inputs, state, feedback)
         return outputs, end
 
@@ -361,17 +362,17 @@ class Hybrid(PredictorEntry):
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)
 
+    @override
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-        """See `PredictorEntry.signals`."""
         inputs, outputs, context = default_signals(dataset, self.model)
         return dataset.inputs if self.input_model == "learned" else inputs, outputs, context
 
+    @override
     def content(self) -> str:
-        """See `PredictorEntry.content`."""
         return digest(self.model)
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return HybridPredictor(self, problem)
 
 

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.contracts import Dataset, Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
@@ -239,6 +240,6 @@ class LoadHybrid(PredictorEntry):
         felt = ("specific_force",) if "specific_force" in measured_signals(dataset) else ()
         return ("rotor_speed",), ("velocity", "body_rates"), ("attitude", *felt)
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return LoadHybridPredictor(self, problem)

@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
+from typing_extensions import override
 
 from registry.contracts import Gradients, Predictor, PredictorEntry, Problem, ReadoutVJP, RunVJP, StateLayout
 from registry.core import PREDICTORS, option
@@ -60,14 +61,14 @@ class LSTMPredictor(Predictor):
         y = newest_first(outputs[..., : self.n_outputs], self.delays)
         return y if self.delays == 1 else torch.cat([newest_first(inputs, self.delays - 1), y], -1)
 
+    @override
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """See `Predictor.rollout`."""
         return lstm(*self._run(inputs, state, feedback))
 
+    @override
     def rollout_vjp(
         self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None
     ) -> tuple[Tensor, Tensor, RunVJP]:
-        """See `Predictor.rollout_vjp`."""
         outputs, end, back = lstm_vjp(*self._run(inputs, state, feedback))
 
         def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, Gradients]:
@@ -94,8 +95,8 @@ class LSTMPredictor(Predictor):
         """W_y m^L + b_y (the paper's A_s = [W_y 0], c = y − b_y)."""
         return affine(self._top(state), self.output_weight, self.output_bias)
 
+    @override
     def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP]:
-        """See `Predictor.readout_vjp`."""
         read, back = mlp_vjp(self._top(state), [(self.output_weight, self.output_bias)])
 
         def vjp(d_read: Tensor, d_state: Tensor) -> Gradients:
@@ -142,8 +143,8 @@ class LSTM(PredictorEntry):
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return LSTMPredictor(self, problem)
 
 

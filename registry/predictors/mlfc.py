@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
+from typing_extensions import override
 
 from registry.contracts import Gradients, Predictor, PredictorEntry, Problem, ReadoutVJP, RunVJP, StateLayout
 from registry.core import PREDICTORS, option
@@ -37,15 +38,15 @@ class MLFCPredictor(Predictor):
         """The last measured output."""
         return newest_first(outputs[..., : self.n_outputs], 1)
 
+    @override
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """See `Predictor.rollout`."""
         outputs, hidden = mlfc(*self._run(inputs, state, feedback))
         return outputs, self._end(outputs, hidden, feedback)
 
+    @override
     def rollout_vjp(
         self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None
     ) -> tuple[Tensor, Tensor, RunVJP]:
-        """See `Predictor.rollout_vjp`."""
         outputs, hidden, back = mlfc_vjp(*self._run(inputs, state, feedback))
         end = self._end(outputs, hidden, feedback)
 
@@ -91,8 +92,8 @@ class MLFCPredictor(Predictor):
         """A [y¹ .. y^L] + B u + b (the paper's A_s = A, c = y − B u − b)."""
         return affine(*self._read(state, inputs), self.output_bias)
 
+    @override
     def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP]:
-        """See `Predictor.readout_vjp`."""
         x, weight = self._read(state, inputs)
         read, back = mlp_vjp(x, [(weight, self.output_bias)])
 
@@ -127,6 +128,6 @@ class MLFC(PredictorEntry):
     dropout: float = option(0.0, "probability of dropping a layer output before the read-out", low=0.0, high=0.9)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return MLFCPredictor(self, problem)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from registry.contracts import Dataset, Recording, RecordingSet, Split
 from registry.core import DATASETS
@@ -36,8 +37,8 @@ class BoucWen(Dataset):
     physics: ClassVar[dict[str, Any]] = {"mass": 2.0, "damping": 10.0, "stiffness": 5e4}  # of the linear part
     initial_window: ClassVar[int] = 50
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         files = locate(
             "bouc_wen",
             "u*_*.mat",

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
+from typing_extensions import override
 
 from registry.contracts import Dataset, Finding, RecordingSet, Split
 from registry.core import DATASETS
@@ -37,8 +38,8 @@ class CascadedTanks(Dataset):
     input_hold: ClassVar[str] = "previous"
     initial_window: ClassVar[int] = 5
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         (file, *_) = locate(
             "cascaded_tanks",
             "dataBenchmark.csv",

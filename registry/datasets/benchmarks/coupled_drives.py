@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from registry.contracts import Dataset, RecordingSet, Split
 from registry.core import DATASETS
@@ -34,8 +35,8 @@ class CoupledDrives(Dataset):
     targets: ClassVar[tuple[str, ...]] = ("pulley_speed",)
     initial_window: ClassVar[int] = 4
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         (file, *_) = locate(
             "coupled_drives",
             "DATAUNIF.[mM][aA][tT]",

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import scipy  # its parts are imported when they are used: scipy.signal takes longer than all else here
+from typing_extensions import override
 
 from registry.contracts import Dataset, Finding, RecordingSet, Split
 from registry.core import DATASETS, option
@@ -47,8 +48,8 @@ class Emps(Dataset):
         "noise": {"displacement": 1e-7},  # what is left of the position beside that cubic, at rest and moving
     }
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         files = locate(
             "emps",
             "DATA_EMPS*.mat",

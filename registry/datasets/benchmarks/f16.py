@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from registry.contracts import Dataset, Recording, RecordingSet, Split
 from registry.core import DATASETS
@@ -34,8 +35,8 @@ class F16(Dataset):
     targets: ClassVar[tuple[str, ...]] = ("acceleration",)
     initial_window: ClassVar[int] = 50
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         files = locate(
             "f16",
             "F16Data_*.mat",

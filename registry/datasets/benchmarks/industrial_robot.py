@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from registry.contracts import Dataset, RecordingSet, Split
 from registry.core import DATASETS
@@ -37,8 +38,8 @@ class IndustrialRobot(Dataset):
     targets: ClassVar[tuple[str, ...]] = ("joint_angle",)
     initial_window: ClassVar[int] = 50
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         (file, *_) = locate(
             "industrial_robot",
             "forward_identification_without_raw_data.mat",

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
+from typing_extensions import override
 
 from registry.contracts import Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
@@ -69,8 +70,8 @@ class Silverbox(Dataset):
     physics: ClassVar[dict[str, Any]] = {"mass": 5.346e-6, "damping": 2.254e-4, "stiffness": 1.020}
     uncertainty: ClassVar[dict[str, float]] = {"mass": 0.05, "damping": 0.05, "stiffness": 0.05}
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         (file, *_) = locate(
             "silverbox",
             "SNLS80mV.csv",

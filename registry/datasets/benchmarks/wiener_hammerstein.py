@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from registry.contracts import Dataset, RecordingSet, Split
 from registry.core import DATASETS
@@ -32,8 +33,8 @@ class WienerHammerstein(Dataset):
     targets: ClassVar[tuple[str, ...]] = ("output",)
     initial_window: ClassVar[int] = 50
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         (file, *_) = locate(
             "wiener_hammerstein",
             "WienerHammerBenchMark.mat",

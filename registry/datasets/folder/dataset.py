@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from registry.contracts import Channel, Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, PHYSICS, option
@@ -132,8 +133,8 @@ class Folder(Dataset):
         known = {n: s.signal for n, s in signals.items()}
         return tuple(c for n in ordered for c in channels(n, columns[n], known.get(n)))
 
+    @override
     def read(self) -> RecordingSet:
-        """See `Dataset.read`."""
         description = self.description
         read = [_recording(f, description) for f in self.files]
         recordings = [r for r, _ in read]

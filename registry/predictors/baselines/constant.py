@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from torch import Tensor
+from typing_extensions import override
 
 from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS
@@ -20,8 +21,8 @@ class ConstantPredictor(Predictor):
         """The last measured output."""
         return outputs[..., -1, : self.n_outputs]
 
+    @override
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """See `Predictor.rollout`."""
         held = state.unsqueeze(-2).expand(*state.shape[:-1], inputs.shape[-2], state.shape[-1])
         return held, state
 
@@ -34,6 +35,6 @@ class Constant(PredictorEntry):
     training: ClassVar[str] = "none"
     stateful: ClassVar[bool] = False
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return ConstantPredictor(problem)

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
@@ -80,6 +81,6 @@ class Linear(PredictorEntry):
         1e-3, "penalty on squared scaled coefficients, per sample", low=0.0, log=True, search=(1e-6, 10.0)
     )
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return LinearPredictor(problem, self.ridge)

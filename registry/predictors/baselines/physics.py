@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.contracts import Dataset, Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
@@ -65,16 +66,16 @@ class Physics(PredictorEntry):
         choices=("zero", "sought"),
     )
 
+    @override
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-        """See `PredictorEntry.signals`."""
         return default_signals(dataset, self.model)
 
+    @override
     def content(self) -> str:
-        """See `PredictorEntry.content`."""
         return digest(self.model)
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return PhysicsPredictor(self, problem)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.dynamics import Parameter, PhysicsModel, tensor
 from registry.kernels.rigid_body import RigidBodyStep
@@ -62,8 +63,8 @@ class RigidBodyCore(PhysicsCore):
         """Thrust over mass and torques over inertia (4, B)."""
         return given * self.scale
 
+    @override
     def step(self, k: int, state: Tensor, start: Tensor, end: Tensor) -> Tensor:
-        """See `PhysicsCore.step`."""
         return self.body(state, start, start if self.held else end, None if self.given is None else self.given[k])
 
 
@@ -93,8 +94,8 @@ class GeneralCore(PhysicsCore):
         """What drives the model (r, B), or what is added to that."""
         return self.scale * given if self.residual else self.offset + self.scale * given
 
+    @override
     def step(self, k: int, state: Tensor, start: Tensor, end: Tensor) -> Tensor:
-        """See `PhysicsCore.step`."""
         before, after = self._inputs(k, start), self._inputs(k + 1, end)
         return self.model.step(state.T, before, after, self.box.dt).T
 

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
@@ -114,6 +115,6 @@ class Sindy(PredictorEntry):
     )
     ridge: float = option(1e-6, "penalty on squared coefficients", low=0.0)
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return SindyPredictor(self, problem)

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
+from typing_extensions import override
 
 from registry.contracts import Predictor, PredictorEntry, Problem, StateLayout
 from registry.core import PREDICTORS, option
@@ -58,6 +59,6 @@ class TorchLSTM(PredictorEntry):
     layers: int = option(1, "layers in series", low=1, high=20, search=(1, 2))
     hidden: int = option(50, "cells in each layer", low=1, high=2000, log=True, search=(10, 100))
 
+    @override
     def build(self, problem: Problem) -> Predictor:
-        """See `PredictorEntry.build`."""
         return TorchLSTMPredictor(self, problem)
