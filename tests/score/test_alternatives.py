@@ -9,7 +9,7 @@ pytest.importorskip("rotorpy")
 
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.linearise import Linearization, directions
-from bench.diagnose.regression.weak import Stack
+from bench.diagnose.regression.weak import LogBatch
 from bench.score.alternatives import WINDOW, accelerations, attempt_all, changes
 from bench.score.chain.case import ChainCase, measured
 
@@ -35,7 +35,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def flown(cache: Path) -> tuple[Subject, Linearization]:
     who = measured(DRAG, cache)
-    stack = Stack.of(who.of(who.training))
+    stack = LogBatch.of(who.of(who.training))
     return who, directions(who.model, who.model, who.uncertainty, stack)
 
 
