@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 from diagnose.samples import named
-from faults.test_kills import forked, study
+from faults.alone import exit_code
+from faults.test_kills import dying, study
 
 from bench.diagnose.report import together
 from bench.diagnose.result import Diagnosis
@@ -68,31 +69,20 @@ def made(name: str) -> Diagnosis:
     return replace(named(), dataset=name)
 
 
+def write_until(step: int, folder: Path) -> None:
+    left = [step]
+    for name in ("replace", "unlink"):
+        setattr(os, name, dying(getattr(os, name), left))
+    together.write(folder, made("second_name"), Quadrotor(mass=0.7))
+
+
 @pytest.mark.parametrize("step", range(9))
 def test_a_diagnosis_killed_at_any_step_of_writing_leaves_files_of_one(step: int, tmp_path: Path) -> None:
-    models = Quadrotor(mass=0.5), Quadrotor(mass=0.7)
-    together.write(tmp_path, made("first_name"), models[0])
+    together.write(tmp_path, made("first_name"), Quadrotor(mass=0.5))
     assert of_one(tmp_path) == {"first_name"}
-
-    def dying() -> None:
-        left = [step]
-
-        def counted(action):  # type: ignore[no-untyped-def]
-            def act(*arguments, **named):  # type: ignore[no-untyped-def]
-                if left[0] == 0:
-                    os.kill(os.getpid(), signal.SIGKILL)
-                left[0] -= 1
-                return action(*arguments, **named)
-
-            return act
-
-        for name in ("replace", "unlink"):
-            setattr(os, name, counted(getattr(os, name)))
-        together.write(tmp_path, made("second_name"), models[1])
-
-    os.waitpid(forked(dying), 0)
+    assert exit_code(write_until, step, tmp_path) in (0, -signal.SIGKILL)
     assert len(of_one(tmp_path)) <= 1
-    together.write(tmp_path, made("second_name"), models[1])
+    together.write(tmp_path, made("second_name"), Quadrotor(mass=0.7))
     assert of_one(tmp_path) == {"second_name"}
     assert not list(tmp_path.glob(".diagnosis-*"))
     assert json.loads((tmp_path / together.VALUES).read_text())["dataset"] == "second_name"

@@ -7,10 +7,12 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import Toy
+from faults.alone import exit_code, started
 
 from bench.execution import engine
 from bench.execution.executor import run_jobs
@@ -32,17 +34,6 @@ def study(seeds: int = 8) -> list[RunConfig]:
 
 def run(configs: list[RunConfig], runs: Path) -> list[record.RunRecord]:
     return engine.execute(engine.plan(configs, runs), runs)
-
-
-def forked(action: Callable[[], object]) -> int:
-    """A driver process with everything imported."""
-    pid = os.fork()
-    if pid == 0:
-        try:
-            action()
-        finally:
-            os._exit(0)
-    return pid
 
 
 def sound(runs: Path) -> dict[str, int]:
@@ -69,11 +60,11 @@ def test_kills_at_random_moments_leave_whole_records(
     while kills < KILLS:
         if len(made) == len(configs):  # the study is through: once more, from nothing
             runs, made, rounds = tmp_path / f"killed{rounds}", {}, rounds + 1
-        pid = forked(lambda runs=runs: run(configs, runs))
+        driver = started(run, configs, runs)
         time.sleep(rng.uniform(0.02, 0.5 * takes))
-        os.kill(pid, signal.SIGKILL)
-        _, status = os.waitpid(pid, 0)
-        kills += os.WIFSIGNALED(status)
+        driver.kill()
+        driver.join()
+        kills += driver.exitcode == -signal.SIGKILL
         now = sound(runs)
         assert all(now[key] == when for key, when in made.items())  # nothing that was finished is made again
         again += len(now) < len(configs)
@@ -86,25 +77,31 @@ def test_kills_at_random_moments_leave_whole_records(
     faults("the driver, at random moments of a small study (kill -9)", KILLS, 0, 0, "what it had in hand")
 
 
+def die(*_: object) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def run_until_recorded(configs: list[RunConfig], runs: Path) -> None:
+    engine.execute(engine.plan(configs, runs), runs, finished=die)
+
+
+def run_until_a_file_is_replaced(configs: list[RunConfig], runs: Path) -> None:
+    os.replace = die  # type: ignore[assignment]
+    run(configs, runs)
+
+
 def test_the_checkpoint_of_a_driver_killed_between_record_and_checkpoint_is_removed(tmp_path: Path) -> None:
     """All is recorded, so the next driver has nothing to train and still clears up."""
     configs, runs = study(1), tmp_path / "runs"
-    kill = lambda _: os.kill(os.getpid(), signal.SIGKILL)  # noqa: E731
-    _, status = os.waitpid(forked(lambda: engine.execute(engine.plan(configs, runs), runs, finished=kill)), 0)
-    assert os.WIFSIGNALED(status) and list((runs / ".partial").iterdir()) and len(sound(runs)) == 1
+    assert exit_code(run_until_recorded, configs, runs) == -signal.SIGKILL
+    assert list((runs / ".partial").iterdir()) and len(sound(runs)) == 1
     run(configs, runs)
     assert not (runs / ".partial").exists()
 
 
 def test_a_driver_killed_while_it_writes_a_checkpoint_leaves_no_draft(tmp_path: Path) -> None:
     configs, runs = study(1), tmp_path / "runs"
-
-    def dying() -> None:
-        os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)  # type: ignore[assignment]
-        run(configs, runs)
-
-    _, status = os.waitpid(forked(dying), 0)
-    assert os.WIFSIGNALED(status) and sound(runs) == {}
+    assert exit_code(run_until_a_file_is_replaced, configs, runs) == -signal.SIGKILL and sound(runs) == {}
     (draft,) = (runs / ".partial").iterdir()
     assert draft.suffix != ".safetensors" and draft.stat().st_size > 0
     run(configs, runs)
@@ -115,33 +112,39 @@ STEPS = 10
 """Seven files and their folder flushed, the folder renamed, the folder around it flushed."""
 
 
+def dying(real: Callable[..., Any], left: list[int]) -> Callable[..., Any]:
+    """``real``, and the process is killed instead at the call that ``left`` counts down to."""
+
+    def call(*arguments: object, **named: object) -> Any:
+        if left[0] == 0:
+            die()
+        left[0] -= 1
+        return real(*arguments, **named)
+
+    return call
+
+
+def write_until(step: int, runs: Path, whole: Path) -> None:
+    (done,) = record.all_records(whole)
+    left = [step]
+    atomic_io.flush = dying(atomic_io.flush, left)  # type: ignore[assignment]
+    os.replace = dying(os.replace, left)  # type: ignore[assignment]
+    record.write(runs, *content_of(done))
+
+
+def content_of(done: record.RunRecord) -> tuple[Any, ...]:
+    tables = {"steps": done.steps, "curve": done.curve, "windows": done.windows}
+    return done.summary, done.config, tables, done.weights(), done.provenance
+
+
 def test_a_kill_at_any_step_of_writing_leaves_a_whole_record_or_none(tmp_path: Path) -> None:
     (done,) = run(study(1), tmp_path / "whole")
-    tables = {"steps": done.steps, "curve": done.curve, "windows": done.windows}
-    content = (done.summary, done.config, tables, done.weights(), done.provenance)
-
-    def write_until(step: int, runs: Path) -> None:
-        left = [step]
-
-        def dying(real: Callable[..., None]) -> Callable[..., None]:
-            def call(*args: object) -> None:
-                if left[0] == 0:
-                    os.kill(os.getpid(), signal.SIGKILL)
-                left[0] -= 1
-                real(*args)
-
-            return call
-
-        atomic_io.flush = dying(atomic_io.flush)  # type: ignore[assignment]
-        os.replace = dying(os.replace)  # type: ignore[assignment]
-        record.write(runs, *content)
-
     for step in range(STEPS + 1):
         runs = tmp_path / str(step)
-        _, status = os.waitpid(forked(lambda step=step, runs=runs: write_until(step, runs)), 0)
-        assert os.WIFSIGNALED(status) == (step < STEPS)
+        code = exit_code(write_until, step, runs, tmp_path / "whole")
+        assert code == (-signal.SIGKILL if step < STEPS else 0)
         assert len(sound(runs)) == (step >= STEPS - 1)
-        assert record.differences(done, record.write(runs, *content)) == []
+        assert record.differences(done, record.write(runs, *content_of(done))) == []
 
 
 def test_a_worker_that_dies_is_replaced(tmp_path: Path) -> None:

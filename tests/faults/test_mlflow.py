@@ -14,8 +14,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
+from faults.alone import exit_code
 from faults.test_cluster import bench, free_port, made, started, until
-from faults.test_kills import forked
 from rich.console import Console
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
@@ -74,19 +74,18 @@ def test_the_way_to_what_is_missing_names_the_server() -> None:
     assert "bench ui --results r (opens" in whole
 
 
+def prepare_until_a_table_is_copied(folder: Path) -> None:
+    def kill(_: object, __: object, statement: str, *___: object) -> None:
+        if statement.startswith("INSERT INTO _alembic_tmp"):
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    event.listen(Engine, "before_cursor_execute", kill)
+    track.prepare(track.default_uri(folder))
+
+
 def test_a_kill_while_the_database_is_made_leaves_none(tmp_path: Path) -> None:
     """MLflow goes through all its migrations; the kill comes while one copies a table."""
-
-    def dying() -> None:
-        def kill(_: object, __: object, statement: str, *___: object) -> None:
-            if statement.startswith("INSERT INTO _alembic_tmp"):
-                os.kill(os.getpid(), signal.SIGKILL)
-
-        event.listen(Engine, "before_cursor_execute", kill)
-        track.prepare(track.default_uri(tmp_path))
-
-    _, status = os.waitpid(forked(dying), 0)
-    assert os.WIFSIGNALED(status) and not list(tmp_path.iterdir())
+    assert exit_code(prepare_until_a_table_is_copied, tmp_path) == -signal.SIGKILL and not list(tmp_path.iterdir())
     track.prepare(track.default_uri(tmp_path))
     assert [p.name for p in tmp_path.iterdir()] == ["mlflow.db"]
 

@@ -1,0 +1,32 @@
+"""Functions in a process of their own, to be killed in.
+
+They are forked from a server that has one thread: beside other threads (of a test that went before) a fork may wait for
+ever for a lock that nobody holds.
+"""
+
+import multiprocessing
+from collections.abc import Callable
+from multiprocessing.process import BaseProcess
+
+SECONDS = 120
+"""What none of them takes."""
+
+_context = multiprocessing.get_context("forkserver")
+_context.set_forkserver_preload(["bench.execution.engine", "bench.diagnose.report.together", "bench.tracking.track"])
+
+
+def started(action: Callable[..., object], *arguments: object) -> BaseProcess:
+    """A process that does it, with everything imported."""
+    process = _context.Process(target=action, args=arguments)
+    process.start()
+    return process
+
+
+def exit_code(action: Callable[..., object], *arguments: object) -> int:
+    """How a process that does it ends: −9 where it is killed."""
+    process = started(action, *arguments)
+    process.join(SECONDS)
+    if process.exitcode is None:
+        process.kill()
+        raise AssertionError(f"{action.__name__} hangs")
+    return process.exitcode
