@@ -46,20 +46,27 @@ def learned(
     names = [f.id for f in found]
     rivals = {f.id: f.rivals for f in found}
 
-    def beside(names: Sequence[str]) -> Extension:
-        """The terms, added after those of the effects found that are named."""
+    def beside(names: Sequence[str], terms: Sequence[Effect]) -> Extension:
+        """Terms, added after those of the effects found that are named."""
         base = subject.model
         whole = ordered(model, len(base.effects), names)
         start = replace(whole, effects=(*whole.effects, *terms))
         asked: list[str | Effect] = [*names, *terms]
         return extend(subject, base, asked, tick, noise, rivals=rivals, start=start, horizon_s=horizon_s)
 
-    done = beside(names)
+    done = beside(names, terms)
     idle = {e.id for e in done.effects if not e.learned and _idle(e)}
     if idle and not _beyond(done):
         return None  # the terms only say in other words what a named effect says
     if idle:  # they imitated what is learned now
-        done = beside([n for n in names if n not in idle])
+        names = [n for n in names if n not in idle]
+        done = beside(names, terms)
+    while (needless := _needless(done)) is not None and len(terms) > 1:
+        fewer = tuple(t for i, t in enumerate(terms) if i != needless)
+        simpler = beside(names, fewer)
+        if _explained(simpler) < _explained(done):
+            break  # the other terms need it
+        done, terms = simpler, fewer
     # A share that is no number is one of nothing: there was no error to take.
     taken = sum(e.share_explained for e in done.effects if e.learned)
     return done if taken > DECIDING.least_share else None
@@ -69,6 +76,17 @@ def _idle(effect: NamedEffect) -> bool:
     """Whether every parameter may as well be the one that makes it no effect."""
     neutral = {p.name: float(p.neutral) for p in EFFECTS.get(effect.id).neutral().parameters() if p.uncertainty > 0}
     return all(p.low <= neutral[name] <= p.high for name, p in effect.parameters.items() if name in neutral)
+
+
+def _needless(done: Extension) -> int | None:
+    """The place among the learned terms of the first that lowers the error of held-out free runs by nothing."""
+    shares = [e.share_explained for e in done.effects if e.learned]
+    return next((i for i, share in enumerate(shares) if share <= DECIDING.least_share), None)
+
+
+def _explained(done: Extension) -> float:
+    """Share of the error of held-out free runs that all effects and terms explain."""
+    return sum(e.share_explained for e in done.effects)
 
 
 def _beyond(done: Extension) -> bool:

@@ -4,12 +4,13 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
 import pytest
 
-from bench.diagnose import compare, diagnose, extend
+from bench.diagnose import compare, diagnose, extend, learned
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.request import parsed
@@ -20,6 +21,7 @@ from bench.diagnose.select.catalogue import check_catalogue
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import admissible
 from registry.contracts import Channel, Recording
+from registry.effects.learned_term import LearnedTerm
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
 from registry.physics.quadrotor import Quadrotor
@@ -139,6 +141,44 @@ def test_a_diagnosis_adds_it_and_the_error_falls_to_the_floor(said: tuple[Subjec
     jsonschema.Draft202012Validator(schema()).validate(values)
     assert values["effects"][0]["learned"] is True and values["effects"][0]["term"]["signals"] == ["speed.q"]
     assert found.unexplained.axes == ("d speed.q/dt",)
+
+
+@pytest.mark.parametrize(
+    ("explained", "kept"),
+    [
+        ({"ab": (0.0, 0.3), "b": (0.4,)}, "b"),  # the forecast is better without a
+        ({"ab": (-0.1, 0.5), "b": (0.3,)}, "ab"),  # b needs a
+        ({"ab": (0.1, 0.2)}, "ab"),
+        ({"ab": (0.3, -0.1), "a": (0.3,)}, "a"),
+        ({"ab": (0.0, 0.0), "b": (0.0,)}, None),
+    ],
+)
+def test_a_term_that_free_runs_do_not_need_is_not_added(
+    monkeypatch: pytest.MonkeyPatch, explained: dict[str, tuple[float, ...]], kept: str | None
+) -> None:
+    """By the terms that are added: the share of the error of held-out free runs that each explains."""
+    model = Oscillator()
+    a, b = (LearnedTerm("speed.q", (signal,), "linear", (1.0,)) for signal in ("displacement.q", "speed.q"))
+    letters = {a: "a", b: "b"}
+
+    def extended(subject: object, base: object, asked: list[LearnedTerm], *_: object, **__: object) -> object:
+        terms = "".join(letters[t] for t in asked)
+        effects = [SimpleNamespace(learned=True, share_explained=share) for share in explained[terms]]
+        return SimpleNamespace(terms=terms, effects=effects)
+
+    monkeypatch.setattr(learned, "whatever", lambda *_, **__: (a, b))
+    monkeypatch.setattr(learned, "extend", extended)
+    given = SimpleNamespace(model=model)
+    done = learned.learned(
+        given,
+        model,
+        None,
+        found=(),
+        tick=print,
+        horizon_s=None,
+        doubtful=False,  # type: ignore[arg-type]
+    )
+    assert (done and done.terms) == kept  # type: ignore[attr-defined]
 
 
 def test_the_page_draws_its_shape_with_a_band_that_holds_the_truth(said: tuple[Subject, Diagnosis, Oscillator]) -> None:
