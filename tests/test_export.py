@@ -21,11 +21,11 @@ from bench.cli import cli
 from bench.diagnose.report import model_file
 from bench.export import casadi_file, numpy_file
 from bench.export.equations import Equations, equations
-from bench.export.program import ON_NUMBERS, Program
-from bench.export.trace import traced
 from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import PhysicsModel
 from registry.effects.learned_term import LearnedTerm
+from registry.equations.program import ON_NUMBERS, Program
+from registry.equations.trace import traced
 from registry.errors import BenchError
 from registry.physics.quadrotor import Quadrotor
 

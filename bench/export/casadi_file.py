@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.export.equations import Equations
-from bench.export.trace import Traced
+from registry.equations.trace import Traced
 from registry.errors import BenchError
 
 

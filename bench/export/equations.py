@@ -6,10 +6,10 @@ from typing import Any
 
 import torch
 
-from bench.export.trace import Traced, traced
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 from registry.effects.learned_term import LearnedTerm
+from registry.equations.trace import Traced, traced
 from registry.errors import BenchError
 from registry.terms.shapes import SPLINE
 

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from bench.export.equations import Equations
-from bench.export.program import Node, Value
-from bench.export.trace import Traced
 from registry.atomic_io import write_text
+from registry.equations.program import Node, Value
+from registry.equations.trace import Traced
 from registry.errors import BenchError
 
 PRINTED = {

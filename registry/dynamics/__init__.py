@@ -19,7 +19,7 @@ from registry.dynamics.effects import (
     TorqueEffect,
     WindEffect,
 )
-from registry.dynamics.model import PhysicsModel, unsuited
+from registry.dynamics.model import PhysicsModel, runge_kutta, unsuited
 from registry.dynamics.parameters import Parameter, constant, cross, joined, tensor, total, turned, turned_back, vector
 from registry.dynamics.pilot import Pilot, SetPoint
 from registry.dynamics.rotations import quaternion_rate, rotation_matrix
@@ -50,6 +50,7 @@ __all__ = [
     "per_second",
     "quaternion_rate",
     "rotation_matrix",
+    "runge_kutta",
     "tensor",
     "total",
     "turned",

@@ -36,6 +36,25 @@ RATE_OF = {"position": "velocity", "attitude": "body_rates", "displacement": "sp
 """Poses, and the signal that is their rate of change."""
 
 
+def runge_kutta(rates: Callable[[Tensor, Tensor, Tensor], Tensor], state: Tensor, segment: Tensor, dt: float) -> Tensor:
+    """The state (…, s) a time step later, by the 4th-order method.
+
+    Args:
+        rates: time derivative (…, s) at a state, inputs (…, m) and their time derivatives (…, m).
+        state: at the start.
+        segment: (…, 3, m) the inputs at start, middle and end.
+        dt: [s].
+    """
+    u0, um, u1 = segment.unbind(-2)
+    # The derivative of the parabola through the three: its Simpson integral is exactly u1 - u0.
+    d0, dm, d1 = (4 * um - 3 * u0 - u1) / dt, (u1 - u0) / dt, (3 * u1 - 4 * um + u0) / dt
+    k1 = rates(state, u0, d0)
+    k2 = rates(state + dt / 2 * k1, um, dm)
+    k3 = rates(state + dt / 2 * k2, um, dm)
+    k4 = rates(state + dt * k3, u1, d1)
+    return state + dt / 6 * (k1 + 2 * (k2 + k3) + k4)
+
+
 @dataclass(frozen=True)
 class PhysicsModel(ABC):
     """A continuous-time model dx/dt = f(x, u) and its integrator (4th-order Runge–Kutta).
@@ -249,14 +268,7 @@ class PhysicsModel(ABC):
         size = len(self.state_channels) + self.internal_size
         body, memory = state[..., :size], state[..., size:]
         memory, segment = self.transmit(memory, before, after, dt)
-        u0, um, u1 = segment.unbind(-2)
-        # The derivative of the parabola through the three: its Simpson integral is exactly u1 - u0.
-        d0, dm, d1 = (4 * um - 3 * u0 - u1) / dt, (u1 - u0) / dt, (3 * u1 - 4 * um + u0) / dt
-        k1 = self.derivative(body, u0, d0)
-        k2 = self.derivative(body + dt / 2 * k1, um, dm)
-        k3 = self.derivative(body + dt / 2 * k2, um, dm)
-        k4 = self.derivative(body + dt * k3, u1, d1)
-        body = self.project(body + dt / 6 * (k1 + 2 * (k2 + k3) + k4))
+        body = self.project(runge_kutta(self.derivative, body, segment, dt))
         return torch.cat([body, memory], dim=-1) if memory.shape[-1] else body
 
     def simulate(self, state: Tensor, inputs: Tensor, dt: float) -> Tensor:

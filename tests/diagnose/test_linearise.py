@@ -39,7 +39,7 @@ def test_what_needs_an_effect_goes_with_it() -> None:
 def test_a_column_keeps_only_the_channels_that_it_moves():
     rng = np.random.default_rng(0)
     some, more = rng.normal(size=(2, 2, 5, 4)) * np.array([[0.0, 1, 0, 1], [0, 0, 1, 0]])[:, None, None]
-    columns = Columns((response(some, (1, 2, 3)),), (1, 2, 3), (2, 5)).with_more([more[..., 1:]])
+    columns = Columns((response(some, 0 * some, (1, 2, 3)),), (1, 2, 3), (2, 5)).with_more([more[..., 1:]])
     assert [set(r) for r in columns.responses] == [{1, 3}, {2}]
     assert [columns.acting(i).tolist() for i in range(3)] == [[0], [1], [0]]
     np.testing.assert_array_equal(np.asarray(columns), np.stack([some, more])[..., 1:])

@@ -60,12 +60,14 @@ class Columns(Sequence[np.ndarray]):
         return Columns(({},) * len(self), self.channels, self.shape)
 
 
-def response(change: np.ndarray, measured: Sequence[int]) -> dict[int, np.ndarray]:
-    """By measured channel that responds, (L, N − 1) of a change of rates (L, N − 1, s)."""
-    moved = np.abs(change).max((0, 1), initial=0.0) > 0
-    return {c: np.ascontiguousarray(change[..., c]) for c in measured if moved[c]}
+def response(
+    after: np.ndarray, before: np.ndarray, measured: Sequence[int], step: float = 1.0
+) -> dict[int, np.ndarray]:
+    """By measured channel that responds, (L, N − 1) of how rates (L, N − 1, s) changed, over a step."""
+    changes = ((c, np.subtract(after[..., c], before[..., c], order="C")) for c in measured)
+    return {c: change if step == 1.0 else np.divide(change, step, out=change) for c, change in changes if moves(change)}
 
 
 def moves(values: np.ndarray) -> bool:
     """Whether any is not zero; what is no number moves nothing."""
-    return bool(np.abs(values).max(initial=0.0) > 0)
+    return bool(values.max(initial=0.0) > 0 or values.min(initial=0.0) < 0)

@@ -134,7 +134,7 @@ def directions(
     own = entries(model, uncertainty, nominal)
     values, steps = probes(own)
     found = mean_rates(with_values(model, own, values), stack).numpy()
-    at = found[0].copy()
+    at = found[0].copy("K")
     acts = [moves(x - at) for x in found[1:]]  # a model may have constants that this input does not use
     columns = [c for c, a in zip(_slopes(found[1:], at, steps, stack), acts, strict=True) if a]
     own = [e for e, a in zip(own, acts, strict=True) if a]
@@ -169,7 +169,7 @@ Response = dict[int, np.ndarray]
 
 def _slopes(found: np.ndarray, at: np.ndarray, steps: np.ndarray, stack: LogBatch) -> list[Response]:
     """How rates change with each number: ``found`` (P, L, N − 1, s) after steps (P,) from where they are ``at``."""
-    return [response((x - at) / step, stack.measured) for x, step in zip(found, steps, strict=True)]
+    return [response(x, at, stack.measured, step) for x, step in zip(found, steps, strict=True)]
 
 
 def _without(
@@ -199,7 +199,7 @@ def _without(
     for i in range(len(model.effects)):
         rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j not in {i, *dependants[i]}))
         without = mean_rates(rest, stack).numpy()
-        removals.append(response(without - at, stack.measured))
+        removals.append(response(without, at, stack.measured))
         next_one = first + len(model.effects) + len(by_constant)
         reduced.append({j: next_one + k for k, j in enumerate(constants)})
         by_constant += _by_constant(rest, list(constants.values()), without, stack)
@@ -229,7 +229,7 @@ def _starts(
     starts, offset = [], _starting_points(kind) != [kind.neutral()]
     for effect, where, x, steps in _probed(model, kind, at, stack):
         first, width = len(columns), len(where) + offset
-        columns += [response(x[0] - at, stack.measured)] * offset + _slopes(x[1:], x[0], steps, stack)
+        columns += [response(x[0], at, stack.measured)] * offset + _slopes(x[1:], x[0], steps, stack)
         reach = [_reach(kind, e) for e in where]
         low = (*[1.0] * offset, *(r[0] - e.value for r, e in zip(reach, where, strict=True)))
         high = (*[1.0] * offset, *(r[1] - e.value for r, e in zip(reach, where, strict=True)))
@@ -270,7 +270,7 @@ def _probed(
             found = np.concatenate([at[None], found])
         for i, (effect, where, (_, steps)) in enumerate(zip(points[part], fitted[part], probed[part], strict=True)):
             x = found[i * each : (i + 1) * each]
-            if np.isfinite(x).all() and np.abs(x).max() <= limit:  # else it is unstable at this sampling rate
+            if x.max() <= limit and x.min() >= -limit:  # else it is unstable at this sampling rate
                 yield effect, where, x, steps
 
 

@@ -11,7 +11,7 @@ SINDy" (2021).
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -27,6 +27,7 @@ from bench.diagnose.regression.wave import wave
 from bench.diagnose.settings import LINEARISING
 from registry.dynamics import Effect, PhysicsModel
 from registry.effects.waves.periodic_term import PeriodicTerm
+from registry.equations import models
 from registry.errors import BenchError
 
 M = TypeVar("M", bound=PhysicsModel)
@@ -112,6 +113,12 @@ def mean_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
         path = _recalled(_own_path(model, stack, middle, slopes), model, stack)
     shape = (*(() if many is None else (many,)), *state.shape[:-1])
     sensed = stack.sensed
+    fast = models.rates(model, middle.shape[-1], sensed)
+    if fast is not None:
+        if path is not None:
+            own = (path[..., :-1, :] + path[..., 1:, :]) / 2
+            state = torch.cat([state.expand(*own.shape[:-1], size), own], dim=-1)
+        return at_once(fast, shape, state, middle, slopes)
     out = state.new_empty(*shape, size + (len(model.sensed_channels) if sensed else 0))
     step = max(1, LINEARISING.at_once // max(1, math.prod(shape[:-1])))
     for start in range(0, shape[-1], step):
@@ -124,6 +131,12 @@ def mean_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
         if sensed:
             out[..., part, size:] = model.sensed(at, rates)
     return out
+
+
+def at_once(fast: models.Compiled, shape: Sequence[int], *given: Tensor) -> Tensor:
+    """What a program makes (…, L, N, n) of vectors (…, L, N, k) of one model or of many; ``shape`` is (…, L, N)."""
+    vectors = [x.reshape(math.prod(x.shape[:-3]), math.prod(shape[-2:]), x.shape[-1]) for x in given]
+    return fast(*vectors).unflatten(1, shape[-2:]).reshape(*shape, -1)
 
 
 def _of_all(many: int | None, *signals: Tensor) -> list[Tensor]:
@@ -214,12 +227,8 @@ def _own_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tens
     shape = (*(() if many is None else (many,)), *states.shape[:-1])
     if all(isinstance(e, PeriodicTerm) for e in model.effects if e.internal_size):
         return stack.states.new_zeros(*shape[:-1], shape[-1] + 1, model.internal_size)
-    at_once = model.internal_rates(states, middle, slopes)
-    if at_once is not None:
-
-        def through(own: Tensor) -> Tensor:
-            return own + stack.dt * at_once(own + stack.dt / 2 * at_once(own))
-
+    through = _own_step(model, stack, states, middle, slopes)
+    if through is not None:
         path = solved(through, shape, model.internal_size, stack.states)
         if path is not None:
             return path
@@ -234,6 +243,22 @@ def _own_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tens
         own = own + stack.dt * rate(k, own + stack.dt / 2 * rate(k, own))
         one_by_one.append(own)
     return torch.stack(one_by_one, dim=-2)
+
+
+def _own_step(
+    model: PhysicsModel, stack: LogBatch, states: Tensor, middle: Tensor, slopes: Tensor
+) -> Callable[[Tensor], Tensor] | None:
+    """The effects' own states after each interval from those before it (…, L, N − 1, i), all at once.
+
+    None: only one interval after another tells.
+    """
+    if type(model).internal_rates is PhysicsModel.internal_rates:
+        return None
+    fast = models.own_step(model, middle.shape[-1], stack.dt)
+    if fast is not None:
+        return lambda own: at_once(fast, own.shape[:-1], own, states, middle, slopes)
+    internal = model.internal_rates(states, middle, slopes)
+    return None if internal is None else lambda own: own + stack.dt * internal(own + stack.dt / 2 * internal(own))
 
 
 def how_many(model: PhysicsModel) -> int | None:

@@ -13,6 +13,7 @@ import os
 import platform
 import shutil
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -89,10 +90,29 @@ class _Unavailable(Exception):
 
 
 def _load() -> Core:
+    return _library(_SOURCES, _FLAGS)
+
+
+def built(sources: Path, flags: Sequence[str] = ()) -> ctypes.CDLL | None:
+    """The library of the .cpp files of another folder; None where ``BENCH_KERNEL`` is pytorch, or it cannot be had.
+
+    Args:
+        sources: the folder.
+        flags: of the compiler, beside those of the core.
+    """
+    if os.environ.get("BENCH_KERNEL", "auto") == "pytorch":
+        return None
+    try:
+        return _library(sources, (*_FLAGS, *flags)).functions
+    except _Unavailable:
+        return None
+
+
+def _library(folder_of_sources: Path, flags: Sequence[str]) -> Core:
     compiler, said = _compiler()
     arch = "-mcpu=native" if platform.machine() in ("arm64", "aarch64") else "-march=native"
-    command = [compiler, arch, *_FLAGS]
-    sources = sorted(p for p in _SOURCES.iterdir() if p.suffix in (".cpp", ".h"))
+    command = [compiler, arch, *flags]
+    sources = sorted(p for p in folder_of_sources.iterdir() if p.suffix in (".cpp", ".h"))
     content = [p.name.encode() + b"\0" + p.read_bytes() for p in sources]
     parts = [*content, *(part.encode() for part in (*command, said, _cpu()))]
     key = hashlib.sha256(b"".join(hashlib.sha256(p).digest() for p in parts)).hexdigest()[:32]

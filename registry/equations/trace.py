@@ -1,18 +1,18 @@
 """The equations of a physics model as a `Program`: its torch operations are recorded, then done on single numbers."""
 
 import math
-import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
-from torch.fx.experimental.proxy_tensor import make_fx
+from torch.utils._python_dispatch import TorchDispatchMode
 
-from bench.export.program import Node, Program, Value
+from registry.equations.program import ON_NUMBERS, Node, Program, Value
 from registry.errors import BenchError
 
 Array = Any
@@ -38,33 +38,70 @@ def traced(function: Callable[..., Tensor], arguments: Mapping[str, int]) -> Tra
     Raises:
         BenchError: it branches on values, or does something that `_ACTIONS` does not hold.
     """
+    return recorded(lambda _, *given: function(*given), arguments)
+
+
+def recorded(function: Callable[..., Tensor], arguments: Mapping[str, int]) -> Traced:
+    """As `traced`, of a function whose first argument is the `Recorder`."""
     generator = torch.Generator().manual_seed(0)
     examples = [0.5 + torch.rand(n, generator=generator, dtype=torch.float64) for n in arguments.values()]
-    try:
-        graph = make_fx(lambda *given: function(*given))(*examples)
-    except RuntimeError as error:
-        raise BenchError(f"The model cannot be written down: {str(error).splitlines()[0]}") from error
     program = Program()
-    player = _Player(program, {name: getattr(graph, name) for name in _attributes(graph)})
-    given = iter([_array(program.given(name, n), (n,)) for name, n in arguments.items()])
-    done: dict[Any, Any] = {}
-    for node in graph.graph.nodes:
-        if node.op == "placeholder":
-            done[node] = next(given)
-        elif node.op == "get_attr":
-            done[node] = player.constant(node.target)
-        elif node.op == "output":
-            result = torch.fx.node.map_arg(node.args[0], done.__getitem__)
-            return Traced(dict(arguments), program, tuple(result.reshape(-1).tolist()))
-        else:
-            args = torch.fx.node.map_arg(node.args, done.__getitem__)
-            kwargs = torch.fx.node.map_arg(node.kwargs, done.__getitem__)
-            done[node] = player.play(node.target, args, kwargs)
-    raise AssertionError("a graph ends with its output")
+    recorder = Recorder(program)
+    for example, (name, n) in zip(examples, arguments.items(), strict=True):
+        recorder.keep(example, _array(program.given(name, n), (n,)))
+    with torch.no_grad(), recorder:
+        result = function(recorder, *examples)
+    return Traced(dict(arguments), program, tuple(recorder.of(result).reshape(-1).tolist()))
 
 
-def _attributes(graph: Any) -> list[str]:
-    return [node.target for node in graph.graph.nodes if node.op == "get_attr"]
+class Recorder(TorchDispatchMode):
+    """Does on arrays of `Value` what is done on the tensors that it was told of."""
+
+    def __init__(self, program: Program) -> None:
+        super().__init__()
+        self.program, self._player = program, _Player(program)
+        self._known: dict[int, tuple[Tensor, Array]] = {}  # with the tensor, whose number is then nobody else's
+
+    @classmethod
+    def _should_skip_dynamo(cls) -> bool:
+        return False  # nobody compiles this, and to be skipped costs a second of imports
+
+    def keep(self, x: Tensor, values: Array) -> None:
+        """From now on a tensor stands for these values of its shape."""
+        self._known[id(x)] = x, values
+
+    def insert(self, traced: Traced, *given: Tensor) -> Tensor:
+        """What was recorded before, of other arguments; the numbers of the tensor that stands for it mean nothing."""
+        values = dict(zip(traced.arguments, (self.of(x).reshape(-1).tolist() for x in given), strict=True))
+        operations = {name: partial(self.program, name) for name in ON_NUMBERS}
+        found = traced.program.evaluate(traced.outputs, operations, values)
+        out = torch.ones(len(found), dtype=torch.float64)
+        self.keep(out, _array(found, (len(found),)))
+        return out
+
+    def of(self, x: Any) -> Any:
+        """The values that a tensor, or each of a list, stands for; one that it was not told of is constant."""
+        if isinstance(x, Tensor):
+            if id(x) in self._known:
+                return self._known[id(x)][1]
+            return _array(x.detach().cpu().to(torch.float64).reshape(-1).tolist(), tuple(x.shape))
+        return [self.of(v) for v in x] if isinstance(x, (list, tuple)) else x
+
+    def _stands(self, x: Any) -> bool:
+        if isinstance(x, Tensor):
+            return id(x) in self._known
+        return isinstance(x, (list, tuple)) and any(map(self._stands, x))
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = kwargs or {}
+        out = func(*args, **kwargs)
+        made = not any(isinstance(x, Tensor) for x in args) and func.__name__.partition(".")[0] in _ACTIONS
+        if made or self._stands(args) or self._stands(list(kwargs.values())):
+            values = self._player.play(func, self.of(args), {k: self.of(v) for k, v in kwargs.items()})
+            several = isinstance(out, (list, tuple))
+            for x, found in zip(out, values, strict=True) if several else [(out, values)]:
+                self.keep(x, found)
+        return out
 
 
 def _array(values: Sequence[Value], shape: Sequence[int]) -> Array:
@@ -78,22 +115,14 @@ class _Player:
     """Does recorded operations on arrays of values."""
 
     program: Program
-    constants: dict[str, Any]
-    _made: dict[str, Array] = field(default_factory=dict)
-
-    def constant(self, name: str) -> Array:
-        if name not in self._made:
-            value = self.constants[name].detach().cpu().to(torch.float64)
-            self._made[name] = _array(value.reshape(-1).tolist(), tuple(value.shape))
-        return self._made[name]
 
     def play(self, target: Any, args: Any, kwargs: Any) -> Any:
-        if target is operator.getitem:
-            return args[0][args[1]]
         name = target.__name__.partition(".")[0] if hasattr(target, "__name__") else str(target)
         name = name.removesuffix("_") if name != "copy_" else name
         if name in _ELEMENTWISE:
             return self.each(_ELEMENTWISE[name], *args)
+        if name in _BRANCHES:
+            raise BenchError("The model cannot be written down: it branches on values.")
         if name not in _ACTIONS:
             raise BenchError(
                 f"The model uses {name!r} of torch, which export cannot write down; say it with operations such as "
@@ -231,6 +260,7 @@ def _same(p: _Player, a: Array, *_: Any, **__: Any) -> Array:
     return a
 
 
+_BRANCHES = ("_local_scalar_dense", "is_nonzero", "equal", "nonzero")
 _ACTIONS: dict[str, Callable[..., Any]] = {
     "add": _add,
     "sub": _sub,
