@@ -23,7 +23,8 @@ class LearnedShape:
     @property
     def name(self) -> str:
         """As `bench extend --add` takes it."""
-        return f"{self.axis} ~ {WAVE if self.shape == WAVE else ' * '.join(self.signals) or '1'}"
+        alone = WAVE if self.shape == WAVE else "1"  # a function of signals may be a wave as well
+        return f"{self.axis} ~ {' * '.join(self.signals) or alone}"
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,13 @@ def test_every_verdict_is_valid_json_of_the_schema(verdict: str, tmp_path: Path)
     assert [p.name for p in path.parent.iterdir()] == ["diagnosis.json"]
 
 
+def test_what_does_not_fit_a_line_of_the_terminal_goes_on_indented() -> None:
+    lines = told(samples.named(), width=60).splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("  + "))
+    assert all(len(line) <= 60 for line in lines)
+    assert lines[at + 1].startswith(" " * 6) and not lines[at + 1].startswith(" " * 7)
+
+
 def test_numbers_that_do_not_exist_are_null() -> None:
     read = samples.diverged().to_json()
     VALIDATOR.validate(read)

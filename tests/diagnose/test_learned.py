@@ -14,6 +14,7 @@ from bench.diagnose import compare, diagnose, extend, learned
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.request import parsed
+from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
@@ -300,3 +301,16 @@ def test_a_moment_that_goes_with_the_square_of_the_speed_is_found_in_flights(mon
     assert (effect.term.axis, effect.term.signals) == ("torque_y", ("body_velocity.x",))
     assert effect.term.shape == "signed_square"
     assert effect.parameters["k"].low <= 0.004 <= effect.parameters["k"].high
+
+
+@pytest.mark.parametrize(
+    ("signals", "shape", "name"),
+    [
+        (("voltage",), "wave", "speed.q ~ voltage"),
+        (("voltage", "speed.q"), "linear", "speed.q ~ voltage * speed.q"),
+        ((), "wave", "speed.q ~ wave"),
+        ((), "constant", "speed.q ~ 1"),
+    ],
+)
+def test_a_term_is_named_as_one_asks_for_it(signals: tuple[str, ...], shape: str, name: str) -> None:
+    assert LearnedShape("speed.q", signals, shape, "", "").name == name

@@ -109,10 +109,14 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
         found.append(f"What would tell most within what was recorded: bench design {_source(diagnosis)}.")
     if beside and _terms(diagnosis):
-        gained = sum(e.share_explained for e in diagnosis.effects if e.learned)
-        found.append(
-            f"Terms learned from what is left explain another {percent(gained)}: {'; '.join(_terms(diagnosis))}."
+        terms = [e for e in diagnosis.effects if e.learned]
+        names, gained = listed(e.name for e in terms), percent(sum(e.share_explained for e in terms))
+        each = (
+            "A term learned from what is left explains"
+            if len(terms) == 1
+            else "Terms learned from what is left explain"
         )
+        found.append(f"{each} another {gained}: {names}.")
     if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
         each = "it explains" if len(shares) == 1 else "together they explain"
         constants = _constants_first(diagnosis)

@@ -1,5 +1,6 @@
 """The diagnosis in a few lines on the terminal."""
 
+import textwrap
 from typing import Any
 
 from bench.diagnose.report import alone, phrases, sentences
@@ -24,14 +25,17 @@ def print_summary(diagnosis: Diagnosis, console: Any) -> None:
     else:
         first = [*_effects(diagnosis), *_errors(diagnosis), *alone.lines(diagnosis)]
         last = [*_regions(diagnosis), *_problems(diagnosis)]
-    texts = [verdict, *map(Text, [sentences.explanation(diagnosis), *first, *last])]
-    for line in [line for text in texts for line in text.wrap(console, console.width)][: TELLING.lines]:
+    texts = [verdict, Text(sentences.explanation(diagnosis))]
+    told = [line for text in texts for line in text.wrap(console, console.width)]
+    for line in [*first, *last]:
+        told += map(Text, textwrap.wrap(line, console.width, subsequent_indent=" " * 6, break_on_hyphens=False))
+    for line in told[: TELLING.lines]:
         line.rstrip()
         console.print(line, highlight=False, no_wrap=True)
 
 
 def _effects(diagnosis: Diagnosis) -> list[str]:
-    shown = diagnosis.effects[:3]
+    shown = diagnosis.effects[:5]
     width = max((len(e.name) for e in shown), default=0)
     return [f"  + {e.name:<{width}}  {sentences.explains(e)}: {_how(e)}" for e in shown]
 
