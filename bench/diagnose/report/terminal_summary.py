@@ -27,8 +27,8 @@ def print_summary(diagnosis: Diagnosis, console: Any) -> None:
         last = [*_regions(diagnosis), *_problems(diagnosis)]
     texts = [verdict, Text(sentences.explanation(diagnosis))]
     told = [line for text in texts for line in text.wrap(console, console.width)]
-    for line in [*first, *last]:
-        told += map(Text, textwrap.wrap(line, console.width, subsequent_indent=" " * 6, break_on_hyphens=False))
+    for item in [*first, *last]:
+        told += map(Text, textwrap.wrap(item, console.width, subsequent_indent=" " * 6, break_on_hyphens=False))
     for line in told[: TELLING.lines]:
         line.rstrip()
         console.print(line, highlight=False, no_wrap=True)
