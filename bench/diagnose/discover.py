@@ -123,7 +123,7 @@ def _first(search: Search) -> tuple[View, Fit, list[list[Fit]]]:
     while search.let_go(contradicted(view, fit)):
         views = [search.as_known(v) for v in views]
         view, fit, fields = select_across_views(views)
-    return view, fit, fields
+    return view.light(), fit, fields
 
 
 def _found(
@@ -171,6 +171,7 @@ def _exchanged(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) ->
     _, model = settled(search, advanced(search, view, fit).model, view)
     for _ in range(DISCOVERING.exchanges):
         search.tick("what is left")
+        view = view.light()
         view = min(search.views(search.look(model, shortlist), everything), key=lambda v: v.subsets.fit().prior)
         changed = False
         while search.let_go(contradicted(view, view.subsets.fit())):

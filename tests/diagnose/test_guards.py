@@ -73,7 +73,9 @@ def test_a_constant_of_which_a_recording_says_little_does_not_make_a_trace() -> 
     said = Term("speed", "v", "force x")
     view = view_of(residual[:1].repeat(BLOCKS, 0), drag=residual[:1].repeat(BLOCKS, 0))
     linear = replace(view.linear, columns=np.empty((2, 0)))
-    view = replace(view, linear=linear, dictionary=(said,), grams=grams, reach=(frozenset({0}),))
+    view = replace(
+        view, linear=linear, dictionary=(said,), products=SimpleNamespace(made=lambda: grams), reach=(frozenset({0}),)
+    )
     assert verify.left_over(view)[1] < 0.01 * view.floor
 
 
@@ -87,7 +89,9 @@ def test_noise_that_buries_a_constant_is_not_followed_in_its_place() -> None:
     view = view_of(residual[:1].repeat(BLOCKS, 0), drag=residual[:1].repeat(BLOCKS, 0))
     linear = replace(view.linear, columns=np.empty((2, 0)))
     said = Term("input", "u", "force x")
-    view = replace(view, linear=linear, dictionary=(said,), grams=grams, reach=(frozenset({0}),))
+    view = replace(
+        view, linear=linear, dictionary=(said,), products=SimpleNamespace(made=lambda: grams), reach=(frozenset({0}),)
+    )
     assert [t.signal for t in verify.left_over(view)[0]] == ["input"]
     buried = Subsets(linear, view.subsets.normal, {0})
     assert verify.left_over(replace(view, subsets=buried))[1] < 1e-3 * view.floor

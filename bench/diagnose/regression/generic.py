@@ -49,6 +49,19 @@ class Dictionary:
                     out[place].add(c)
         return tuple(map(frozenset, out))
 
+    def following(self, signals: Sequence[str]) -> "Dictionary":
+        """Its terms that follow one of these signals."""
+        terms, members, at = list[Term](), list[np.ndarray](), 0
+        for some in self.members:
+            own = self.terms[at : at + len(some)]
+            kept = [i for i, term in enumerate(own) if term.signal in signals]
+            terms += [own[i] for i in kept]
+            members.append(some[kept])
+            at += len(some)
+        used = np.unique(np.concatenate(members))
+        fewer: tuple[np.ndarray, ...] = tuple(np.searchsorted(used, some) for some in members)
+        return Dictionary(tuple(terms), self.values[used], self.axes, fewer, self.names)
+
     def on_channels(self, channels: int) -> list[list["Block"]]:
         """A channel: the terms that act on it, axis by axis."""
         last = np.cumsum([len(some) for some in self.members])

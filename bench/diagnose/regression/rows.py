@@ -138,6 +138,34 @@ class Rows:
         return range(log * each, (log + 1) * each)
 
 
+class Products:
+    """A fold: normal equations (c + 1, c + 1) of rows, made when they are first asked for; the rows are not kept then.
+
+    Of a dictionary's columns they take seconds, and most views are never asked.
+    """
+
+    def __init__(self, rows: Rows | None = None, columns: Sequence[int] = (), noise: np.ndarray | None = None) -> None:
+        """
+        Args:
+            rows: whitened; None: there are no products.
+            columns: some, the residual's among them.
+            noise: (n, n) what is taken off their products, over all folds together.
+        """
+        self._rows = rows
+        self._columns, self._noise = list(columns), noise
+        self._made: tuple[np.ndarray, ...] = ()
+
+    def made(self) -> tuple[np.ndarray, ...]:
+        """Them."""
+        if self._rows is not None:
+            grams = self._rows.folds()
+            if self._noise is not None:
+                for gram in grams:
+                    gram[np.ix_(self._columns, self._columns)] -= self._noise / max(1, len(grams))
+            self._made, self._rows = tuple(grams), None
+        return self._made
+
+
 def filtered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """The whitened series (J − order, n) of one (J, n); nothing is left of a short one."""
     order = len(coefficients) - 1

@@ -15,7 +15,7 @@ from bench.diagnose.regression.generic import Dictionary, Term, dictionary, foll
 from bench.diagnose.regression.least_squares import Normal, regularised, whitening
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
-from bench.diagnose.regression.rows import Rows
+from bench.diagnose.regression.rows import Products, Rows
 from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
 from bench.diagnose.select.subset import Subsets
 from bench.diagnose.settings import CALIBRATING, SEARCHING
@@ -35,8 +35,8 @@ class View:
     linear: Linearization
     dictionary: tuple[Term, ...]
     subsets: Subsets
-    grams: tuple[np.ndarray, ...]
-    """A recording: of all columns, dictionary included."""
+    products: Products
+    """Of all columns, dictionary included."""
     reach: tuple[frozenset[int], ...]
     """A dictionary term: the channels that it acts on."""
     explained: float
@@ -50,6 +50,15 @@ class View:
     def floor(self) -> float:
         """What noise leaves: one a row."""
         return float(self.subsets.normal.rows)
+
+    @property
+    def grams(self) -> tuple[np.ndarray, ...]:
+        """A fold: normal equations of all columns, dictionary included."""
+        return self.products.made()
+
+    def light(self) -> "View":
+        """Without what its dictionary's products are made of: with the next view of a model nobody asks for them."""
+        return replace(self, products=Products())
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +156,10 @@ class Search:
         tests, words = self._tests(look.linear), () if look.dictionary is None else look.dictionary.terms
         rows, count = look.linear.project(tests, look.dictionary), len(look.linear.columns)
         noisy = [*range(count), *(count + i for i, t in enumerate(words) if t.signal in _OF_INPUT)]
-        again = None if look.moved is None else look.moved.project(tests, look.noisy_dictionary).some(noisy)
+        again = None
+        if look.moved is not None:
+            of_input = None if look.noisy_dictionary is None else look.noisy_dictionary.following(_OF_INPUT)
+            again = look.moved.project(tests, of_input)
         linear = replace(look.linear, columns=look.linear.columns.forgotten())
         reach = () if look.dictionary is None else look.dictionary.reach
         del look  # its columns take as much memory as the rows, and more than all that follows
@@ -156,12 +168,14 @@ class Search:
         else:
             filters = [like.filters[like.linear.channels.index(c)] for c in linear.channels]
         white = rows.whitened(filters)
-        mine, some, grams = white.some(range(count)), sum(white.counts()), white.folds() if words else []
-        noise, cleaned = None, grams
+        mine, some = white.some(range(count)), sum(white.counts())
+        noise = None if again is None else rows.some(noisy).less(again).whitened(filters).mean_gram()
+        del again
+        products = Products(white)
+        cleaned = products
         buried, doubtful = frozenset[int](), frozenset[int]()
-        if again is not None:
-            noise = rows.some(noisy).less(again).whitened(filters).mean_gram()
-            cleaned = _less(grams, [*noisy, rows.width], noise.sum(0) * some / max(1, len(grams)))
+        if noise is not None:
+            cleaned = Products(white, [*noisy, rows.width], noise.sum(0) * some)
             noise = noise[:, [*range(count), -1]][..., [*range(count), -1]]
             by_channel = mine.power()
             power = by_channel.sum(0)[:count]
@@ -170,12 +184,12 @@ class Search:
             hidden = [c for c in buried if c < len(linear.own)]
             doubtful = frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
 
-        def view(normal: Normal, grams: list[np.ndarray]) -> View:
+        def view(normal: Normal, products: Products) -> View:
             return View(
                 linear=linear,
                 dictionary=tuple(words),
                 subsets=Subsets(linear, normal, buried),
-                grams=tuple(grams),
+                products=products,
                 reach=reach,
                 explained=explained,
                 doubtful=doubtful,
@@ -183,7 +197,7 @@ class Search:
             )
 
         normal = mine.normal()
-        plain = view(normal, grams)
+        plain = view(normal, products)
         if noise is None:
             return [plain]
         less = view(normal.less(noise), cleaned)
@@ -214,14 +228,6 @@ class Search:
         left = bare.project(self._tests(view.linear)).whitened(view.filters).normal()
         now = Prior.of(entries(model, self.subject.uncertainty, self.subject.model))
         return float(left.total[-1, -1] + (now.precision * now.centre**2).sum())
-
-
-def _less(grams: Sequence[np.ndarray], columns: Sequence[int], noise: np.ndarray) -> list[np.ndarray]:
-    """Normal equations with ``noise`` (c, c) of some columns taken off."""
-    out = [g.copy() for g in grams]
-    for gram in out:
-        gram[np.ix_(columns, columns)] -= noise
-    return out
 
 
 _ROLES = {"displacement": {"angle", "position"}, "speed": {"angle_rate", "velocity"}}

@@ -213,18 +213,21 @@ def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequ
     first, count = len(view.linear.columns), sum(e.owner == place for e in view.linear.own)
     if gains.sum() < view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting):
         return False  # crumbs of something larger that is not understood
-    numbers, with_it = _anchored(view, dropped)
-    rest, without_it = _anchored(view, less)
+    numbers, folds = _anchored(view, dropped)
+    with_it = np.asarray(sum(folds))
+    del folds  # as large as the next ones
+    rest, folds = _anchored(view, less)
     allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
-    terms = [column for column, _ in follow(without_it, rest, first, count, allowed)]
+    terms = [column for column, _ in follow(folds, rest, first, count, allowed)]
+    without_it = np.asarray(sum(folds))
 
     def loss(gram: np.ndarray, index: list[int]) -> float:
         some = gram[np.ix_([*index, -1], [*index, -1])]
         vector = np.append(-ridge(some, 1e-9), 1.0)
         return float(vector @ some @ vector)
 
-    bare, by_terms = (loss(np.asarray(sum(without_it)), [*rest, *more]) for more in ([], terms))
-    by_effect, by_both = (loss(np.asarray(sum(with_it)), [*numbers, *more]) for more in ([], terms))
+    bare, by_terms = (loss(without_it, [*rest, *more]) for more in ([], terms))
+    by_effect, by_both = (loss(with_it, [*numbers, *more]) for more in ([], terms))
     if by_terms > by_effect - max(VERIFYING.left * view.floor, VERIFYING.beaten * view.explained):
         return True
     # The terms may have found something else that is left: then the effect still has its own share beside them.
