@@ -169,7 +169,7 @@ def _trace(
     lines = {"measured": _pieces(measured, good)}
     beyond = PLAYING.far * span
     lines |= {n: [(k, y.clip(low - beyond, high + beyond)) for k, y in p] for n, p in models.items()}
-    thinned = {n: tuple(_thinned(k, y, PLAYING.finest * span) for k, y in pieces) for n, pieces in lines.items()}
+    thinned = {n: _thinned(pieces, PLAYING.finest * span) for n, pieces in lines.items()}
     return Trace(name, thinned, rms)
 
 
@@ -207,24 +207,32 @@ def _pieces(y: np.ndarray, good: np.ndarray) -> list[Piece]:
     return [(int(a), y[a:b]) for a, b in edges.reshape(-1, 2)]
 
 
-def _thinned(first: int, y: np.ndarray, finest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sample numbers and values of the points that straight lines between them need to show all others.
+def _thinned(pieces: Sequence[Piece], finest: float) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Of each piece sample numbers and values of the points between which straight lines show all others."""
+    stays: dict[int, np.ndarray] = {}
+    for size in {len(y) for _, y in pieces}:
+        alike = [i for i, (_, y) in enumerate(pieces) if len(y) == size]
+        stays |= zip(alike, _needed(np.stack([pieces[i][1] for i in alike]), finest), strict=True)
+    return tuple((first + (at := np.flatnonzero(stays[i])), y[at]) for i, (first, y) in enumerate(pieces))
+
+
+def _needed(y: np.ndarray, finest: float) -> np.ndarray:
+    """Which samples (K, N) of series (K, N) are drawn.
 
     From fine to coarse, a point stays if it is off the line between its neighbours of that level, or if a finer one
     that stays leans on it.
     """
-    size, step = len(y), 1
+    size, step = y.shape[1], 1
     stays = ~np.isfinite(y)
-    stays[[0, -1]] = True
+    stays[:, [0, -1]] = True
     while step < size - 1:
         middle = np.arange(step, size - 1, 2 * step)
         after = np.minimum(middle + step, size - 1)
         share = step / (step + after - middle)
-        line = y[middle - step] * (1 - share) + y[after] * share
+        line = y[:, middle - step] * (1 - share) + y[:, after] * share
         with np.errstate(invalid="ignore"):
-            kept = stays[middle] | ~(np.abs(y[middle] - line) <= finest)
-        stays[middle[kept]] = True
-        stays[middle[kept] - step] = stays[after[kept]] = True
+            kept = stays[:, middle] | ~(np.abs(y[:, middle] - line) <= finest)
+        for place in (middle, middle - step, after):
+            stays[:, place] |= kept
         step *= 2
-    at = np.flatnonzero(stays)
-    return first + at, y[at]
+    return stays
