@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from bench.analysis.display import draw_curves, new_axes
 from bench.diagnose.flight import Flight
@@ -142,15 +142,25 @@ class Predictable:
     model: float
     observer: float
     """Of the model with a disturbance observer; NaN: nothing is known of it."""
+    autoregression: float
+    """Of a linear regression on the state in which a run starts: it sees neither inputs nor a model."""
     network: float
     floor: float
     finding: str
-    """"missing": something that these signals tell; "slow": as much as an observer tells; "little" is left to learn;
-    "worse": nothing follows; "open": the recordings do not tell."""
+    """"missing": something that these signals tell; "slow": as much as an observer tells; "autoregression": as much
+    as that tells without inputs; "little" is left to learn; "worse": nothing follows; "open": the recordings do not
+    tell."""
     own: bool = True
     """Whether it has an equation of its own: a pose is wrong because its rates are."""
     axes: tuple[str, ...] = ()
     """Where something is missing, the channels of the group in which it is; empty: in all of it, or none by itself."""
+
+    lines: ClassVar[tuple[str, ...]] = ("model", "observer", "autoregression", "network", "floor")
+
+    @property
+    def errors(self) -> tuple[float, ...]:
+        """Of each of the ``lines``."""
+        return tuple(getattr(self, line) for line in self.lines)
 
 
 @dataclass(frozen=True)

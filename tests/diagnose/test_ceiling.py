@@ -130,6 +130,49 @@ def test_what_an_observer_tells_as_well_is_not_called_missing() -> None:
     assert speed.finding in ("slow", "open", "little")
 
 
+def held(gust: float = 10.0, count: int = 8) -> Subject:
+    """A mass that a controller holds by the logged force, against one that nobody logged and that changes quickly."""
+    rng, samples_, h = np.random.default_rng(1), int(15 * RATE), 1 / RATE / FINE
+    x, pushed, states, forces = np.zeros((2, count)), np.zeros(count), [], []
+    for _ in range(samples_):
+        force = rng.normal(0, 8, count) - 60 * x[0] - 12 * x[1]  # of sensors, whose noise hides what it answers
+        states.append(x)
+        forces.append(force)
+        for _ in range(FINE):
+            pushed = (1 - 10 * h) * pushed + gust * h**0.5 * rng.normal(size=count)
+            x = x + h * np.stack([x[1], force + pushed - 0.5 * x[1] - MODEL.stiffness * x[0]])
+    made = np.stack(states, axis=1).transpose(2, 1, 0)  # (count, N, 2)
+    made = made + 1e-4 * made.std((0, 1)) * rng.normal(size=made.shape)
+    model, applied = replace(MODEL, input_hold="previous"), np.stack(forces)
+    logs = tuple(
+        log_of(
+            Recording(
+                f"run_{i}",
+                RATE,
+                applied[:, i : i + 1],
+                made[i],
+                (Channel("force", "N"),),
+                MODEL.state_channels,
+                np.ones(samples_, bool),
+            ),
+            model,
+            "force",
+        )
+        for i in range(count)
+    )
+    names, signals = tuple(log.name for log in logs), ("displacement", "speed", "force")
+    return Subject("held", model, logs, names[:-3], names[-3:], None, {}, {}, signals)
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_a_controller_brings_back_is_not_called_missing() -> None:
+    """The model is the true one, and forecasts badly: what disturbs follows no signal. A network knows the loop."""
+    speed = of_group(ceiling(held()), "speed")
+    assert speed.network < 0.75 * min(speed.model, speed.observer)
+    assert speed.autoregression < 1.2 * speed.network
+    assert speed.finding == "autoregression"
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize(
@@ -204,18 +247,24 @@ def test_a_deviation_is_what_is_to_be_added() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "observer", "network_", "floor", "expected"),
+    ("model", "observer", "auto", "network_", "floor", "expected"),
     [
-        (1.0, 1.0, 0.3, 0.1, "missing"),
-        (1.0, 0.35, 0.3, 0.1, "slow"),  # an observer tells it as well
-        (1.0, 1.0, 0.95, 0.1, "little"),
-        (1.0, 1.0, 1.3, 0.1, "worse"),
-        (1.0, 1.0, 0.79, 0.1, "open"),  # 0.8 is within its interval
-        (1.3, 1.3, 0.3, 1.0, "little"),  # a better known start saves as much
-        (2.0, 2.0, 1.55, 1.0, "open"),
+        (1.0, 1.0, 10.0, 0.3, 0.1, "missing"),
+        (1.0, 0.35, 10.0, 0.3, 0.1, "slow"),  # an observer tells it as well
+        (1.0, 0.35, 0.3, 0.3, 0.1, "slow"),
+        (1.0, 1.0, 10.0, 0.95, 0.1, "little"),
+        (1.0, 1.0, 10.0, 1.3, 0.1, "worse"),
+        (1.0, 1.0, 10.0, 0.79, 0.1, "open"),  # 0.8 is within its interval
+        (1.3, 1.3, 10.0, 0.3, 1.0, "little"),  # a better known start saves as much
+        (2.0, 2.0, 10.0, 1.55, 1.0, "open"),
+        (1.0, 1.0, 0.35, 0.3, 0.1, "autoregression"),  # what a controller holds comes back whatever the physics
+        (1.0, 1.0, 0.5, 0.3, 0.1, "missing"),
+        (1.0, 1.0, 0.35, 0.95, 0.1, "little"),
     ],
 )
-def test_what_follows_from_errors(model: float, observer: float, network_: float, floor: float, expected: str) -> None:
+def test_what_follows_from_errors(
+    model: float, observer: float, auto: float, network_: float, floor: float, expected: str
+) -> None:
     rng = np.random.default_rng(3)
     own = rng.chisquare(6, size=(200, 1)) / 6
     unit = np.arange(200) // 10
@@ -227,13 +276,14 @@ def test_what_follows_from_errors(model: float, observer: float, network_: float
         "network": network_**2 * jitter,
         "floor": np.full((200, 1), floor**2),
         "still": np.full((200, 1), 100.0),
+        "autoregression": auto**2 * own,
     }
     of = Compared(squared, Repetition(unit, draws, ""), [Group("speed", "m/s", (0,))])
     assert of.finding(0) == expected
 
 
 def told(finding: str, axes: tuple[str, ...] = ()) -> Predictable:
-    return Predictable("body_rates", 0.5, "rad/s", 1.5, 1.4, 0.9, 0.05, finding, axes=axes)
+    return Predictable("body_rates", 0.5, "rad/s", 1.5, 1.4, 1.1, 0.9, 0.05, finding, axes=axes)
 
 
 def test_sentences_say_where_and_by_how_much() -> None:
@@ -243,7 +293,7 @@ def test_sentences_say_where_and_by_how_much() -> None:
     )
     assert "in body rates." in sentences([told("missing")])[0]
     assert sentences([replace(told("missing"), own=False)]) == []
-    assert len(sentences([told(f) for f in ("missing", "slow", "little", "open", "worse")])) == 5
+    assert len(sentences([told(f) for f in ("missing", "slow", "autoregression", "little", "open", "worse")])) == 6
 
 
 def test_a_diagnosis_has_it_on_its_page_and_in_its_figures(tmp_path: Path) -> None:
@@ -252,7 +302,7 @@ def test_a_diagnosis_has_it_on_its_page_and_in_its_figures(tmp_path: Path) -> No
     assert plain.to_json()["ceiling"] is None and "with a network" not in (tmp_path / "before.html").read_text()
     curves = plain.evidence.curves
     findings_ = tuple(
-        Predictable(g, 0.5, c.unit, 1.0, 1.0, c.lines["extended"].rmse[-1] / 2, 0.001, "missing")
+        Predictable(g, 0.5, c.unit, 1.0, 1.0, 1.0, c.lines["extended"].rmse[-1] / 2, 0.001, "missing")
         for g, c in curves.items()
     )
     lines = {g: replace(c, lines={"network": c.lines["extended"]}) for g, c in curves.items()}

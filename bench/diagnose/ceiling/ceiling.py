@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from bench.analysis.display import Displayed
+from bench.diagnose.ceiling.autoregression import autoregression
 from bench.diagnose.ceiling.deviation import axes, corrected
 from bench.diagnose.ceiling.examples import Examples, Grid
 from bench.diagnose.ceiling.findings import Compared, find
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Tick = Callable[[str], None]
+Part = tuple[tuple[Log, ...], list[np.ndarray]]
+"""Recordings, and the samples of each that free runs start from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +67,15 @@ class Ceiling(Displayed):
         """One row a group, then one a channel of those that have an equation of their own.
 
         Returns:
-            output, horizon_s, model, observer, network, floor (rms errors in the unit named, SI), unit, finding, axes.
+            output, horizon_s, model, observer, autoregression, network, floor (rms errors in the unit named, SI), unit,
+            finding, axes.
         """
         return pd.DataFrame(
             [
-                (f.group, f.horizon_s, f.model, f.observer, f.network, f.floor, f.unit, f.finding, ", ".join(f.axes))
+                (f.group, f.horizon_s, *f.errors, f.unit, f.finding, ", ".join(f.axes))
                 for f in (*self.findings, *self.axes)
             ],
-            columns=["output", "horizon_s", "model", "observer", "network", "floor", "unit", "finding", "axes"],
+            columns=["output", "horizon_s", *Predictable.lines, "unit", "finding", "axes"],
         )
 
     def plot(self) -> "list[Axes]":
@@ -114,7 +118,7 @@ def ceiling(
     tick("free runs")
     shown = Examples.of(model, runs.logs, runs.at, grid, runs.groups)
     with torch.no_grad():
-        return _judged(_Judged(subject, model, noise, runs, grid), shown, networks.predict(shown), len(learned.run))
+        return _judged(_Judged(subject, model, noise, runs, grid, known[0]), shown, networks.predict(shown))
 
 
 def _telling(tick: Tick) -> Callable[[float], None]:
@@ -137,10 +141,7 @@ class _Judged:
     noise: Noise
     runs: FreeRuns
     grid: Grid
-
-
-Part = tuple[tuple[Log, ...], list[np.ndarray]]
-"""Recordings, and the samples of each that free runs start from."""
+    learned: Part
 
 
 def _parts(logs: Sequence[Log], steps: int, clear: int) -> tuple[Part, Part]:
@@ -181,8 +182,8 @@ def _kept(logs: Sequence[Log], at: Sequence[np.ndarray], most: int) -> Part:
     return tuple(log for log, _ in kept), [a for _, a in kept]
 
 
-def _judged(of: _Judged, shown: Examples, each: Tensor, learned: int) -> Ceiling:
-    """Errors and findings of what networks add (networks, W, T, n) to free runs; so many were learned from."""
+def _judged(of: _Judged, shown: Examples, each: Tensor) -> Ceiling:
+    """Errors and findings of what networks add (networks, W, T, n) to free runs."""
     runs, model = of.runs, of.model
     every = [*runs.groups, *_dynamic(model, runs.groups)]
     measured = measured_windows(runs.logs, runs.at, runs.steps)
@@ -198,16 +199,17 @@ def _judged(of: _Judged, shown: Examples, each: Tensor, learned: int) -> Ceiling
         lines["disturbance"] = squared(observed)
     lines["floor"] = finite(floor(model, runs.logs, runs.at, runs.steps, of.noise, every).mean(0))
     lines["still"] = squared(measured[:, :1].expand_as(measured))
+    lines["autoregression"] = squared(autoregression(of.learned, (runs.logs, runs.at), runs.steps, runs.groups))
     repeated = Repetition.of(runs, own[:, runs.ends][..., : len(runs.groups)])
     last = {name: values[:, -1] for name, values in lines.items()}
     singles = [squared(corrected(run, one, runs.groups))[:, -1].mean(0) ** 0.5 for one in added]
     found, single = find(Compared(last, repeated, every), len(runs.groups), runs.horizon_s[-1])
-    drawn = {n: repeated.lines(v[:, runs.ends], runs) for n, v in lines.items() if n != "still"}
+    drawn = {n: repeated.lines(v[:, runs.ends], runs) for n, v in lines.items() if n in LINES}
     return Ceiling(
         {g.name: Curves(g.unit, runs.horizon_s, {n: of[g.name] for n, of in drawn.items()}) for g in runs.groups},
         found,
         single,
-        _notes(of, found, np.array(singles), learned, repeated.basis),
+        _notes(of, found, np.array(singles), repeated.basis),
     )
 
 
@@ -224,7 +226,8 @@ def _at_every_sample(grid: Grid, each: Tensor) -> Tensor:
     return torch.einsum("st,...tn->...sn", torch.from_numpy(hats), each)
 
 
-def _notes(of: _Judged, found: Sequence[Predictable], singles: np.ndarray, learned: int, basis: str) -> tuple[str, ...]:
+def _notes(of: _Judged, found: Sequence[Predictable], singles: np.ndarray, basis: str) -> tuple[str, ...]:
+    learned = sum(map(len, of.learned[1]))
     spread = "; ".join(
         f"{f.group.replace('_', ' ')} {singles[:, i].min():.3g} to {singles[:, i].max():.3g} {f.unit}"
         for i, f in enumerate(found)

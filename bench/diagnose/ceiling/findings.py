@@ -3,7 +3,10 @@
 A network that reads a history also knows better where a run starts than one noisy sample says, which saves up to the
 noise floor's squared error f² and is no physics. So something is *missing* only where, of the model's squared error e²
 (or that of the model with a disturbance observer, if that is smaller), the network's n² is surely less than
-0.8² (e² − f²). Where n² − f² is surely more than 0.8² (e² − f²), *little* is left to learn.
+0.8² (e² − f²), and less than 0.8² (a² − f²) too, where a is the error of a linear autoregression that sees no inputs
+(`autoregression`): what a controller holds comes back whatever the physics, and a network that does no better has
+learned that, which no model of the plant alone can know. Where n² − f² is surely more than 0.8² (e² − f²), *little* is
+left to learn.
 """
 
 from collections.abc import Sequence
@@ -22,7 +25,8 @@ class Compared:
     """Squared errors at the last horizon."""
 
     squared: dict[str, np.ndarray]
-    """(W, groups) of "extended", "network", "floor", "still" (nothing moves), and of "disturbance" if there is one."""
+    """(W, groups) of "extended", "network", "floor", "still" (nothing moves), "autoregression", and of "disturbance" if
+    there is one."""
     repeated: Repetition
     groups: Sequence[Group]
     """Those that are judged, then single channels."""
@@ -33,9 +37,11 @@ class Compared:
 
     def finding(self, at: int) -> str:
         """One of `Predictable.finding`."""
-        e, n, f, still = (self.squared[line][:, at] for line in ("extended", "network", "floor", "still"))
+        e, n, f, still, auto = (
+            self.squared[line][:, at] for line in ("extended", "network", "floor", "still", "autoregression")
+        )
         helped = self.squared.get("disturbance", self.squared["extended"])[:, at]
-        reference = helped if helped.mean() < e.mean() else e
+        best = helped if helped.mean() < e.mean() else e
         if not np.isfinite([e, n, f]).all():
             return "open"
         if e.mean() <= max(DECIDING.high_excess * f.mean(), DECIDING.least_share * still.mean()):
@@ -43,8 +49,8 @@ class Compared:
         share = CEILING.little**2
         if self._surely(n - e):
             return "worse"
-        if self._surely(share * (reference - f) - n):
-            return "missing"
+        if self._surely(share * (best - f) - n):
+            return "missing" if self._surely(share * (auto - f) - n) else "autoregression"
         if self._surely(share * (e - f) - n):
             return "slow"
         return "little" if self._surely((n - f) - share * (e - f)) else "open"
@@ -63,6 +69,7 @@ def find(of: Compared, judged: int, horizon_s: float) -> tuple[tuple[Predictable
             unit=group.unit,
             model=of.rms("extended", at),
             observer=of.rms("disturbance", at),
+            autoregression=of.rms("autoregression", at),
             network=of.rms("network", at),
             floor=of.rms("floor", at),
             finding=of.finding(at),

@@ -9,6 +9,8 @@ _BY = {
     "missing": "A network on the same history and inputs brings {each}: something is still missing, in {where}.",
     "slow": "A network on the same history and inputs brings {each}, not surely better than a disturbance observer "
     "would: what it predicts may be slow and follow no signal.",
+    "autoregression": "A network on the same history and inputs brings {each}, not surely better than a linear "
+    "autoregression that sees no inputs: what it knows may be how a controller brings the state back, and no physics.",
     "little": "A network on the same history and inputs brings {each}: little is left to learn from these signals.",
     "open": "A network on the same history and inputs brings {each}: these recordings do not tell how much of what is "
     "left could be learned.",
@@ -18,10 +20,11 @@ _BY = {
 
 
 Row = tuple[str, list[str], str]
-"""An output with its horizon and unit, the errors of model, observer, network and floor, and what follows."""
+"""An output with its horizon and unit, the errors of its `Predictable.lines`, and what follows."""
 _SHORT = {
     "missing": "something is missing",
     "slow": "may be slow",
+    "autoregression": "may be the controller",
     "little": "little is left",
     "open": "not told",
     "worse": "nothing follows",
@@ -30,10 +33,9 @@ _SHORT = {
 
 def row(f: Predictable) -> Row:
     """A line of the table of single axes."""
-    errors = (f.model, f.observer, f.network, f.floor)
-    unit, factor = shown(f.unit, f.group.partition(".")[0], errors)
+    unit, factor = shown(f.unit, f.group.partition(".")[0], f.errors)
     said = f"{named(f.group)} after {f.horizon_s:g} s [{unit}]"
-    return said, [number(e * factor) for e in errors], _SHORT[f.finding]
+    return said, [number(e * factor) for e in f.errors], _SHORT[f.finding]
 
 
 def sentences(found: Sequence[Predictable]) -> list[str]:
