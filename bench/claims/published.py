@@ -184,7 +184,7 @@ def check_smoke(published: Path, runs: Sequence[Mapping[str, Any]]) -> list[Held
     """
     there = _smoke(published / SMOKE)
     found: list[Held] = []
-    loose: list[tuple[str, str, list[dict[str, Any]], list[dict[str, Any]]]] = []
+    loose: list[tuple[str, str, list[float], list[float]]] = []
     for dataset, _, spec in RERUN:
         mine = [dict(r) for r in runs if (r["dataset"], r["spec"]) == (dataset, spec)]
         name = f"{spec} on {dataset}"

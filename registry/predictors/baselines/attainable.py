@@ -16,8 +16,8 @@ P, V, Q, W = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
 """Position, velocity, attitude and body rates in the state of a rigid body."""
 NOISE = 4e-4, 9e-5
 """1σ of the white errors of position [m] and attitude [rad], as the flights were measured: only their ratio counts."""
-STEPS = 3
-"""Gauss–Newton steps; the second one already moves what is predicted by less than a thousandth of its error."""
+STEPS = 2
+"""Gauss–Newton steps; the second one moves what is predicted by less than a thousandth of its error."""
 SIGNALS = "velocity", "body_rates", "attitude", "position"
 
 
@@ -52,13 +52,13 @@ class AttainablePredictor(Predictor):
         states, u = seen[..., self.order].double(), self.input_scaler.invert(inputs).double()
         first = self.model.project(states[..., 0, :])
         unknown = first.new_zeros(*first.shape[:-1], 12)
+        nudges = 1e-5 * torch.eye(13, 12, dtype=first.dtype, device=first.device)  # the last row: none
         for _ in range(STEPS if states.shape[-2] > 2 else 0):
-            off, slopes = self._off(first, unknown, states, u), []
-            for i in range(12):
-                step = torch.zeros_like(unknown)
-                step[..., i] = 1e-5
-                slopes.append((self._off(first, unknown + step, states, u) - off) / 1e-5)
-            unknown = unknown - torch.linalg.lstsq(torch.stack(slopes, -1), off.unsqueeze(-1)).solution.squeeze(-1)
+            tried = unknown + nudges.view(13, *[1] * (unknown.dim() - 1), 12)
+            off = self._off(*(x.expand(13, *x.shape) for x in (first, states, u)), tried)
+            slopes = ((off[:-1] - off[-1]) / 1e-5).movedim(0, -1)
+            right = slopes.mT @ off[-1].unsqueeze(-1)
+            unknown = unknown - torch.linalg.solve(slopes.mT @ slopes, right).squeeze(-1)
         end = self._run(self._moved(first, unknown), u)[..., -1, :]
         return torch.cat([u[..., -1, :], end], -1).to(inputs.dtype)
 
@@ -75,7 +75,7 @@ class AttainablePredictor(Predictor):
             states.append(self.model.step(states[-1], u[..., k - 1, :], u[..., k, :], self.dt))
         return torch.stack(states, -2)
 
-    def _off(self, first: Tensor, by: Tensor, states: Tensor, u: Tensor) -> Tensor:
+    def _off(self, first: Tensor, states: Tensor, u: Tensor, by: Tensor) -> Tensor:
         """Positions and attitudes off the measured ones (…, 6 τ), each in units of its 1σ."""
         run = self._run(self._moved(first, by), u)
         place, turn = run[..., P] - states[..., P], rotation(states[..., Q], run[..., Q])
