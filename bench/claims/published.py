@@ -197,9 +197,8 @@ def check_smoke(published: Path, runs: Sequence[Mapping[str, Any]]) -> list[Held
             for a, b in zip(*sides, strict=True):
                 found += _equal(f"{name}, seed {a['seed']}", a["metrics"], b["metrics"])
         else:
-            loose += [
-                (dataset, f"{name}, {m}", *(_column(x, m) for x in sides)) for m in sorted(sides[0][0]["metrics"])
-            ]
+            for m in sorted(sides[0][0]["metrics"]):
+                loose.append((dataset, f"{name}, {m}", _column(sides[0], m), _column(sides[1], m)))
     spread = _smoke_spread(there.values())
     return found + [_within(name, *spread[dataset], a, b, len(loose)) for dataset, name, a, b in loose]
 

@@ -55,7 +55,8 @@ class AttainablePredictor(Predictor):
         nudges = 1e-5 * torch.eye(13, 12, dtype=first.dtype, device=first.device)  # the last row: none
         for _ in range(STEPS if states.shape[-2] > 2 else 0):
             tried = unknown + nudges.view(13, *[1] * (unknown.dim() - 1), 12)
-            off = self._off(*(x.expand(13, *x.shape) for x in (first, states, u)), tried)
+            begun, known, driven = (x.expand(13, *x.shape) for x in (first, states, u))
+            off = self._off(begun, known, driven, tried)
             slopes = ((off[:-1] - off[-1]) / 1e-5).movedim(0, -1)
             right = slopes.mT @ off[-1].unsqueeze(-1)
             unknown = unknown - torch.linalg.solve(slopes.mT @ slopes, right).squeeze(-1)
