@@ -1,7 +1,7 @@
 """Error over the horizon of the helicopter's black-box models (paper, figure HeliMeanCompare)."""
 
 from bench.experiment.config import RunConfig
-from bench.experiment.grid import grid, horizons
+from bench.experiment.grid import grid, horizons, regularized
 from bench.experiment.study import Study
 from registry.contracts import Dataset
 from studies.mlp_vs_rnn_init import BASELINES, architectures
@@ -10,7 +10,8 @@ from studies.mlp_vs_rnn_init import BASELINES, architectures
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The four architectures on each signal of the chain: velocity and rotational rates."""
     problems = [(signal,) for signal in dataset.predicted_together()]
-    return grid((*architectures(preset), *BASELINES), dataset, horizons(preset), problems)
+    made = grid((*architectures(preset), *BASELINES), dataset, horizons(preset), problems)
+    return regularized(made) if preset == "paper" else made
 
 
 STUDY = Study(
@@ -35,6 +36,7 @@ STUDY = Study(
     presets={
         "smoke": "tiny networks, 40 updates, T = 5: seconds, for tests",
         "laptop": "2x50 in place of 7x200; 2,000 updates at T = 40, 1,000 at T = 190, three seeds",
-        "paper": "7x200, MLP 15000, RNN 2500; 30,000 updates, three seeds: days on a GPU, weeks on two cores",
+        "evening": "2x50, initializers of as many weights; 12,000 updates, at T = 190 8,000: two hours",
+        "paper": "7x200, MLP 15000, RNN 2500; tiny weights, decay, dropout; 30,000 updates: days on a GPU",
     },
 )

@@ -35,6 +35,7 @@ STUDY = Study(
     presets={
         "smoke": "tiny networks, 40 updates, T = 5: seconds, for tests",
         "laptop": "1x50; 2,000 updates at T = 40, 1,000 at T = 190, three seeds",
+        "evening": "12,000 updates, at T = 190 8,000: two hours",
         "paper": "1x50; 30,000 updates, five seeds at both horizons: a night on two cores",
     },
 )

@@ -1,11 +1,16 @@
 """Hybrid (physics and networks) against black box (paper, figures GB_BB_Dist_*)."""
 
 from bench.experiment.config import RunConfig
-from bench.experiment.grid import grid, horizons
+from bench.experiment.grid import attainable, grid, horizons, knowing_attitude, regularized
 from bench.experiment.study import Study
 from registry.contracts import Dataset
 
-SIZES = {"smoke": ("1x10", "20x10"), "laptop": ("1x50", "100x10"), "paper": ("4x200", "5000x10")}
+SIZES = {
+    "smoke": ("1x10", "20x10"),
+    "laptop": ("1x50", "100x10"),
+    "evening": ("1x50", "100x10"),
+    "paper": ("4x200", "5000x10"),
+}
 """Networks, MLP initializers."""
 BASELINES = ("physics", "constant", "linear")
 
@@ -13,13 +18,17 @@ BASELINES = ("physics", "constant", "linear")
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The hybrid, two variants of it, the black box in practical mode, the physics alone.
 
-    The black box is a cascade where the data name a chain of signals, else one LSTM.
+    The black box is a cascade where the data name a chain of signals, else one LSTM; from the preset evening on its
+    initializers see the measured attitude, as the hybrids' do.
     """
     size, mlp = SIZES[preset]
     black_box = "Cascade" if dataset.chain else "LSTM"
     networks = [f"{p}: {size} - MLP: {mlp}" for p in ("Hybrid", "Hybrid residual", "Hybrid unsummed", black_box)]
     both = [dataset.predicted_together()]
-    return grid((*networks, *BASELINES), dataset, horizons(preset), both)
+    made = grid((*networks, *BASELINES, *attainable(dataset)), dataset, horizons(preset), both)
+    if preset in ("smoke", "laptop"):
+        return made
+    return knowing_attitude(regularized(made)) if preset == "paper" else knowing_attitude(made, increments=True)
 
 
 STUDY = Study(
@@ -48,6 +57,7 @@ STUDY = Study(
     presets={
         "smoke": "tiny networks, 40 updates, T = 5: seconds, for tests",
         "laptop": "1x50 in place of 4x200; 2,000 updates at T = 40, 1,000 at T = 190, three seeds",
-        "paper": "4x200, MLP 5000; 30,000 updates, three seeds: weeks on two cores",
+        "evening": "1x50, black box with attitude and increments; 12,000 updates, at T = 190 8,000: two hours",
+        "paper": "4x200, MLP 5000; tiny weights, decay, dropout; 30,000 updates: weeks on two cores",
     },
 )

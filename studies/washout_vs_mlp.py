@@ -41,6 +41,7 @@ STUDY = Study(
     presets={
         "smoke": "40 updates, T = 5: seconds, for tests",
         "laptop": "2,000 updates at T = 40, 1,000 at T = 190, three seeds: minutes on two cores",
+        "evening": "12,000 updates, at T = 190 8,000: two hours",
         "paper": "30,000 updates, five seeds at both horizons: a night on two cores",
     },
 )

@@ -19,15 +19,15 @@ def layers_of(w: Weights) -> int:
 
 
 def lstm_cell(w_in, w_rec, bias, peephole, u, m, c):
-    """Equation LSTM: m_k and c_k of one layer from its input u_k, m_{k-1} and c_{k-1}; each W^c is a diagonal."""
+    """Equation LSTM: m_k and c_k of one layer from its input u_k, m_{k-1} and c_{k-1}; W^c is a diagonal or full."""
     wi_i, wi_f, wi_c, wi_o = np.split(w_in, 4)
     wm_i, wm_f, wm_c, wm_o = np.split(w_rec, 4)
     b_i, b_f, b_c, b_o = np.split(bias, 4)
-    wc_i, wc_f, wc_o = peephole
-    g_i = sigma(wi_i @ u + wm_i @ m + wc_i * c + b_i)
-    g_f = sigma(wi_f @ u + wm_f @ m + wc_f * c + b_f)
+    wc_i, wc_f, wc_o = (np.diag(w) if w.ndim == 1 else w for w in peephole)
+    g_i = sigma(wi_i @ u + wm_i @ m + wc_i @ c + b_i)
+    g_f = sigma(wi_f @ u + wm_f @ m + wc_f @ c + b_f)
     c_k = g_i * tanh(wi_c @ u + wm_c @ m + b_c) + g_f * c
-    g_o = sigma(wi_o @ u + wm_o @ m + wc_o * c_k + b_o)
+    g_o = sigma(wi_o @ u + wm_o @ m + wc_o @ c_k + b_o)
     m_k = tanh(c_k) * g_o
     return m_k, c_k
 
@@ -36,6 +36,7 @@ def lstm_rollout(w: Weights, inputs, states, feedback=None, delays=1):
     """Free run of an LSTM; ``delays`` = 1 has single-step buffers, more is the LSTM with tapped delay lines.
 
     inputs (B, T, m), states (B, s) at k0, feedback (B, T, n) or None → outputs (B, T, n), states (B, s) at k0+T.
+    Weights that hold an "increment_scale" (n,): the read-out, times it, is what ỹ_{k-1} changes by.
     """
     layers, n, width = layers_of(w), *w["output_weight"].shape
     samples, horizon, n_inputs = inputs.shape
@@ -55,6 +56,8 @@ def lstm_rollout(w: Weights, inputs, states, feedback=None, delays=1):
                 m[layer], c[layer] = lstm_cell(*(w[f"{s}.{layer}"] for s in names), layer_input, m[layer], c[layer])
                 layer_input = m[layer]
             y_k = w["output_weight"] @ m[-1] + w["output_bias"]
+            if "increment_scale" in w:
+                y_k = past_y[0] + w["increment_scale"] * y_k
             outputs[b, k] = y_k
             past_u = [u_k, *past_u][: delays - 1]
             past_y = [y_k if feedback is None else feedback[b, k], *past_y][:delays]
@@ -63,26 +66,32 @@ def lstm_rollout(w: Weights, inputs, states, feedback=None, delays=1):
 
 
 def mlfc_rollout(w: Weights, inputs, states, feedback=None):
-    """Free run of an MLFC (equations LRLayer and layerinput, ỹ_{k-1} appended to u_k). Shapes as `lstm_rollout`."""
+    """Free run of an MLFC (equations LRLayer and layerinput, ỹ_{k-1} appended to u_k). Shapes as `lstm_rollout`.
+
+    With a free A_o, "fed_weight", the state begins [ỹ_{k-1} | ỹ_{k-2}]: L_si wants the second one.
+    """
     layers, n = layers_of(w), len(w["output_bias"])
     width = len(w["bias.0"])
     samples, horizon, _ = inputs.shape
     outputs, ends = np.empty((samples, horizon, n)), np.empty_like(states)
     for b in range(samples):
-        fed_back = states[b, :n]
-        y = [states[b, n + i * width : n + (i + 1) * width] for i in range(layers)]
-        assert states.shape[1] == n + layers * width
+        kept = [states[b, :n], states[b, n : 2 * n]] if "fed_weight" in w else [states[b, :n]]
+        start = n * len(kept)
+        y = [states[b, start + i * width : start + (i + 1) * width] for i in range(layers)]
+        assert states.shape[1] == start + layers * width
         for k in range(horizon):
             u_k, previous = inputs[b, k], list(y)
             for i in range(layers):
                 # y^1_k .. y^{l-1}_k are this step's, y^{l+1}_{k-1} .. y^L_{k-1} the last step's
-                layer_input = np.concatenate([u_k, fed_back, *y[:i], *previous[i + 1 :]])
+                layer_input = np.concatenate([u_k, kept[0], *y[:i], *previous[i + 1 :]])
                 x = w[f"feedback_weight.{i}"] @ previous[i] + w[f"input_weight.{i}"] @ layer_input + w[f"bias.{i}"]
                 y[i] = tanh(x)
             y_k = w["output_weight"] @ np.concatenate(y) + w["direct_weight"] @ u_k + w["output_bias"]
+            if "fed_weight" in w:
+                y_k = y_k + w["fed_weight"] @ kept[0]
             outputs[b, k] = y_k
-            fed_back = y_k if feedback is None else feedback[b, k]
-        ends[b] = np.concatenate([fed_back, *y])
+            kept = [y_k if feedback is None else feedback[b, k], *kept][: len(kept)]
+        ends[b] = np.concatenate([*kept, *y])
     return outputs, ends
 
 
@@ -145,11 +154,16 @@ def lstm_state_cost(w: Weights, hidden, outputs_k0) -> float:
     )
 
 
-def mlfc_state_cost(w: Weights, hidden, inputs_k0, outputs_k0) -> float:
-    """Equation state_init_cost, mean over the batch: A_s = A, c = y_{k0} - B u_{k0} - b. hidden (B, L·H)."""
+def mlfc_state_cost(w: Weights, hidden, inputs_k0, outputs_k0, before=None) -> float:
+    """Equation state_init_cost, mean over the batch: c = y_{k0} - A_o y_{k0-1} - B u_{k0} - b. hidden (B, L·H).
+
+    ``before`` (B, n) is y_{k0-1}, needed where A_o is free.
+    """
     norms = []
-    for s, u, y in zip(hidden, inputs_k0, outputs_k0, strict=True):
+    for i, (s, u, y) in enumerate(zip(hidden, inputs_k0, outputs_k0, strict=True)):
         c = y - w["direct_weight"] @ u - w["output_bias"]
+        if "fed_weight" in w:
+            c = c - w["fed_weight"] @ before[i]
         norms.append(np.sqrt(np.sum((w["output_weight"] @ s - c) ** 2)))
     return float(np.mean(norms))
 

@@ -8,7 +8,9 @@ from bench.experiment import study
 from bench.experiment.datasets import choose
 from bench.experiment.grid import matched
 from bench.experiment.request import Options, request
+from registry.contracts import Problem
 from registry.core import DATASETS
+from registry.errors import BenchError
 
 PAPER = {  # as listed in the paper's section "Results and Discussions"
     "washout_vs_mlp": {
@@ -65,6 +67,10 @@ def test_the_paper_preset_has_the_papers_architectures(name: str) -> None:
 @pytest.mark.parametrize("preset", study.PRESETS)
 def test_seeds_are_paired_and_every_pair_is_there(name: str, preset: str) -> None:
     found = STUDIES[name]
+    if preset not in found.presets:
+        with pytest.raises(BenchError, match=f"{name} has no preset '{preset}'"):
+            request(name, Options(preset=preset))
+        return
     runs = found.runs(preset, DATASETS.get(found.default_dataset)())
     seeds = defaultdict(set)
     for run in runs:
@@ -101,3 +107,33 @@ def test_a_study_flies_the_twin_in_full_unless_told_otherwise() -> None:
     assert choose("pelican_twin", full=True).size == "full"  # type: ignore[attr-defined]
     assert choose("pelican_twin", {"size": "small"}, full=True).size == "small"  # type: ignore[attr-defined]
     assert choose("emps", full=True) == choose("emps")
+
+
+def test_an_evening_has_what_gets_most_out_of_an_update() -> None:
+    """Attitude and increments for black boxes, growing windows at T = 190; hybrids know the attitude anyway."""
+    runs = STUDIES["quadrotor_hybrid"].runs("evening", DATASETS.get("pelican_twin")())
+    by_kind = {type(r.predictor).__name__: r for r in runs if r.horizon == 190}
+    assert by_kind["Cascade"].context == ("attitude",) and by_kind["Cascade"].predictor.increments
+    assert by_kind["Hybrid"].context == () and by_kind["Linear"].context == ()
+    assert by_kind["Hybrid"].training.first_horizon == 20
+    assert {r.training.first_horizon for r in runs if r.horizon == 40} == {0}
+
+
+@pytest.mark.parametrize("name", ["mlp_vs_rnn_init", "helicopter_black_box", "quadrotor_black_box", "quadrotor_hybrid"])
+def test_large_networks_are_kept_from_overfitting_as_the_paper_says(name: str) -> None:
+    found = STUDIES[name]
+    for run in found.runs("paper", DATASETS.get(found.default_dataset)()):
+        if run.predictor.training == "gradient":
+            assert run.predictor.weight_scale == run.initializer.weight_scale == 0.1
+            assert run.training.weight_decay > 0 and getattr(run.predictor, "dropout", 0.1) > 0
+    assert all(r.training.weight_decay == 0 for r in found.runs("laptop", DATASETS.get(found.default_dataset)()))
+
+
+def test_initializers_of_an_evening_have_as_many_weights() -> None:
+    runs = STUDIES["mlp_vs_rnn_init"].runs("evening", DATASETS.get("helicopter_twin")())
+    channels = Problem.plain(4, 3, 40, 10)
+    counts = []
+    for spec in dict.fromkeys(r.spec for r in runs if r.spec.startswith("LSTM: ")):
+        run = next(r for r in runs if r.spec == spec)
+        counts.append(run.initializer.build(run.predictor.build(channels), channels).weight_count())
+    assert len(counts) == 2 and max(counts) / min(counts) < 1.05

@@ -26,6 +26,11 @@ class Training:
     evaluate_every: int = option(100, "updates between two validations", low=1)
     patience: int = option(10, "validations without improvement before the run stops early", low=1)
     validation_windows: int = option(512, "validation windows, evenly spread", low=1)
+    first_horizon: int = option(
+        0, "prediction length at the start of training; 0: the whole one", unit="samples", low=0, high=100000
+    )
+    stages: int = option(1, "lengths before the whole one, growing by equal factors", low=1, high=100)
+    grown_at: float = option(0.5, "fraction of the updates with shorter lengths", low=1e-3, high=1.0)
 
 
 @dataclass(frozen=True)

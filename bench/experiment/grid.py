@@ -1,12 +1,15 @@
 """The runs of a study: every configuration on every problem, at every horizon, with paired seeds."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from fnmatch import fnmatchcase
+from typing import Any
 
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.notation import parse
 from registry.contracts import Dataset
+from registry.initializers.mlp import MLP
+from registry.initializers.rnn import RNN
 
 
 @dataclass(frozen=True)
@@ -29,8 +32,15 @@ def horizons(preset: str, paper_seeds: int = 3) -> dict[int, Effort]:
     return {
         "smoke": {5: replace(effort(2, 40), test_stride=50)},
         "laptop": {40: effort(3, 2000), 190: effort(3, 1000)},
+        "evening": {40: effort(3, 12_000), 190: _growing(effort(3, 8000))},
         "paper": {t: effort(paper_seeds, 30_000) for t in (40, 190)},
     }[preset]
+
+
+def _growing(spent: Effort) -> Effort:
+    """With windows of 20, 42 and 90 steps for the first .85 of the updates, then whole ones: what
+    results/published/recipes.md found to get most out of an update."""
+    return replace(spent, training=replace(spent.training, first_horizon=20, stages=3, grown_at=0.85))
 
 
 def grid(
@@ -64,6 +74,52 @@ def grid(
                 count = spent.seeds if predictor.training == "gradient" else 1
                 made += [replace(run, seed=seed) for seed in range(count)]
     return made
+
+
+def attainable(dataset: Dataset) -> tuple[str, ...]:
+    """The line that no model is below, where the data were simulated by a model that is known."""
+    return ("attainable",) if dataset.truth is not None else ()
+
+
+def regularized(runs: Sequence[RunConfig]) -> list[RunConfig]:
+    """Networks with tiny initial weights, weight decay and dropout, as the paper's large ones had them.
+
+    It gives no numbers (section "MLP vs RNN Initializers"): these are our choice.
+    """
+    return [
+        replace(
+            run,
+            predictor=_with(run.predictor, weight_scale=0.1, dropout=0.1),
+            initializer=_with(run.initializer, weight_scale=0.1),
+            training=replace(run.training, weight_decay=0.01),
+        )
+        if run.predictor.training == "gradient"
+        else run
+        for run in runs
+    ]
+
+
+def knowing_attitude(runs: Sequence[RunConfig], increments: bool = False) -> list[RunConfig]:
+    """Black boxes whose initializer sees the measured attitude too, where the data have it, as hybrids' do.
+
+    Args:
+        runs: of networks and others.
+        increments: whether their read-out gives changes of the outputs.
+    """
+    return [
+        replace(run, context=("attitude",), predictor=_with(run.predictor, increments=increments))
+        if isinstance(run.initializer, MLP | RNN)
+        and not run.predictor.signals(run.dataset)[2]
+        and any(c.group == "attitude" for c in run.dataset.channels())
+        else run
+        for run in runs
+    ]
+
+
+def _with(entry: Any, **options: Any) -> Any:
+    """An entry with those of the options that it has."""
+    own = {f.name for f in fields(entry)} if entry is not None else set()
+    return replace(entry, **chosen) if (chosen := {k: v for k, v in options.items() if k in own}) else entry
 
 
 def matched(pairs: Sequence[tuple[str, str]], specs: Sequence[str]) -> Iterator[tuple[str, str]]:

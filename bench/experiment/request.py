@@ -10,7 +10,7 @@ from bench.experiment.config import RunConfig, UnknownOption, changed
 from bench.experiment.datasets import choose
 from bench.experiment.notation import parse
 from registry.contracts import Dataset
-from registry.errors import BenchError
+from registry.errors import BenchError, near
 from registry.predictors.baselines.physics import digest
 
 BASELINES = ("constant", "linear")
@@ -98,6 +98,8 @@ def request(target: str | study.Study, asked: Options) -> Request:
 
 def _declared(found: study.Study, asked: Options, dataset: Dataset) -> list[RunConfig]:
     """The runs of a study, each configuration that is trained by gradient with as many seeds as were asked for."""
+    if found.presets and asked.preset not in found.presets:
+        raise BenchError(f"{found.name} has no preset {asked.preset!r}: {near(asked.preset, found.presets)}")
     configs = found.runs(asked.preset, dataset)
     if asked.seeds is None:
         return configs

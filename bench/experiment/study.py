@@ -12,7 +12,7 @@ if TYPE_CHECKING:  # they load torch, and a study's name is wanted at once
     from bench.experiment.config import RunConfig
     from registry.contracts import Dataset
 
-PRESETS = ("smoke", "laptop", "paper")
+PRESETS = ("smoke", "laptop", "evening", "paper")
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,8 @@ class WindowedData:
     """Mean and standard deviation of the training part, (m,) each."""
     output_scale: tuple[Tensor, Tensor]
     context_scale: tuple[Tensor, Tensor]
+    increment_scale: Tensor | None = None
+    """Root mean square (n,) of the outputs' change in a step over the training part, for what predicts changes."""
 
     def gather(self, starts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """History inputs (B, τ, m) and outputs (B, τ, n + c), horizon inputs (B, T, m) and outputs (B, T, n), SI."""
@@ -144,6 +146,7 @@ def _prepare(
         input_scale=_scale(inputs.values, trained),
         output_scale=_scale(outputs.values, trained),
         context_scale=_scale(context.values, trained),
+        increment_scale=_change(outputs.values, of[0]),
     )
 
 
@@ -151,6 +154,13 @@ def _scale(values: Tensor, trained: np.ndarray) -> tuple[Tensor, Tensor]:
     """Mean and standard deviation (c,) of the samples (N, c) that train (N,)."""
     part = values.numpy()[trained].astype(np.float64)
     return torch.from_numpy(part.mean(0)).float(), torch.from_numpy(part.std(0)).float()
+
+
+def _change(values: Tensor, trained: Sequence[np.ndarray]) -> Tensor:
+    """Root mean square change (c,) of (N, c) from sample to sample, where both train and are of one recording."""
+    follows = np.concatenate([own & np.append(False, own[:-1]) for own in trained])
+    part = np.diff(values.numpy().astype(np.float64), axis=0)[follows[1:]]
+    return torch.from_numpy(np.sqrt(np.mean(part**2, axis=0))).float()
 
 
 def _starts(valid: Sequence[np.ndarray], length: int, stride: int, first: int) -> tuple[np.ndarray, np.ndarray]:

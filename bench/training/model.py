@@ -92,7 +92,7 @@ def build(
     """A fresh model, its weights drawn from the run's own seed."""
     data = config.dataset
     recorded = (data.system, data.physics, data.input_hold)
-    problem = Problem(inputs, outputs, config.horizon, config.tau, context, rate, *recorded)
+    problem = Problem(inputs, outputs, config.horizon, config.tau, context, rate, *recorded, truth=data.truth)
     torch.manual_seed(derive(config.seed, "weights"))
     predictor = config.predictor.build(problem)
     return Model(predictor, build_initializer(config.initializer, predictor) if config.initializer else None)
@@ -103,6 +103,8 @@ def build_scaled(config: RunConfig, data: WindowedData) -> Model:
     model = build(config, data.input_channels, data.output_channels, data.context_channels, data.rate)
     model.predictor.input_scaler.set(*data.input_scale)
     model.predictor.output_scaler.set(*data.output_scale)
+    if data.increment_scale is not None:
+        model.predictor.set_increments(data.increment_scale / model.predictor.output_scaler.scale)
     if model.predictor.context_scaler is not None:
         model.predictor.context_scaler.set(*data.context_scale)
     return model

@@ -20,6 +20,7 @@ from bench.experiment.device import device
 from bench.experiment.seeds import derive
 from bench.training.adam import Adam
 from bench.training.checkpoint import Checkpoint
+from bench.training.curriculum import horizon_at, shortened
 from bench.training.data import WindowedData
 from bench.training.gradient import cost_and_gradient
 from bench.training.model import Model, build_scaled
@@ -237,7 +238,8 @@ class Group:
         o = self.options
         if len(self.runs) == 1:  # noise of dropout or of a random washout start, the same after a resume
             self._draw_from(f"noise/{self.update}")
-        cost, gradients = cost_and_gradient(self.network, self.parameters, self._batch(), o.alpha, o.beta)
+        windows = shortened(self._batch(), horizon_at(o, self.update, self.runs[0].data.horizon))
+        cost, gradients = cost_and_gradient(self.network, self.parameters, windows, o.alpha, o.beta)
         torch._foreach_copy_([self.gradients[name] for name in gradients], list(gradients.values()))
         norms = torch.stack([g.norm() for g in self.gradient.unbind(0)])
         self.train_cost += cost

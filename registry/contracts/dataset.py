@@ -40,6 +40,8 @@ class Dataset(ABC):
     """What was done to the recordings, as [processing] of a dataset.toml says it."""
     recorded: ClassVar[tuple[Channel, ...]] = ()
     """Channels of every recording, inputs first, where they are known before anything is read or simulated."""
+    truth: ClassVar[Any] = None
+    """The physics model that simulated the recordings, driven by the inputs as they are recorded; None: measured."""
     in_full: ClassVar[dict[str, str]] = {}
     """Options of the whole of the data, where they come in sizes; studies take it for all but smoke tests."""
 

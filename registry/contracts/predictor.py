@@ -174,6 +174,9 @@ class Predictor(nn.Module, ABC):
         """`readout` and its vector-Jacobian product; see `rollout_vjp`."""
         return None
 
+    def set_increments(self, scale: Tensor) -> None:
+        """Take the standard deviation (n,) of the outputs' change in a step over the training part, scaled."""
+
     def fit(self, history_inputs: Tensor, history_outputs: Tensor, inputs: Tensor, outputs: Tensor) -> None:
         """Closed-form fit on scaled training windows, for predictors not trained by gradient."""
 

@@ -27,6 +27,8 @@ class Problem:
     """The registered physics model of what was recorded, its nominal constants, and what inputs do between samples."""
     physics: Mapping[str, Any] = field(default_factory=dict)
     input_hold: str = "linear"
+    truth: Any = None
+    """The physics model that simulated the recordings, driven by their inputs; None: they were measured."""
 
     @classmethod
     def plain(cls, n_inputs: int, n_outputs: int, horizon: int, history: int, n_context: int = 0) -> Problem:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -153,6 +153,7 @@ class PelicanTwin(Twin):
     inputs: ClassVar[tuple[str, ...]] = ("rotor_speed",)
     targets: ClassVar[tuple[str, ...]] = ("body_rates",)
     chain: ClassVar[tuple[str, ...]] = ("velocity", "body_rates")
+    truth: ClassVar[Any] = twin_quadrotor.BY_ROTOR_SPEED
     recorded: ClassVar[tuple[Channel, ...]] = channels(
         "rotor_speed", "position", "velocity", "attitude", "body_rates", "euler_rates", "rotor_command"
     )

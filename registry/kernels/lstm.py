@@ -2,8 +2,9 @@
 
 Equations: paper, eq. LSTM (diagonal peepholes, cell input and output through tanh), layers in series, outputs
 fed back to the first layer. Everything carries a leading model dimension M: models of one shape run side by side,
-and a model's bits do not depend on its neighbours. Two implementations of one interface: C++ for the CPU, where there
-is a compiler, and PyTorch.
+and a model's bits do not depend on its neighbours. Implementations of one interface: C++ for the CPU, where there is a
+compiler; PyTorch with hand-written gradients; and for what these two do not know, steps under autograd (`lstm_steps`):
+full peepholes always, increments where there is no compiler.
 """
 
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from registry.kernels import lstm_torch, plain
+from registry.kernels import lstm_steps, lstm_torch, plain
 from registry.kernels.native import library
 from registry.kernels.native import lstm as native
 from registry.kernels.pointwise import dropout_mask
@@ -19,7 +20,7 @@ from registry.kernels.pointwise import dropout_mask
 
 @dataclass(frozen=True)
 class Layer:
-    """Weights of one layer: input (M, 4H, K), recurrent (M, 4H, H), bias (M, 4H), peephole (M, 3, H).
+    """Weights of one layer: input (M, 4H, K), recurrent (M, 4H, H), bias (M, 4H), peephole (M, 3, H) or (M, 3, H, H).
 
     Gate rows: input, forget, cell, output. The K columns of the first layer: the D latest inputs, then the D latest
     outputs, newest first.
@@ -29,6 +30,11 @@ class Layer:
     recurrent: Tensor
     bias: Tensor
     peephole: Tensor
+
+    @property
+    def full(self) -> bool:
+        """Whether every cell looks into the gates of all."""
+        return self.peephole.dim() > self.recurrent.dim()
 
 
 def lstm(
@@ -40,6 +46,7 @@ def lstm(
     forced: Tensor | None = None,
     dropout: float = 0.0,
     delays: int = 1,
+    increments: bool = False,
 ) -> tuple[Tensor, Tensor]:
     """Run T steps, of M models or, where no argument has a model dimension, of one.
 
@@ -52,17 +59,23 @@ def lstm(
         forced: (M, B, T, n) outputs that are fed back in place of the network's own.
         dropout: probability of dropping what a layer passes up (to the next layer or the read-out).
         delays: D.
+        increments: whether the read-out gives what the output fed back last changes by, and not the output.
 
     Returns:
         outputs (M, B, T, n) and the state (M, B, s) after the run.
     """
     weights, mask = _weights(layers, output_weight, output_bias), _mask(dropout, inputs, layers)
     if plain.exporting():
-        return plain.lstm(inputs, state, forced, weights, delays)
-    core = library.core_for(inputs, state, forced, *weights)
+        return plain.lstm(inputs, state, forced, weights, delays=delays, increments=increments)
+    full = layers[0].full
+    core = None if full else library.core_for(inputs, state, forced, *weights)
+    if core is None and (full or increments):
+        return lstm_steps.run(inputs, state, forced, mask, weights, delays=delays, increments=increments)
     if core is None:
         return lstm_torch.run(inputs, state, forced, mask, weights, delays)
-    return native.lstm(core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays)
+    return native.lstm(
+        core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, increments=increments
+    )
 
 
 VJP = Callable[[Tensor | None, Tensor | None], tuple[Tensor, list[Tensor]]]
@@ -79,12 +92,18 @@ def lstm_vjp(
     forced: Tensor | None = None,
     dropout: float = 0.0,
     delays: int = 1,
+    increments: bool = False,
 ) -> tuple[Tensor, Tensor, VJP]:
-    """`lstm` on the compiled core without autograd, and its vector-Jacobian product, to be called at most once."""
+    """`lstm` on the compiled core without autograd, and its vector-Jacobian product, to be called at most once.
+
+    Peepholes are diagonal.
+    """
     weights, mask = _weights(layers, output_weight, output_bias), _mask(dropout, inputs, layers)
     core = library.core_for(inputs, state, forced, *weights)
     assert core is not None
-    run = native.LstmCall(core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, keep=True)
+    run = native.LstmCall(
+        core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, keep=True, increments=increments
+    )
     outputs, end = run.forward()
 
     def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, list[Tensor]]:

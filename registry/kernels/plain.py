@@ -43,7 +43,7 @@ def _run(step: Step, state: Tensor, sequences: Sequence[Tensor]) -> tuple[Tensor
 
 
 def lstm(
-    inputs: Tensor, state: Tensor, forced: Tensor | None, weights: list[Tensor], delays: int
+    inputs: Tensor, state: Tensor, forced: Tensor | None, weights: list[Tensor], delays: int, increments: bool = False
 ) -> tuple[Tensor, Tensor]:
     """See `registry.kernels.lstm.lstm`; weights as for `registry.kernels.lstm_torch.run`."""
     count, m, size = len(weights) // 4, inputs.shape[-1], weights[1].shape[-1]
@@ -59,14 +59,20 @@ def lstm(
             into, back, bias, peephole = weights[4 * i : 4 * i + 4]
             c, (p_i, p_f, p_o) = states[count + i], peephole.unbind()
             g_i, g_f, g_c, g_o = (functional.linear(x, into, bias) + functional.linear(states[i], back)).chunk(4, -1)
-            kept = torch.sigmoid(g_f + p_f * c) * c
-            states[count + i] = c = kept + torch.sigmoid(g_i + p_i * c) * torch.tanh(g_c)
-            states[i] = x = torch.sigmoid(g_o + p_o * c) * torch.tanh(c)
+            kept = torch.sigmoid(g_f + peephole_product(p_f, c)) * c
+            states[count + i] = c = kept + torch.sigmoid(g_i + peephole_product(p_i, c)) * torch.tanh(g_c)
+            states[i] = x = torch.sigmoid(g_o + peephole_product(p_o, c)) * torch.tanh(c)
         y = functional.linear(x, *read) if read else x[:, :0]
+        y = y + past_y[:, :n] if increments else y
         line_y = torch.cat([*measured, past_y] if measured else [y, past_y], -1)
         return y, torch.cat([line[:, : sizes[0]], line_y[:, : sizes[1]], *states], -1)
 
     return _run(step, state, [inputs] if forced is None else [inputs, forced])
+
+
+def peephole_product(weight: Tensor, cell: Tensor) -> Tensor:
+    """W^c c of cells (…, H) by a diagonal (H,) or a whole matrix (H, H)."""
+    return weight * cell if weight.dim() == 1 else functional.linear(cell, weight)
 
 
 def gru(

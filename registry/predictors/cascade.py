@@ -40,6 +40,7 @@ class CascadePredictor(Composite):
             entry, replace(problem, inputs=(*problem.inputs, *rates), outputs=problem.outputs[: self.slow])
         )
         self.history = max(self.first.history, self.second.history)
+        self.by_hand = self.first.by_hand
         sizes = zip(self.first.layout.sizes, self.second.layout.sizes, strict=True)
         self.layout = StateLayout(*(a + b for a, b in sizes))
 
@@ -114,15 +115,24 @@ class CascadePredictor(Composite):
         """Velocity when the second network sees measured rates."""
         return self.training_rollout(inputs, outputs, state)[..., : self.slow]
 
-    def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
+    @override
+    def set_increments(self, scale: Tensor) -> None:
+        self.second.set_increments(scale[: self.slow])
+        self.first.set_increments(scale[self.slow :])
+
+    def readout(self, state: Tensor, inputs: Tensor) -> Tensor | None:
         """Of both networks, velocity first. LSTM read-outs do not look at the inputs."""
         one, two = self._separate(state)
-        return torch.cat([self.second.readout(two, inputs), self.first.readout(one, inputs)], -1)
+        rates, velocity = self.first.readout(one, inputs), self.second.readout(two, inputs)
+        return None if rates is None or velocity is None else torch.cat([velocity, rates], -1)
 
     @override
-    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP]:
+    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP] | None:
         one, two = self._separate(state)
-        (rates, first), (velocity, second) = self.first.readout_vjp(one, inputs), self.second.readout_vjp(two, inputs)
+        of_rates, of_velocity = self.first.readout_vjp(one, inputs), self.second.readout_vjp(two, inputs)
+        if of_rates is None or of_velocity is None:
+            return None
+        (rates, first), (velocity, second) = of_rates, of_velocity
 
         def vjp(d_read: Tensor, d_state: Tensor) -> Gradients:
             d_one, d_two = torch.zeros_like(one), torch.zeros_like(two)

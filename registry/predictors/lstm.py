@@ -17,14 +17,16 @@ from registry.predictors.parts.weights import uniform
 class LSTMWeights(nn.Module):
     """Weights of L layers of H cells. Gate rows: input, forget, cell, output (paper, eq. LSTM)."""
 
-    def __init__(self, columns: int, layers: int, hidden: int, scale: float, forget_bias: float) -> None:
+    def __init__(
+        self, columns: int, layers: int, hidden: int, scale: float, forget_bias: float, full: bool = False
+    ) -> None:
         super().__init__()
         widths = [columns] + [hidden] * (layers - 1)
         draw = lambda w, *shape: uniform(*shape, fan_in=w + hidden, scale=scale)  # noqa: E731
         self.input_weight = nn.ParameterList([draw(w, 4 * hidden, w) for w in widths])
         self.recurrent_weight = nn.ParameterList([draw(w, 4 * hidden, hidden) for w in widths])
         self.bias = nn.ParameterList([nn.Parameter(torch.zeros(4 * hidden)) for _ in widths])
-        self.peephole = nn.ParameterList([nn.Parameter(torch.zeros(3, hidden)) for _ in widths])
+        self.peephole = nn.ParameterList([nn.Parameter(torch.zeros(3, *[hidden] * (2 if full else 1))) for _ in widths])
         with torch.no_grad():
             for bias in self.bias:
                 bias[hidden : 2 * hidden] = forget_bias
@@ -47,14 +49,18 @@ class LSTMPredictor(Predictor):
         self.history = self.delays
         size = entry.layers * entry.hidden
         self.layout = StateLayout((self.delays - 1) * n_inputs + self.delays * n_outputs, size, size)
-        weights = LSTMWeights(
-            self.delays * (n_inputs + n_outputs), entry.layers, entry.hidden, entry.weight_scale, entry.forget_bias
-        )
+        self.increments, full = entry.increments, entry.peepholes == "full"
+        self.by_hand = not full
+        columns = self.delays * (n_inputs + n_outputs)
+        weights = LSTMWeights(columns, entry.layers, entry.hidden, entry.weight_scale, entry.forget_bias, full=full)
         self.input_weight, self.recurrent_weight = weights.input_weight, weights.recurrent_weight
         self.bias, self.peephole = weights.bias, weights.peephole
         self.output_weight = uniform(n_outputs, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(n_outputs))
         self.names = names(entry.layers)
+        if entry.increments:
+            self.register_buffer("increment_scale", torch.ones(n_outputs))
+            self.increment_scale: Tensor
 
     def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
         """Newest first: u_{k0} .. u_{k0−D+2}, then y_{k0} .. y_{k0−D+1}; a short history repeats its first sample."""
@@ -73,30 +79,48 @@ class LSTMPredictor(Predictor):
 
         def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, Gradients]:
             d_state, gradients = back(d_outputs, d_end)
-            return d_state, dict(zip(self.names, gradients, strict=True))
+            found = dict(zip(self.names, gradients, strict=True))
+            if self.increments:
+                found["output_weight"] = self.increment_scale.unsqueeze(-1) * found["output_weight"]
+                found["output_bias"] = self.increment_scale * found["output_bias"]
+            return d_state, found
 
         return outputs, end, vjp
 
     def _run(self, inputs: Tensor, state: Tensor, feedback: Tensor | None) -> tuple[Any, ...]:
         """What `lstm` is given."""
         weights = zip(self.input_weight, self.recurrent_weight, self.bias, self.peephole, strict=True)
+        weight: Tensor = self.output_weight
+        bias: Tensor = self.output_bias
+        if self.increments:
+            weight, bias = self.increment_scale.unsqueeze(-1) * weight, self.increment_scale * bias
         return (
             inputs,
             state,
             [Layer(*ws) for ws in weights],
-            self.output_weight,
-            self.output_bias,
+            weight,
+            bias,
             feedback,
             self.dropout if self.training else 0.0,
             self.delays,
+            self.increments,
         )
 
-    def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
-        """W_y m^L + b_y (the paper's A_s = [W_y 0], c = y − b_y)."""
+    @override
+    def set_increments(self, scale: Tensor) -> None:
+        if self.increments:
+            self.increment_scale.copy_(scale)
+
+    def readout(self, state: Tensor, inputs: Tensor) -> Tensor | None:
+        """W_y m^L + b_y (the paper's A_s = [W_y 0], c = y − b_y); of increments none, y_{k0} being where they start."""
+        if self.increments:
+            return None
         return affine(self._top(state), self.output_weight, self.output_bias)
 
     @override
-    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP]:
+    def readout_vjp(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, ReadoutVJP] | None:
+        if self.increments:
+            return None
         read, back = mlp_vjp(self._top(state), [(self.output_weight, self.output_bias)])
 
         def vjp(d_read: Tensor, d_state: Tensor) -> Gradients:
@@ -142,6 +166,15 @@ class LSTM(PredictorEntry):
     dropout: float = option(0.0, "probability of dropping what a layer passes up", low=0.0, high=0.9)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)
+    peepholes: str = option(
+        "diagonal",
+        "what a gate sees of the cells: its own, or all of its layer (slower: autograd, without the compiled kernel)",
+        choices=("diagonal", "full"),
+        source="the paper's W^c are printed as matrices; Sak et al. (2014), whom it follows, have diagonal ones",
+    )
+    increments: bool = option(
+        False, "whether the read-out gives the change of the outputs in a step, in units of its standard deviation"
+    )
 
     @override
     def build(self, problem: Problem) -> Predictor:

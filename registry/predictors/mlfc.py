@@ -23,7 +23,9 @@ class MLFCPredictor(Predictor):
         n_inputs, n_outputs = self.n_inputs, self.n_outputs
         self.layers, self.hidden, self.dropout = entry.layers, entry.hidden, entry.dropout
         size = entry.layers * entry.hidden
-        self.layout = StateLayout(n_outputs, size, 0)
+        self.fed_back = entry.output_feedback
+        self.history = 2 if self.fed_back else 1
+        self.layout = StateLayout(self.history * n_outputs, size, 0)
         columns = n_inputs + n_outputs + size - entry.hidden
         draw = lambda *shape: uniform(*shape, fan_in=columns + entry.hidden, scale=entry.weight_scale)  # noqa: E731
         each = range(entry.layers)
@@ -33,48 +35,62 @@ class MLFCPredictor(Predictor):
         self.output_weight = uniform(n_outputs, size, fan_in=size + n_inputs, scale=entry.weight_scale)
         self.direct_weight = uniform(n_outputs, n_inputs, fan_in=size + n_inputs, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(n_outputs))
+        if self.fed_back:
+            self.fed_weight = nn.Parameter(torch.zeros(n_outputs, n_outputs))
 
     def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """The last measured output."""
-        return newest_first(outputs[..., : self.n_outputs], 1)
+        """The last measured output; where A_o is free the one before it too, which L_si looks at."""
+        return newest_first(outputs[..., : self.n_outputs], self.history)
 
     @override
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         outputs, hidden = mlfc(*self._run(inputs, state, feedback))
-        return outputs, self._end(outputs, hidden, feedback)
+        return outputs, self._end(state, outputs, hidden, feedback)
 
     @override
     def rollout_vjp(
         self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None
     ) -> tuple[Tensor, Tensor, RunVJP]:
         outputs, hidden, back = mlfc_vjp(*self._run(inputs, state, feedback))
-        end = self._end(outputs, hidden, feedback)
+        end, n, before = self._end(state, outputs, hidden, feedback), self.n_outputs, self.layout.buffer
 
         def vjp(d_outputs: Tensor | None, d_end: Tensor | None) -> tuple[Tensor, Gradients]:
             d_outputs = torch.zeros_like(outputs) if d_outputs is None else d_outputs
             d_end = torch.zeros_like(end) if d_end is None else d_end
+            steps = d_outputs.shape[-2]
             if feedback is None:
-                d_outputs[..., -1, :] += d_end[..., : self.n_outputs]
-            d_fed, d_hidden, (*layers, readout) = back(d_outputs, d_end[..., self.n_outputs :])
+                d_outputs[..., -1, :] += d_end[..., :n]
+            if feedback is None and self.fed_back and steps > 1:
+                d_outputs[..., -2, :] += d_end[..., n:before]
+            d_fed, d_hidden, (*layers, readout) = back(d_outputs, d_end[..., before:])
+            if self.fed_back:
+                d_fed = torch.cat([d_fed + d_end[..., n:before] if steps == 1 else d_fed, torch.zeros_like(d_fed)], -1)
             return torch.cat([d_fed, d_hidden], -1), self._separate(layers, readout)
 
         return outputs, end, vjp
 
-    def _end(self, outputs: Tensor, hidden: Tensor, feedback: Tensor | None) -> Tensor:
+    def _end(self, state: Tensor, outputs: Tensor, hidden: Tensor, feedback: Tensor | None) -> Tensor:
         """The state after a run: what is fed back next, and what the layers gave."""
-        return torch.cat([(outputs if feedback is None else feedback)[..., -1, :], hidden], -1)
+        fed = (outputs if feedback is None else feedback)[..., -self.history :, :]
+        if fed.shape[-2] < self.history:
+            fed = torch.cat([state[..., : self.n_outputs].unsqueeze(-2), fed], -2)
+        return torch.cat([newest_first(fed, self.history), hidden], -1)
 
     def _run(self, inputs: Tensor, state: Tensor, feedback: Tensor | None) -> tuple[Any, ...]:
         """What `mlfc` is given."""
         fed, hidden, _ = self.layout.split(state)
+        fed = fed[..., : self.n_outputs]
         seen = self.n_inputs + self.n_outputs  # columns of input_weight before the other layers'
         layers = []
         for i in range(self.layers):
             w, before, bias = self.input_weight[i], seen + i * self.hidden, self.bias[i].unsqueeze(-1)
             own = self.feedback_weight[i]
             layers.append(torch.cat([w[..., :seen], bias, w[..., seen:before], own, w[..., before:]], -1))
-        no_fed = torch.zeros_like(self.output_bias).unsqueeze(-1).expand(*self.output_bias.shape, self.n_outputs)
-        readout = torch.cat([self.direct_weight, no_fed, self.output_bias.unsqueeze(-1), self.output_weight], -1)
+        if self.fed_back:
+            of_fed: Tensor = self.fed_weight
+        else:
+            of_fed = torch.zeros_like(self.output_bias).unsqueeze(-1).expand(*self.output_bias.shape, self.n_outputs)
+        readout = torch.cat([self.direct_weight, of_fed, self.output_bias.unsqueeze(-1), self.output_weight], -1)
         return inputs, fed, hidden, layers, readout, feedback, self.dropout if self.training else 0.0
 
     def _separate(self, layers: list[Tensor], readout: Tensor) -> Gradients:
@@ -85,11 +101,12 @@ class MLFCPredictor(Predictor):
             entering, bias, before, own, after = d.split(sizes, -1)
             found[f"input_weight.{i}"] = torch.cat([entering, before, after], -1)
             found |= {f"bias.{i}": bias.squeeze(-1), f"feedback_weight.{i}": own}
-        direct, _, bias, weight = readout.split([self.n_inputs, self.n_outputs, 1, self.layers * self.hidden], -1)
+        direct, fed, bias, weight = readout.split([self.n_inputs, self.n_outputs, 1, self.layers * self.hidden], -1)
+        found |= {"fed_weight": fed} if self.fed_back else {}
         return found | {"direct_weight": direct, "output_bias": bias.squeeze(-1), "output_weight": weight}
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
-        """A [y¹ .. y^L] + B u + b (the paper's A_s = A, c = y − B u − b)."""
+        """A_s [y¹ .. y^L] + A_o o + B u + b (paper, eq. output_div; c = y − A_o y_{k0−1} − B u − b)."""
         return affine(*self._read(state, inputs), self.output_bias)
 
     @override
@@ -101,15 +118,22 @@ class MLFCPredictor(Predictor):
             d_x, (d_weight, d_bias) = back(d_read, True)
             assert d_x is not None
             size = self.layout.hidden
-            d_state[..., self.n_outputs :] += d_x[..., :size]
-            return {"output_weight": d_weight[..., :size], "direct_weight": d_weight[..., size:], "output_bias": d_bias}
+            d_state[..., self.layout.buffer :] += d_x[..., :size]
+            of_layers, of_inputs, *of_fed = d_weight.split([w.shape[-1] for w in self._weights()], -1)
+            found = {"output_weight": of_layers, "direct_weight": of_inputs, "output_bias": d_bias}
+            return found | dict(zip(["fed_weight"], of_fed, strict=False))
 
         return read, vjp
 
     def _read(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, Tensor]:
         """What the read-out reads of a state, and its weight."""
-        _, hidden, _ = self.layout.split(state)
-        return torch.cat([hidden, inputs], -1), torch.cat([self.output_weight, self.direct_weight], -1)
+        buffers, hidden, _ = self.layout.split(state)
+        read = [hidden, inputs, *([buffers[..., self.n_outputs :]] if self.fed_back else [])]
+        return torch.cat(read, -1), torch.cat(self._weights(), -1)
+
+    def _weights(self) -> list[Tensor]:
+        """Those of the read-out: of the layers, of the inputs and, where it is free, of the output fed back."""
+        return [self.output_weight, self.direct_weight, *([self.fed_weight] if self.fed_back else [])]
 
 
 @PREDICTORS.register("MLFC")
@@ -127,6 +151,9 @@ class MLFC(PredictorEntry):
     hidden: int = option(50, "neurons in each layer", low=1, high=2000, log=True, search=(10, 100))
     dropout: float = option(0.0, "probability of dropping a layer output before the read-out", low=0.0, high=0.9)
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
+    output_feedback: bool = option(
+        False, "whether the read-out sees the output fed back: A_o is free, else zero", source="paper, eq. output_div"
+    )
 
     @override
     def build(self, problem: Problem) -> Predictor:

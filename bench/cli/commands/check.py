@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -62,8 +63,11 @@ def check_command(
     bench check --claim body-rates-level         one of them, in full
     bench check --rerun smoke                    trains a small set again and compares: minutes
 
-    Exit code 1: a number that was published no longer holds, or a published file is not as it was published (by the
-    hashes in its folder's SHA256SUMS; commands that publish keep them, --seal lists all files anew).
+    A number that is made again is *same* (equal run keys: every bit), *within spread* of the seeds (another processor,
+    kernel or version) or *moved*.
+
+    Exit code 1: a number that was published moved, or a published file is not as it was published (by the hashes in its
+    folder's SHA256SUMS; commands that publish keep them, --seal lists all files anew).
     """
     from bench.api.check import judged, published_folder
     from bench.claims import manifest, markdown
@@ -191,7 +195,9 @@ def _regressions(held: Sequence[Any], out: Any) -> None:
     if not held:
         out.print("None of the published numbers was made again in this results folder.")
         return
-    out.print(f"{len(held) - len(lost)} of {len(held)} published numbers that were made again hold.")
+    counts = Counter(h.how for h in held)
+    kinds = ", ".join(f"{counts[k]} {k}" for k in ("same", "within spread", "moved") if counts[k])
+    out.print(f"{len(held) - len(lost)} of {len(held)} published numbers that were made again hold: {kinds}.")
     for h in lost:
         allowed = f"{100 * h.band:.1f} % is allowed" if h.band else "the same run must be equal"
         text = f"published {h.published:.6g}, here {h.here:.6g}; {allowed}"

@@ -1,5 +1,7 @@
 """Simulated Pelican flights: a pilot in a 5 m cube, and what the motion capture would have recorded."""
 
+from dataclasses import replace
+
 import numpy as np
 import scipy  # its parts are imported when they are used: scipy.signal takes longer than all else here
 import torch
@@ -41,6 +43,10 @@ TRUTH = Quadrotor(
     input_hold="previous",
 )
 """Commands in; the simple motion model is this without its effects."""
+BY_ROTOR_SPEED = replace(
+    TRUTH, effects=tuple(e for e in TRUTH.effects if not isinstance(e, MotorLag)), input_hold="linear"
+)
+"""The same from the rotors on, whose speeds are recorded."""
 
 
 def _legs(regime: str, rng: np.random.Generator) -> tuple[Legs, Legs, Legs, Legs]:

@@ -2,7 +2,8 @@
 
 It is compiled with the machine's own compiler into the user's cache folder, under a name made of sources, flags,
 compiler and CPU. Where that fails the PyTorch kernel does the work, which is said once. The environment variable
-``BENCH_KERNEL`` chooses: auto (default), native (an error where it cannot be had), pytorch.
+``BENCH_KERNEL`` chooses: auto (default), native (an error where it cannot be had), pytorch; ``BENCH_ARCH`` another
+instruction set than the machine's own, such as x86-64-v2, as a run on an older processor would have.
 """
 
 import ctypes
@@ -11,6 +12,7 @@ import hashlib
 import logging
 import os
 import platform
+import re
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -49,17 +51,17 @@ def core() -> Core | None:
     Raises:
         BenchError: ``BENCH_KERNEL`` is native and there is no native kernel, or is none of its values.
     """
-    return _chosen(os.environ.get("BENCH_KERNEL", "auto"))
+    return _chosen(os.environ.get("BENCH_KERNEL", "auto"), _arch())
 
 
 @lru_cache
-def _chosen(choice: str) -> Core | None:
+def _chosen(choice: str, arch: str) -> Core | None:
     if choice not in _CHOICES:
         raise BenchError(f"BENCH_KERNEL={choice!r} is no kernel: {near(choice, _CHOICES)}")
     if choice == "pytorch":
         return None
     try:
-        return _load()
+        return _load(arch)
     except _Unavailable as reason:
         if choice == "native":
             raise BenchError(f"There is no native kernel: {reason}; unset BENCH_KERNEL to do without.") from None
@@ -89,8 +91,13 @@ class _Unavailable(Exception):
     """Why there is no native kernel: a clause."""
 
 
-def _load() -> Core:
-    return _library(_SOURCES, _FLAGS)
+def _arch() -> str:
+    """The instruction set that is asked for, as the compiler says it."""
+    return os.environ.get("BENCH_ARCH", "native")
+
+
+def _load(arch: str) -> Core:
+    return _library(_SOURCES, _FLAGS, arch)
 
 
 def built(sources: Path, flags: Sequence[str] = ()) -> ctypes.CDLL | None:
@@ -99,26 +106,31 @@ def built(sources: Path, flags: Sequence[str] = ()) -> ctypes.CDLL | None:
     Args:
         sources: the folder.
         flags: of the compiler, beside those of the core.
+
+    Raises:
+        BenchError: ``BENCH_ARCH`` is no instruction set.
     """
     if os.environ.get("BENCH_KERNEL", "auto") == "pytorch":
         return None
     try:
-        return _library(sources, (*_FLAGS, *flags)).functions
+        return _library(sources, (*_FLAGS, *flags), _arch()).functions
     except _Unavailable:
         return None
 
 
-def _library(folder_of_sources: Path, flags: Sequence[str]) -> Core:
+def _library(folder_of_sources: Path, flags: Sequence[str], arch: str) -> Core:
+    if not re.fullmatch(r"[\w.+-]+", arch):
+        raise BenchError(f"BENCH_ARCH={arch!r} is no instruction set, such as native or x86-64-v3.")
     compiler, said = _compiler()
-    arch = "-mcpu=native" if platform.machine() in ("arm64", "aarch64") else "-march=native"
-    command = [compiler, arch, *flags]
+    option = "-mcpu" if platform.machine() in ("arm64", "aarch64") else "-march"
+    command = [compiler, f"{option}={arch}", *flags]
     sources = sorted(p for p in folder_of_sources.iterdir() if p.suffix in (".cpp", ".h"))
     content = [p.name.encode() + b"\0" + p.read_bytes() for p in sources]
     parts = [*content, *(part.encode() for part in (*command, said, _cpu()))]
     key = hashlib.sha256(b"".join(hashlib.sha256(p).digest() for p in parts)).hexdigest()[:32]
     folder = cache_folder() / "native"
     library = folder / f"{key}.so"
-    label = f"{Path(compiler).name.split('-')[0]} {_major(said)}"
+    label = f"{Path(compiler).name.split('-')[0]} {_major(said)}" + (f", {arch}" if arch != "native" else "")
     if library.exists():
         try:
             return Core(ctypes.CDLL(str(library)), label)

@@ -6,7 +6,7 @@ namespace {
 
 // Filled by lstm.py, field by field.
 struct Call {
-  int64_t models, batch, steps, inputs, outputs, taps, layers, cells, mask_lanes, keep, input_gradient;
+  int64_t models, batch, steps, inputs, outputs, taps, layers, cells, mask_lanes, keep, input_gradient, increments;
   const void *u, *state, *forced, *mask;
   void *y, *end_state;
   const void *dy, *d_end_state;
@@ -81,6 +81,7 @@ template <class R> class Run {
         std::copy_n(x + past_y * W, past_u * W, next + (past_y + m) * W);
         if (!n) continue;
         readout.forward(stack.top(t, b, mask(t, model)), y);
+        for (int i = 0; c.increments && i < n * W; i++) y[i] += x[i];
         lanes_out(y, n, b, B, outputs + (size_t)t * n, (size_t)T * n);
         if (forced)
           lanes_in(forced + (size_t)t * n, (size_t)T * n, n, b, B, next);
@@ -122,6 +123,7 @@ template <class R> class Run {
           if (!c.forced)
             for (size_t i = 0; i < one; i++) d[i] += taps[i];
           std::copy_n(taps + one, D * one, taps);
+          for (size_t i = 0; c.increments && i < one; i++) taps[i] += d[i];
         }
         stack.see(t, mask(t, model));
         d_top = readout.backward(dy, one, [&](int b) { return stack.top(t, b, mask(t, model)); });

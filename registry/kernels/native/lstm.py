@@ -16,7 +16,7 @@ class _Structure(ctypes.Structure):
     """`Call` of lstm.cpp."""
 
     _fields_ = structure(
-        "models batch steps inputs outputs taps layers cells mask_lanes keep input_gradient",
+        "models batch steps inputs outputs taps layers cells mask_lanes keep input_gradient increments",
         arrays="u state forced mask y end_state dy d_end_state du d_state weights gradients",
     )
 
@@ -29,7 +29,7 @@ class LstmCall(Call):
 
     def __init__(
         self, core: Core, inputs: Tensor, state: Tensor, forced: Tensor | None, mask: Tensor | None,
-        weights: Sequence[Tensor], delays: int, keep: bool,
+        weights: Sequence[Tensor], delays: int, keep: bool, increments: bool = False,
     ) -> None:  # fmt: skip
         *lead, batch, steps, m = inputs.shape
         self.models = lead[0] if lead else 1
@@ -38,6 +38,7 @@ class LstmCall(Call):
         super().__init__(
             core, inputs, models=self.models, batch=batch, steps=steps, inputs=m, outputs=n, taps=delays, layers=layers,
             cells=weights[1].shape[-1], mask_lanes=0 if mask is None else mask.shape[-1], keep=keep,
+            increments=increments,
         )  # fmt: skip
         self.y, self.state = (*lead, batch, steps, n), state.shape
         self.point("u", inputs)
@@ -69,12 +70,13 @@ class LstmCall(Call):
 class _LSTM(torch.autograd.Function):
     @staticmethod
     def forward(
-        ctx: Any, core: Core, delays: int, inputs: Tensor, state: Tensor, forced: Tensor | None, mask: Tensor | None,
-        *weights: Tensor,
+        ctx: Any, core: Core, lines: tuple[int, bool], inputs: Tensor, state: Tensor, forced: Tensor | None,
+        mask: Tensor | None, *weights: Tensor,
     ) -> tuple[Tensor, Tensor]:  # fmt: skip
         ctx.save_for_backward(*weights)  # a change in place before the way back is an error
         ctx.set_materialize_grads(False)
-        ctx.run = LstmCall(core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, keep=True)
+        ctx.run = LstmCall(core, inputs, state, forced=forced, mask=mask, weights=weights, delays=lines[0], keep=True,
+                           increments=lines[1])  # fmt: skip
         done: tuple[Tensor, Tensor] = ctx.run.forward()
         return done
 
@@ -94,9 +96,13 @@ def lstm(
     mask: Tensor | None,
     weights: list[Tensor],
     delays: int,
+    increments: bool = False,
 ) -> tuple[Tensor, Tensor]:
-    """Run T steps: arguments and results as for `registry.kernels.lstm_torch.run`, one type on the CPU."""
+    """Run T steps: arguments and results as for `registry.kernels.lstm_steps.run`, one type on the CPU."""
     if torch.is_grad_enabled() and any(x.requires_grad for x in (inputs, state, *weights)):
-        done: tuple[Tensor, Tensor] = _LSTM.apply(core, delays, inputs, state, forced, mask, *weights)
+        done: tuple[Tensor, Tensor] = _LSTM.apply(core, (delays, increments), inputs, state, forced, mask, *weights)
         return done
-    return LstmCall(core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, keep=False).forward()
+    run = LstmCall(
+        core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, keep=False, increments=increments
+    )
+    return run.forward()
