@@ -26,6 +26,13 @@ class Training:
     evaluate_every: int = option(100, "updates between two validations", low=1)
     patience: int = option(10, "validations without improvement before the run stops early", low=1)
     validation_windows: int = option(512, "validation windows, evenly spread", low=1)
+    validation_horizon: int = option(
+        0,
+        "longest free run of validation, on recordings whole or in pieces of this length, as a simulation is judged; "
+        "untrained weights may then be the best. 0: windows of the horizon's length",
+        unit="samples",
+        low=0,
+    )
 
 
 @dataclass(frozen=True)
