@@ -18,6 +18,7 @@ from site_files import write_missing
 from bench.claims.manifest import entered
 from bench.cli import cli
 from bench.experiment.study import studies
+from registry.cache import cache_folder
 from registry.core import DATASETS, PREDICTORS
 from registry.errors import BenchError
 
@@ -104,6 +105,8 @@ def markdown(rows: Iterable[tuple[str, str, str]], made: Iterable[str]) -> list[
         shown = []
         for dataset in datasets:
             sentence = cells[name, dataset].replace(dataset, "DATASET")
+            sentence = sentence.replace(os.environ.get("BENCH_DATA", "$BENCH_DATA"), "$BENCH_DATA")
+            sentence = sentence.replace(str(cache_folder()), "the cache folder")
             shown.append(RAN if sentence == RAN else f"[{said.setdefault(sentence, len(said) + 1)}]")
         lines.append(f"| {name} | " + " | ".join(shown) + " |")
     return [*lines, "", *(f"{number}. {sentence}" for sentence, number in said.items()), ""]

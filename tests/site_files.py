@@ -19,7 +19,7 @@ def driven(samples: int, inputs: int = 1, outputs: int = 1, seed: int = 0) -> tu
 
 
 def _save(file: Path, **variables: object) -> None:
-    file.parent.mkdir(exist_ok=True)
+    file.parent.mkdir(parents=True, exist_ok=True)
     scipy.io.savemat(file, variables)
 
 
