@@ -12,6 +12,7 @@ from bench.experiment.grid import effort, grid
 from bench.experiment.study import Reference, Study
 from registry.contracts import Dataset
 from registry.predictors.baselines.physics import Physics
+from registry.predictors.hybrid import Hybrid
 
 SIZES = {"smoke": (8, 4, 8), "laptop": (32, 8, 32), "paper": (64, 16, 64)}
 """Width of networks, of convolutions, and of what initializes them."""
@@ -19,6 +20,8 @@ WINDOW = 100
 """Prediction length T [samples] that networks are trained on; on the test recordings they run on."""
 SLOW = ("TCN", "Neural ODE", "Hybrid")
 """An update of theirs takes some ten times as long as one of the others: they get a third of the updates."""
+VALIDATION = 1000
+"""Longest free run [samples] by which the best weights are chosen: windows tell nothing of drift."""
 HISTORY = 10
 """Samples that a simulation starts from where the data set is no benchmark with a rule of its own."""
 
@@ -33,7 +36,7 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
         dataset = replace(benchmark, official=True)
     tau, (width, narrow, start) = dataset.initial_window or HISTORY, SIZES[preset]
     mlp = f"MLP: {start}x{tau}"
-    specs = [f"{name}: 1x{width} - {mlp}" for name in ("LSTM", "GRU", "MLFC", "Neural ODE")]
+    specs = [f"{name}: 1x{width} - {mlp}" for name in ("LSTM", "LSTM TDL", "GRU", "MLFC", "Neural ODE")]
     specs += [f"LRU: 2x{width} - {mlp}", f"SUBNET: 2x{width} - Encoder: {start}x{tau}"]
     specs += [f"NARX: 1x{width}", f"TCN: 3x{narrow}", f"torch LSTM: 1x{width} - Washout: {tau}", "linear", "constant"]
     specs += ["PySINDy"] if find_spec("pysindy") else []
@@ -42,15 +45,17 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     seeds, updates = {"smoke": (2, 40), "laptop": (1, 1000), "paper": (3, 20_000)}[preset]
     made: list[RunConfig] = []
     for spec in specs:
-        spent = effort(seeds, updates // 3 if spec.startswith(SLOW) else updates)
-        spent = replace(spent, test_stride=50, training=replace(spent.training, batch=32, beta=0.0))
+        given = updates // 3 if spec.startswith(SLOW) else updates
+        spent = effort(seeds, given, every=given // 10)
+        training = replace(spent.training, batch=32, beta=0.0, validation_horizon=VALIDATION)
+        spent = replace(spent, test_stride=50, training=training)
         made += grid((spec,), dataset, {5 if preset == "smoke" else WINDOW: spent})
     return [_as_judged(run, tau) for run in made]
 
 
 def _as_judged(run: RunConfig, tau: int) -> RunConfig:
     """With the benchmark's history, which physics uses to seek the states that nobody measured."""
-    predictor = replace(run.predictor, start="sought") if isinstance(run.predictor, Physics) else run.predictor
+    predictor = replace(run.predictor, start="sought") if isinstance(run.predictor, Physics | Hybrid) else run.predictor
     return replace(run, predictor=predictor, history=tau, simulate=True)
 
 

@@ -2,15 +2,19 @@
 
 Rows of the study `nonlinear_benchmarks` (preset laptop) train in one thread until a processor time is spent, whatever
 their number of updates; of these the one with the least error on the validation part is kept, and whole test recordings
-are simulated once, by the benchmark's protocol. Closed forms take what they take.
+are simulated once, by the benchmark's protocol. Looks at the validation part count, so they are at windows, not at long
+free runs. Closed forms take what they take. Below them stand the libraries of `tests/other_libraries.py` that are
+installed, trained their own way on the same data.
 """
 
 import argparse
 import time
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import torch
+from other_libraries import ENOUGH, EVERY, LIBRARIES
 
 from bench.claims.manifest import entered
 from bench.experiment.config import RunConfig
@@ -25,15 +29,12 @@ from studies.nonlinear_benchmarks import runs
 DATA = "silverbox", "cascaded_tanks", "emps"
 ROWS = "LSTM", "GRU", "SUBNET", "torch LSTM", "PySINDy", "linear"
 """Predictors, each as the study sets it up."""
-EVERY = 25
-"""Updates between two looks at the clock and at the validation part, which count."""
-ENOUGH = 10_000_000
-"""Updates that no budget allows."""
 
 
 def row(config: RunConfig, budget: float) -> tuple[str, float, int, dict[str, float | None]]:
     """Name, CPU seconds of training, updates, and the simulation error of each test recording [SI]."""
-    patient = replace(config.training, updates=ENOUGH, evaluate_every=EVERY, patience=ENOUGH)
+    often = {"updates": ENOUGH, "evaluate_every": EVERY, "patience": ENOUGH, "validation_horizon": 0}
+    patient = replace(config.training, **often)
     config = replace(config, training=patient).resolved()
     data = prepare(config)
     begun = time.process_time()
@@ -56,6 +57,8 @@ def table(budget: float) -> str:
     ]
     lines += [
         f"{budget:g} s of one core for training each, one seed, nothing tuned; RMSE of whole test recordings, SI.",
+        "deepSI and tsfast train their own way with their own defaults, but for windows of 100 samples and the",
+        "benchmark's samples before a simulation (`tests/other_libraries.py`).",
         "",
     ]
     for name in DATA:
@@ -63,6 +66,9 @@ def table(budget: float) -> str:
         for config in runs("laptop", DATASETS.get(name)()):
             wanted.setdefault(config.spec.partition(":")[0], config)
         found = [row(wanted[r], budget) for r in ROWS]
+        for library, (module, trained) in LIBRARIES.items():
+            if find_spec(module):
+                found.append((library, *trained(wanted["LSTM"].resolved(), budget)))
         recordings = list(found[0][3])
         head = ["model", "CPU s", "updates", *recordings]
         lines += [f"## {name}", "", f"| {' | '.join(head)} |", "|---" * len(head) + "|"]

@@ -18,6 +18,7 @@ from bench.training.data import prepare
 from bench.training.model import build_scaled
 from bench.training.simulate import simulated, simulation_errors
 from bench.training.split import load
+from bench.training.train import train
 from registry.datasets.benchmarks.silverbox import OFFICIAL
 from registry.errors import BenchError
 from studies.nonlinear_benchmarks import references
@@ -46,6 +47,37 @@ def test_pieces_are_one_long_run_of_each_recording_alone(spec: str) -> None:
         for i, channel in enumerate(model.predictor.problem.outputs):
             rmse = np.sqrt(np.mean((r.pick([channel.name])[0][TAU:, 0] - want[:, i]) ** 2))
             assert errors[f"simulation.{channel.name}@{r.name}"] == pytest.approx(rmse, rel=1e-3)
+
+
+@pytest.mark.parametrize("spec", ["LSTM: 1x4 - MLP: 4x10", "LRU: 1x4 - MLP: 4x10"])
+@pytest.mark.parametrize("longest", [10**6, 25])
+def test_validation_by_long_free_runs_is_the_simulation_error(spec: str, longest: int) -> None:
+    """The best of the curve is the cost of the kept weights, of runs simulated whole or from piece to piece."""
+    run = config(spec)
+    run = replace(run, training=replace(run.training, validation_horizon=longest))
+    data = prepare(run)
+    (trained,) = train([run], [data])
+    p, costs = trained.model.predictor, []
+    for name in data.split.validation:
+        (r,) = (r for r in load(run.dataset).recordings if r.name == name)
+        u, y = (torch.from_numpy(r.pick(s)[0].astype(np.float32)) for s in (run.inputs, run.outputs))
+        size = min(longest, len(u) - TAU)
+        pieces = [slice(k, k + TAU + size) for k in range(0, len(u) - TAU - size + 1, size)]
+        u, y = torch.stack([u[s] for s in pieces]), torch.stack([y[s] for s in pieces])
+        predicted = trained.model.predict(u[:, :TAU], y[:, :TAU], u[:, TAU:])
+        costs.append(float(p.cost(p.output_scaler(predicted), p.output_scaler(y[:, TAU:]))))
+    assert min(v for _, _, v in trained.curve) == pytest.approx(np.mean(costs), rel=1e-3)
+
+
+def test_untrained_weights_stay_where_training_makes_long_runs_worse() -> None:
+    run = config("LSTM: 1x4 - MLP: 4x10")
+    ruinous = replace(run.training, validation_horizon=10**6, learning_rate=1.0, final_rate=1.0, clip=1e3)
+    run = replace(run, training=ruinous)
+    fresh = build_scaled(run, prepare(run))
+    (trained,) = train([run], [prepare(run)])
+    assert trained.status == "finished" and trained.best_update == 0
+    for name, weight in fresh.named_parameters():
+        torch.testing.assert_close(trained.model.get_parameter(name), weight)
 
 
 def test_the_linear_baseline_goes_on_from_what_it_predicted() -> None:

@@ -31,6 +31,13 @@ class Training:
     )
     stages: int = option(1, "lengths before the whole one, growing by equal factors", low=1, high=100)
     grown_at: float = option(0.5, "fraction of the updates with shorter lengths", low=1e-3, high=1.0)
+    validation_horizon: int = option(
+        0,
+        "longest free run of validation, on recordings whole or in pieces of this length, as a simulation is judged; "
+        "untrained weights may then be the best. 0: windows of the horizon's length",
+        unit="samples",
+        low=0,
+    )
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,8 @@ class WindowedData:
     context_scale: tuple[Tensor, Tensor]
     increment_scale: Tensor | None = None
     """Root mean square (n,) of the outputs' change in a step over the training part, for what predicts changes."""
+    held_back: tuple[tuple[int, int], ...] = ()
+    """Start and length of the longest stretch of valid samples that validate, of each recording that has one."""
 
     def gather(self, starts: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """History inputs (B, τ, m) and outputs (B, τ, n + c), horizon inputs (B, T, m) and outputs (B, T, n), SI."""
@@ -147,7 +149,20 @@ def _prepare(
         output_scale=_scale(outputs.values, trained),
         context_scale=_scale(context.values, trained),
         increment_scale=_change(outputs.values, of[0]),
+        held_back=_stretches(of[1], tau),
     )
+
+
+def _stretches(valid: Sequence[np.ndarray], tau: int) -> tuple[tuple[int, int], ...]:
+    """Start among the samples of all recordings, joined, and length of each one's longest valid stretch beyond τ."""
+    found, before = [], 0
+    for own in valid:
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], own, [False]])))
+        starts, lengths = edges[::2], edges[1::2] - edges[::2]
+        if lengths.max(initial=0) > tau:
+            found.append((before + int(starts[lengths.argmax()]), int(lengths.max())))
+        before += len(own)
+    return tuple(found)
 
 
 def _scale(values: Tensor, trained: np.ndarray) -> tuple[Tensor, Tensor]:

@@ -30,12 +30,20 @@ class Model(nn.Module):
         if self.training:
             u_history, y_history, u, y = p.augment((u_history, y_history, u, y))
         state = self.state(u_history, y_history)
-        predicted = p.training_rollout(u, y, state) if self.training else p.rollout(u, state)[0]
+        predicted = p.training_rollout(u, y, state) if self.training else self._free_run(u, state)
         cost = times(alpha, p.cost(predicted, y))
         if beta and self.initializer is not None and self.initializer.uses_state_cost:
             last = y_history[..., -1, : p.n_outputs]
             cost = cost + times(beta, state_initialization_cost(p, state, u_history[..., -1, :], last))
         return cost
+
+    def _free_run(self, u: Tensor, state: Tensor) -> Tensor:
+        """Scaled outputs (…, T, n); a run longer than the horizon goes on from piece to piece by its state."""
+        pieces = []
+        for piece in u.split(self.predictor.problem.horizon, -2):
+            outputs, state = self.predictor.rollout(piece, state)
+            pieces.append(outputs)
+        return pieces[0] if len(pieces) == 1 else torch.cat(pieces, -2)
 
     def predict(self, u_history: Tensor, y_history: Tensor, u: Tensor) -> Tensor:
         """SI windows (B, τ, m), (B, τ, n + c), (B, T, m) → SI outputs (B, T, n), without gradients."""

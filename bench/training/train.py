@@ -191,8 +191,17 @@ class Group:
             )
             self._train_only([self.active[j] for j in left])
 
-    def _validation(self, i: int) -> tuple[Tensor, ...]:
-        return self.scaled[i].gather(self.scaled[i].validation.every(self.options.validation_windows).starts)
+    def _validation(self, i: int) -> list[tuple[Tensor, ...]]:
+        """What the run is validated on: (B, …) each, windows of one length together."""
+        data = self.scaled[i]
+        longest = self.options.validation_horizon
+        if not longest:
+            return [data.gather(data.validation.every(self.options.validation_windows).starts)]
+        starts: dict[int, list[int]] = {}
+        for first, length in data.held_back:
+            run = min(longest, length - data.tau)
+            starts.setdefault(run, []).extend(range(first, first + length - data.tau - run + 1, run))
+        return [replace(data, horizon=run).gather(torch.tensor(at)) for run, at in starts.items()]
 
     def _batch(self) -> tuple[Tensor, ...]:
         """The next batch of every model, (M, B, …) or (B, …) each: a permutation an epoch, drawn from its own seed."""
@@ -221,6 +230,8 @@ class Group:
             progress(self.update * len(self.runs))
             self._prune(on_validation)
         o = self.options
+        if o.validation_horizon and not self.update:
+            self._validate(0)
         while self.update < o.updates and self.active:
             self.step()
             if self.update % o.evaluate_every == 0 or self.update == o.updates:
@@ -264,23 +275,30 @@ class Group:
         self._draw_from(f"validation/{self.update}")  # a random washout start
         for j, i in enumerate(self.active):
             run = self.runs[i]
-            with torch.no_grad():
-                windows = tuple(x.unsqueeze(0)[self.lead] for x in self.validation[i])
-                cost = functional_call(self.network, self.named(self.theta[j : j + 1]), (*windows, 1.0, 0.0))
-            validation = float(cost)
-            run.curve.append((self.update, float(self.train_cost[j]) / since, validation))
-            if not math.isfinite(validation):
-                run.ended, run.ended_at = "diverged", self.update
-            elif validation < run.best:
+            validation = self._cost(i, self.theta[j : j + 1])
+            if since:
+                run.curve.append((self.update, float(self.train_cost[j]) / since, validation))
+            if validation < run.best:
                 run.best, run.best_update, run.stale = validation, self.update, 0
                 self.best[i] = self.theta[j]
-            else:
+            elif math.isfinite(validation) or self.options.validation_horizon:  # long runs get away early on
                 run.stale += 1
                 if run.stale >= self.options.patience:
                     run.ended, run.ended_at = "finished", self.update
+            else:
+                run.ended, run.ended_at = "diverged", self.update
         self.network.train()
         self.train_cost.zero_()
         self._leave_ended()
+
+    def _cost(self, i: int, theta: Tensor) -> float:
+        """Cost of free runs of a model with weights (1, P), the mean over its batches."""
+        costs = []
+        for batch in self.validation[i]:
+            windows = tuple(x.unsqueeze(0)[self.lead] for x in batch)
+            with torch.no_grad():
+                costs.append(float(functional_call(self.network, self.named(theta), (*windows, 1.0, 0.0))))
+        return sum(costs) / len(costs)
 
     def _prune(self, on_validation: OnValidation) -> None:
         """Show the curves, and end the runs that need not go on."""

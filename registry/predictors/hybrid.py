@@ -20,15 +20,13 @@ from registry.contracts import (
     StateLayout,
 )
 from registry.core import PREDICTORS, option
-from registry.errors import BenchError
-from registry.kernels.lstm import Layer
-from registry.kernels.lstm_cell import LSTMCell
 from registry.kernels.mlp import affine, mlp_vjp
 from registry.kernels.native import hybrid as native
 from registry.kernels.native.library import core_for
 from registry.physics.quadrotor import Quadrotor
 from registry.predictors.baselines.physics import digest
-from registry.predictors.lstm import LSTMWeights, names
+from registry.predictors.lstm import names
+from registry.predictors.parts.hybrid_network import Network, RunningNetwork, single
 from registry.predictors.parts.physics_core import (
     GeneralCore,
     PhysicsCore,
@@ -43,70 +41,6 @@ Ran = tuple[Tensor, Tensor, Tensor, States]
 """Outputs (B, T, n), those before compensation, and the states after the run: of the physics model, of the networks."""
 
 
-class Network(Predictor):
-    """One of the two LSTM networks of a hybrid model: hidden and cell states, no buffers.
-
-    Its read-out starts at zero: a fresh hybrid model is its physics model.
-    """
-
-    def __init__(self, entry: "Hybrid", problem: Problem, columns: int, rows: int) -> None:
-        super().__init__(problem)
-        size = entry.layers * entry.hidden
-        self.layers, self.layout = entry.layers, StateLayout(0, size, size)
-        weights = LSTMWeights(columns, entry.layers, entry.hidden, entry.weight_scale, entry.forget_bias)
-        self.input_weight, self.recurrent_weight = weights.input_weight, weights.recurrent_weight
-        self.bias, self.peephole = weights.bias, weights.peephole
-        self.output_weight = nn.Parameter(torch.zeros(rows, entry.hidden))
-        self.output_bias = nn.Parameter(torch.zeros(rows))
-
-    def weights(self) -> list[Tensor]:
-        """Those of the layers, one layer after the other, then of the read-out; without a model dimension."""
-        series = (self.input_weight, self.recurrent_weight, self.bias, self.peephole)
-        each = [_single(w, dims) for ws in zip(*series, strict=True) for w, dims in zip(ws, (2, 2, 1, 2), strict=True)]
-        return [*each, _single(self.output_weight, 2), _single(self.output_bias, 1)]
-
-    def init_buffers(self, inputs: Tensor, outputs: Tensor) -> Tensor:
-        """No buffers (B, 0)."""
-        return inputs[..., -1, :0]
-
-    def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """See `Predictor.rollout`.
-
-        Raises:
-            BenchError: always; within the hybrid model it sees what no recording holds.
-        """
-        raise BenchError("The networks of a Hybrid do not run alone: initialize it by MLP or RNN.")
-
-
-class _Running:
-    """A network in the loop: its weights laid out, and its states (L, H, B) now."""
-
-    def __init__(self, network: Network, hidden: Tensor, cell: Tensor) -> None:
-        *layers, self.weight, bias = network.weights()
-        self.cell = LSTMCell([Layer(*layers[i : i + 4]) for i in range(0, len(layers), 4)])
-        self.bias = bias.unsqueeze(-1)
-        self.states = tuple(s.T.unflatten(0, (network.layers, -1)).contiguous() for s in (hidden, cell))
-
-    def read(self) -> Tensor:
-        """What the read-out says of the states now (rows, B)."""
-        return torch.addmm(self.bias, self.weight, self.states[0][-1])
-
-    def step(self, *entering: Tensor) -> Tensor:
-        """What it says (rows, B) a step later, when ``entering`` (K_i, B) enter."""
-        self.states = self.cell(entering, *self.states)
-        return self.read()
-
-    def ends(self) -> tuple[Tensor, Tensor]:
-        """Hidden and cell states (B, L·H) now."""
-        hidden, cell = (s.flatten(0, 1).T for s in self.states)
-        return hidden, cell
-
-
-def _single(weight: Tensor, dims: int) -> Tensor:
-    """A weight without the leading model dimension that training gives it."""
-    return weight.squeeze(0) if weight.dim() > dims else weight
-
-
 class HybridPredictor(Composite):
     """Input model, physics model and output model; see `Hybrid`.
 
@@ -119,7 +53,7 @@ class HybridPredictor(Composite):
         self.history = problem.history
         self.residual, self.added = entry.input_model == "residual", entry.output_model == "added"
         thrust = WhiteBox(problem, entry.model, driven=False).bare
-        self.box = WhiteBox(problem, entry.model, driven=self.residual or not thrust)
+        self.box = WhiteBox(problem, entry.model, self.residual or not thrust, sought=entry.start == "sought")
         m, n, drives = self.n_inputs, self.n_outputs, len(self.box.drives)
         given = 4 if thrust else drives - self.box.extras
         self.input_network = Network(entry, problem, m + n, given)
@@ -277,7 +211,7 @@ class HybridPredictor(Composite):
 
     def _loop(self, inputs: Tensor, x: Tensor, motion: PhysicsCore, states: States, feedback: Tensor | None) -> Ran:
         """Step by step, for any physics."""
-        networks = [_Running(p, *pair) for p, pair in zip(self._networks(), states, strict=True)]
+        networks = [RunningNetwork(p, *pair) for p, pair in zip(self._networks(), states, strict=True)]
         first, second = networks[0], networks[1] if len(networks) > 1 else None
         scale, offset = self.output_scaler.scale, self.output_scaler.offset
         picking, putting = self.picking / scale.unsqueeze(-1), self.putting * scale
@@ -324,7 +258,7 @@ class HybridPredictor(Composite):
     def _motion(self, before: Tensor, driving: Tensor) -> PhysicsCore:
         model: Any = self.box.model
         if self.constants is not None:
-            model = with_constants(model, _single(self.constants, 1))
+            model = with_constants(model, single(self.constants, 1))
         if self.box.bare:
             assert isinstance(model, Quadrotor)
             return RigidBodyCore(self.box, model, before, driving, self.residual)
@@ -358,6 +292,11 @@ class Hybrid(PredictorEntry):
         choices=("added", "alone", "none"),
     )
     model: str = option("", "path of a model.toml, as `bench extend` writes it; empty: nominal constants")
+    start: str = option(
+        "zero",
+        "unmeasured states at the start of the history: zero, or sought so that a free run meets the history best",
+        choices=("zero", "sought"),
+    )
     fit_constants: bool = option(False, "train uncertain physical constants too, within 10 standard deviations")
     weight_scale: float = option(1.0, "initial weights are uniform within ± this / √fan-in", low=0.0, high=10.0)
     forget_bias: float = option(1.0, "initial bias of the forget gates", low=-10.0, high=10.0)

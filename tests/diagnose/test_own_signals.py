@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
+from bench.cli import cli
 from bench.diagnose import compare, discover, load
 from registry.errors import BenchError
 
@@ -145,3 +147,21 @@ def test_an_arm_of_two_joints_is_compared_joint_by_joint(mine: Path, tmp_path: P
     )
     with pytest.raises(BenchError, match=r"torque has 1 column\(s\), and Arm means 2: shoulder, elbow"):
         load(tmp_path / "arm", f"{mine}:Arm")
+
+
+def test_a_class_of_ones_own_names_the_columns_of_the_draft(mine: Path, tmp_path: Path) -> None:
+    names = ["t", *(f"{s}_{j}" for s in ("angle", "torque", "angle_rate") for j in ("shoulder", "elbow")), "note"]
+    table = np.column_stack([np.arange(500) / 100, np.random.default_rng(0).normal(size=(500, 7))])
+    np.savetxt(tmp_path / "a.csv", table, "%.9g", ",", header=",".join(names), comments="")
+    done = CliRunner().invoke(cli, ["data", "init", str(tmp_path), "--system", f"{mine}:Arm"])
+    assert done.exception is None, done.exception
+    text = (tmp_path / "dataset.toml").read_text()
+    for line in (
+        'input = "torque"',
+        'torque = {columns = ["torque_shoulder", "torque_elbow"], unit = "N m"}',
+        'angle_rate = {columns = ["angle_rate_shoulder", "angle_rate_elbow"], unit = "rad/s"}',
+        '# TODO: what is column "note"?',
+        "m1 = 1.0  # kg; m_1",
+    ):
+        assert line in text
+    assert load(tmp_path, f"{mine}:Arm").logs[0].name.startswith("a")

@@ -60,6 +60,7 @@ FORCE = "return tensor(self.gain, state).unsqueeze(-1) * inputs"
     ("was", "becomes", "says"),
     [
         (FORCE, "return self.gian * inputs", r"Cart.derivative, line 19 fails with AttributeError: .*gian"),
+        (FORCE, "return tensor(self.gain, state) * inputs", r"with constants \(3,\), one a state: write tensor"),
         (FORCE, "return inputs @ state", r"Cart.derivative, line 19 fails with RuntimeError"),
         (FORCE, "raise SystemExit(0)", r"Cart.derivative, line 19 fails with SystemExit"),
         (FORCE, "return own_force(self, state, inputs)", r"line 19 fails with NameError"),

@@ -31,8 +31,9 @@ def test_each_window_by_itself_and_in_single_precision() -> None:
     np.testing.assert_allclose(found[:, 0].numpy(), true[:, 1].numpy(), atol=1e-4)
 
 
-def test_a_simulation_starts_from_the_level_that_nobody_measured() -> None:
-    """Of two tanks five samples of the lower level tell the upper one."""
+@pytest.mark.parametrize("name", ["physics", "Hybrid residual"])
+def test_a_simulation_starts_from_the_level_that_nobody_measured(name: str) -> None:
+    """Of two tanks five samples of the lower level tell the upper one; an untrained hybrid is the physics model."""
     true = torch.tensor([[7.0, 4.0]], dtype=torch.float64)
     u = 2 + torch.rand(1, 60, 1, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
     level = Tanks(input_hold="previous").simulate(true, u, 4.0)[..., 1:]
@@ -41,7 +42,9 @@ def test_a_simulation_starts_from_the_level_that_nobody_measured() -> None:
     problem = Problem(*channels, 55, 5, rate=0.25, system="tanks", physics=nominal, input_hold="previous")
     errors = {}
     for start in ("zero", "sought"):
-        predictor = PREDICTORS.get("physics")(start=start).build(problem).double()
-        predicted = predictor(u[:, 5:], predictor.init_buffers(u[:, :5], level[:, :5]))
+        predictor = PREDICTORS.get(name)(start=start).build(problem).double()
+        state = predictor.init_buffers(u[:, :5], level[:, :5])
+        state = torch.nn.functional.pad(state, (0, predictor.layout.size - state.shape[-1]))  # networks at rest
+        predicted = predictor(u[:, 5:], state)
         errors[start] = (predicted - level[:, 5:]).abs().max().item()
     assert errors["sought"] < 1e-3 < 0.5 < errors["zero"]

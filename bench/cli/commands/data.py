@@ -36,7 +36,12 @@ def inspect_command(name: str, assignments: tuple[str, ...]) -> None:
 
 @data_command.command("init")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
-@click.option("--system", metavar="NAME", default="", help="Physics model; default: a vehicle's, or none.")
+@click.option(
+    "--system",
+    metavar="NAME|FILE.py:CLASS",
+    default="",
+    help="Physics model, or your own class; default: a vehicle's, or none.",
+)
 def init_command(folder: Path, system: str) -> None:
     """Draft FOLDER/dataset.toml from the headers and the clock of its CSV or Parquet files.
 
@@ -46,13 +51,19 @@ def init_command(folder: Path, system: str) -> None:
     \b
     bench data init flights/
     bench data init spring/ --system oscillator    `bench list physics` names the systems, `bench show` their signals
+    bench data init arm/ --system mine.py:Arm      your own physics
     """
     from registry.datasets.folder.draft import NO_PHYSICS, draft
 
     target = folder / "dataset.toml"
     if target.exists():
         raise BenchError(f"{target} exists already: edit it, or move it away to draft a new one.")
-    text = draft(folder, system)
+    own = None
+    if ".py:" in system:
+        from bench.diagnose.logs.own_system import own_class
+
+        own = own_class(system)
+    text = draft(folder, "" if own else system, own=own)
     try:
         target.write_text(text)
     except OSError as error:

@@ -4,6 +4,7 @@ import importlib.util
 import sys
 import traceback
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -83,19 +84,28 @@ def _tried(where: str, file: Path, kind: Any) -> None:
     width = _do(where, file, f"{name}()", lambda: drives(model))
     state = torch.linspace(0.5, 1.5, BATCH * size, dtype=torch.float64).reshape(BATCH, size)
     inputs = torch.linspace(1.0, 2.0, BATCH * width, dtype=torch.float64).reshape(BATCH, width)
-    for call, asked in (("derivative", (state, inputs)), ("project", (state,))):
-        made = _do(where, file, f"{name}.{call}", partial(getattr(model, call), *asked))
+    one = {p.name: torch.full((BATCH,), float(p.value)) for p in model.parameters() if isinstance(p.value, int | float)}
+    each = _do(where, file, f"{name}()", lambda: replace(model, **one))
+    asked = [
+        ("derivative", model, (state, inputs)),
+        ("project", model, (state,)),
+        ("derivative", each, (state, inputs)),
+    ]
+    for call, made_by, given in asked:
+        hint = (
+            " with constants (3,), one a state: write tensor(self.CONSTANT, state).unsqueeze(-1) beside state[..., 1:]"
+        )
+        told = f"{name}.{call}" + hint * (made_by is each)
+        made = _do(where, file, told, partial(getattr(made_by, call), *given))
         if not isinstance(made, Tensor):
-            raise BenchError(
-                f"{where}: {name}.{call} returns {type(made).__name__}, where a tensor (…, {size}) is due."
-            )
+            raise BenchError(f"{where}: {told} returns {type(made).__name__}, where a tensor (…, {size}) is due.")
         if made.shape != state.shape:
             raise BenchError(
-                f"{where}: {name}.{call} makes {tuple(made.shape)} of states {tuple(state.shape)} and inputs "
+                f"{where}: {told} makes {tuple(made.shape)} of states {tuple(state.shape)} and inputs "
                 f"{tuple(inputs.shape)}: it must have the shape of the states, (…, {size})."
             )
         if not made.is_floating_point():
-            raise BenchError(f"{where}: {name}.{call} returns {made.dtype}, where floats are due.")
+            raise BenchError(f"{where}: {told} returns {made.dtype}, where floats are due.")
 
 
 def _do(where: str, file: Path, what: str, action: Callable[[], Any]) -> Any:

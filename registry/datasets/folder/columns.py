@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from registry.errors import BenchError
-from registry.units import SIGNALS, checked, measures, to_si
+from registry.units import SIGNALS, Signal, checked, measures, to_si
 
 TIME = r"%?time(?:_?(?:s|ms|us|ns))?|t|t_?(?:s|ms|us|ns)|timestamp(?:_?(?:s|ms|us|ns))?|tick|(?:.*\.)?stamp"
 """Of the column that holds the time."""
@@ -82,8 +82,8 @@ _NAMED: dict[str, str] = {
 }
 """Of systems with one axis, whose names are too short to be guessed where the system is not named."""
 _DRIVES = (
-    r"u_?\d*|in(?:put)?_?\d*|(?:.*[_.])?(?:cmd|command|set_?point|reference|ref|drive|duty|throttle|pwm|pump|valve|heater)"
-    r"(?:_.*|\d+)?"
+    r"u_?\d*|in(?:put)?_?\d*|(?:.*[_.])?(?:cmd|command|set_?point|reference|ref|drive|duty|throttle|pwm|pump|valve|heater"
+    r"|torque|force|voltage|current)(?:_.*|\d+)?"
 )
 """What drives a system of which nothing else is known."""
 _SUFFIXES = ("l_min", "m_s", "rad_s", "deg_s", "degc", "bar", "kpa", "pa", "rpm", "hz", "kg", "mm", "deg", "rad")
@@ -143,6 +143,24 @@ def recognised(names: Sequence[str], wanted: Collection[str] = (), units: Mappin
     return found
 
 
+def of_own(names: Sequence[str], wanted: Mapping[str, Signal], units: Mapping[str, str]) -> Found:
+    """The signals of a class of one's own: columns called as they are, "torque", or as their axes, "torque_elbow"."""
+    found = Found(left=list(names))
+    for signal, about in wanted.items():
+        axes = [a for a in about.axes if a]
+        ways = [[rf"{signal}[._ ]?{a}" for a in axes], list(map(re.escape, axes)), [signal] * (len(about.axes) == 1)]
+        for patterns in ways:
+            columns = [next((n for n in found.left if re.fullmatch(p, bare(n), re.IGNORECASE)), "") for p in patterns]
+            if not columns or not all(columns) or len(set(columns)) < len(columns):
+                continue
+            written = [units.get(c, "") or _unit(c) for c in columns]
+            unit = written[0] if len(set(written)) == 1 and written[0] else about.unit
+            found.signals[signal], found.columns[signal] = _entry(columns, f'unit = "{unit}"'), columns
+            found.left = [n for n in found.left if n not in columns]
+            break
+    return found
+
+
 def _in_units(about: str, columns: Sequence[str], units: Mapping[str, str]) -> str:
     """The rest of an entry with the one unit that the file states of its columns, if that measures the same."""
     (usual,) = re.findall(r'unit = "([^"]*)"', about)
@@ -194,7 +212,7 @@ def _guesses(wanted: Collection[str]) -> list[tuple[str, str, tuple[str, ...]]]:
     found = [g for g in _GUESSES if g[0] in wanted]
     for signal in (s for s in wanted if s not in {g[0] for g in _GUESSES}):
         known = SIGNALS[signal]
-        patterns = (_NAMED[signal] + f"|{signal}",) if signal in _NAMED else known.axes
+        patterns = (_NAMED[signal] + rf"|{signal}(?:\.\w+)?",) if signal in _NAMED else known.axes
         if patterns:
             found.append((signal, f'unit = "{known.unit}"', patterns))
     return found

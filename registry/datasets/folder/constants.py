@@ -39,16 +39,13 @@ def physics_lines(
     spread = {name: c.uncertainty for name, c in given.items() if c.uncertainty is not None}
     uncertain = ["", "[physics.uncertainty]  # relative, 1σ", *(f"{name} = {u:g}" for name, u in spread.items())]
     ask = "# TODO: what this system has, SI; physics models need all of these, networks none"
+    free = {name: line for name, line in lines.items() if name not in own and name not in given}
     return [
         *(["[physics]"] if given else [] if own else ["# [physics]"]),
         *(f"{name} = {json.dumps(c.value)}  {lines[name][1]}; {c.origin}" for name, c in given.items()),
         *([ask if given else f"# [physics]  {ask}"] if own else []),
         *(f"# {name} = …  {lines[name][1]}" + (f"; {hints[name]}" if hints and name in hints else "") for name in own),
-        "# These may be left out, and are then as here:",
-        *(
-            f"# {name} = {value}  {about}"
-            for name, (value, about) in lines.items()
-            if name not in own and name not in given
-        ),
+        *["# These may be left out, and are then as here:"] * bool(free),
+        *(f"# {name} = {value}  {about}" for name, (value, about) in free.items()),
         *(uncertain if spread else []),
     ]

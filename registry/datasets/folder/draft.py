@@ -3,19 +3,20 @@
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from registry.core import PHYSICS
-from registry.datasets.folder.columns import Found, bare, drives, own_signal, recognised, time_column
+from registry.datasets.folder.columns import Found, bare, drives, of_own, own_signal, recognised, time_column
 from registry.datasets.folder.constants import Constant, physics_lines
 from registry.datasets.folder.description import SECONDS
 from registry.datasets.reading.tables import ENDINGS, MissingValue, header, numbers, units
+from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
-from registry.units import SIGNALS
+from registry.units import SIGNALS, Signal
 
 MOTION = ("position", "attitude", "velocity", "body_rates", "specific_force")
 """Signals that only a vehicle has."""
@@ -36,7 +37,9 @@ class Known:
     """Whether the format of the log says units and frames, so that none need be checked."""
 
 
-def draft(folder: str | Path, system: str = "", known: Known | None = None) -> str:
+def draft(
+    folder: str | Path, system: str = "", known: Known | None = None, own: type[PhysicsModel] | None = None
+) -> str:
     """The text of a `dataset.toml` for the files of ``folder``: guesses, and TODO lines for what is left.
 
     Args:
@@ -44,6 +47,7 @@ def draft(folder: str | Path, system: str = "", known: Known | None = None) -> s
         system: the physics model's registered name; "": a quadrotor or a helicopter where the columns hold the motion
             of a vehicle, and else none.
         known: of files that an importer wrote; None: they are a user's own.
+        own: a class of one's own in the place of a registered system.
 
     Raises:
         BenchError: the folder holds no CSV or Parquet file, the first one cannot be read, the system is unknown, or
@@ -62,7 +66,7 @@ def draft(folder: str | Path, system: str = "", known: Known | None = None) -> s
     wanted = _signals_of(system) if system else {}
     stated = units(files[0])
     found = recognised(columns, wanted, stated)
-    if not system and set(found.signals) & {*MOTION, "pilot"}:
+    if own is None and not system and set(found.signals) & {*MOTION, "pilot"}:
         system = "helicopter" if "pilot" in found.signals else "quadrotor"
         if sure and not set(found.signals) & set(PHYSICS.get(system).input_signals):
             system = ""  # nothing drives it, and nobody can add what the log lacks
@@ -75,6 +79,8 @@ def draft(folder: str | Path, system: str = "", known: Known | None = None) -> s
         f'files = "*{ending}"',
         f"time = {json.dumps(time, ensure_ascii=False)}" if time else 'time = "t"  # TODO: no column looks like time',
     ]
+    if own is not None:
+        return "\n".join([*lines, *_of_own(own, columns, stated)]) + "\n"
     if system:
         return "\n".join([*lines, *_of_system(system, wanted, found, known)]) + "\n"
     return "\n".join([*lines, *_of_networks(files[0], found, stated)]) + "\n"
@@ -102,6 +108,35 @@ def _of_system(system: str, wanted: dict[str, str], found: Found, known: Known |
         ),
         "",
         *physics_lines(system, driver or "", known.constants if known else {}),
+    ]
+
+
+def _of_own(kind: type[PhysicsModel], columns: Sequence[str], stated: Mapping[str, str]) -> list[str]:
+    """What follows the clock for a class of one's own: its signals by their names, its constants as it has them."""
+    groups = dict.fromkeys(c.group for c in kind.state_channels)
+    wanted = {
+        g: Signal(next(c.unit for c in own), tuple(c.axis for c in own))
+        for g in groups
+        if (own := [c for c in kind.state_channels if c.group == g])
+    }
+    known = {**SIGNALS, **kind.signals}
+    found = of_own(columns, wanted | {name: known[name] for name in kind.input_signals}, stated)
+    driver = next((s for s in kind.input_signals if s in found.signals), None)
+    missing = [s for s in (*wanted, *(() if driver else kind.input_signals[:1])) if s not in found.signals]
+    return [
+        *([f'input = "{driver}"'] if driver else ["# TODO: input, the signal that drives the system"] * bool(missing)),
+        'input_hold = "linear"  # TODO: "previous" if the input is a command',
+        "",
+        "[signals]  # TODO: check every unit",
+        *(f"{signal} = {entry}" for signal, entry in found.signals.items()),
+        *(
+            f'# TODO: {m} = {{columns = ["…"], unit = "{(wanted | known)[m].unit}"}}, if it was measured'
+            for m in missing
+        ),
+        *(f"# TODO: what is column {json.dumps(n, ensure_ascii=False)}?" for n in found.left),
+        "",
+        f"[physics]  # TODO: what this system has, SI; here as {kind.__name__} has them",
+        *(f"{p.name} = {json.dumps(p.value)}  # {p.unit}; {p.about}" for p in kind().parameters()),
     ]
 
 
