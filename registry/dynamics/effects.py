@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -105,6 +106,15 @@ class Effect(ABC):
     def neutral(cls) -> Self:
         """With the parameters that make it no effect."""
         return cls()
+
+    @classmethod
+    def neutral_among(cls, medians: Mapping[str, float]) -> Self:
+        """`neutral`, with what is not fitted of it as recordings suggest.
+
+        Args:
+            medians: of the signals that a model has as `PhysicsModel.extras`, by name, SI.
+        """
+        return cls.neutral()
 
     @classmethod
     def typical(cls) -> Self:

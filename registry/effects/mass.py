@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 from torch import Tensor
 
 from registry.core import EFFECTS
-from registry.dynamics import LoadEffect, ModelEffect, Motion, constant, tensor, vector
+from registry.dynamics import ModelEffect, constant, tensor, vector
 
 _MAGNITUDE = "order of magnitude"
 
@@ -56,20 +56,26 @@ class InertiaProducts(ModelEffect):
 
 @EFFECTS.register("cog_offset")
 @dataclass(frozen=True)
-class CogOffset(LoadEffect):
-    """The centre of gravity is not where the rotor positions are measured from, so that thrust turns the body."""
+class CogOffset(ModelEffect):
+    """The centre of gravity is not where the rotor positions are measured from, so that thrust turns the body.
+
+    All that acts at the hubs does, and their velocity through the air and their height change with it.
+    """
 
     x: Any = constant(0.0, "of the centre of gravity, along body x", "m", low=-0.1, high=0.1, typical=0.003)
     y: Any = constant(0.0, "of the centre of gravity, along body y", "m", low=-0.1, high=0.1, typical=0.003)
-    equation: ClassVar[str] = "τ = −r_cg × T e3,  T = Σ T_i"
+    equation: ClassVar[str] = "r_i → r_i − r_cg,  r_cg = (x, y, 0)"
     needs: ClassVar[tuple[str, ...]] = ("body_rates",)
     systems: ClassVar[tuple[str, ...]] = ("quadrotor",)
     manoeuvre: ClassVar[str] = (
         "climb and descend hard with little rotation: this torque grows with the thrust, a constant one does not"
     )
 
-    def load(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        """No force; torque (…, 3) [N m], body frame."""
-        thrust = motion.total_thrust
-        arm = vector((self.y, self.x, 0.0), thrust) * tensor((-1.0, 1.0, 0.0), thrust)  # −r_cg × e3
-        return tensor((0.0, 0.0, 0.0), thrust), arm * thrust.unsqueeze(-1)
+    def adapt(self, model: Any) -> Any:
+        """The model with its hubs (…, rotors, 3) as they are seen from the centre of gravity."""
+        hubs = model.rotor_positions
+        tensors = [c for c in (self.x, self.y, hubs) if isinstance(c, Tensor)]
+        if not tensors:
+            return replace(model, rotor_positions=tuple((x - self.x, y - self.y, z) for x, y, z in hubs))
+        centre = vector((self.x, self.y, 0.0), tensors[0]).unsqueeze(-2)
+        return replace(model, rotor_positions=tensor(hubs, centre) - centre)

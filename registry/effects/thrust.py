@@ -1,7 +1,8 @@
 """Thrust that is not what k_f and the rotor speed say, or does not point along body z."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from torch import Tensor
 
@@ -10,6 +11,8 @@ from registry.dynamics import LoadEffect, Motion, ThrustEffect, constant, tensor
 from registry.errors import BenchError
 
 _MAGNITUDE = "order of magnitude"
+_CELL, _CELL_IN_FLIGHT = 3.7, 3.8
+"""Voltage of a lithium-polymer cell [V]: nominal, and about what it has in the middle of a flight."""
 
 
 @EFFECTS.register("thrust_scale")
@@ -64,11 +67,11 @@ class BatterySag(ThrustEffect):
     slope: Any = constant(0.0, "relative gain over voltage", "1/V", low=-2, high=2, typical=0.1, source=_MAGNITUDE)
     rate: Any = constant(0.0, "relative loss over time", "1/s", low=-0.05, high=0.05, typical=1e-3, source=_MAGNITUDE)
     reference: Any = constant(
-        3.7,
-        "V_ref: voltage at which k_f holds, not fitted",
+        _CELL,
+        "V_ref: voltage at which k_f holds, not fitted: 3.7 V a cell of the pack",
         "V",
         low=0,
-        typical=3.7,
+        typical=_CELL,
         uncertainty=0.0,
         source="one lithium-polymer cell, nominal",
     )
@@ -79,6 +82,15 @@ class BatterySag(ThrustEffect):
         "log the voltage and fly the same with a full and with a nearly empty battery: the error of the thrust changes "
         "between them, that of a wrong mass or thrust coefficient does not"
     )
+
+    @classmethod
+    def neutral_among(cls, medians: Mapping[str, float]) -> Self:
+        """About the nominal voltage of a pack of as many cells as give the logged one.
+
+        About that of one cell the thrust of a large pack would hardly be the stated one, whatever the slope.
+        """
+        cells = max(1, round(medians.get("battery", _CELL) / _CELL_IN_FLIGHT))
+        return cls(reference=cells * _CELL)
 
     def thrust_factor(self, motion: Motion) -> Tensor:
         """One factor (…, 1) for all rotors.

@@ -15,7 +15,7 @@ from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select import verify
-from bench.diagnose.select.choose import accepted, choose
+from bench.diagnose.select.choose import accepted, choose, select_across_views
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Subsets
 from registry.core import EFFECTS
@@ -48,6 +48,19 @@ def test_what_noise_dwarfs_is_not_named_however_significant_it_is(gain: float, n
     smaller, larger = view.subsets.fit(), view.subsets.fit(view.subsets.starts)
     assert smaller.misfit - larger.misfit > 10 * view.subsets.penalty  # 0.6 % of 40 000 rows is significant
     assert accepted(view, smaller, larger) is named
+
+
+def test_noise_of_the_inputs_is_no_noise_where_less_than_nothing_would_be_left() -> None:
+    """Restless inputs look noisy and move the system: taken off, that makes a set of effects look perfect."""
+    drag, other, noise = np.random.default_rng(0).normal(size=(3, BLOCKS, ROWS))
+    plain = view_of(30 * drag + noise, drag=drag, other=other)
+    false = np.zeros((1, 4, 4))
+    false[0, 2, 2], false[0, 2, 3], false[0, 3, 2], false[0, 3, 3] = 0.2, -4.0, -4.0, 4.0
+    less = replace(plain, subsets=Subsets(plain.linear, plain.subsets.normal.less(false)))
+    assert less.subsets.fit().misfit > 0 and choose(less)[0].misfit < -less.floor
+    view, fit, _ = select_across_views([less, plain])
+    assert view is plain and fit.ids == ("drag",)
+    assert select_across_views([plain])[1].ids == ("drag",)
 
 
 def test_an_effect_that_shows_only_beside_two_others_is_found() -> None:

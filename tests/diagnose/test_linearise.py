@@ -66,3 +66,23 @@ def test_models_that_share_what_is_alike_have_the_rates_of_each_alone():
         for row, found in zip(values.numpy(), together, strict=True):
             alone = mean_rates(with_values(model, where, row), stack)
             torch.testing.assert_close(found, alone, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(("volts", "reference"), [(3.8, 3.7), (7.5, 7.4), (15.9, 14.8), (16.6, 14.8), (22.4, 22.2)])
+def test_a_sagging_battery_is_sought_about_the_voltage_of_its_cells(volts: float, reference: float) -> None:
+    """About that of one cell, a slope of 0.06 1/V of a pack of four takes its thrust coefficient to a quarter."""
+    rng, samples = np.random.default_rng(2), 60
+    states = np.column_stack(
+        [rng.normal(0, 0.3, (samples, 6)), np.tile([0, 0, 0, 1.0], (samples, 1)), np.zeros((samples, 3))]
+    )
+    rotors, battery = np.full((samples, 4), 496.0), volts + 0.1 * rng.normal(size=samples)
+    inputs = np.column_stack([rotors, battery, np.arange(samples) / 100])
+    x, u, valid = torch.from_numpy(states), torch.from_numpy(inputs), torch.ones(samples, dtype=torch.bool)
+    stack = LogBatch.of([Log("flight", 100.0, x, (True,) * 13, u, valid, None)])  # type: ignore[arg-type]
+    model = Quadrotor(extras=("battery", "time"))
+    linear = directions(model, model, {}, stack, [("battery_sag", EFFECTS.get("battery_sag"))])
+    (start,) = linear.starts
+    assert start.effect.parameters()[2].value == pytest.approx(reference)
+    lift = linear.columns[start.columns[0]][0, :, list(linear.channels).index(5)]
+    expected = (battery[:-1] + battery[1:]) / 2 - reference
+    np.testing.assert_allclose(lift, 4 * model.thrust_coefficient * 496.0**2 / model.mass * expected, rtol=1e-6)

@@ -28,7 +28,10 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
     e3, p = np.array([0.0, 0.0, 1.0]), effects.get
     rotation, v, w, swing = Rotation.from_quat(state[6:10]).as_matrix(), state[3:6], state[10:13], state[13:]
     v_b = rotation.T @ (v - wind)
-    v_hub = [v_b + np.cross(w, r) for r in HUBS]
+    hubs = HUBS
+    if e := p("cog_offset"):
+        hubs = HUBS - np.array([e["x"], e["y"], 0])
+    v_hub = [v_b + np.cross(w, r) for r in hubs]
 
     thrust = K_F * speeds**2
     if e := p("thrust_scale"):
@@ -51,11 +54,11 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
         if e := p("inflow_thrust_loss"):
             hub[i] = hub[i] - e["k_z"] * speeds[i] * v_hub[i][2] * e3
         if e := p("ground_effect"):
-            height = max((state[:3] + rotation @ HUBS[i])[2] - GROUND, 1.2 * RADIUS * np.sqrt(e["c"]) / 4)
+            height = max((state[:3] + rotation @ hubs[i])[2] - GROUND, 1.2 * RADIUS * np.sqrt(e["c"]) / 4)
             hub[i] = hub[i] + (thrust[i] / (1 - e["c"] * (RADIUS / (4 * height)) ** 2) - thrust[i]) * e3
         if e := p("blade_flapping"):
             torque = torque - e["k_flap"] * speeds[i] * np.cross(v_hub[i], e3)
-    torque = torque + sum(np.cross(r, f) for r, f in zip(HUBS, hub, strict=True))
+    torque = torque + sum(np.cross(r, f) for r, f in zip(hubs, hub, strict=True))
     force = force + sum(hub)
     if e := p("linear_drag"):
         force = force - np.diag([e["d_x"], e["d_y"], e["d_z"]]) @ v_b
@@ -67,8 +70,6 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
         torque = torque + e["rotor_inertia"] * (SPIN * speeds).sum() * np.cross(w, e3)
     if e := p("rotor_reaction_torque"):
         torque = torque + e["rotor_inertia"] * (SPIN * slopes).sum() * e3
-    if e := p("cog_offset"):
-        torque = torque - np.cross([e["x"], e["y"], 0], thrust.sum() * e3)
     if e := p("rotational_damping"):
         torque = torque - np.array([e["d_x"], e["d_y"], e["d_z"]]) * w
     if e := p("torque_bias"):

@@ -226,7 +226,7 @@ def _starts(
         stack: the recordings.
         columns: of the model and of effects before.
     """
-    starts, offset = [], _starting_points(kind) != [kind.neutral()]
+    starts, offset = [], bool(kind.screen)
     for effect, where, x, steps in _probed(model, kind, at, stack):
         first, width = len(columns), len(where) + offset
         columns += [response(x[0], at, stack.measured)] * offset + _slopes(x[1:], x[0], steps, stack)
@@ -254,11 +254,11 @@ def _probed(
         at: rates of the model itself.
         stack: the recordings.
     """
-    points = _starting_points(kind)
+    points = _starting_points(kind, model, stack)
     fitted = [effect_entries(effect, len(model.effects)) for effect in points]
     probed = [probes(where) for where in fitted]
     extended = replace(model, effects=(*model.effects, points[0]))
-    plain = points == [kind.neutral()]  # then the first probe is the model itself
+    plain = not kind.screen  # then the first probe is the model itself
     limit = LINEARISING.unstable * (float(np.abs(at).max()) or 1.0)
     each = len(fitted[0]) + 1
     some = max(1, -(-LINEARISING.together // each))
@@ -295,9 +295,11 @@ def _reach(kind: type[Effect], entry: Entry) -> tuple[float, float]:
     return max(below, default=entry.low), min(above, default=entry.high)
 
 
-def _starting_points(kind: type[Effect]) -> list[Effect]:
+def _starting_points(kind: type[Effect], model: PhysicsModel, stack: LogBatch) -> list[Effect]:
     """Neutral for an effect that is linear in its parameters, else one a value of its search grid."""
-    neutral = kind.neutral()
+    first = stack.inputs.shape[-1] - len(model.extras)
+    medians = {name: float(stack.inputs[..., first + i].median()) for i, name in enumerate(model.extras)}
+    neutral = kind.neutral_among(medians)
     if not kind.screen:
         return [neutral]
     grids = [dict(zip(kind.screen, values, strict=True)) for values in product(*kind.screen.values())]

@@ -86,6 +86,8 @@ class HiddenMultirotor(Rotorcraft):
         values["mass"] = parameters["mass"] + effects.get("mass", {}).get("delta", 0.0)  # type: ignore[operator]
         values["k_eta"] = parameters["k_eta"] * (1 + effects.get("thrust_scale", {}).get("eps", 0.0))  # type: ignore[operator]
         super().__init__(values)
+        if e := effects.get("cog_offset"):
+            self.arms = self.arms - np.array([e["x"], e["y"], 0.0])[:, None, None]
         self.effects, self.around, self.charge = effects, around, charge
         self.own_states = 4 if "suspended_load" in effects else 0
         self._hover_power = 4 * (self.mass * self.g / 4 / self.k_eta) ** 1.5
@@ -129,14 +131,10 @@ class HiddenMultirotor(Rotorcraft):
         has, rates = self.effects, now.state[10:13]
         if e := has.get("linear_drag"):
             force -= np.array([[e["d_x"]], [e["d_y"]], [e["d_z"]]]) * now.air
-        if has.keys() & {"rotor_misalignment", "cog_offset"}:
+        if e := has.get("rotor_misalignment"):
             total = self.thrust(now).sum(0)
-            if e := has.get("rotor_misalignment"):
-                force[0] += e["a_y"] * total
-                force[1] -= e["a_x"] * total
-            if e := has.get("cog_offset"):  # −r × T e3
-                torque[0] -= e["y"] * total
-                torque[1] += e["x"] * total
+            force[0] += e["a_y"] * total
+            force[1] -= e["a_x"] * total
         if e := has.get("rotor_gyroscopic_torque"):
             spin = e["rotor_inertia"] * (self.signs * now.speed).sum(0)
             torque[0] += spin * rates[1]

@@ -129,8 +129,9 @@ class Body:
             for (i, j), name in {(0, 1): "J_xy", (0, 2): "J_xz", (1, 2): "J_yz"}.items():
                 inertia[i, j] = inertia[j, i] = e[name]
         self.inertia, self.inverse = inertia, np.linalg.inv(inertia)
-        self.x, self.y = np.array(craft.hubs).T[:, :, None]
-        self.hubs = np.array(craft.hubs).T
+        centre = effects.get("cog_offset", {"x": 0.0, "y": 0.0})
+        self.hubs = np.array(craft.hubs).T - np.array([[centre["x"]], [centre["y"]]])
+        self.x, self.y = self.hubs[:, :, None]
         self.turns = np.array(craft.turns, dtype=float)[:, None]
         self.lever = np.concatenate([self.y.T, -self.x.T])
         """Roll and pitch torque of forces along body z at the hubs (2, 4)."""
@@ -192,9 +193,6 @@ class Body:
         if e := has.get("rotor_misalignment"):
             force[0] += e["a_y"] * total
             force[1] -= e["a_x"] * total
-        if e := has.get("cog_offset"):
-            torque[0] -= e["y"] * total
-            torque[1] += e["x"] * total
         if e := has.get("rotor_gyroscopic_torque"):
             momentum = e["rotor_inertia"] * (self.turns * now.speed).sum(0)
             torque[0] += momentum * rates[1]
