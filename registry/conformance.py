@@ -16,7 +16,19 @@ from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
 from registry.units import SIGNALS, exponents
 
-DT = 0.01
+_STARTS = {
+    "mass_on_rail": (0.013, 0.12),
+    "oscillator": (0.13, -0.4),
+    "pendulum": (0.7, 1.1),
+    "falling_body": (30.0, -12.0),
+    "projectile": (0.0, 1.0, 30.0, 7.0, -3.0, 5.0),
+    "tanks": (12.0, 9.6),
+    "van_der_pol": (1.3, -0.8),
+    "lorenz": (-8.0, 7.0, 27.0),
+}
+"""States of the systems that are no rigid body, at the start of the trajectory."""
+_IN_FLIGHT = (0.1, -0.2, 0.35, 1.5, -0.8, 0.4, 0.1, -0.05, 0.2, 0.97, 0.6, -0.7, 0.5)
+"""State of a rigid body that moves, turns and is near the ground; its quaternion is normalised before use."""
 _EXTRAS = {"battery": (3.9, -2.0), "time": (20.0, 1.0)}
 """At the start of the trajectory, and their time derivatives."""
 
@@ -31,6 +43,10 @@ class EffectConformance:
     """Signals beside the driving one that it looks at, "battery" or "time"."""
     visible_after: ClassVar[int] = 5
     """Steps within which a typical effect shows."""
+    dt: ClassVar[float] = 0.01
+    """Length of a step [s]."""
+    start: ClassVar[tuple[float, ...]] = ()
+    """State (s,) at the start of the trajectory; empty: one of the system. A system of your own needs it."""
 
     def model(self, *effects: Effect, **constants: Any) -> PhysicsModel:
         """The first physics model that the effect fits, with effects; override for a system of your own."""
@@ -39,23 +55,28 @@ class EffectConformance:
         return made
 
     def trajectory(self) -> tuple[Tensor, Tensor]:
-        """A state (s,) that moves, turns and is near the ground, and inputs (N, m) that change."""
-        model = self.model()
-        generator = torch.Generator().manual_seed(3)
-        state = torch.zeros(len(model.state_channels), dtype=torch.float64)
-        state[:13] = torch.tensor([0.1, -0.2, 0.35, 1.5, -0.8, 0.4, 0.1, -0.05, 0.2, 0.97, 0.6, -0.7, 0.5])
-        state[6:10] /= state[6:10].norm()
-        driven_by_rotors = model.input_signals[0].startswith("rotor")
-        noise = torch.rand(self.visible_after + 1, 4, generator=generator, dtype=torch.float64)
-        inputs = 450 + 100 * noise if driven_by_rotors else noise - 0.5
-        time = DT * torch.arange(len(inputs), dtype=torch.float64)
+        """The state (s,) at the start, in which an effect shows, and inputs (N, m) that change."""
+        model, count = self.model(), self.visible_after + 1
+        start = self.start or _STARTS.get(model.system_name(), _IN_FLIGHT)
+        assert len(start) == len(model.state_channels), f"start: the state of {model.system_name()} where it shows"
+        state = torch.tensor(start, dtype=torch.float64)
+        time = self.dt * torch.arange(count, dtype=torch.float64)
+        if len(start) == len(_IN_FLIGHT):
+            state[6:10] /= state[6:10].norm()
+            generator = torch.Generator().manual_seed(3)
+            noise = torch.rand(count, 4, generator=generator, dtype=torch.float64)
+            inputs = 450 + 100 * noise if model.input_signals[0].startswith("rotor") else noise - 0.5
+        else:
+            drive = 3.2 * torch.sin(torch.arange(count, dtype=torch.float64) + 0.7)[:, None]
+            drive = 4 + drive if model.system_name() == "tanks" else drive
+            inputs = drive.expand(-1, model.driving_channels)
         extras = [_EXTRAS[name][0] + _EXTRAS[name][1] * time for name in self.extras]
         return state, torch.cat([inputs, *(e.unsqueeze(-1) for e in extras)], dim=-1)
 
     def final(self, *effects: Effect, **constants: Any) -> Tensor:
         """The state (s,) at the end of the trajectory."""
         state, inputs = self.trajectory()
-        return self.model(*effects, **constants).simulate(state, inputs, DT)[-1]
+        return self.model(*effects, **constants).simulate(state, inputs, self.dt)[-1]
 
     def test_is_described(self) -> None:
         """Registered, with an equation, the signals that show it, a manoeuvre, and values from which to search."""
@@ -100,7 +121,7 @@ class EffectConformance:
                 for p in self.effect.neutral().parameters()
             }
         )
-        states = self.model(both).simulate(state.expand(2, -1), inputs.expand(2, -1, -1), DT)[:, -1]
+        states = self.model(both).simulate(state.expand(2, -1), inputs.expand(2, -1, -1), self.dt)[:, -1]
         expected = torch.stack([self.final(half), self.final(self.effect.typical())])
         torch.testing.assert_close(states, expected, rtol=1e-12, atol=1e-12)
 
@@ -120,7 +141,7 @@ class EffectConformance:
 
         def run(first: Tensor, driven: Tensor, *relative: Tensor) -> Tensor:
             scaled = {n: r * s for n, r, s in zip(names, relative, scale, strict=True)}
-            return self.model(self.effect(**scaled)).simulate(first, driven * 100, DT)[-1]
+            return self.model(self.effect(**scaled)).simulate(first, driven * 100, self.dt)[-1]
 
         relative = [(v.detach() / s).requires_grad_() for v, s in zip(values, scale, strict=True)]
         first, driven = state.clone().requires_grad_(), (inputs / 100).requires_grad_()
