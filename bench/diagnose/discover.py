@@ -283,7 +283,7 @@ def _round(view: View, field: list[Fit], chosen: Fit) -> tuple[RejectedCandidate
         )
         if f is chosen:
             why = ""
-        elif margin < 6.0:
+        elif margin < VERIFYING.odds:
             why = f"explains as much, with {f.parameters} parameters against {chosen.parameters}"
         else:
             rest = max(f.misfit - view.floor, 0.0) / view.floor

@@ -227,7 +227,7 @@ def test_a_widely_uncertain_constant_acts_on_the_delayed_input_where_a_delay_is_
         assert linear.columns[now[mass]] == pytest.approx(expected, rel=1e-2, abs=1e-2 * np.abs(expected).max())
 
 
-def test_crumbs_of_something_that_is_not_understood_are_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_part_of_something_unknown_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first effect imitates: what it gained is not understood, and the second gains too little beside that."""
     misfit = {(): 100.0, (0,): 1100.0, (1,): 200.0, (2,): 1000.0}
     subsets = SimpleNamespace(fit=lambda drop=(): SimpleNamespace(misfit=misfit[tuple(drop)]))

@@ -26,7 +26,7 @@ def scores(found: Distance, often: float = 1.0, block: int = 1, beside: int = 0)
     """(W,): by how many standard deviations a diagnosis is expected to tell the rival apart.
 
     Twice the log likelihood ratio is normal about its mean D with variance 4 D; a diagnosis asks that it exceeds
-    `ASSURING.odds` and `CHOOSING.distinct` times its spread over blocks of some seconds.
+    `VERIFYING.odds` and `CHOOSING.distinct` times its spread over blocks of some seconds.
 
     Args:
         found: of W manoeuvres.
@@ -39,7 +39,7 @@ def scores(found: Distance, often: float = 1.0, block: int = 1, beside: int = 0)
     total, count = often * found.total, often * blocks.shape[1] + beside
     squares = often * (blocks**2).sum(1) - (often * blocks.sum(1)) ** 2 / count
     spread = np.sqrt(np.maximum(squares, 0.0))
-    return np.asarray((total - ASSURING.odds - CHOOSING.distinct * spread) / (2 * np.sqrt(np.maximum(total, 1.0))))
+    return np.asarray((total - VERIFYING.odds - CHOOSING.distinct * spread) / (2 * np.sqrt(np.maximum(total, 1.0))))
 
 
 @dataclass(frozen=True, eq=False)

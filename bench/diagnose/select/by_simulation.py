@@ -19,7 +19,7 @@ from bench.diagnose.select.discovery import Discovery, Found, RejectedCandidate
 from bench.diagnose.select.search import admissible
 from bench.diagnose.select.subset import t_value
 from bench.diagnose.select.verify import Estimate
-from bench.diagnose.settings import GROWING, SIMULATING
+from bench.diagnose.settings import GROWING, SIMULATING, VERIFYING
 from bench.diagnose.simulate.simulation_fit import Simulated, StartingPoint, Windows, fit, starts
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
@@ -206,13 +206,13 @@ def _log_gain(smaller: Choice, larger: Choice) -> np.ndarray:
 def _accepted(smaller: Choice, larger: Choice) -> bool:
     """Whether the larger set is better by the criterion and on windows that were not fitted."""
     saved = smaller.held_out.sum() > larger.held_out.sum() and t_value(_log_gain(smaller, larger)) > GROWING.sure
-    return bool(saved) and _criterion(larger, smaller) < -GROWING.odds
+    return bool(saved) and _criterion(larger, smaller) < -VERIFYING.odds
 
 
 def _alike(taken: Choice, other: Choice) -> bool:
     """Whether another set of the same size does as well, or nearly."""
     near = _criterion(other, taken)
-    return near < GROWING.odds or (near < 3 * GROWING.odds and t_value(_log_gain(other, taken)) < GROWING.sure)
+    return near < VERIFYING.odds or (near < 3 * VERIFYING.odds and t_value(_log_gain(other, taken)) < GROWING.sure)
 
 
 def _round(base: Choice, taken: Choice, field: Sequence[Choice]) -> tuple[RejectedCandidate, ...]:

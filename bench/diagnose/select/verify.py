@@ -107,7 +107,7 @@ def neighbour(view: View, known: int) -> Fit | None:
             return less
     options = [f for s in starts for i in places if within_bounds(view, f := subsets.fit([s], drop=[i]))]
     best = min(options, key=subsets.cost, default=None)
-    if best is not None and subsets.cost(best) < subsets.cost(here) - 6.0:
+    if best is not None and subsets.cost(best) < subsets.cost(here) - VERIFYING.odds:
         difference = (subsets.losses(here) - subsets.losses(best)).sum(1)
         sure = t_value(difference) > CHOOSING.distinct and difference.sum() > CHOOSING.relevant * view.explained
         if sure or best.parameters < here.parameters:
@@ -179,7 +179,7 @@ def _anchored(view: View, dropped: Sequence[int] = ()) -> tuple[list[int], list[
 def understood(
     view: View, places: Sequence[int], traces: Sequence[ResidualTerm], total: float, dropped: Sequence[int] = ()
 ) -> list[int]:
-    """Of the effects in these places, those that neither imitate nor are crumbs of something larger.
+    """Of the effects in these places, those that neither imitate nor are a small part of something unknown.
 
     Args:
         view: a model with the effects.
@@ -193,7 +193,7 @@ def understood(
     here = subsets.fit(drop=dropped).misfit
     gains = {i: subsets.fit(drop=[*dropped, i]).misfit - here for i in places}
     unknown = total + sum(gain for i, gain in gains.items() if i not in kept)
-    return [i for i in kept if gains[i] > VERIFYING.crumbs * unknown]
+    return [i for i in kept if gains[i] > VERIFYING.part * unknown]
 
 
 def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequence[int] = ()) -> bool:
@@ -209,10 +209,10 @@ def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequ
     """
     subsets, less = view.subsets, [*dropped, place]
     gains = (subsets.losses(subsets.fit(drop=less)) - subsets.losses(subsets.fit(drop=dropped))).sum(0)
-    acting = {int(c) for c in np.flatnonzero(gains > 0.1 * gains.sum())}
+    acting = {int(c) for c in np.flatnonzero(gains > VERIFYING.acts * gains.sum())}
     first, count = len(view.linear.columns), sum(e.owner == place for e in view.linear.own)
     if gains.sum() < view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting):
-        return False  # crumbs of something larger that is not understood
+        return False  # what acts there is not understood, and this is less than that
     numbers, folds = _anchored(view, dropped)
     with_it = np.asarray(sum(folds))
     del folds  # as large as the next ones
@@ -235,24 +235,28 @@ def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequ
 
 
 def rivals(view: View, place: int) -> dict[str, Candidate]:
-    """Effects that would explain the data as well as the one in this place of the model, the likeliest first."""
+    """Effects that would explain the data as well as the one in this place of the model, the likeliest first.
+
+    One of them makes a tie. It is as likely, within what blocks of the recordings differ; it gains most of what the
+    effect gains; and where the effect leaves nothing but noise, it does not leave plainly more.
+    """
     subsets = view.subsets
     here = subsets.fit()
-    mine = EFFECTS.name_of(type(view.linear.model.effects[place]))
+    own = EFFECTS.name_of(type(view.linear.model.effects[place]))
     level = subsets.losses(here).sum(1)
     best: dict[str, tuple[float, Candidate]] = {}
-    alone = subsets.cost(subsets.fit(drop=[place]))
+    without = subsets.cost(subsets.fit(drop=[place]))
     for s in subsets.starts:
-        if any({mine, s.id} <= same for same in SAME):
+        if any({own, s.id} <= same for same in SAME):
             continue
         other = subsets.fit([s], drop=[place])
         difference = subsets.losses(other).sum(1) - level
         spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
         margin = subsets.cost(other) - subsets.cost(here)
-        # Six in twice the log odds is 20 to 1.
-        close = margin < 6.0 + CHOOSING.distinct * spread
-        alike = close and alone - subsets.cost(other) > 0.5 * (alone - subsets.cost(here))
-        heard = other.misfit - view.floor > VERIFYING.loud * view.floor and here.misfit < 2 * view.floor
-        if alike and not heard and margin < best.get(s.id, (np.inf, s))[0]:
+        close = margin < VERIFYING.odds + CHOOSING.distinct * spread
+        replaces = without - subsets.cost(other) > VERIFYING.replaces * (without - subsets.cost(here))
+        exact = here.misfit < VERIFYING.exact * view.floor
+        misses = exact and other.misfit - view.floor > VERIFYING.loud * view.floor
+        if close and replaces and not misses and margin < best.get(s.id, (np.inf, s))[0]:
             best[s.id] = margin, s
     return {name: start for name, (_, start) in sorted(best.items(), key=lambda item: item[1][0])}

@@ -82,11 +82,6 @@ class Separating:
 class Assuring:
     """How sure a diagnosis would be after a manoeuvre."""
 
-    odds: float = threshold(
-        6.0,
-        "twice the log odds that a diagnosis asks for before it calls a rival worse: 20 to 1",
-        Basis.CONVENTION,
-    )
     sure: float = threshold(0.95, "chance from which one is said to be sure", Basis.CONVENTION)
     worst: float = threshold(-20.0, "score below which nothing more is lost in a search", Basis.JUDGED)
     best: float = threshold(10.0, "score above which nothing more is won in a search", Basis.JUDGED)

@@ -140,7 +140,7 @@ class Verifying:
         "alone",
         Basis.JUDGED,
     )
-    crumbs: float = threshold(
+    part: float = threshold(
         0.5,
         "gain, relative to all that is not understood, below which an effect may be a part of that",
         Basis.JUDGED,
@@ -154,6 +154,16 @@ class Verifying:
         0.5,
         "uncertainty of a ratio of two constants, relative to that of the better known one, below which it is told too",
         Basis.SHOWN,
+    )
+    odds: float = threshold(
+        6.0, "difference of Bayes's criterion that counts: twice the logarithm of 20 to 1", Basis.CONVENTION
+    )
+    replaces: float = threshold(
+        0.5, "share of an effect's gain that another must have in its place to be its rival", Basis.JUDGED
+    )
+    acts: float = threshold(0.1, "share of an effect's gain from which a channel is one in which it acts", Basis.JUDGED)
+    exact: float = threshold(
+        2.0, "times the noise: what leaves less leaves nothing, and its rivals must come near that", Basis.JUDGED
     )
     loud: float = threshold(
         10.0,
@@ -216,9 +226,6 @@ class Growing:
     )
     lengths: tuple[int, ...] = threshold(
         (16, 64), "lengths of the windows that lead a fit to the whole ones", Basis.JUDGED, "samples"
-    )
-    odds: float = threshold(
-        6.0, "difference of Bayes's criterion that counts: twice the logarithm of 20 to 1", Basis.CONVENTION
     )
     sure: float = threshold(2.0, "t over windows of the held-out gain that a larger set needs", Basis.CONVENTION)
     folds: int = threshold(4, "parts of the windows of which each is held out once", Basis.CONVENTION, "count")
