@@ -86,7 +86,7 @@ def test_a_compiler_that_is_blank_or_waits_for_input(compiler: str, monkeypatch:
     monkeypatch.setenv("CXX", compiler)
     if compiler == "cat":
         with pytest.raises(library._Unavailable, match="cat does not compile"):
-            library._load()
+            library._load("native")
     else:
         assert Path(library._compiler()[0]).name in ("g++", "clang++", "c++")
 

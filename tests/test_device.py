@@ -73,7 +73,7 @@ def test_data_and_optimizer_go_with_the_network(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(train, "device", lambda config: META)
     group = train.Group([build_scaled(c, data)], [train.RunState(c, data)])
     cost, slopes = cost_and_gradient(group.network, group.parameters, group._batch(), 1.0, 1.0)
-    kept = (group.theta, group.m, group.v, group.best, group.gradient, group.train_cost, *group.validation[0])
+    kept = (group.theta, group.m, group.v, group.best, group.gradient, group.train_cost, *group.validation[0][0])
     assert {x.device for x in kept} == {META} == {x.device for x in (*slopes.values(), cost)}
 
 
