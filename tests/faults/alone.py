@@ -7,6 +7,7 @@ ever for a lock that nobody holds.
 import multiprocessing
 from collections.abc import Callable
 from multiprocessing.process import BaseProcess
+from multiprocessing.synchronize import Event
 
 SECONDS = 120
 """What none of them takes."""
@@ -16,10 +17,17 @@ _context.set_forkserver_preload(["bench.execution.engine", "bench.diagnose.repor
 
 
 def started(action: Callable[..., object], *arguments: object) -> BaseProcess:
-    """A process that does it, with everything imported."""
-    process = _context.Process(target=action, args=arguments)
+    """A process that has just begun to do it, with everything imported."""
+    begun = _context.Event()
+    process = _context.Process(target=_announced, args=(begun, action, arguments))
     process.start()
+    assert begun.wait(SECONDS)
     return process
+
+
+def _announced(begun: Event, action: Callable[..., object], arguments: tuple[object, ...]) -> None:
+    begun.set()
+    action(*arguments)
 
 
 def exit_code(action: Callable[..., object], *arguments: object) -> int:

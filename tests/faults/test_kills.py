@@ -51,9 +51,10 @@ def test_kills_at_random_moments_leave_whole_records(
     tmp_path: Path, faults: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     configs = study()
-    began = time.monotonic()
-    whole = run(configs, tmp_path / "whole")
+    driver, began = started(run, configs, tmp_path / "whole"), time.monotonic()
+    driver.join()
     takes = time.monotonic() - began
+    whole = run(configs, tmp_path / "whole")
     rng = np.random.default_rng(0)
     kills, again, rounds, made = 0, 0, 0, dict[str, int]()
     runs = tmp_path / "killed"
@@ -61,7 +62,7 @@ def test_kills_at_random_moments_leave_whole_records(
         if len(made) == len(configs):  # the study is through: once more, from nothing
             runs, made, rounds = tmp_path / f"killed{rounds}", {}, rounds + 1
         driver = started(run, configs, runs)
-        time.sleep(rng.uniform(0.02, 0.5 * takes))
+        time.sleep(rng.uniform(0.02, takes))
         driver.kill()
         driver.join()
         kills += driver.exitcode == -signal.SIGKILL
