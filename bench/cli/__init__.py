@@ -110,7 +110,7 @@ def main() -> None:
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("\nbench: stopped. What was finished is kept; the same command goes on from there.", err=True)
+        click.echo("\nbench: stopped. Nothing is half written; the same command does what is not finished.", err=True)
         sys.exit(130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
