@@ -27,7 +27,10 @@ def bench(*arguments: object) -> str:
 
 @pytest.fixture(scope="module")
 def batches(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four batches of a neutralisation: acid flow [L/min] lowers the pH with a lag of 40 s; a sample every 2 s."""
+    """Four batches of a neutralisation, described by the draft and two edits.
+
+    Acid flow [L/min] lowers the pH with a lag of 40 s; a sample every 2 s.
+    """
     folder = tmp_path_factory.mktemp("ph") / "batches"
     folder.mkdir()
     for i in range(4):
@@ -37,16 +40,16 @@ def batches(tmp_path_factory: pytest.TempPathFactory) -> Path:
             ph[k] = ph[k - 1] + 0.05 * (7 - 0.6 * (flow[k - 1] - 3) - ph[k - 1])
         table = np.column_stack([2.0 * np.arange(n), ph + rng.normal(0, 0.01, n), flow])
         np.savetxt(folder / f"batch_{i}.csv", table, "%.6g", ",", header="time,ph,flow_l_min", comments="")
+    said = bench("data", "init", folder)
+    assert "No physics model: networks only." in said
+    text = (folder / "dataset.toml").read_text()
+    assert "rate_hz = 0.5 " in text and 'flow_l_min = {columns = ["flow_l_min"], unit = "L/min"}' in text
+    text = text.replace('unit = "1"', 'unit = "pH"').replace('# TODO: input = ["…"]', 'input = "flow_l_min" #')
+    (folder / "dataset.toml").write_text(text)
     return folder
 
 
 def test_two_invented_signals_go_all_the_way(batches: Path, tmp_path: Path) -> None:
-    said = bench("data", "init", batches)
-    assert "No physics model: networks only." in said
-    text = (batches / "dataset.toml").read_text()
-    assert "rate_hz = 0.5 " in text and 'flow_l_min = {columns = ["flow_l_min"], unit = "L/min"}' in text
-    text = text.replace('unit = "1"', 'unit = "pH"').replace('# TODO: input = ["…"]', 'input = "flow_l_min" #')
-    (batches / "dataset.toml").write_text(text)
     assert "flow_l_min → ph" in bench("data", "check", batches)
     assert "pH" in bench("data", "inspect", batches)
     dataset = Folder(path=str(batches))
