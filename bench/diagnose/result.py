@@ -92,7 +92,9 @@ class NamedEffect:
     @property
     def key(self) -> str:
         """As a name that any tracker takes."""
-        return self.id if self.term is None else ".".join((self.id, self.term.axis, *self.term.signals))
+        if self.term is None:
+            return self.id
+        return ".".join((self.id, self.term.axis, *self.term.signals)).replace("+", " plus ").replace("-", " minus ")
 
     @property
     def described(self) -> str:

@@ -154,6 +154,14 @@ SHAPES: dict[str, Shape] = {
             lambda p, x, s: p[0] + p[1] * x + p[2] * x * x,
         ),
         Shape(
+            "sine",
+            "sine",
+            "a sin n x",
+            (("a", 0), ("n", 0)),
+            lambda p, x, s: p[0] * torch.sin(p[1] * x),
+            bent=-1,
+        ),
+        Shape(
             "wave",
             "wave",
             "a sin n x + b cos n x",

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import combinations
 from typing import Any
 
 import torch
@@ -67,7 +68,26 @@ def signals_of(kind: type[PhysicsModel], drive: str, drives: int, extras: tuple[
     if flies(kind):
         own = {n: unit for n, (unit, _) in _OF_MOTION.items() if n != "thrust" or hasattr(kind, "rotor_positions")}
         return {**own, **inputs, **{n: _EXTRA_UNITS.get(n, "1") for n in extras}}
-    return {**{c.name: c.unit for c in kind.state_channels}, **inputs}
+    states = {c.name: c.unit for c in kind.state_channels}
+    return {**states, **{n: states[first] for n, (first, _, _) in combinations_of(kind).items()}, **inputs}
+
+
+@lru_cache(maxsize=256)
+def combinations_of(kind: type[PhysicsModel]) -> dict[str, tuple[str, str, int]]:
+    """Sums and differences of two states of a kind, such as the angle of a second link or the stretch of a coupling.
+
+    Returns:
+        By name: the two states, and the sign of the second; of rigid bodies none, whose signals have axes of their own.
+    """
+    if flies(kind):
+        return {}
+    states = [c for c in kind.state_channels if c.unit]
+    return {
+        f"{a.name}{'+' if sign > 0 else '-'}{b.name}": (a.name, b.name, sign)
+        for a, b in combinations(states, 2)
+        if a.unit == b.unit and a.group == b.group
+        for sign in (1, -1)
+    }
 
 
 def input_names(kind: type[PhysicsModel], drive: str, drives: int) -> tuple[str, ...]:
@@ -107,6 +127,11 @@ def of_motion(name: str, motion: Motion) -> Tensor:
 def of_state(name: str, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
     """A signal (…) of a system that is given by its rates, at states (…, s) and driving inputs (…, m)."""
     channels = [c.name for c in model.state_channels]
+    kind: type[PhysicsModel] = type(model)
+    combined = combinations_of(kind)
+    if name in combined:
+        first, second, sign = combined[name]
+        return state[..., channels.index(first)] + sign * state[..., channels.index(second)]
     if name in channels:
         return state[..., channels.index(name)]
     return inputs[..., input_names(type(model), *drive_of(model)).index(name)]

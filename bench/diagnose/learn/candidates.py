@@ -26,6 +26,16 @@ class Pair:
     axis: str
     signals: tuple[str, ...]
 
+    @property
+    def length(self) -> int:
+        """What its signals cost a reader: one, the sum or difference of two, a function of one times another."""
+        return 3 if len(self.signals) > 1 else 1 + any(c in self.signals[0] for c in "+-")
+
+    @property
+    def equation(self) -> str:
+        """What its gains are compared in: all forces, all torques, or the rate of one state."""
+        return "force" if "force_" in self.axis else "torque" if self.axis in known.TORQUES else self.axis
+
 
 @dataclass(frozen=True, eq=False)
 class Columns:
@@ -76,6 +86,7 @@ def products(offered: Sequence[Pair], around: Sequence[Pair] | None = None) -> l
         around: only products with one of these signals along its axis; None: all.
     """
     out = []
+    offered = [p for p in offered if p.length == 1]
     for axis in dict.fromkeys(p.axis for p in offered):
         names = [p.signals[0] for p in offered if p.axis == axis]
         near = names if around is None else [p.signals[0] for p in around if p.axis == axis]

@@ -1,6 +1,6 @@
 """The simplest short formula that is not worse than a spline on recordings not fitted."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ import torch
 
 from bench.diagnose.learn.candidates import Columns, Pair
 from bench.diagnose.learn.held_out import Block, HeldOut
-from bench.diagnose.settings import WORDING
+from bench.diagnose.settings import MATTERING, WORDING
 from registry.terms.shapes import SHAPES, Shape, Span
 
 
@@ -49,6 +49,7 @@ def options(x: np.ndarray) -> list[Option]:
         "dead_zone": largest * widths[:-1],
         "above": np.quantile(x, widths),
         "below": np.quantile(x, widths),
+        "sine": 2 * np.pi * periods / (high - low),
         "wave": 2 * np.pi * periods / (high - low),
         "exponential": np.array(WORDING.decays) / (high - low),
     }
@@ -92,42 +93,65 @@ def _functions(option: Option, x: torch.Tensor, span: Span) -> np.ndarray:
     return np.stack(out)
 
 
-def simplest(
-    fits: HeldOut,
-    some: Sequence[Option],
-    places: np.ndarray,
-    spline: np.ndarray,
-    without: np.ndarray,
-    beside: Sequence[Block],
-) -> Formula | None:
-    """The shortest formula that is not worse than the best of all shapes; None: the spline is better than any.
+def fitted(fits: HeldOut, some: Sequence[Option], places: np.ndarray, beside: Sequence[Block]) -> dict[str, Formula]:
+    """Every shape at its best bend, by name.
 
     Args:
         fits: of all columns.
         some: the formulas.
         places: of their columns.
-        spline: losses (folds,) of the spline.
-        without: losses (folds,) without the term.
         beside: the other terms.
     """
-    ends = np.cumsum([o.width for o in some])
     best: dict[str, Formula] = {}
-    for option, end in zip(some, ends, strict=True):
-        block = Block(places[end - option.width : end])
+    for option, block in zip(some, _blocks(some, places), strict=True):
         losses = fits.losses([*beside, block])
         name = option.shape.name
         if name not in best or losses.sum() < best[name].losses.sum():
             values = _values(option, fits.fit([*beside, block])[-1])
             best[name] = Formula(name, values, block, losses)
+    return best
+
+
+def _blocks(some: Sequence[Option], places: np.ndarray) -> list[Block]:
+    ends = np.cumsum([o.width for o in some])
+    return [Block(places[end - option.width : end]) for option, end in zip(some, ends, strict=True)]
+
+
+def block_of(shape: str, some: Sequence[Option], places: np.ndarray) -> Block:
+    """The columns of the first formula of a shape, of those of ``some`` in ``places``."""
+    return next(block for option, block in zip(some, _blocks(some, places), strict=True) if option.shape.name == shape)
+
+
+def refined(best: Mapping[str, Formula]) -> list[Option]:
+    """Every shape at the bend that its fit says: a Gauss–Newton step from the one that was tried."""
+    out = []
+    for name, formula in best.items():
+        shape = SHAPES[name]
+        bend = None if shape.bent is None else formula.values[-1]
+        out.append(Option(shape, bend, shape.linear * (1 if shape.bent is None else 2)))
+    return out
+
+
+def simplest(best: Mapping[str, Formula], spline: np.ndarray, without: np.ndarray) -> Formula | None:
+    """The shortest formula that is not worse than the best of all shapes; None: the spline is better than any.
+
+    Args:
+        best: every shape, as `fitted`.
+        spline: losses (folds,) of the spline.
+        without: losses (folds,) without the term.
+    """
     levels = [spline, *(f.losses for f in best.values())]
     least = min(levels, key=lambda x: float(x.sum()))
     saved = float((without - least).sum())
 
     def worse(losses: np.ndarray) -> bool:
-        gap = losses - least
-        spread = float(gap.std(ddof=1)) * len(gap) ** 0.5 if len(gap) > 1 else 0.0
-        lost, allowed = float(gap.sum()), WORDING.worse
-        return (lost > allowed * saved and lost > WORDING.surely * spread) or lost > 5 * allowed * saved
+        lost = float((losses - least).sum())
+        allowed = min(WORDING.worse * saved, (MATTERING.near**2 - 1) * float(least.sum()))
+        # Recordings differ in how far they go; by which factor a shape is worse is alike in all.
+        factor = np.log(np.maximum(losses, 1e-300) / np.maximum(least, 1e-300))
+        spread = float(factor.std(ddof=1)) / len(factor) ** 0.5 if len(factor) > 1 else 0.0
+        surely = float(factor.mean()) > WORDING.surely * spread
+        return lost > allowed and (surely or lost > 5 * allowed)
 
     good = [f for f in best.values() if not worse(f.losses)]
     return min(good, key=lambda f: (SHAPES[f.shape].length, float(f.losses.sum())), default=None)

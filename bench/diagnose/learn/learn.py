@@ -9,7 +9,7 @@ import torch
 
 from bench.diagnose.learn.candidates import Columns, Pair, own_columns, pairs, paths, products, view_of, with_axes
 from bench.diagnose.learn.causal import consequences
-from bench.diagnose.learn.formulas import option_columns, options, simplest, span_of
+from bench.diagnose.learn.formulas import Formula, block_of, fitted, option_columns, options, refined, simplest, span_of
 from bench.diagnose.learn.held_out import HeldOut
 from bench.diagnose.learn.splines import Made, Spline, chosen, splines_of
 from bench.diagnose.logs.noise import Noise
@@ -128,26 +128,33 @@ class _Seen:
     def as_formulas(self, splines: Sequence[Spline]) -> tuple[LearnedTerm, ...]:
         """Every spline as the simplest formula that is not worse, or as it is."""
         signals = self.signals
-        columns, some = [], []
-        for s in splines:
-            some.append(options(signals[0][s.pair.signals[0]]))
-            columns += [s.made.columns, option_columns(s.pair, some[-1], signals)]
-        fits, places = self.fits(columns)
-        blocks = [replace(s.block, places=places[2 * i]) for i, s in enumerate(splines)]
+        some = [options(signals[0][s.pair.signals[0]]) for s in splines]
+        blocks, found = [s.block for s in splines], list[Formula | None]([None] * len(splines))
         terms: list[LearnedTerm] = []
         for _ in range(LEARNING.rounds):
+            columns = [s.made.columns for s in splines]
+            columns += [option_columns(s.pair, tried, signals) for s, tried in zip(splines, some, strict=True)]
+            fits, places = self.fits(columns)
+            smooth, formulas = places[: len(splines)], places[len(splines) :]
+            for i, formula in enumerate(found):
+                blocks[i] = replace(blocks[i], places=smooth[i])
+                if formula is not None:
+                    blocks[i] = block_of(formula.shape, some[i], formulas[i])
             terms = []
             for i, s in enumerate(splines):
                 beside = [b for j, b in enumerate(blocks) if j != i]
-                block, losses = fits.smoothed(places[2 * i], s.made.roughness, beside)
-                found = simplest(fits, some[i], places[2 * i + 1], losses, fits.losses(beside), beside)
-                blocks[i] = block if found is None else found.block
-                if found is None:
-                    values = tuple(map(float, s.made.turn @ fits.fit([*beside, block])[-1]))
+                spline, losses = fits.smoothed(smooth[i], s.made.roughness, beside)
+                best = fitted(fits, some[i], formulas[i], beside)
+                formula = found[i] = simplest(best, losses, fits.losses(beside))
+                some[i] = refined(best)
+                if formula is None:
+                    blocks[i] = spline
+                    values = tuple(map(float, s.made.turn @ fits.fit([*beside, spline])[-1]))
                     span = span_of(signals[0][s.pair.signals[0]])
                     terms.append(LearnedTerm(s.pair.axis, s.pair.signals, SPLINE, values, s.made.knots, span))
-                    continue
-                terms.append(_term(s.pair, found.shape, found.values, signals[0]))
+                else:
+                    blocks[i] = formula.block
+                    terms.append(_term(s.pair, formula.shape, formula.values, signals[0]))
         return tuple(terms)
 
 
@@ -206,7 +213,7 @@ def worthy(
         for i in range(len(kept)):
             others = [t for j, t in enumerate(kept) if j != i]
             rest = _refitted(search, replace(model, effects=(*model.effects, *others))) if others else model
-            savings.append([s for s in weighing.savings(rest, full, full) if not s.axis])
+            savings.append(weighing.savings(rest, full, full))
         idle = [
             i
             for i, s in enumerate(savings)

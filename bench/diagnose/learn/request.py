@@ -1,5 +1,7 @@
 """What a user asks for: "learned", or an axis and what it follows, such as "force_z ~ height"."""
 
+import re
+
 from bench.diagnose.learn.candidates import Pair, dynamic_axes
 from bench.diagnose.learned_shape import WAVE
 from registry.dynamics import PhysicsModel
@@ -37,7 +39,7 @@ def parsed(text: str, model: PhysicsModel) -> Pair | None:
 
 def _named(text: str, known: list[str], what: str) -> str:
     """One of the known names: as it is, with spaces, or by its first or last part where that is enough."""
-    asked = text.strip().replace(" ", "_")
+    asked = re.sub(r"\s*([+-])\s*", r"\1", text.strip()).replace(" ", "_")
     if asked in known:
         return asked
     if _ALIASES.get(asked) in known:

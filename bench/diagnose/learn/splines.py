@@ -1,5 +1,6 @@
 """Which axes and signals what is left goes with: penalised splines, added one by one while held-out recordings gain."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -70,7 +71,13 @@ def splines_of(pair: Pair, signals: Sequence[dict[str, np.ndarray]], count: int)
 def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) -> list[Spline]:
     """The pairs that held-out recordings ask for, in the order in which they were added."""
     taken: list[Spline] = []
-    now = before = fits.losses([])
+    now = fits.losses([])
+    gained: dict[str, float] = defaultdict(float)
+
+    def least(pair: Pair, losses: np.ndarray) -> float:
+        """What a term must gain: more than noise, and not little of what its equation gains in all."""
+        return max(SPLINING.gain * fits.rows, SPLINING.relative * (gained[pair.equation] + float((now - losses).sum())))
+
     for _ in range(SPLINING.most):
         beside = [s.block for s in taken]
         used = {s.pair for s in taken}
@@ -78,21 +85,23 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
         quick = {i: float(fits.losses([*beside, Block(places[i], made[i].roughness, 1e-3)]).sum()) for i in free}
         found: dict[int, tuple[int, Block, np.ndarray]] = {}
         ranked = sorted(quick, key=lambda j: quick[j])
-        alone, both = ([i for i in ranked if len(made[i].columns.pair.signals) == n] for n in (1, 2))
-        for i in (*alone[: SPLINING.first], *both[: SPLINING.first]):
+        for i in (
+            j for n in (1, 2, 3) for j in [j for j in ranked if made[j].columns.pair.length == n][: SPLINING.first]
+        ):
             block, losses = fits.smoothed(places[i], made[i].roughness, beside)
-            size = len(made[i].columns.pair.signals)
-            if size not in found or losses.sum() < found[size][2].sum():
-                found[size] = i, block, losses
+            length = made[i].columns.pair.length
+            if length not in found or losses.sum() < found[length][2].sum():
+                found[length] = i, block, losses
         if not found:
             break
         i, block, losses = found[min(found)]
-        least = max(SPLINING.gain * fits.rows, SPLINING.relative * float((before - losses).sum()))
-        # A product of two signals must be better than a function of one, for it holds much of that.
-        if len(found) > 1 and _confirmed(losses - found[2][2], least):
-            i, block, losses = found[2]
-        if not _confirmed(now - losses, least):
+        # Two signals must be better than one, for they hold much of that.
+        for length in sorted(found)[1:]:
+            if _confirmed(losses - found[length][2], least(made[i].columns.pair, losses)):
+                i, block, losses = found[length]
+        if not _confirmed(now - losses, least(made[i].columns.pair, losses)):
             break
+        gained[made[i].columns.pair.equation] += float((now - losses).sum())
         taken.append(Spline(made[i].columns.pair, made[i], block))
         now = losses
     return taken

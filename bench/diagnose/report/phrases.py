@@ -35,8 +35,11 @@ def united(value: str, unit: str) -> str:
 
 
 def named(identifier: str) -> str:
-    """ "rotor_drag", "body_rates.p" and "inertia[2]" (about z) as words."""
-    about = re.sub(r"\binertia\[([012])\]", lambda found: f"inertia about {'xyz'[int(found[1])]}", identifier)
+    """ "rotor_drag", "body_rates.p", "angle.a-angle.b" and "inertia[2]" (about z) as words."""
+    apart = re.sub(
+        r"(\.\w+)([+-])(?=\w+\.\w)", lambda found: f"{found[1]} {'+' if found[2] == '+' else '−'} ", identifier
+    )
+    about = re.sub(r"\binertia\[([012])\]", lambda found: f"inertia about {'xyz'[int(found[1])]}", apart)
     return about.replace("_", " ").replace(".", " ")
 
 

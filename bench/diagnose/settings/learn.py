@@ -30,7 +30,9 @@ class Splining:
         "least gain on recordings not fitted, as a share of what noise leaves; noise alone reaches 0.0001",
         Basis.MEASURED,
     )
-    relative: float = threshold(0.02, "least gain of a further term, relative to that of all before it", Basis.JUDGED)
+    relative: float = threshold(
+        0.02, "least gain of a further term, relative to that of all terms in its equation", Basis.JUDGED
+    )
     agreed: float = threshold(0.75, "share of the recordings that must confirm a term", Basis.CONVENTION)
 
 
@@ -80,7 +82,7 @@ class Learning:
     )
     steps: int = threshold(2, "Gauss–Newton steps to the numbers with which terms are weighed", Basis.EFFORT, "count")
     rounds: int = threshold(
-        2, "times that every term's formula is chosen, beside those of the others", Basis.EFFORT, "count"
+        3, "times that every term's formula is chosen, bent better, beside those of the others", Basis.EFFORT, "count"
     )
     leads: tuple[float, ...] = threshold(
         (0.05, 0.1, 0.2, 0.4),
