@@ -223,6 +223,16 @@ def test_the_story_has_a_line_for_each_of_several_equations() -> None:
     assert "all else measured" not in told(replace(d, by_equation={"forces": samples.EQUATIONS["forces"]}))
 
 
+def test_nothing_is_not_said_to_be_noise_where_much_is_left() -> None:
+    d = samples.nothing()
+    assert "is at the noise floor." in sentences.explanation(d)
+    left = replace(d.unexplained, share=0.9, axes=("velocity.x",), follows=())
+    said = sentences.explanation(replace(d, unexplained=left))
+    assert (
+        "more than noise and follows no measured signal" in said and "noise floor." not in said.partition("A syst")[0]
+    )
+
+
 def test_every_tie_is_said_by_itself() -> None:
     d = samples.tie()
     (drag,) = d.effects

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from bench.diagnose.by_equation import EffectSaving
 from bench.diagnose.evidence import LINES, Calibration
 from bench.diagnose.report.phrases import listed, named, number, percent, shown, united
-from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect
+from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
 from bench.diagnose.settings import TELLING
 
 _FREE = "of the squared error of free runs above the noise floor"
@@ -87,7 +87,10 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         return [f"{more}; no effect was looked for, because a damaged signal looks like missing physics."]
     if diagnosis.verdict == "nothing":
         found.append(
-            "The error on held-out recordings is at the noise floor, or does not repeat from one recording to the next."
+            "What is left is more than noise and follows no measured signal: wind, something that swings, sticks or "
+            "slips, or an input that was not logged."
+            if _disturbed(diagnosis.unexplained)
+            else "The error on held-out recordings is at the noise floor."
         )
     if diagnosis.verdict == "named":
         each = "It explains" if len(shares) == 1 else "Together they explain"
@@ -133,6 +136,11 @@ def _constants_first(diagnosis: Diagnosis) -> str:
     """What the calibration of constants took before any effect, where that is worth a clause."""
     before = diagnosis.evidence.calibrated
     return f"; the constants, calibrated first, explain {percent(before)}" if before >= TELLING.little_left else ""
+
+
+def _disturbed(left: Unexplained) -> bool:
+    """Whether much is left that is no noise and goes with nothing that was measured."""
+    return bool(left.axes) and not left.follows and not left.share < TELLING.little_left
 
 
 def remainder(diagnosis: Diagnosis) -> str:
