@@ -69,7 +69,9 @@ class LearnedTerm(LoadEffect, RateEffect):
     def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
         """What it adds to dx/dt (…, s); see `RateEffect.rate`."""
         followed = [signals.of_state(s, model, state, inputs) for s in self.signals]
-        return signals.rate_along(self.axis, self._amount(followed, torch.zeros_like(state[..., 0])), model, state)
+        return signals.rate_along(
+            self.axis, self._amount(followed, torch.zeros_like(state[..., 0])), model, state, inputs
+        )
 
     def _amount(self, followed: list[Tensor], none: Tensor) -> Tensor:
         amount = self.function(followed[0] if followed else none)

@@ -51,7 +51,28 @@ def axes_of(kind: type[PhysicsModel]) -> dict[str, str]:
     """The axes along which a term can act in models of a class, and the unit of what it adds there."""
     if flies(kind):
         return {**dict.fromkeys((*FORCES, *WORLD_FORCES), "N"), **dict.fromkeys(TORQUES, "N m")}
-    return {c.name: product((c.unit, 1), ("s", -1)) for c in kind.state_channels}
+    rates = {c.name: product((c.unit, 1), ("s", -1)) for c in kind.state_channels}
+    return {**rates, **dict.fromkeys(drives_of(kind), _input_unit(kind, _drive(kind)))}
+
+
+@lru_cache(maxsize=256)
+def drives_of(kind: type[PhysicsModel]) -> tuple[str, ...]:
+    """The driving inputs of a system that is given by its rates: what is missing can act where they act.
+
+    Friction of a joint moves every part that is coupled to it, as the joint's motor does.
+    """
+    drive = _drive(kind)
+    if flies(kind) or not drive or not hasattr(kind, "own_rate"):
+        return ()
+    known = kind.signal(drive)
+    return input_names(kind, drive, 1 if known is None else len(known.axes))
+
+
+def quantity_of(kind: type[PhysicsModel], axis: str) -> str:
+    """What a term along an axis is."""
+    if flies(kind):
+        return axis
+    return f"missing {axis}" if axis in drives_of(kind) else f"rate of change of {axis}"
 
 
 @lru_cache(maxsize=256)
@@ -105,8 +126,12 @@ def _input_unit(kind: type[PhysicsModel], drive: str) -> str:
 
 def drive_of(model: PhysicsModel) -> tuple[str, int]:
     """Name of the signal that drives a model, and its number of channels."""
-    names = type(model).input_signals
-    return (str(getattr(model, "drive", names[0])), model.driving_channels) if names else ("", 0)
+    drive = _drive(type(model))
+    return (str(getattr(model, "drive", drive)), model.driving_channels) if drive else ("", 0)
+
+
+def _drive(kind: type[PhysicsModel]) -> str:
+    return next(iter(kind.input_signals), "")
 
 
 def available(model: PhysicsModel) -> dict[str, str]:
@@ -147,8 +172,13 @@ def load_along(axis: str, amount: Tensor, motion: Motion) -> tuple[Tensor, Tenso
     return amount * (motion.rotation[..., i, :] if of_world else unit[i]), none
 
 
-def rate_along(axis: str, amount: Tensor, model: PhysicsModel, state: Tensor) -> Tensor:
-    """So much (…) as an addition to dx/dt (…, s) of the state called ``axis``, for states (…, s)."""
+def rate_along(axis: str, amount: Tensor, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
+    """What so much (…) along an axis adds to dx/dt (…, s), for states (…, s) and driving inputs (…, m)."""
+    kind: type[PhysicsModel] = type(model)
+    drives = drives_of(kind)
+    if axis in drives:
+        unit = torch.eye(len(drives), dtype=state.dtype, device=state.device)[drives.index(axis)]
+        added: Tensor = model.own_rate(state, inputs + amount.unsqueeze(-1) * unit) - model.own_rate(state, inputs)
+        return added
     place = [c.name for c in model.state_channels].index(axis)
-    unit = torch.eye(state.shape[-1], dtype=state.dtype, device=state.device)
-    return amount.unsqueeze(-1) * unit[place]
+    return amount.unsqueeze(-1) * torch.eye(state.shape[-1], dtype=state.dtype, device=state.device)[place]

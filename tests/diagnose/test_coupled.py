@@ -1,6 +1,6 @@
 """Systems with several moving parts whose physics no catalogue has: every part's equation is told by itself."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -20,7 +20,8 @@ from registry.units import Signal
 
 Rate = Callable[[np.ndarray, np.ndarray], list[float]]
 RATE, SECONDS = 100.0, 15.0
-DRIVE = np.array([0.6, 0.15])
+DRIVE = (0.6, 0.15)
+DAMPED = 0.05 * np.eye(4)[2:]
 NOISE = np.array([0.002, 0.002, 0.01, 0.01])
 
 
@@ -48,6 +49,43 @@ class TwoParts(StateSpace):
         return torch.cat([state[..., 2:], inputs[..., :2] / inertia], -1)
 
 
+@dataclass(frozen=True)
+class CartPole(StateSpace):
+    """A pendulum that hangs from a cart, without friction."""
+
+    cart: Any = constant(1.0, "M", "kg", low=1e-3)
+    bob: Any = constant(0.3, "m", "kg", low=1e-3)
+    length: Any = constant(0.5, "l", "m", low=1e-3)
+
+    state_channels: ClassVar[tuple[Channel, ...]] = (
+        Channel("place.x", "m"),
+        Channel("swing.theta", "rad"),
+        Channel("pace.x", "m/s"),
+        Channel("swing_rate.theta", "rad/s"),
+    )
+    input_signals: ClassVar[tuple[str, ...]] = ("push",)
+    signals: ClassVar[dict[str, Signal]] = {"push": Signal("N", ("x",))}
+    alike: ClassVar[tuple[str, ...]] = ()
+    equation: ClassVar[str] = "M(q) d²q/dt² + c(q, dq/dt) = u"
+
+    def own_rate(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """The state's rate (…, 4)."""
+        cart, bob, length = (tensor(v, state) for v in (self.cart, self.bob, self.length))
+        _, theta, v, w = state.unbind(-1)
+        s, c = torch.sin(theta), torch.cos(theta)
+        a = (inputs[..., 0] + bob * s * (length * w * w + 9.81 * c)) / (cart + bob * s * s)
+        return torch.stack([v, w, a, -(a * c + 9.81 * s) / length], -1)
+
+
+def cart(x: np.ndarray, u: np.ndarray) -> list[float]:
+    """Dry and viscous friction under the cart, by the mass matrix of both coordinates."""
+    _, theta, v, w = x
+    pushed = u[0] - 0.5 * v - 0.8 * np.tanh(v / 0.01)
+    mass = np.array([[1.3, 0.15 * np.cos(theta)], [0.15 * np.cos(theta), 0.075]])
+    force = np.array([pushed + 0.15 * w * w * np.sin(theta), -0.3 * 9.81 * 0.5 * np.sin(theta)])
+    return [float(r) for r in np.linalg.solve(mass, force)]
+
+
 def arm(x: np.ndarray, u: np.ndarray) -> list[float]:
     """Weight and friction of an arm: the second link hangs from the first, and its bearing sticks."""
     q1, q2, w1, w2 = x
@@ -69,41 +107,41 @@ def free(x: np.ndarray, u: np.ndarray) -> list[float]:
     return [u[0] / 0.4, u[1] / 0.1]
 
 
-def diagnosed(of: Rate, held: float) -> tuple[Diagnosis, PhysicsModel]:
-    """Six recordings with white noise of `NOISE`, driven by multisines, and pulled to rest by ``held`` [N m s]."""
-    logs = []
+def diagnosed(
+    of: Rate, model: StateSpace, sizes: Sequence[float], back: np.ndarray | float = 0.0
+) -> tuple[Diagnosis, PhysicsModel]:
+    """Six recordings with white noise of `NOISE`, driven by multisines.
+
+    Args:
+        of: what moves, from states and inputs to accelerations.
+        model: that lacks some of it.
+        sizes: amplitudes of the sines in every input.
+        back: (inputs, states) feedback that keeps the system in its place.
+    """
+    drive, logs = model.input_signals[0], []
+    gain = np.broadcast_to(back, (len(sizes), 4))
+    inputs = tuple(Channel(f"{drive}.{axis}", model.signals[drive].unit) for axis in model.signals[drive].axes)
     for k in range(6):
         rng = np.random.default_rng(100 + k)
-        phase, frequency = rng.uniform(0, 6.28, (2, 5)), rng.uniform(0.1, 1.2, (2, 5))
+        phase, frequency = rng.uniform(0, 6.28, (len(sizes), 5)), rng.uniform(0.1, 1.2, (len(sizes), 5))
 
-        def drive(t: np.ndarray, phase: np.ndarray = phase, frequency: np.ndarray = frequency) -> np.ndarray:
-            angles = 2 * np.pi * frequency[..., None] * t + phase[..., None]
-            out: np.ndarray = DRIVE[:, None] * np.sin(angles).sum(1)
+        def driven(t: Any, x: np.ndarray, phase: np.ndarray = phase, frequency: np.ndarray = frequency) -> np.ndarray:
+            angles = 2 * np.pi * frequency[..., None] * np.atleast_1d(t) + phase[..., None]
+            out: np.ndarray = np.array(sizes)[:, None] * np.sin(angles).sum(1) - gain @ x.reshape(4, -1)
             return out
 
-        def rate(t: float, x: np.ndarray, drive: Callable[..., np.ndarray] = drive) -> list[float]:
-            return [x[2], x[3], *of(x, drive(np.array([t]))[:, 0] - held * x[2:])]
+        def rate(t: float, x: np.ndarray, driven: Callable[..., np.ndarray] = driven) -> list[float]:
+            return [x[2], x[3], *of(x, driven(t, x)[:, 0])]
 
         t = np.arange(0, SECONDS, 1 / RATE)
-        x = solve_ivp(rate, (0, SECONDS), [0, 0, 0, 0], t_eval=t, rtol=1e-9, atol=1e-10).y.T
-        u = (drive(t) - held * x[:, 2:].T).T
+        x = solve_ivp(rate, (0, SECONDS), [0, 0, 0, 0], t_eval=t, rtol=1e-8, atol=1e-9, max_step=0.02).y.T
+        u = driven(t, x.T).T
         x = x + rng.normal(size=x.shape) * NOISE
-        inputs = (Channel("torque.a", "N m"), Channel("torque.b", "N m"))
-        made = Recording(f"run_{k}", RATE, u, x, inputs, TwoParts.state_channels, np.ones(len(x), bool))
-        logs.append(log_of(made, TwoParts(), "torque"))
+        made = Recording(f"run_{k}", RATE, u, x, inputs, model.state_channels, np.ones(len(x), bool))
+        logs.append(log_of(made, model, drive))
     names = [log.name for log in logs]
-    subject = Subject(
-        "hidden",
-        TwoParts(),
-        tuple(logs),
-        tuple(names[:4]),
-        tuple(names[4:]),
-        None,
-        {},
-        {},
-        ("angle", "angle_rate", "torque"),
-    )
-    return diagnose(subject)
+    signals = (*dict.fromkeys(c.group for c in model.state_channels), drive)
+    return diagnose(Subject("hidden", model, tuple(logs), tuple(names[:4]), tuple(names[4:]), None, {}, {}, signals))
 
 
 def functions(found: PhysicsModel) -> dict[tuple[str, ...], LearnedTerm]:
@@ -118,7 +156,7 @@ def agrees(term: LearnedTerm, true: Callable[[np.ndarray], np.ndarray]) -> bool:
 
 
 def test_both_links_of_an_arm_are_described_each_by_its_own_equation() -> None:
-    found, model = diagnosed(arm, 0.0)
+    found, model = diagnosed(arm, TwoParts(), DRIVE)
     terms = functions(model)
     assert set(terms) == {
         ("angle_rate.a", "angle.a"),
@@ -138,7 +176,7 @@ def test_both_links_of_an_arm_are_described_each_by_its_own_equation() -> None:
 
 
 def test_a_shaft_that_hardens_follows_its_twist() -> None:
-    _, model = diagnosed(shaft, 0.05)
+    _, model = diagnosed(shaft, TwoParts(), DRIVE, DAMPED)
     terms = functions(model)
     assert set(terms) == {("angle_rate.a", "angle.a-angle.b"), ("angle_rate.b", "angle.a-angle.b")}
     assert {t.shape for t in terms.values()} == {"linear_cubic"}
@@ -146,6 +184,14 @@ def test_a_shaft_that_hardens_follows_its_twist() -> None:
     np.testing.assert_allclose(terms["angle_rate.b", "angle.a-angle.b"].values, (15, 40), rtol=0.02)
 
 
+def test_friction_is_told_where_the_drive_acts() -> None:
+    _, model = diagnosed(cart, CartPole(), (2.0,), np.array([[3.0, 0.0, 1.0, 0.0]]))
+    terms = functions(model)
+    assert set(terms) == {("push.x", "pace.x")}
+    assert terms["push.x", "pace.x"].shape == "sign_linear"
+    np.testing.assert_allclose(terms["push.x", "pace.x"].values, (-0.5, -0.8), rtol=0.05)
+
+
 def test_where_nothing_is_missing_nothing_is_learned() -> None:
-    found, model = diagnosed(free, 0.05)
+    found, model = diagnosed(free, TwoParts(), DRIVE, DAMPED)
     assert (found.verdict, model.effects) == ("nothing", ())

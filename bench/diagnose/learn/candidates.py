@@ -52,7 +52,22 @@ def dynamic_axes(model: PhysicsModel) -> list[str]:
     if known.flies(type(model)):
         return axes
     named = model.equation_names()
-    return [c.name for c in model.state_channels if c.group in named]
+    return [c.name for c in model.state_channels if c.group in named] + _coupled_drives(model)
+
+
+def _coupled_drives(model: PhysicsModel) -> list[str]:
+    """The inputs that move several states at once: along those that move one, a term is one of that state's rate."""
+    drives, states = (
+        known.drives_of(type(model)),
+        torch.tensor([c.group in model.equation_names() for c in model.state_channels]),
+    )
+    if len(drives) != model.driving_channels:
+        return []
+    with torch.no_grad():
+        x = torch.linspace(0.1, 1.0, len(states), dtype=torch.float64)
+        still = torch.zeros(len(drives), dtype=torch.float64)
+        moved = [known.rate_along(d, torch.ones((), dtype=torch.float64), model, x, still) for d in drives]
+    return [d for d, rates in zip(drives, moved, strict=True) if int((rates[states] != 0).sum()) > 1]
 
 
 def equation_of(model: PhysicsModel, axis: str) -> str:

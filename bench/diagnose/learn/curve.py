@@ -44,7 +44,7 @@ def curve(subject: Subject, noise: Noise, model: PhysicsModel, place: int, effec
     thin = slice(None, None, max(1, len(x) // SKETCHING.dots))
     units, whole = known.available(model), known.axes_of(type(model))[term.axis]
     per = product((whole, 1), *((units[s], -1) for s in term.signals[1:]))
-    axis = term.axis if known.flies(type(model)) else f"rate of change of {term.axis}"
+    axis = known.quantity_of(type(model), term.axis)
     return LearnedCurve(
         x_signal=term.signals[0] if term.signals else "time",
         x_unit=units[term.signals[0]] if term.signals else "s",

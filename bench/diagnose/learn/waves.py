@@ -64,7 +64,7 @@ def folded(subject: Subject, model: PhysicsModel, noise: Noise, place: int) -> L
     return LearnedCurve(
         x_signal="time in a period",
         x_unit="s",
-        y_quantity=line.axis if known.flies(type(model)) else f"rate of change of {line.axis}",
+        y_quantity=known.quantity_of(type(model), line.axis),
         y_unit=line.unit,
         x=tuple(grid.tolist()),
         y=tuple(shown.tolist()),

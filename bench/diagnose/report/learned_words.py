@@ -11,8 +11,9 @@ from registry.terms.shapes import SHAPES, SPLINE
 
 def axis_named(axis: str, model: PhysicsModel) -> str:
     """An axis as a reader says it."""
-    if not signals.flies(type(model)):
-        return f"rate of change of {phrases.named(axis)}"
+    kind = type(model)
+    if not signals.flies(kind):
+        return phrases.named(signals.quantity_of(kind, axis))
     return phrases.named(axis if axis.startswith(("world", "torque")) else f"body_{axis}")
 
 

@@ -50,7 +50,9 @@ class PeriodicTerm(InternalEffect, RateEffect):
     def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
         """What it adds to dx/dt, and the derivative of its own states (…, s + 2); see `RateEffect.rate`."""
         proper, own = state[..., :-2], state[..., -2:]
-        return torch.cat([signals.rate_along(self.axis, own[..., 0], model, proper), self._turning(own)], dim=-1)
+        return torch.cat(
+            [signals.rate_along(self.axis, own[..., 0], model, proper, inputs), self._turning(own)], dim=-1
+        )
 
     def _turning(self, own: Tensor) -> Tensor:
         return 2 * math.pi * self.frequency * torch.stack([own[..., 1], -own[..., 0]], dim=-1)
