@@ -12,7 +12,7 @@ from typing_extensions import override
 from registry.core import EFFECTS
 from registry.dynamics import InputEffect, RateEffect, constant, tensor
 from registry.effects.actuation import InputDelay
-from registry.effects.friction import scaled
+from registry.effects.mechanics.friction import scaled
 
 LONGEST_LINE = 60.0
 """Upper bound of a transport delay [s]."""

@@ -16,9 +16,9 @@ from registry.datasets.benchmarks.emps import Emps
 from registry.datasets.benchmarks.silverbox import RATE, Silverbox, band_limited
 from registry.datasets.crazypad import Crazypad
 from registry.datasets.logs.formats.usd import read_usd_log
-from registry.effects.friction import STICKING, CoulombFriction, OffsetForce, ViscousFriction
+from registry.effects.mechanics.friction import STICKING, CoulombFriction, OffsetForce, ViscousFriction
+from registry.effects.mechanics.stiffness import CubicStiffness
 from registry.effects.process import Overflow
-from registry.effects.stiffness import CubicStiffness
 from registry.errors import BenchError
 from registry.physics.mass_on_rail import MassOnRail
 from registry.physics.oscillator import Oscillator

@@ -10,7 +10,7 @@ from bench.diagnose import diagnose, discover
 from bench.diagnose.checks.problems import problems
 from bench.diagnose.logs.subject import Subject, log_of
 from registry.contracts import Channel, Recording
-from registry.effects.friction import CoulombFriction, ViscousFriction
+from registry.effects.mechanics.friction import CoulombFriction, ViscousFriction
 from registry.physics.mass_on_rail import MassOnRail
 from registry.physics.pendulum import Pendulum
 

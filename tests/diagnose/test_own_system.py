@@ -6,8 +6,8 @@ import pytest
 
 from bench.diagnose.logs.load import physics_class
 from registry.core import EFFECTS, PHYSICS
-from registry.effects.friction import CoulombFriction
-from registry.effects.stiffness import CubicStiffness
+from registry.effects.mechanics.friction import CoulombFriction
+from registry.effects.mechanics.stiffness import CubicStiffness
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
 

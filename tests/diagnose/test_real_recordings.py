@@ -133,3 +133,39 @@ def test_nanobench_lacks_drag_although_its_torques_hardly_follow_the_commands(be
     modelled, _ = lateral_regression(held, mean_rates(model, held)[..., 13:].numpy())
     assert modelled == pytest.approx(slopes, rel=0.15)
     assert any("The stated inertia" in note and "let go" in note for note in said.evidence.notes)
+
+
+def climbing_regression(logs, model, axis, climbing=True):
+    """What the torque of the rotors about x or y answers [N m], mean of .2 s: rows of each log, and it itself.
+
+    The change of the rate, a constant, velocity times the sum of rotor speeds, the rate, and velocity times climb rate.
+    """
+    arm, rows, torques = np.array(model.rotor_positions)[:, 1 - axis] * (1 - 2 * axis), [], []
+    for log in logs:
+        h, x, speed = round(0.2 * log.rate), log.states.numpy(), log.inputs.numpy()[:, :4]
+        v = Rotation.from_quat(x[:, 6:10]).inv().apply(x[:, 3:6])
+        rate, across = x[:, 10 + axis], v[:, 1 - axis]
+        torque = model.thrust_coefficient * speed**2 @ arm
+        total = np.cumsum(np.c_[torque, np.ones(len(x)), across * speed.sum(1), rate, across * v[:, 2]], axis=0) / h
+        k = np.arange(0, len(x) - h, h // 2)
+        mean = total[k + h] - total[k]
+        rows.append(np.c_[rate[k + h] - rate[k], mean[:, 1 : 5 if climbing else 4]])
+        torques.append(mean[:, 0])
+    return np.concatenate(rows), np.concatenate(torques)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(("axis", "moment", "left"), [(0, -1.2e-4, 0.92), (1, 4.6e-4, 0.70)])
+def test_rotors_of_nanodrone_hold_against_a_moment_of_velocity_times_climb_rate(bench_data, axis, moment, left):
+    """On melon, by slopes of the other flights, 11 and 36 % of what the rotors' torque does beyond flapping."""
+    subject = load("nanodrone")
+    learnt, held = subject.of(subject.training), subject.of(subject.held_out)
+    squares = []
+    for climbing in (False, True):
+        slopes = np.linalg.lstsq(*climbing_regression(learnt, subject.model, axis, climbing), rcond=None)[0]
+        rows, torque = climbing_regression(held, subject.model, axis, climbing)
+        squares.append(((torque - rows @ slopes) ** 2).sum())
+    own = np.linalg.lstsq(rows, torque, rcond=None)[0]
+    assert -slopes[-1] == pytest.approx(moment, rel=0.2)
+    assert -own[-1] == pytest.approx(moment, rel=0.2)
+    assert squares[1] < left * squares[0]

@@ -15,7 +15,7 @@ from bench.diagnose.settings import SIMULATING
 from bench.diagnose.simulate.simulation_fit import Windows, fit, starts
 from bench.diagnose.simulate.unmeasured import beginning, completed, hidden
 from registry.contracts import Channel, Recording
-from registry.effects.stiffness import CubicStiffness, JointElasticity
+from registry.effects.mechanics.stiffness import CubicStiffness, JointElasticity
 from registry.physics.oscillator import Oscillator
 from registry.physics.quadrotor import Quadrotor
 from registry.physics.tanks import Tanks

@@ -18,7 +18,15 @@ BATTERY, TIME = 3.5, 40.0
 SCALING = ("thrust_scale", "unequal_rotors", "battery_sag", "vortex_ring_state")
 AIR = ("rotor_drag", "linear_drag", "parasitic_drag", "translational_lift", "inflow_thrust_loss", "ground_effect")
 TURNING = ("blade_flapping", "rotor_gyroscopic_torque", "rotor_reaction_torque", "cog_offset", "rotational_damping")
-OTHER = ("torque_bias", "rotor_misalignment", "inertia_products", "mass", "torque_scale", "suspended_load")
+OTHER = (
+    "torque_bias",
+    "rotor_misalignment",
+    "inertia_products",
+    "mass",
+    "torque_scale",
+    "suspended_load",
+    "munk_moment",
+)
 IDS = (*SCALING, *AIR, *TURNING, *OTHER)
 ELSEWHERE = {"wind", "motor_lag", "input_delay"}
 
@@ -74,6 +82,8 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
         torque = torque - np.array([e["d_x"], e["d_y"], e["d_z"]]) * w
     if e := p("torque_bias"):
         torque = torque + np.array([e["t_x"], e["t_y"], e["t_z"]])
+    if e := p("munk_moment"):
+        torque = torque + v_b[2] * np.array([-e["m_x"] * v_b[1], e["m_y"] * v_b[0], 0])
     if e := p("torque_scale"):
         torque = torque * [1 + e["eps_x"], 1 + e["eps_y"], 1 + e["eps_z"]]
 
@@ -125,7 +135,7 @@ def both(chosen, seed, wind=(0.0, 0.0), battery=True):
 
 def test_the_catalogue_is_complete():
     quadrotor = {n for n in EFFECTS.names() if not EFFECTS.get(n).systems or "quadrotor" in EFFECTS.get(n).systems}
-    assert {*IDS, *ELSEWHERE} <= quadrotor and len({*IDS, *ELSEWHERE}) == 24
+    assert {*IDS, *ELSEWHERE} <= quadrotor and len({*IDS, *ELSEWHERE}) == 25
 
 
 @pytest.mark.parametrize("name", IDS)

@@ -9,7 +9,7 @@ import torch
 
 from registry.conformance import EffectConformance
 from registry.core import EFFECTS
-from registry.effects.friction import (
+from registry.effects.mechanics.friction import (
     STICKING,
     CoulombFriction,
     OffsetForce,
@@ -17,10 +17,10 @@ from registry.effects.friction import (
     StribeckFriction,
     ViscousFriction,
 )
-from registry.effects.hysteresis import Backlash, BoucWen
+from registry.effects.mechanics.hysteresis import Backlash, BoucWen
+from registry.effects.mechanics.stiffness import Cogging, CubicStiffness, JointElasticity
 from registry.effects.polynomial import Monomial
 from registry.effects.process import DeadZone, Overflow, Saturation, TransportDelay
-from registry.effects.stiffness import Cogging, CubicStiffness, JointElasticity
 from registry.errors import BenchError
 from registry.physics.falling_body import FallingBody, Projectile
 from registry.physics.lorenz import Lorenz

@@ -8,6 +8,7 @@ import numpy as np
 
 from bench.diagnose.regression.least_squares import equilibrium, ridge, shifted
 from bench.diagnose.regression.weak import LogBatch
+from bench.diagnose.settings import FOLLOWING
 from registry.dynamics import Description, PhysicsModel, Signals
 
 
@@ -164,7 +165,7 @@ def follow(
 ) -> list[tuple[int, float]]:
     """What a residual follows: dictionary columns, most telling first, each with the held-out loss that it saves.
 
-    Orthogonal matching pursuit, judged fold by fold by a fit to the others.
+    Orthogonal matching pursuit, judged fold by fold by a fit to the others; of columns that gain alike, the first.
 
     Args:
         grams: a fold: normal equations of its whitened rows, with dictionary columns from ``first`` on.
@@ -191,7 +192,7 @@ def follow(
         gain[:first] = gain[-1] = 0.0
         if allowed is not None:
             gain = np.where(np.isin(np.arange(len(gain)), allowed), gain, 0.0)
-        best = int(np.argmax(gain))
+        best = int(np.argmax(gain >= (1 - FOLLOWING.alike) * gain.max()))
         chosen.append(best)
         now = _held_out(grams, tails, chosen)
         if now >= last:

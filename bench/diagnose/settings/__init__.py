@@ -13,7 +13,7 @@ from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sa
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading
 from bench.diagnose.settings.manoeuvre import Assuring, Composing, Designing, Limiting, Separating
-from bench.diagnose.settings.regression import Calibrating, Folding, Linearising, Mapping, Waving
+from bench.diagnose.settings.regression import Calibrating, Folding, Following, Linearising, Mapping, Waving
 from bench.diagnose.settings.select import Choosing, Growing, Mattering, Searching, Stepping, Timing, Verifying
 from bench.diagnose.settings.simulate import Beginning, Playing, Running, Shooting, Simulating
 from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Observing, Telling
@@ -59,6 +59,7 @@ PLAYING = Playing()
 LINEARISING = Linearising()
 CALIBRATING = Calibrating()
 FOLDING = Folding()
+FOLLOWING = Following()
 WAVING = Waving()
 MAPPING = Mapping()
 DESIGNING = Designing()
@@ -92,6 +93,7 @@ EVERY = (
     LINEARISING,
     CALIBRATING,
     FOLDING,
+    FOLLOWING,
     WAVING,
     MAPPING,
     RUNNING,

@@ -56,6 +56,18 @@ class Calibrating:
 
 
 @dataclass(frozen=True)
+class Following:
+    """What a residual follows."""
+
+    alike: float = threshold(
+        1e-3,
+        "share of the largest gain by which a column may gain less and still be taken before it, if it stands first: "
+        "copies of one signal gain alike to eight digits, and rounding would choose among them",
+        Basis.ROUNDING,
+    )
+
+
+@dataclass(frozen=True)
 class Folding:
     """Recordings held out in turn, and blocks whose losses are compared."""
 

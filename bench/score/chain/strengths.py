@@ -43,6 +43,7 @@ TYPICAL: dict[str, Callable[[Airframe], Values]] = {
     "torque_scale": lambda c: dict.fromkeys(("eps_x", "eps_y", "eps_z"), 0.15),
     "torque_bias": lambda c: _inertial(c, "t_x t_y t_z", (1.3, 1.3, 0.6)),
     "suspended_load": lambda c: {"m_l": 0.18 * c.mass, "l": 0.6, "zeta": 0.03},
+    "munk_moment": lambda c: {"m_x": c.inertia[0], "m_y": c.inertia[1]},
 }
 _SIGNED = {
     "blade_flapping",

@@ -34,6 +34,7 @@ _OWN = (
     "ground_effect",
     "linear_drag",
     "mass",
+    "munk_moment",
     "position_force",
     "rotational_damping",
     "rotor_gyroscopic_torque",
@@ -145,6 +146,9 @@ class HiddenMultirotor(Rotorcraft):
             torque -= np.array([[e["d_x"]], [e["d_y"]], [e["d_z"]]]) * rates
         if e := has.get("torque_bias"):
             torque += np.array([[e["t_x"]], [e["t_y"]], [e["t_z"]]])
+        if e := has.get("munk_moment"):
+            torque[0] -= e["m_x"] * now.air[1] * now.air[2]
+            torque[1] += e["m_y"] * now.air[0] * now.air[2]
         if e := has.get("torque_scale"):
             torque *= 1 + np.array([[e["eps_x"]], [e["eps_y"]], [e["eps_z"]]])
         return force, torque

@@ -43,6 +43,7 @@ TYPICAL: dict[str, tuple[dict[str, float], dict[str, float]]] = {
     "torque_scale": ({"eps_x": 0.15, "eps_y": 0.15, "eps_z": 0.15},) * 2,
     "torque_bias": ({"t_x": 5e-3, "t_y": 5e-3, "t_z": 4e-3}, {"t_x": 4e-5, "t_y": 4e-5, "t_z": 3e-5}),
     "suspended_load": ({"m_l": 0.1, "l": 0.6, "zeta": 0.03}, {"m_l": 0.008, "l": 0.5, "zeta": 0.03}),
+    "munk_moment": ({"m_x": 4e-3, "m_y": 4e-3}, {"m_x": 1.5e-5, "m_y": 1.5e-5}),
 }
 """Parameters (SI) on the Hummingbird and on the Crazyflie."""
 

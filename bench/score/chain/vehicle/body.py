@@ -145,7 +145,7 @@ class Body:
         self.size = 17 if "suspended_load" in effects else 13
         names = ("rotor_drag", "inflow_thrust_loss", "translational_lift", "blade_flapping")
         self._hub = [n for n in names if n in effects]
-        wanted = ("linear_drag", "parasitic_drag", "rotor_misalignment", "vortex_ring_state")
+        wanted = ("linear_drag", "parasitic_drag", "munk_moment", "rotor_misalignment", "vortex_ring_state")
         self._body = any(n in effects for n in wanted) or bool(self._hub)
 
     def volts(self, t: float | Array, speed: Array) -> Array:
@@ -203,6 +203,8 @@ class Body:
             torque -= self.columns["rotational_damping"] * rates
         if "torque_bias" in has:
             torque += self.columns["torque_bias"]
+        if (e := has.get("munk_moment")) and air is not None:
+            torque[:2] += air[2] * np.stack([-e["m_x"] * air[1], e["m_y"] * air[0]])
         if "torque_scale" in has:
             torque *= 1 + self.columns["torque_scale"]
         return force, torque

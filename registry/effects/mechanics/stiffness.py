@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from registry.core import EFFECTS
 from registry.dynamics import InputEffect, constant
-from registry.effects.friction import ForceEffect, scaled
+from registry.effects.mechanics.friction import ForceEffect, scaled
 
 
 @EFFECTS.register("cubic_stiffness")

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from registry.core import EFFECTS
 from registry.dynamics import InputEffect, RateEffect, constant, tensor
-from registry.effects.friction import scaled
+from registry.effects.mechanics.friction import scaled
 
 _BENCHMARK = "Noël and Schoukens, Hysteretic benchmark with a dynamic nonlinearity (2016)"
 

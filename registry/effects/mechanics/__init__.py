@@ -1,0 +1,1 @@
+"""Forces and inputs of moving masses: friction, springs, play in a drive."""
