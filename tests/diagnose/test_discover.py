@@ -179,7 +179,7 @@ def test_a_constant_that_is_off_within_what_is_stated_is_calibrated_and_said(cac
     case = flights.Case("stronger", effects={"thrust_scale": {"eps": 0.05}}, recordings=4, seconds=12.0, flight_seed=80)
     answer = diagnosed(case, cache)
     assert (answer.verdict, answer.named) == ("nothing", {})
-    _, true = changed_constants(case)["thrust_scale"]
+    true = changed_constants(case)["thrust_scale"]["thrust_coefficient"]
     nominal, _, low, high = answer.constants["thrust_coefficient"]
     assert nominal < low < true < high < 1.05 * low
     nominal, _, low, high = answer.constants["thrust_coefficient / mass"]
