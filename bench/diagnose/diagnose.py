@@ -17,9 +17,11 @@ from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import sampled
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.parameters import entries
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.verify import Estimate, at_bound
 from bench.diagnose.settings import DECIDING, MATTERING
 from bench.diagnose.simulate.flights import flights
 from registry.contracts import Dataset
@@ -137,14 +139,29 @@ def _confirmed(run: _Run, found: Discovery) -> tuple[Discovery, Extension | None
     if extension is not None:
         vanished = [e.id for e in extension.effects if _idle(e)]
         if vanished:
-            found = _unnamed(found, vanished)
+            found = _unnamed(found, vanished, _NO_BETTER)
             extension = _added(run, found)
+    # Where no equation could be judged, sets were compared with their bounds already.
+    while extension is not None and found.equations and (imitation := _at_bound(run, extension)):
+        found = _unnamed(found, [imitation], _AT_BOUND)
+        extension = _added(run, found)
+        if extension is None:
+            return found, None, True
     if extension is None:
         return found, None, False
     # Where each equation was judged by itself, a free run that is lost in another one refutes nothing.
     if not found.equations and sum(e.share_explained for e in extension.effects) < 0:
-        return _unnamed(found, [f.id for f in found.found]), None, True
+        return _unnamed(found, [f.id for f in found.found], _NO_BETTER), None, True
     return found, extension, False
+
+
+def _at_bound(run: _Run, extension: Extension) -> str | None:
+    """The effect at a bound that is not neutral that explains least of free runs, after all was fitted; None: none."""
+    first = len(run.subject.model.effects)
+    numbers = entries(extension.model, run.subject.uncertainty, run.subject.model)
+    last = [Estimate(e, e.value, e.low, e.high) for e in numbers]
+    pushed = [e for i, e in enumerate(extension.effects, first) if at_bound(last, i)]
+    return min(pushed, key=lambda e: e.share_explained).id if pushed else None
 
 
 def _idle(effect: NamedEffect) -> bool:
@@ -237,13 +254,20 @@ def _concluded(
     return steps, terms
 
 
-def _unnamed(found: Discovery, names: Sequence[str]) -> Discovery:
-    """What is left to say when effects found make the forecast of held-out recordings no better."""
-    note = (
-        f"{', '.join(names)} explained the rates of the recordings that were learnt from, but did not make the "
-        "forecast of recordings better, and so is not named."
-    )
+_NO_BETTER = (
+    "explained the rates of the recordings that were learnt from, but did not make the forecast of recordings better, "
+    "and so is not named."
+)
+_AT_BOUND = (
+    "fits best at the end of its physical range, where it imitates something else, and so is not named; the rest was "
+    "fitted again without it."
+)
+
+
+def _unnamed(found: Discovery, names: Sequence[str], why: str) -> Discovery:
+    """What is left to say when the last model takes back effects that were found."""
     left = tuple(f for f in found.found if f.id not in names)
+    note = f"{', '.join(names)} {why}"
     return replace(found, found=left, confounders=(*found.confounders, *names), notes=(*found.notes, note))
 
 

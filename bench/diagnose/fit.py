@@ -75,5 +75,6 @@ def _between(found: Sequence[Estimate], shot: Shot, moved: bool) -> list[Estimat
         if moved:
             half = max(half, EXTENDING.interval * spread.get((x.entry.owner, x.entry.label), 0.0))
         value = after if moved else x.value
-        out.append(replace(x, value=value, low=max(value - half, x.entry.low), high=min(value + half, x.entry.high)))
+        low, high = x.entry.interval(value, half)
+        out.append(replace(x, value=value, low=low, high=high))
     return out

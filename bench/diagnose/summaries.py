@@ -108,7 +108,7 @@ def constant_estimates(
         low, high = float(x.low), float(x.high)  # numpy's comparisons are no JSON
         if abs(value - x.value) > 1e-9 * prior.scale:  # two estimates that differ are worth no more than that
             half = float(max((high - low) / 2, abs(value - x.value)))
-            low, high = max(value - half, x.entry.low), min(value + half, x.entry.high)
+            low, high = x.entry.interval(value, half)
         determined = high - low < EXTENDING.determined * 2 * EXTENDING.interval * prior.scale
         out[label] = ConstantEstimate(prior.value, value, low, high, x.entry.unit, determined)
     return out

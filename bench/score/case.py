@@ -133,14 +133,22 @@ def parameters(case: Case) -> dict[str, Any]:
     return out | true
 
 
-def changed_constants(case: Case) -> dict[str, tuple[str, float]]:
-    """By hidden effect that is nothing but another base constant, that constant of the model and its true value."""
-    true, changed = parameters(case), {}
-    if "mass" in case.effects:
-        changed["mass"] = ("mass", true["mass"] + case.effects["mass"]["delta"])
-    if "thrust_scale" in case.effects:
-        changed["thrust_scale"] = ("thrust_coefficient", true["k_eta"] * (1 + case.effects["thrust_scale"]["eps"]))
-    return changed
+def changed_constants(case: Case) -> dict[str, dict[str, float]]:
+    """By hidden effect that is nothing but another base constant, what the model's calibration may say: true values.
+
+    That constant, or its ratio to another one where flights tell no more.
+    """
+    true = parameters(case)
+    return of_changed(case, true["mass"], true["k_eta"])
+
+
+def of_changed(case: Case, mass: float, thrust: float) -> dict[str, dict[str, float]]:
+    """`changed_constants` of a vehicle of this mass [kg] and thrust coefficient [N s²] without what is hidden."""
+    mass += case.effects.get("mass", {}).get("delta", 0.0)
+    thrust *= 1 + case.effects.get("thrust_scale", {}).get("eps", 0.0)
+    alone = {"mass": ("mass", mass), "thrust_scale": ("thrust_coefficient", thrust)}
+    ratio = {"thrust_coefficient / mass": thrust / mass}
+    return {effect: {name: true, **ratio} for effect, (name, true) in alone.items() if effect in case.effects}
 
 
 def true_model(case: Case, base: PhysicsModel) -> PhysicsModel:

@@ -31,8 +31,8 @@ def shares(case: Case, cache: Path) -> dict[str, float]:
     return oracle.shares(case, first.truth(case, cache))
 
 
-def changed_constants(case: Case) -> dict[str, tuple[str, float]]:
-    """By hidden effect that is nothing but another base constant, that constant of the model and its true value."""
+def changed_constants(case: Case) -> dict[str, dict[str, float]]:
+    """See `bench.score.case.changed_constants`."""
     if isinstance(case, second.ChainCase):
         return second.changed_constants(case)
     return first.changed_constants(case)

@@ -95,16 +95,21 @@ class Judged:
         """Effects that must be named, were not, and were found all the same: as a change of a base constant.
 
         Constants are calibrated within three of their stated uncertainties before an effect is named. An effect that is
-        nothing but another constant is found there if that constant's interval excludes the nominal value, so that the
-        answer says that it is off, and holds the true one.
+        nothing but another constant is found there if the interval of that constant, or of its ratio to the one that
+        flights do not tell it from, excludes the nominal value, so that the answer says that it is off, and holds the
+        true one.
         """
         found = set()
         if self.verdict in ("nothing", "named"):
-            for effect, (constant, true) in changed_constants(self.case).items():
-                nominal, _, low, high = self.said.get("constants", {}).get(constant, (math.nan,) * 4)
-                if effect not in self.named and not low <= nominal <= high and low <= true <= high:
+            for effect, constants in changed_constants(self.case).items():
+                if effect not in self.named and any(self._told(name, true) for name, true in constants.items()):
                     found.add(token(effect))
         return found & self.required
+
+    def _told(self, constant: str, true: float) -> bool:
+        """Whether a constant is said to be off, by an interval that holds its true value."""
+        nominal, _, low, high = self.said.get("constants", {}).get(constant, (math.nan,) * 4)
+        return not low <= nominal <= high and low <= true <= high
 
     @property
     def answered(self) -> bool:

@@ -298,9 +298,23 @@ def test_constants_are_said_to_have_moved_where_their_interval_leaves_the_stated
     assert said(held, moved) == (
         "Calibration moved stated constants: inertia about y by −5.0 % (−6.0 % to −4.0 %; 0.5 σ)."
     )
-    assert "ratios of stated constants (either constant may be off): torque coefficient / inertia about z" in said(
-        ratio
-    )
+    own = Calibration("torque_coefficient", 1.0, 1.04, "", 0.2, 1.02, 1.06)
+    text = said(own, ratio, moved)
+    assert "inertia about y" in text.partition(" Calibration also moved ratios of stated constants: ")[0]
+    either = "To these recordings torque coefficient 5.0 % higher or inertia about z 4.8 % lower is the same. "
+    assert either + "What is stated of the constants makes of these ratios: torque coefficient by 4.0 %" in text
+
+
+@pytest.mark.parametrize(("taken", "told"), [(0.9, True), (0.1, False), (math.nan, False)])
+def test_the_headline_of_a_model_that_lacks_nothing_says_if_its_constants_were_far_off(
+    taken: float, told: bool
+) -> None:
+    ratio = Calibration("thrust_coefficient / mass", 2.0, 1.84, "", -0.4, 1.83, 1.85)
+    d = replace(samples.named(), verdict="nothing", effects=())
+    d = replace(d, evidence=replace(d.evidence, calibration=(ratio,), calibrated=taken))
+    off = "but stated constants are off: thrust coefficient / mass by −8.0 % (−8.5 % to −7.5 %; 0.4 σ)."
+    assert sentences.headline(d).endswith(off) is told
+    assert sentences.headline(replace(d, evidence=replace(d.evidence, calibration=()))).endswith("can show.")
 
 
 def test_what_effects_take_is_never_more_than_all() -> None:

@@ -7,6 +7,7 @@ import pytest
 from undriven import undriven
 
 from bench.diagnose import diagnose, extend
+from bench.diagnose.fit import fit_parameters
 from bench.diagnose.regression.parameters import effect_entries
 from bench.diagnose.select.verify import Estimate, at_bound
 from registry.core import EFFECTS
@@ -72,6 +73,28 @@ def test_a_parameter_that_is_pushed_to_its_bound_betrays_an_imitation(length, da
     numbers = [Estimate(e, e.value, e.low, e.high) for e in effect_entries(effect, 2)]
     assert at_bound(numbers, 2) is edge
     assert not at_bound(numbers, 1)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "verdict", "left"),
+    [
+        ({"viscous_friction": 0.1, "offset_force": 0.3}, "named", ["viscous_friction"]),
+        ({"offset_force": 0.3}, "unknown_effect", []),
+    ],
+)
+def test_what_the_last_fit_pushes_to_a_bound_is_fitted_no_more(monkeypatch, hidden, verdict, left):
+    def pushed(subject, model, noise=None, tick=print, through_simulator=True):
+        model, numbers = fit_parameters(subject, model, noise, tick, through_simulator)
+        ends = {e: replace(e, f_0=1e3) for e in model.effects if EFFECTS.name_of(type(e)) == "offset_force"}
+        return replace(model, effects=tuple(ends.get(e, e) for e in model.effects)), numbers
+
+    monkeypatch.setitem(extend.__globals__, "fit_parameters", pushed)
+    effects = [EFFECTS.get(name)(value) for name, value in hidden.items()]
+    subject = undriven("pendulum", effects, NEAR, 0.02, 1000, 1e-3)
+    said, model = diagnose(subject, catalogue=["viscous_friction", "offset_force"], brief=True)
+    assert (said.verdict, [e.id for e in said.effects if not e.learned]) == (verdict, left)
+    assert all(EFFECTS.name_of(type(e)) != "offset_force" for e in model.effects)
+    assert any(note.startswith("offset_force fits best at the end") for note in said.evidence.notes)
 
 
 def test_an_effect_is_not_added_twice():
@@ -156,7 +179,7 @@ def test_a_constant_that_is_off_within_what_is_stated_is_calibrated_and_said(cac
     case = flights.Case("stronger", effects={"thrust_scale": {"eps": 0.05}}, recordings=4, seconds=12.0, flight_seed=80)
     answer = diagnosed(case, cache)
     assert (answer.verdict, answer.named) == ("nothing", {})
-    _, true = changed_constants(case)["thrust_scale"]
+    true = changed_constants(case)["thrust_scale"]["thrust_coefficient"]
     nominal, _, low, high = answer.constants["thrust_coefficient"]
     assert nominal < low < true < high < 1.05 * low
     nominal, _, low, high = answer.constants["thrust_coefficient / mass"]

@@ -31,3 +31,18 @@ def test_shooting_loses_a_sure_number_where_it_leaves_no_effect(
     assert lost([sure], shot) is gone
     untouched = Shot(None, 1.0, 0.5, (), np.zeros((0, 0)))  # type: ignore[arg-type]
     assert not lost([sure], untouched)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value", "half", "interval"),
+    [
+        (MASS, 1.09, 0.05, (1.04, 1.14)),  # calibration stops at 1.1, what is known of the mass does not
+        (MASS, 1.0, 2.0, (0.0, 3.0)),
+        (replace(MASS, low=-1.0), 0.0, 2.0, (-2.0, 2.0)),
+        (DRAG, 0.1, 0.2, (0.0, 0.3)),  # less than no drag there is not
+    ],
+)
+def test_an_interval_ends_where_a_number_cannot_be_and_not_where_calibration_stops(
+    entry: Entry, value: float, half: float, interval: tuple[float, float]
+) -> None:
+    assert entry.interval(value, half) == pytest.approx(interval)

@@ -84,7 +84,7 @@ def test_either_effect_of_the_rotors_inertia_or_both_is_right(named: tuple[str, 
 
 def test_a_change_of_a_constant_may_be_told_by_its_calibration_if_the_interval_is_right() -> None:
     heavy = case("1-single-mass", effects={"mass": {"delta": 0.02}})
-    nominal, (_, true) = 0.5, changed_constants(heavy)["mass"]
+    nominal, true = 0.5, changed_constants(heavy)["mass"]["mass"]
     assert abs(true / nominal - 1.04) < 0.02  # the base constant itself is drawn within 1 %, at most 2 σ
 
     def told(low: float, high: float, *named: str, verdict: str = "nothing", one: Case = heavy) -> Judged:
@@ -93,6 +93,11 @@ def test_a_change_of_a_constant_may_be_told_by_its_calibration_if_the_interval_i
 
     near, far = true - 0.003, true + 0.003
     assert told(near, far).answered and told(near, far).first and told(near, far).right and not told(near, far).exact
+    ratio, right = "thrust_coefficient / mass", changed_constants(heavy)["mass"]["thrust_coefficient / mass"]
+    for stated, answered in ((1.05 * right, True), (right, False)):  # flights may tell no more than the ratio
+        shared = {ratio: [stated, right, 0.99 * right, 1.01 * right], "mass": [nominal, nominal, 0.49, 0.51]}
+        one = judged(heavy, said("nothing", shares={"mass": 1.0}, constants=shared))
+        assert one.answered is answered
     assert not told(nominal - 0.01, far).answered  # it does not say that it is off
     assert not told(true + 0.001, far).answered  # it says so wrongly
     assert not told(near, far, verdict="unknown_effect").answered

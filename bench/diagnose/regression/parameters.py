@@ -50,6 +50,13 @@ class Entry:
             return (value * self.scale / self.stated) ** -2, value * math.log(self.stated / value)
         return self.scale**-2, self.stated - value
 
+    def interval(self, value: float, half: float) -> tuple[float, float]:
+        """``value`` ± ``half``, cut where it cannot be; a constant's bounds are only where calibration stops."""
+        low, high = value - half, value + half
+        if self.constant:
+            return (max(low, 0.0) if self.low >= 0 else low), high
+        return max(low, self.low), min(high, self.high)
+
     @property
     def label(self) -> str:
         """Such as "inertia[2]"."""

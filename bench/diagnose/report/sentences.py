@@ -24,7 +24,11 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"The catalogue does not have what the model lacks; learned instead: {'; '.join(_terms(diagnosis))}."
     effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if not e.learned]
     left = diagnosis.unexplained
-    return verdict_line(diagnosis.verdict, effects, left.axes, left.follows)
+    line = verdict_line(diagnosis.verdict, effects, left.axes, left.follows)
+    moved = [c for told in _moved(diagnosis) for c in told]
+    if diagnosis.verdict == "nothing" and moved and diagnosis.evidence.calibrated >= TELLING.recalibrated:
+        return f"{line.removesuffix('.')}, but stated constants are off: {change(moved[0])}."
+    return line
 
 
 def verdict_line(
@@ -173,21 +177,45 @@ def observed(diagnosis: Diagnosis) -> str:
 
 def miscalibrated(diagnosis: Diagnosis) -> str:
     """A sentence about base constants whose intervals exclude what was stated, and ratios of them that do."""
+    ratios, parts, others = _moved(diagnosis)
+    found = [f"Calibration moved stated constants: {_first(others)}."] if others else []
+    if ratios:
+        also = " also" if others else ""
+        found.append(f"Calibration{also} moved ratios of stated constants: {_first(ratios)}. {_either(ratios[0])}.")
+    if parts:
+        found.append(f"What is stated of the constants makes of these ratios: {_first(parts)}.")
+    return " ".join(found)
+
+
+def _moved(diagnosis: Diagnosis) -> tuple[list[Calibration], list[Calibration], list[Calibration]]:
+    """What calibration moved, most first by stated uncertainties: ratios, constants within such, other constants.
+
+    Recordings tell a ratio; how it is shared between its two constants follows from what is stated of each.
+    """
     moved = [c for c in diagnosis.evidence.calibration if c.moved and abs(c.sigma) >= TELLING.constant_moved]
-    alone, ratios = ([c for c in moved if (" / " in c.constant) is both] for both in (False, True))
-    if not moved:
-        return ""
-    if not alone:
-        return f"Calibration moved ratios of stated constants (either constant may be off): {_first(ratios)}."
-    better = f" The recordings tell ratios of constants better: {_first(ratios)}." if ratios else ""
-    return f"Calibration moved stated constants: {_first(alone)}.{better}"
+    moved.sort(key=lambda c: -abs(c.sigma))
+    ratios, alone = ([c for c in moved if (" / " in c.constant) is both] for both in (True, False))
+    within = {name for c in ratios for name in c.constant.split(" / ")}
+    parts, others = ([c for c in alone if (c.constant in within) is part] for part in (True, False))
+    return ratios, parts, others
 
 
 def _first(moved: Sequence[Calibration]) -> str:
-    """The constants that moved most by their stated uncertainties, and how many others did."""
-    first = sorted(moved, key=lambda c: -abs(c.sigma))[: TELLING.constants]
+    """The first of what moved, and how many others did."""
+    first = moved[: TELLING.constants]
     more = [f"{len(moved) - len(first)} more"] if len(moved) > len(first) else []
     return listed([*map(change, first), *more])
+
+
+def _either(ratio: Calibration) -> str:
+    """What each constant of a moved ratio would be if it alone were off."""
+    over, under = map(named, ratio.constant.split(" / "))
+    by = ratio.calibrated / ratio.nominal
+    ways = [
+        f"{name} {number(100 * abs(x - 1), 2)} % {'higher' if x > 1 else 'lower'}"
+        for name, x in ((over, by), (under, 1 / by))
+    ]
+    return f"To these recordings {listed(ways, 'or')} is the same"
 
 
 def change(c: Calibration) -> str:

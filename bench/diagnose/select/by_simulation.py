@@ -118,7 +118,7 @@ def estimates(of: Simulated, windows: int) -> list[Estimate]:
     information = of.gram * free / float(of.loss.sum()) + np.diag(prior)
     half = float(student.ppf(0.975, free)) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0))
     pairs = zip(of.where, half, strict=True)
-    return [Estimate(e, e.value, max(e.value - h, e.low), min(e.value + h, e.high)) for e, h in pairs]
+    return [Estimate(e, e.value, *e.interval(e.value, h)) for e, h in pairs]
 
 
 def independent(of: Simulated) -> float:

@@ -67,7 +67,7 @@ def estimates(view: View, fit: Fit) -> list[Estimate]:
     out = []
     for e, b, s in zip(own, fit.beta, spread, strict=False):
         value = float(np.clip(e.value + b, e.low, e.high))
-        out.append(Estimate(e, value, max(value - reach * s, e.low), min(value + reach * s, e.high)))
+        out.append(Estimate(e, value, *e.interval(value, reach * s)))
     return out
 
 

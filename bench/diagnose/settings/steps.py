@@ -169,6 +169,11 @@ class Telling:
     constant_times: float = threshold(
         3.0, "times what was stated from which a constant is told as a multiple of it", Basis.SHOWN
     )
+    recalibrated: float = threshold(
+        0.5,
+        "share of the squared error above the floor that calibration takes, from which constants stand in the headline",
+        Basis.SHOWN,
+    )
     constant_moved: float = threshold(
         0.1, "σ below which nobody is told that a constant moved, however sure it is", Basis.SHOWN, "σ"
     )

@@ -12,6 +12,7 @@ import numpy as np
 
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject
+from bench.score.case import of_changed
 from bench.score.chain import flight, folder, oracle, paths, pilot, recorder
 from bench.score.chain.condition import ChainCase
 from bench.score.chain.vehicle import turbulence
@@ -70,14 +71,10 @@ def stated(case: ChainCase) -> dict[str, Any]:
     return out
 
 
-def changed_constants(case: ChainCase) -> dict[str, tuple[str, float]]:
+def changed_constants(case: ChainCase) -> dict[str, dict[str, float]]:
     """See `bench.score.case.changed_constants`."""
-    true, changed = built(case), {}
-    if "mass" in case.effects:
-        changed["mass"] = ("mass", true.mass + case.effects["mass"]["delta"])
-    if "thrust_scale" in case.effects:
-        changed["thrust_scale"] = ("thrust_coefficient", true.thrust * (1 + case.effects["thrust_scale"]["eps"]))
-    return changed
+    true = built(case)
+    return of_changed(case, true.mass, true.thrust)
 
 
 def acting(case: ChainCase) -> Effects:
