@@ -21,7 +21,9 @@ def headline(diagnosis: Diagnosis) -> str:
         what = f": {problem.kind} in {named(problem.signal)} of {problem.recording}" if problem else ""
         return f"The recordings must be mended before the model can be judged{what}."
     if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
-        return f"The catalogue does not have what the model lacks; learned instead: {'; '.join(_terms(diagnosis))}."
+        terms = [e for e in diagnosis.effects if e.learned]
+        said = terms[0].described if len(terms) == 1 else listed(named(e.name) for e in terms)
+        return f"The catalogue does not have what the model lacks; learned instead: {said}."
     effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if not e.learned]
     left = diagnosis.unexplained
     line = verdict_line(diagnosis.verdict, effects, left.axes, left.follows)
@@ -55,10 +57,6 @@ def verdict_line(
         said = f" and follows {listed(signals)}" if signals else ""
         return f"Something systematic that is not in the catalogue {acts}{said}."
     return "No effect of the catalogue is missing as far as these recordings can show."
-
-
-def _terms(diagnosis: Diagnosis) -> list[str]:
-    return [e.described for e in diagnosis.effects if e.learned]
 
 
 def ties(diagnosis: Diagnosis) -> list[str]:
@@ -115,8 +113,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         found.append(f"{alone if len(shares) == 1 else several} {_FREE}.")
         found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
         found.append(f"What would tell most within what was recorded: bench design {_source(diagnosis)}.")
-    if beside and _terms(diagnosis):
-        terms = [e for e in diagnosis.effects if e.learned]
+    if beside and (terms := [e for e in diagnosis.effects if e.learned]):
         names, gained = listed(e.name for e in terms), percent(sum(e.share_explained for e in terms))
         each = (
             "A term learned from what is left explains"
