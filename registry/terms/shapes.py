@@ -27,7 +27,7 @@ class Shape:
     """In words."""
     text: str
     """With x for the signal and the names of the parameters."""
-    parameters: tuple[tuple[str, int], ...]
+    parameters: tuple[tuple[str, float], ...]
     """Names, and the power of the signal's unit by which that of the result is divided."""
     formula: Callable[[Sequence[Tensor], Tensor, Span], Tensor]
     bent: int | None = None
@@ -55,6 +55,11 @@ def _sign(x: Tensor, span: Span) -> Tensor:
     return torch.tanh(x / (SHARP * max(map(abs, span))))
 
 
+def _root(x: Tensor, span: Span) -> Tensor:
+    """√|x| with the sign of x, straight through zero, where a root has no slope."""
+    return x / (x * x + (SHARP * max(map(abs, span))) ** 2) ** 0.25
+
+
 def _within(x: Tensor, width: Tensor) -> Tensor:
     return torch.minimum(torch.maximum(x, -width.abs()), width.abs())
 
@@ -66,6 +71,7 @@ SHAPES: dict[str, Shape] = {
         Shape("linear", "linear", "k x", (("k", 1),), lambda p, x, s: p[0] * x),
         Shape("square", "square", "k x²", (("k", 2),), lambda p, x, s: p[0] * x * x),
         Shape("signed_square", "signed square", "k |x| x", (("k", 2),), lambda p, x, s: p[0] * x.abs() * x),
+        Shape("root", "root", "k √x", (("k", 0.5),), lambda p, x, s: p[0] * _root(x, s)),
         Shape("cubic", "cubic", "k x³", (("k", 3),), lambda p, x, s: p[0] * x**3),
         Shape("sign", "sign", "c sign x", (("c", 0),), lambda p, x, s: p[0] * _sign(x, s)),
         Shape("inverse", "inverse", "k / x", (("k", -1),), lambda p, x, s: p[0] / _at_least(x, s), positive=True),

@@ -77,6 +77,24 @@ class CartPole(StateSpace):
         return torch.stack([v, w, a, -(a * c + 9.81 * s) / length], -1)
 
 
+@dataclass(frozen=True)
+class Tanks(StateSpace):
+    """Two tanks side by side; water flows into the first and does not leave it."""
+
+    area: Any = constant(0.02, "A", "m^2", low=1e-5)
+
+    state_channels: ClassVar[tuple[Channel, ...]] = (Channel("filling.left", "m"), Channel("filling.right", "m"))
+    input_signals: ClassVar[tuple[str, ...]] = ("inflow",)
+    signals: ClassVar[dict[str, Signal]] = {"inflow": Signal("m^3/s", ("pump",))}
+    alike: ClassVar[tuple[str, ...]] = ()
+    equation: ClassVar[str] = "A dh/dt = q"
+
+    def own_rate(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """The state's rate (…, 2)."""
+        flow = inputs[..., 0] / tensor(self.area, state)
+        return torch.stack([flow, torch.zeros_like(flow)], -1)
+
+
 def cart(x: np.ndarray, u: np.ndarray) -> list[float]:
     """Dry and viscous friction under the cart, by the mass matrix of both coordinates."""
     _, theta, v, w = x
@@ -107,6 +125,19 @@ def free(x: np.ndarray, u: np.ndarray) -> list[float]:
     return [u[0] / 0.4, u[1] / 0.1]
 
 
+def subject_of(model: StateSpace, runs: Sequence[tuple[np.ndarray, np.ndarray]], rate: float) -> Subject:
+    """Recordings of inputs (N, m) and states (N, s), the last two held out."""
+    drive = model.input_signals[0]
+    inputs = tuple(Channel(f"{drive}.{axis}", model.signals[drive].unit) for axis in model.signals[drive].axes)
+    made = [
+        Recording(f"run_{k}", rate, u, x, inputs, model.state_channels, np.ones(len(x), bool))
+        for k, (u, x) in enumerate(runs)
+    ]
+    logs, names = tuple(log_of(r, model, drive) for r in made), [r.name for r in made]
+    signals = (*dict.fromkeys(c.group for c in model.state_channels), drive)
+    return Subject("hidden", model, logs, tuple(names[:-2]), tuple(names[-2:]), None, {}, {}, signals)
+
+
 def diagnosed(
     of: Rate, model: StateSpace, sizes: Sequence[float], back: np.ndarray | float = 0.0
 ) -> tuple[Diagnosis, PhysicsModel]:
@@ -118,9 +149,7 @@ def diagnosed(
         sizes: amplitudes of the sines in every input.
         back: (inputs, states) feedback that keeps the system in its place.
     """
-    drive, logs = model.input_signals[0], []
-    gain = np.broadcast_to(back, (len(sizes), 4))
-    inputs = tuple(Channel(f"{drive}.{axis}", model.signals[drive].unit) for axis in model.signals[drive].axes)
+    gain, runs = np.broadcast_to(back, (len(sizes), 4)), []
     for k in range(6):
         rng = np.random.default_rng(100 + k)
         phase, frequency = rng.uniform(0, 6.28, (len(sizes), 5)), rng.uniform(0.1, 1.2, (len(sizes), 5))
@@ -136,12 +165,8 @@ def diagnosed(
         t = np.arange(0, SECONDS, 1 / RATE)
         x = solve_ivp(rate, (0, SECONDS), [0, 0, 0, 0], t_eval=t, rtol=1e-8, atol=1e-9, max_step=0.02).y.T
         u = driven(t, x.T).T
-        x = x + rng.normal(size=x.shape) * NOISE
-        made = Recording(f"run_{k}", RATE, u, x, inputs, model.state_channels, np.ones(len(x), bool))
-        logs.append(log_of(made, model, drive))
-    names = [log.name for log in logs]
-    signals = (*dict.fromkeys(c.group for c in model.state_channels), drive)
-    return diagnose(Subject("hidden", model, tuple(logs), tuple(names[:4]), tuple(names[4:]), None, {}, {}, signals))
+        runs.append((u, x + rng.normal(size=x.shape) * NOISE))
+    return diagnose(subject_of(model, runs, RATE))
 
 
 def functions(found: PhysicsModel) -> dict[tuple[str, ...], LearnedTerm]:
@@ -190,6 +215,32 @@ def test_friction_is_told_where_the_drive_acts() -> None:
     assert set(terms) == {("push.x", "pace.x")}
     assert terms["push.x", "pace.x"].shape == "sign_linear"
     np.testing.assert_allclose(terms["push.x", "pace.x"].values, (-0.5, -0.8), rtol=0.05)
+
+
+def test_two_outlets_are_told_by_torricelli() -> None:
+    runs = []
+    for k in range(6):
+        rng, t = np.random.default_rng(300 + k), np.arange(0, 400, 0.5)
+        pump = rng.uniform(0, 2.5e-4, 21)
+
+        def rate(t: float, h: np.ndarray, pump: np.ndarray = pump) -> list[float]:
+            over = 1e-4 * np.sign(h[0] - h[1]) * np.sqrt(2 * 9.81 * abs(h[0] - h[1]))
+            out = 5e-5 * np.sqrt(2 * 9.81 * max(h[1], 0.0))
+            return [float((np.interp(t, np.arange(0, 420, 20), pump) - over) / 0.02), float((over - out) / 0.02)]
+
+        h = solve_ivp(rate, (0, 400), [0.3, 0.2], t_eval=t, rtol=1e-8, atol=1e-10, max_step=1.0).y.T
+        runs.append((np.interp(t, np.arange(0, 420, 20), pump)[:, None], h + rng.normal(size=h.shape) * 5e-4))
+    _, model = diagnose(subject_of(Tanks(), runs, 2.0))
+    terms, tell = functions(model), (2 * 9.81) ** 0.5 / 0.02
+    between = "filling.left-filling.right"
+    assert set(terms) == {("filling.left", between), ("filling.right", between), ("filling.right", "filling.right")}
+    assert {t.shape for t in terms.values()} == {"root"}
+    for axis, follows, true in (
+        ("filling.left", between, -1e-4),
+        ("filling.right", between, 1e-4),
+        ("filling.right", "filling.right", -5e-5),
+    ):
+        np.testing.assert_allclose(terms[axis, follows].values, true * tell, rtol=0.02)
 
 
 def test_where_nothing_is_missing_nothing_is_learned() -> None:

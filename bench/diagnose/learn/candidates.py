@@ -18,6 +18,9 @@ OF_PLACE = ("position.x", "position.y", "height", "velocity.x", "velocity.y", "v
 OF_BODY_ONLY = ("velocity.x", "velocity.y", "velocity.z")
 """Signals of the world that nothing along an axis of the body follows."""
 
+PRODUCT = 3
+"""`Pair.length` of a function of one signal times another one."""
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -29,7 +32,7 @@ class Pair:
     @property
     def length(self) -> int:
         """What its signals cost a reader: one, the sum or difference of two, a function of one times another."""
-        return 3 if len(self.signals) > 1 else 1 + any(c in self.signals[0] for c in "+-")
+        return PRODUCT if len(self.signals) > 1 else 1 + any(c in self.signals[0] for c in "+-")
 
     @property
     def equation(self) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from bench.diagnose.learn.candidates import Columns, Pair
+from bench.diagnose.learn.candidates import PRODUCT, Columns, Pair
 from bench.diagnose.learn.held_out import Block, HeldOut
 from bench.diagnose.settings import SPLINING
 from registry.terms.spline import basis, roughness
@@ -68,36 +68,43 @@ def splines_of(pair: Pair, signals: Sequence[dict[str, np.ndarray]], count: int)
     return Made(Columns(pair, tuple(values)), knots, turn, rough / (np.trace(rough) / len(rough)))
 
 
+_Addition = tuple[int, Block, np.ndarray]
+"""A candidate's number, its columns with their penalty, and the losses (folds,) with them."""
+
+
 def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) -> list[Spline]:
     """The pairs that held-out recordings ask for, in the order in which they were added."""
     taken: list[Spline] = []
     now = fits.losses([])
     gained: dict[str, float] = defaultdict(float)
 
+    def best(beside: Sequence[Block], among: Sequence[int]) -> _Addition | None:
+        """The candidate that leaves least beside some blocks."""
+        quick = {i: float(fits.losses([*beside, Block(places[i], made[i].roughness, 1e-3)]).sum()) for i in among}
+        first = sorted(quick, key=lambda i: quick[i])[: SPLINING.first]
+        found = [(i, *fits.smoothed(places[i], made[i].roughness, beside)) for i in first]
+        return min(found, key=lambda f: float(f[2].sum()), default=None)
+
     def least(pair: Pair, losses: np.ndarray) -> float:
         """What a term must gain: more than noise, and not little of what its equation gains in all."""
         return max(SPLINING.gain * fits.rows, SPLINING.relative * (gained[pair.equation] + float((now - losses).sum())))
 
     for _ in range(SPLINING.most):
-        beside = [s.block for s in taken]
-        used = {s.pair for s in taken}
+        beside, used = [s.block for s in taken], {s.pair for s in taken}
         free = [i for i, m in enumerate(made) if len(places[i]) and m.columns.pair not in used]
-        quick = {i: float(fits.losses([*beside, Block(places[i], made[i].roughness, 1e-3)]).sum()) for i in free}
-        found: dict[int, tuple[int, Block, np.ndarray]] = {}
-        ranked = sorted(quick, key=lambda j: quick[j])
-        for i in (
-            j for n in (1, 2, 3) for j in [j for j in ranked if made[j].columns.pair.length == n][: SPLINING.first]
-        ):
-            block, losses = fits.smoothed(places[i], made[i].roughness, beside)
-            length = made[i].columns.pair.length
-            if length not in found or losses.sum() < found[length][2].sum():
-                found[length] = i, block, losses
+        by_length = {n: [i for i in free if made[i].columns.pair.length == n] for n in (1, 2, PRODUCT)}
+        found = {n: addition for n, among in by_length.items() if (addition := best(beside, among))}
         if not found:
             break
         i, block, losses = found[min(found)]
-        # Two signals must be better than one, for they hold much of that.
+        # Two signals must be better than one, for they hold much of that; and a product better than a sum of two terms.
         for length in sorted(found)[1:]:
             if _confirmed(losses - found[length][2], least(made[i].columns.pair, losses)):
+                if length == PRODUCT:
+                    alone = [j for n in found if n < PRODUCT for j in by_length[n] if j != i]
+                    second = best([*beside, block], alone)
+                    if second and second[2].sum() <= found[length][2].sum():
+                        continue
                 i, block, losses = found[length]
         if not _confirmed(now - losses, least(made[i].columns.pair, losses)):
             break

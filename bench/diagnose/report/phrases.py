@@ -92,7 +92,7 @@ def typeset(text: str) -> str:
     text = re.sub(
         r"(\d)e([+-]?)0*(\d+)\b", lambda m: f"{m[1]}×10{(m[2].strip('+') + m[3]).translate(_SUPERSCRIPT)}", text
     )
-    text = re.sub(r"\^(-?\d+)", lambda m: m[1].translate(_SUPERSCRIPT), text)
+    text = re.sub(r"\^(-?\d+)(?![\d.])", lambda m: m[1].translate(_SUPERSCRIPT), text)
     return re.sub(r"(?<=[=,] )-(?=\d)", "−", re.sub(r"(?<=\d) 1(?=[,;]|$)", "", text))
 
 
