@@ -11,9 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2, false_discovery_control
-from scipy.stats import t as student
+import scipy  # its parts are imported when they are used: scipy.stats takes longer than most of what is here
 
 Array = np.ndarray
 
@@ -36,20 +34,20 @@ class Fit:
     @property
     def heterogeneity(self) -> float:
         """Chance of so large a `q` were there nothing between units; NaN without degrees of freedom."""
-        return float(chi2.sf(self.q, self.freedom)) if self.freedom > 0 else math.nan
+        return float(scipy.stats.chi2.sf(self.q, self.freedom)) if self.freedom > 0 else math.nan
 
     def interval(self, i: int = 0, confidence: float = 0.95) -> tuple[float, float]:
         """Limits of a coefficient; NaN without degrees of freedom."""
         if self.freedom < 1:
             return math.nan, math.nan
-        half = float(student.ppf((1 + confidence) / 2, self.freedom) * math.sqrt(self.covariance[i, i]))
+        half = float(scipy.stats.t.ppf((1 + confidence) / 2, self.freedom) * math.sqrt(self.covariance[i, i]))
         return float(self.beta[i]) - half, float(self.beta[i]) + half
 
     def p_value(self, i: int) -> float:
         """Two-sided, of a coefficient that is 0; NaN without degrees of freedom."""
         if self.freedom < 1:
             return math.nan
-        return float(2 * student.sf(abs(self.beta[i]) / math.sqrt(self.covariance[i, i]), self.freedom))
+        return float(2 * scipy.stats.t.sf(abs(self.beta[i]) / math.sqrt(self.covariance[i, i]), self.freedom))
 
 
 def fit(y: Array, s: Array, x: Array | None = None) -> Fit:
@@ -75,7 +73,7 @@ def fit(y: Array, s: Array, x: Array | None = None) -> Fit:
         most = 1.0
         while solved(most)[2] > freedom:
             most *= 4
-        tau2 = float(brentq(lambda t: solved(t)[2] - freedom, 0.0, most, xtol=1e-9, rtol=1e-9))
+        tau2 = float(scipy.optimize.brentq(lambda t: solved(t)[2] - freedom, 0.0, most, xtol=1e-9, rtol=1e-9))
     beta, covariance, _ = solved(tau2)
     return Fit(beta * scale, covariance * scale**2, math.sqrt(tau2) * scale, freedom, q)
 
@@ -107,7 +105,7 @@ def differences(y: Array, s: Array) -> list[Difference]:
 
 
 def _tail(t: float, freedom: int) -> float:
-    return float(2 * student.sf(abs(t), freedom)) if freedom > 0 else math.nan
+    return float(2 * scipy.stats.t.sf(abs(t), freedom)) if freedom > 0 else math.nan
 
 
 def adjusted(p: Sequence[float]) -> list[float]:
@@ -118,6 +116,6 @@ def adjusted(p: Sequence[float]) -> list[float]:
     known = [i for i, value in enumerate(p) if math.isfinite(value)]
     out = [math.nan] * len(p)
     if known:
-        for i, value in zip(known, false_discovery_control([p[i] for i in known]), strict=True):
+        for i, value in zip(known, scipy.stats.false_discovery_control([p[i] for i in known]), strict=True):
             out[i] = float(value)
     return out

@@ -5,9 +5,24 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from bench.cli.stages import Course, Stages
 
 EVERY = 20.0
 """Seconds between two lines where there is no terminal."""
@@ -90,8 +105,12 @@ def meter(console: Console, total: float, runs: int, unit: str = "runs") -> Iter
 
 
 @contextmanager
-def announcer(console: Console) -> Iterator[Callable[[str], None]]:
-    """A function that says what is being done: a spinner on a terminal, a line now and then elsewhere."""
+def announcer(console: Console, stages: Stages | None = None) -> Iterator[Callable[[str], None]]:
+    """A function that says what is being done.
+
+    On a terminal beside a bar of the share that is done and the time left, where ``stages`` tell them; a line now and
+    then elsewhere.
+    """
     started = time.monotonic()
     if not console.is_terminal:
         last = [started]
@@ -104,5 +123,41 @@ def announcer(console: Console) -> Iterator[Callable[[str], None]]:
 
         yield line
         return
-    with console.status("reading") as status:
-        yield lambda what: status.update(f"{escape(what)}  [dim]{clock(time.monotonic() - started)}[/]")
+    course = Course(stages or {})
+    columns = SpinnerColumn(), _Share(course), TimeElapsedColumn(), _Left(course), TextColumn("[dim]{task.description}")
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("reading", total=None)
+
+        def say(what: str) -> None:
+            course.begin(what)
+            bar.update(task, description=escape(what))
+
+        yield say
+
+
+class _Share(ProgressColumn):
+    """A bar of the share of a course that is done; nothing where nobody knows."""
+
+    def __init__(self, course: Course) -> None:
+        super().__init__()
+        self.course = course
+
+    def render(self, task: Task) -> RenderableType:
+        share = self.course.share
+        if share is None:
+            return Text()
+        bar = Table.grid(padding=(0, 1))
+        bar.add_row(ProgressBar(1.0, share, 30), f"{share:>3.0%}")
+        return bar
+
+
+class _Left(ProgressColumn):
+    """The time that a course has left."""
+
+    def __init__(self, course: Course) -> None:
+        super().__init__()
+        self.course = course
+
+    def render(self, task: Task) -> Text:
+        left = self.course.left
+        return Text("" if left is None else f"about {clock(left)} left")

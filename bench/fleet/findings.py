@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from bench.analysis.random_effects import Fit, adjusted, differences, fit
 from bench.fleet.result import DAYS, Answer, Deviation, Drift, Number, Quantity, day
 
-_Z = float(norm.ppf(0.975))
+_Z = float(ndtri(0.975))
 FEWEST_DATES = 3
 """Of a drift: a line through two dates leaves nothing to judge it by."""
 

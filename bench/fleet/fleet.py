@@ -9,7 +9,7 @@ from typing import Any
 from bench.diagnose.result import write_text
 from bench.execution import lock
 from bench.execution.executor import run_jobs
-from bench.fleet import kept, page
+from bench.fleet import kept
 from bench.fleet.answers import answer_of, failed
 from bench.fleet.asked import Asked, environment, key_of
 from bench.fleet.findings import drifts, quantities
@@ -133,6 +133,8 @@ def conclude(done: Plan, command: str) -> FleetDiagnosis:
     Raises:
         BenchError: they cannot be written.
     """
+    from bench.fleet import page  # it brings what draws, which no diagnosis needs
+
     found = done.answers()
     write_text(done.out / VALUES, found.json_text())
     write_text(done.out / PAGE, page.render(found, command))

@@ -25,6 +25,7 @@ from bench.analysis.tables import (
     whole_signals,
 )
 from bench.records.record import RunRecord
+from bench.reporting.white_grid import WHITE_GRID
 
 # Okabe and Ito's palette for all kinds of colour vision, darkest contrasts first; yellow is too pale on white
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
@@ -35,9 +36,7 @@ PANELS = 4
 BOXES = 40
 """Boxes beyond which steps are left out, evenly."""
 STYLE: Any = {
-    # a matplotlibrc in the working directory has no say: it may ask for other programs
-    **{k: v for k, v in matplotlib.rcParamsDefault.items() if k != "backend"},
-    **sns.axes_style("whitegrid"),
+    **WHITE_GRID,
     "axes.edgecolor": "0.6",
     "axes.labelsize": 9,
     "axes.titlesize": 9.5,

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+import scipy  # its parts are imported when they are used: scipy.interpolate takes longer than most of what is here
 import torch
-from scipy.interpolate import CubicSpline
 from torch import Tensor
 
 
@@ -36,8 +36,8 @@ def roughness(knots: Sequence[float]) -> np.ndarray:
 
 
 @lru_cache(maxsize=256)
-def _cardinal(knots: tuple[float, ...]) -> CubicSpline:
-    return CubicSpline(knots, np.eye(len(knots)), bc_type="natural")
+def _cardinal(knots: tuple[float, ...]) -> "scipy.interpolate.CubicSpline":
+    return scipy.interpolate.CubicSpline(knots, np.eye(len(knots)), bc_type="natural")
 
 
 @lru_cache(maxsize=256)

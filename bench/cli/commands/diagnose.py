@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 from rich.markup import escape
 
-from bench.cli import fleets, options
+from bench.cli import fleets, options, stages
 from bench.cli.diagnosing import (
     check_effects,
     check_writable,
@@ -111,7 +111,7 @@ def compare_command(
     from bench.diagnose.fit import fit_parameters
     from bench.diagnose.report import phrases
 
-    with announcer(options.console()) as tick:
+    with announcer(options.console(), stages.COMPARE) as tick:
         say_problems(subject)
         calibrated, _ = fit_parameters(subject, subject.model, tick=tick)
         models = {"calibrated": calibrated}
@@ -154,7 +154,7 @@ def locate_command(source: str, system: str | None, model_file: Path | None, to_
     from bench.diagnose.fit import fit_parameters
     from bench.diagnose.locate import locate
 
-    with announcer(options.console()) as tick:
+    with announcer(options.console(), stages.LOCATE) as tick:
         say_problems(subject)
         if model is None:
             model, _ = fit_parameters(subject, subject.model, tick=tick)
@@ -203,7 +203,7 @@ def discover_command(
     from bench.diagnose.summaries import parameter_estimates
 
     check_catalogue(subject, model or subject.model, catalogue)
-    with announcer(options.console()) as tick:
+    with announcer(options.console(), stages.DISCOVER) as tick:
         say_problems(subject)
         found = discover(subject if model is None else replace(subject, model=model), names, tick)
     show_discovery(options.console(), found)
@@ -350,7 +350,7 @@ def diagnose_command(
 
     from bench.diagnose.diagnose import diagnose
 
-    with announcer(options.console()) as tick:
+    with announcer(options.console(), stages.DIAGNOSE) as tick:
         # Held by nobody else: of a thousand recordings those that are checked only can be let go then.
         subject = given[0] if asks_network else None
         found, extended = diagnose(given.pop(), tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)

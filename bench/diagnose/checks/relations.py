@@ -13,6 +13,7 @@ from scipy.ndimage import uniform_filter1d
 
 from bench.diagnose.checks.recorded import Flight, Reading
 from bench.diagnose.logs.consistency import accumulated, change, integral
+from bench.diagnose.logs.filters import lagged
 from bench.diagnose.settings import SAMPLING
 from registry.datasets.folder.conversion import GRAVITY
 from registry.datasets.reading.cleaning import widen
@@ -166,11 +167,7 @@ def followed(x: Array, lag: float, rate: float) -> Array:
     """``x`` (N, c) through a first-order lag [s]."""
     if lag == 0:
         return x
-    from scipy.signal import lfilter
-
-    keep = float(np.exp(-1 / (rate * lag)))
-    out, _ = lfilter([1 - keep], [1, -keep], x, axis=0, zi=keep * x[:1])
-    return np.asarray(out)
+    return lagged(x, float(np.exp(-1 / (rate * lag))), before=x[0])
 
 
 def bursts(x: Array, length: int) -> Array:

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from bench.diagnose.checks.recorded import Flight, Reading
 from bench.diagnose.checks.relations import Relation, Signals, calmed, followed, kicks
+from bench.diagnose.regression.least_squares import bounded
 from bench.diagnose.settings import SAMPLING, TURNING
 
 Array = np.ndarray
@@ -50,8 +50,9 @@ def torque(drive: str, pace: Pace) -> Relation:
             signs = np.array(reading.directions)
             about = np.column_stack([impulse @ signs, spin @ signs])
             scale = np.maximum(about.std(axis=0), 1e-300)
-            gains, _ = nnls(about / scale, measured[:, 2])
-            said[:, 2] = about / scale @ gains
+            unit = about / scale
+            gram = unit.T @ unit + 1e-9 * np.eye(2)
+            said[:, 2] = unit @ bounded(gram, unit.T @ measured[:, 2], np.zeros(2), np.full(2, np.inf))
         return _sized(measured), _sized(said)
 
     return Relation("torque", ("body_rates", drive), (), ("roll", "pitch", "yaw"), compare, firm=False)

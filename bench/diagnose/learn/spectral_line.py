@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy  # its parts are imported when they are used: scipy.optimize takes longer than most of what is here
 
 from bench.diagnose.learn.axis_series import AxisSeries
 from bench.diagnose.learn.distortion import distortion
 from bench.diagnose.learn.thomson import Scan, scan
-from bench.diagnose.regression.generic import follow
+from bench.diagnose.regression.generic import Folds, follow
 from bench.diagnose.regression.least_squares import ridge, whitening
 from bench.diagnose.regression.rows import filtered
 from bench.diagnose.settings import UNSEEN
@@ -125,7 +125,7 @@ class _Rows:
             for s in seen:
                 x = filtered(np.column_stack([s.beside, s.left]), whiten)
                 grams[s.recording] = grams.get(s.recording, 0.0) + x.T @ x
-            columns = [*own, *(c for c, _ in follow(list(grams.values()), own, series.own, UNSEEN.beside))]
+            columns = [*own, *(c for c, _ in follow(Folds.of(list(grams.values()), own), series.own, UNSEEN.beside))]
             index = [*columns, -1]
             beta = ridge(np.asarray(sum(grams.values()))[np.ix_(index, index)], 1e-9)
             whiten = whitening([s.left - s.beside[:, columns] @ beta for s in seen], UNSEEN.memory)
@@ -217,7 +217,7 @@ class _Rows:
         """The frequency at which least is left of the training recordings."""
         longest = max(p.t[-1] - self.by_name[n][0].t[0] for n in self.training for p in self.by_name[n])
         reach = 0.75 / longest
-        found = minimize_scalar(
+        found = scipy.optimize.minimize_scalar(
             lambda f: self._fit([*known, f])[1], bounds=(near - reach, near + reach), method="bounded"
         )
         return float(found.x)

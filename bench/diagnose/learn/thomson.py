@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal.windows import dpss
+import scipy  # its parts are imported when they are used: scipy.signal takes longer than most of what is here
 from scipy.special import gammaincc, gammaln
 
 from bench.diagnose.settings import UNSEEN
@@ -83,7 +83,7 @@ def _log_survival(x: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 def _tapers(length: int) -> tuple[np.ndarray, np.ndarray]:
     """Slepian tapers (K, length) of unit power, and their sums (K,), zero for the odd ones."""
     count = round(2 * UNSEEN.bandwidth) - 1
-    tapers = dpss(length, UNSEEN.bandwidth, count)
+    tapers = scipy.signal.windows.dpss(length, UNSEEN.bandwidth, count)
     sums = tapers.sum(1)
     sums[1::2] = 0.0
     return tapers, sums

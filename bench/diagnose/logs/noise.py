@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import savgol_coeffs
-from scipy.signal.windows import blackmanharris
 
+from bench.diagnose.logs.filters import savitzky_golay
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.settings import HEARING
@@ -16,6 +15,8 @@ from registry.datasets.reading.cleaning import runs
 
 DERIVED_FROM = {"velocity": "position", "body_rates": "attitude", "speed": "displacement", "angle_rate": "angle"}
 """Signals that are often read from the pose."""
+_BLACKMAN_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)
+"""Of the window with four terms: Harris, "On the use of windows for harmonic analysis", Proc. IEEE 66 (1978)."""
 QUIET = slice(HEARING.segment // 4, HEARING.segment // 2)
 """Frequencies of a spectrum, from a quarter to half the sampling rate, at which motion is small against noise."""
 
@@ -110,8 +111,8 @@ def noise_of(subject: Subject) -> Noise:
 def impulse_response(s: Smoothing, derived: bool) -> np.ndarray:
     """Weights (w,) on the noisy signal that give the smoothed one or, over dt, its derivative; later samples last."""
     if s.kind == "savgol" and not (derived and s.differenced):
-        return np.asarray(savgol_coeffs(s.window, s.order, deriv=int(derived), use="dot"))
-    own = savgol_coeffs(s.window, s.order) if s.kind == "savgol" else np.full(s.window, 1 / s.window)
+        return savitzky_golay(s.window, s.order, derived)
+    own = savitzky_golay(s.window, s.order) if s.kind == "savgol" else np.full(s.window, 1 / s.window)
     return np.convolve(own, [-0.5, 0.0, 0.5]) if derived else own
 
 
@@ -131,7 +132,9 @@ def _gain(s: Smoothing, derived: bool, length: int) -> np.ndarray:
 def _taper(length: int) -> np.ndarray:
     """Of ``length`` samples, with zeros up to `HEARING.segment`."""
     # Its side lobes lie at -92 dB: slow motion does not leak into the quiet frequencies.
-    return np.pad(blackmanharris(length, sym=False), (0, HEARING.segment - length))
+    at = np.linspace(-np.pi, np.pi, length + 1)[:-1]
+    window = sum(a * np.cos(k * at) for k, a in enumerate(_BLACKMAN_HARRIS))
+    return np.pad(window, (0, HEARING.segment - length))
 
 
 def _filter(height: dict[str, np.ndarray], length: int) -> tuple[Smoothing, bool]:

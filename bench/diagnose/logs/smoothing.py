@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import savgol_coeffs
 
+from bench.diagnose.logs.filters import savitzky_golay
 from bench.diagnose.settings import HEARING
 from registry.errors import BenchError, near
 
@@ -53,13 +53,13 @@ class Smoothing:
             # A derived signal is at least a central difference of its pose.
             return np.array([0.25, 0.5, 0.25]) if self.derived else np.ones(1)
         mean = self.kind == "mean"
-        own = np.full(self.window, 1 / self.window) if mean else savgol_coeffs(self.window, self.order)
+        own = np.full(self.window, 1 / self.window) if mean else savitzky_golay(self.window, self.order)
         if not self.derived:
             return np.asarray(own)
         if mean or self.differenced:
             weights = np.convolve(own, [0.5, 0.5])
         else:
-            slopes = savgol_coeffs(self.window, self.order, deriv=1, use="dot")
+            slopes = savitzky_golay(self.window, self.order, slope=True)
             weights = np.cumsum(slopes[::-1])[:-1]
         return np.convolve(weights, [0.5, 0.5])
 

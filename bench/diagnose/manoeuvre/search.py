@@ -6,7 +6,7 @@ Storn and Price, "Differential evolution", Journal of Global Optimization 11 (19
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import differential_evolution
+import scipy  # its parts are imported when they are used: scipy.optimize takes longer than most of what is here
 
 from bench.diagnose.manoeuvre.surety import Judge
 from bench.diagnose.settings import COMPOSING
@@ -30,7 +30,7 @@ def best(
         tick(done[0] / (COMPOSING.generations + 2))
         return -judge.weigh(player.asked(z.T))
 
-    found = differential_evolution(
+    found = scipy.optimize.differential_evolution(
         loss,
         [(0.0, 1.0)] * player.size,
         init=_first(player.size, seed),

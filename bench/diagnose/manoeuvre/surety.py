@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.manoeuvre.play import Played, Player
@@ -127,7 +127,7 @@ class Judge:
         for j, rival in enumerate(self.candidates):
             if j != truth:
                 apart = imitated(seen, rival, logs, self.windows, times).beyond(own)
-                lowest = min(lowest, float(norm.cdf(self._scores(apart, times)[0])))
+                lowest = min(lowest, float(ndtr(self._scores(apart, times)[0])))
         return lowest
 
     @torch.inference_mode()
@@ -138,7 +138,7 @@ class Judge:
         _, slopes = predictions(c, logs, self.windows)
         made = [np.linalg.pinv(information(slopes[None], c.known, n)[0]) for n in often]
         at = list(self.asked)
-        return np.stack([norm.ppf(0.975) * np.sqrt(np.diag(m)[at]) * c.scales[at] for m in made], axis=1)
+        return np.stack([ndtri(0.975) * np.sqrt(np.diag(m)[at]) * c.scales[at] for m in made], axis=1)
 
 
 def _block(seconds: float) -> float:

@@ -155,31 +155,53 @@ def _functions(base: Signals, described: Description) -> Signals:
     return found
 
 
-def follow(
-    grams: Sequence[np.ndarray],
-    kept: Sequence[int],
-    first: int,
-    most: int = 8,
-    allowed: Sequence[int] | None = None,
-    shift: np.ndarray | None = None,
-) -> list[tuple[int, float]]:
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """Normal equations of the rows of every fold, as they are fitted; of hundreds of columns none is copied."""
+
+    grams: Sequence[np.ndarray]
+    """A fold: (c + 1, c + 1)."""
+    kept: Sequence[int]
+    """Columns (k,) that are always fitted."""
+    tails: Sequence[np.ndarray]
+    """A fold: products (c + 1,) of all columns with the residual, which may be another one than in `grams`."""
+    held: np.ndarray | float = 0.0
+    """(k, k) what is added to the products of the kept columns in each."""
+
+    @classmethod
+    def of(cls, grams: Sequence[np.ndarray], kept: Sequence[int], shift: np.ndarray | None = None) -> "Folds":
+        """As they are, but for ``shift`` (c + 1,) times the columns, which is added to the residual."""
+        return cls(grams, kept, [gram[-1] if shift is None else shifted(gram, shift) for gram in grams])
+
+    def products(self, more: Sequence[int] = ()) -> list[np.ndarray]:
+        """A fold: (n, n) of the kept columns, some more and the residual."""
+        index = [*self.kept, *more, -1]
+        out = [gram[np.ix_(index, index)] for gram in self.grams]
+        for block, tail in zip(out, self.tails, strict=True):
+            block[: len(self.kept), : len(self.kept)] += self.held
+            block[-1] = block[:, -1] = tail[index]
+        return out
+
+
+def follow(folds: Folds, first: int, most: int = 8, allowed: Sequence[int] | None = None) -> list[tuple[int, float]]:
     """What a residual follows: dictionary columns, most telling first, each with the held-out loss that it saves.
 
     Orthogonal matching pursuit, judged fold by fold by a fit to the others; of columns that gain alike, the first.
 
     Args:
-        grams: a fold: normal equations of its whitened rows, with dictionary columns from ``first`` on.
-        kept: columns that are always fitted.
+        folds: of whitened rows, with dictionary columns from ``first`` on.
         first: the first dictionary column.
         most: terms at most.
         allowed: columns to choose from; default: all of the dictionary.
-        shift: times the columns, what is added to the residual first; default: nothing.
     """
-    total = np.asarray(sum(grams))
-    tails = [gram[-1] if shift is None else shifted(gram, shift) for gram in grams]
-    tail = np.asarray(sum(tails))
-    chosen, found = list(kept), []
-    last = _held_out(grams, tails, chosen)
+    total = folds.grams[0].copy()
+    for gram in folds.grams[1:]:
+        total += gram  # in place: of hundreds of columns each is tens of megabytes
+    always, among = list(folds.kept), np.ix_(folds.kept, folds.kept)
+    total[among] = sum(gram[among] + folds.held for gram in folds.grams)
+    tail = np.asarray(sum(folds.tails))
+    chosen, found = always.copy(), []
+    last = _held_out(folds, [])
     for _ in range(most):
         inner = total[np.ix_(chosen, chosen)]
         scale = equilibrium(np.diag(inner))
@@ -194,7 +216,7 @@ def follow(
             gain = np.where(np.isin(np.arange(len(gain)), allowed), gain, 0.0)
         best = int(np.argmax(gain >= (1 - FOLLOWING.alike) * gain.max()))
         chosen.append(best)
-        now = _held_out(grams, tails, chosen)
+        now = _held_out(folds, chosen[len(always) :])
         if now >= last:
             break
         found.append((best, last - now))
@@ -202,12 +224,9 @@ def follow(
     return found
 
 
-def _held_out(grams: Sequence[np.ndarray], tails: Sequence[np.ndarray], columns: Sequence[int]) -> float:
-    """Squares of the residual that some columns leave, each fold's by a fit to the others."""
-    index = [*columns, -1]
-    blocks = [gram[np.ix_(index, index)] for gram in grams]
-    for block, tail in zip(blocks, tails, strict=True):
-        block[-1] = block[:, -1] = tail[index]
+def _held_out(folds: Folds, more: Sequence[int]) -> float:
+    """Squares of the residual that the kept columns and some more leave, each fold's by a fit to the others."""
+    blocks = folds.products(more)
     total = np.asarray(sum(blocks))
     vectors = (np.append(-ridge(total - block, 1e-9), 1.0) for block in blocks)
     return sum(float(v @ block @ v) for v, block in zip(vectors, blocks, strict=True))

@@ -37,16 +37,15 @@ def solved(step: Callable[[Tensor], Tensor], shape: tuple[int, ...], size: int, 
     matrix = torch.cat([matrix, unit.expand(*shape[:-1], short, size, size)], dim=-3)
     offset = torch.cat([offset, offset.new_zeros(*shape[:-1], short, size)], dim=-2)
     matrix, offset = matrix.unflatten(-3, (stretches, length)), offset.unflatten(-2, (stretches, length))
-    # From the beginning of a stretch to after each of its steps.
-    a, b = [matrix[..., 0, :, :]], [offset[..., 0, :]]
+    # From the beginning of a stretch to after each of its steps, in place of the steps: of many models they are large.
     for k in range(1, length):
-        now = matrix[..., k, :, :]
-        a.append(now @ a[-1])
-        b.append((now @ b[-1].unsqueeze(-1)).squeeze(-1) + offset[..., k, :])
+        now = matrix[..., k, :, :].clone()
+        matrix[..., k, :, :] = now @ matrix[..., k - 1, :, :]
+        offset[..., k, :] += (now @ offset[..., k - 1, :].unsqueeze(-1)).squeeze(-1)
     begun = [like.new_zeros(*shape[:-1], size)]
     for s in range(stretches - 1):
-        begun.append((a[-1][..., s, :, :] @ begun[-1].unsqueeze(-1)).squeeze(-1) + b[-1][..., s, :])
+        begun.append((matrix[..., s, -1, :, :] @ begun[-1].unsqueeze(-1)).squeeze(-1) + offset[..., s, -1, :])
     start = torch.stack(begun, dim=-2).unsqueeze(-2)  # (…, stretches, 1, size)
-    path = (torch.stack(a, dim=-3) @ start.unsqueeze(-1)).squeeze(-1) + torch.stack(b, dim=-2)
+    path = (matrix @ start.unsqueeze(-1)).squeeze(-1) + offset
     path = path.flatten(-3, -2)[..., :count, :]
     return torch.cat([path.new_zeros(*shape[:-1], 1, size), path], dim=-2)

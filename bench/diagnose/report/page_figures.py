@@ -9,14 +9,15 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-import seaborn as sns
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from bench.diagnose.evidence import Curves, Line, ResidualMap, Window
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.report.phrases import named, number, shown
+from bench.reporting.white_grid import WHITE_GRID
 
 # A stand-in for each colour of the page, put in its place so that a panel follows the page into the dark.
 _VARIABLES = {
@@ -48,9 +49,7 @@ LABEL = 28
 INNER = 0.99
 """Share of the dots that the frame of a learned term holds."""
 _STYLE: Any = {
-    # a matplotlibrc in the working directory has no say: it may ask for other programs
-    **{k: v for k, v in matplotlib.rcParamsDefault.items() if k != "backend"},
-    **sns.axes_style("whitegrid"),
+    **WHITE_GRID,
     "axes.edgecolor": GRID,
     "axes.facecolor": "none",
     "axes.labelcolor": MUTED,
@@ -233,14 +232,18 @@ def _svg(draw: Callable[..., None], title: str, height: float = 2.7, rows: int =
     """One panel as an inline SVG element of the page."""
     with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # the reader's browser has more fonts
-        figure = Figure(figsize=(4.4, height), layout="constrained", dpi=110)
+        figure = Figure(figsize=(4.4, height), layout="constrained", dpi=72)
         grid = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
         for axes in grid:
             axes.tick_params(length=0)
         draw(*grid)
         figure.align_ylabels(list(grid))
-        drawing = io.StringIO()
-        figure.savefig(drawing, format="svg", dpi=160, metadata={"Date": None})
+        drawing, canvas = io.StringIO(), FigureCanvasSVG(figure)
+        layout: Any = figure.get_layout_engine()
+        layout.execute(figure)  # savefig would draw everything for the sake of it, then once more
+        figure.set_layout_engine("none")
+        figure.set_dpi(160)  # of dots
+        canvas.print_svg(drawing, metadata={"Date": None})
     svg = drawing.getvalue()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)

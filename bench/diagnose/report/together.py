@@ -5,7 +5,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from bench.diagnose.report import model_file, page
+from bench.diagnose.report import model_file
 from bench.diagnose.result import Diagnosis
 from registry import atomic_io
 from registry.dynamics import PhysicsModel
@@ -28,6 +28,8 @@ def write(folder: Path, diagnosis: Diagnosis, model: PhysicsModel) -> list[Path]
     Raises:
         BenchError: the folder cannot be written.
     """
+    from bench.diagnose.report import page  # it brings what draws: with all that a diagnosis holds, too much
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for left in folder.glob(f"{_DRAFT}*"):  # of a process that was killed

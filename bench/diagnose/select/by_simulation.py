@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 import torch
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import Prior
@@ -116,7 +116,7 @@ def estimates(of: Simulated, windows: int) -> list[Estimate]:
     free = max(independent(of) - len(of.where) - windows, 2.0)
     prior = Prior.of(of.where).precision
     information = of.gram * free / float(of.loss.sum()) + np.diag(prior)
-    half = float(student.ppf(0.975, free)) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0))
+    half = float(stdtrit(free, 0.975)) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0))
     pairs = zip(of.where, half, strict=True)
     return [Estimate(e, e.value, *e.interval(e.value, h)) for e, h in pairs]
 

@@ -15,7 +15,7 @@ import numpy as np
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.generic import Dictionary, dictionary, follow
+from bench.diagnose.regression.generic import Dictionary, Folds, dictionary, follow
 from bench.diagnose.regression.least_squares import ridge
 from bench.diagnose.regression.weak import LogBatch, measured
 from bench.diagnose.select.verify import ResidualTerm
@@ -318,7 +318,7 @@ def _left_of(folds: Sequence[np.ndarray], held_out: np.ndarray, axes: int) -> tu
         if penalty:
             inner = whole[:-1, :-1]
             beta = np.linalg.solve(inner + penalty * np.trace(inner) / len(inner) * np.eye(len(inner)), whole[:-1, -1])
-        chosen = follow(grams, [], 0, MATTERING.terms)
+        chosen = follow(Folds.of(grams, []), 0, MATTERING.terms)
         if chosen and losses[0.0] - sum(gain for _, gain in chosen) < losses[penalty]:
             index = [column for column, _ in chosen]
             beta = np.zeros(len(used))

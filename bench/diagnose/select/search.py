@@ -11,7 +11,7 @@ from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.sample import left_out, shortened
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.generic import Dictionary, Term, dictionary, follow
+from bench.diagnose.regression.generic import Dictionary, Folds, Term, dictionary, follow
 from bench.diagnose.regression.least_squares import Normal, regularised, whitening
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
@@ -318,13 +318,14 @@ def noise_filters(rows: Rows, prior: Prior) -> list[np.ndarray]:
         none, free = np.zeros(more), np.full(more, np.inf)
         beta = np.zeros(rows.width)
         beta[columns] = regularised(
-            np.asarray(sum(grams)),
-            columns,
+            np.asarray(sum(Folds.of(grams, columns).products())),
+            range(len(columns)),
             np.append(prior.precision, none),
             np.append(prior.centre, none),
             np.append(prior.low, -free),
             np.append(prior.high, free),
         )
+        del grams  # as large as those of the next round
         left = rows.residuals(beta)
         order = min(SEARCHING.memory, max(1, min(map(len, left)) // 20))
         filters = [whitening([r[:, c] for r in left], order) for c in range(rows.channels)]
@@ -333,9 +334,10 @@ def noise_filters(rows: Rows, prior: Prior) -> list[np.ndarray]:
 
 def _telling(grams: Sequence[np.ndarray], prior: Prior) -> list[int]:
     """Columns beyond the model's own numbers that tell most of what these leave; those at a bound stay there."""
-    own, total = range(len(prior.low)), np.asarray(sum(grams))
+    own = range(len(prior.low))
+    total = np.asarray(sum(Folds.of(grams, own).products()))
     beta = regularised(total, own, prior.precision, prior.centre, prior.low, prior.high)
-    shift = np.zeros(len(total))
+    shift = np.zeros(len(grams[0]))
     shift[list(own)] = -beta
     inside = [c for c in own if prior.low[c] < beta[c] < prior.high[c]]
-    return [c for c, _ in follow(grams, inside, len(own), SEARCHING.telling, shift=shift)]
+    return [c for c, _ in follow(Folds.of(grams, inside, shift), len(own), SEARCHING.telling)]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
-from bench.diagnose.regression.generic import follow
+from bench.diagnose.regression.generic import Folds, follow
 from bench.diagnose.regression.least_squares import ridge, shifted
 from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import Entry
@@ -63,7 +63,7 @@ def estimates(view: View, fit: Fit) -> list[Estimate]:
     stated = np.array([e.scale if e.constant else np.inf for e in own])
     spread = np.where(variance > 0, np.sqrt(np.abs(variance)), stated)
     blocks = len(view.subsets.normal.fold)
-    reach = float(student.ppf(0.975, max(2, blocks - 1)))
+    reach = float(stdtrit(max(2, blocks - 1), 0.975))
     out = []
     for e, b, s in zip(own, fit.beta, spread, strict=False):
         value = float(np.clip(e.value + b, e.low, e.high))
@@ -82,7 +82,7 @@ def ratios(view: View, fit: Fit) -> list[Ratio]:
     relative = view.subsets.covariance(fit)[np.ix_(index, index)] / np.outer(at, at)
     alone = np.diag(relative)
     together = alone[:, None] + alone - 2 * relative
-    reach = float(student.ppf(0.975, max(2, len(view.subsets.normal.fold) - 1)))
+    reach = float(stdtrit(max(2, len(view.subsets.normal.fold) - 1), 0.975))
     out, linked = [], np.arange(len(own))
     for i, j in sorted(combinations(range(len(own)), 2), key=lambda pair: together[pair]):
         if 0 < together[i, j] < VERIFYING.together**2 * min(alone[i], alone[j]) and linked[i] != linked[j]:
@@ -137,10 +137,9 @@ def at_bound(numbers: Sequence[Estimate], place: int) -> bool:
 
 def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[ResidualTerm], float]:
     """What the residual of a fit follows, and the loss that all of it saves on recordings not fitted."""
-    kept, grams = _anchored(view, dropped)
     first = len(view.linear.columns)
     allowed = [first + i for i, reach in enumerate(view.reach) if not reach <= view.doubtful]
-    found = follow(grams, kept, first, allowed=allowed)
+    found = follow(_anchored(view, dropped), first, allowed=allowed)
     traces = []
     for column, gain in found:
         term = view.dictionary[column - first]
@@ -148,8 +147,8 @@ def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[ResidualTer
     return traces, sum(g for _, g in found)
 
 
-def _anchored(view: View, dropped: Sequence[int] = ()) -> tuple[list[int], list[np.ndarray]]:
-    """Columns of the model's free numbers, fitted without some effects, and a fold's normal equations of what is left.
+def _anchored(view: View, dropped: Sequence[int] = ()) -> Folds:
+    """Normal equations of what is left by a fit without some effects; the model's free numbers are kept in them.
 
     What holds the constants is a part of them: a fold that says little of one must not run away with it. A number that
     the fit has at its bound stays there.
@@ -160,20 +159,13 @@ def _anchored(view: View, dropped: Sequence[int] = ()) -> tuple[list[int], list[
     gone, _ = view.linear.away(dropped)
     mine = [c for c in range(len(own)) if own[c].owner not in gone and subsets.low[c] < at[c] < subsets.high[c]]
     kept = view.linear.changed(mine, dropped)
-    width = view.grams[0].shape[0]
-    shift, held = np.zeros(width), np.zeros((width, width))
+    shift, tail = np.zeros(len(view.grams[0])), np.zeros(len(view.grams[0]))
     shift[list(fit.columns)] = -fit.beta
     away = subsets.centre[mine] - at[mine]
-    pull = subsets.anchor[mine] * away
-    held[kept, kept] = subsets.anchor[mine]
-    held[kept, -1] = held[-1, kept] = pull
-    held[-1, -1] = pull @ away
-    anchored = []
-    for gram in view.grams:
-        tail, gram = shifted(gram, shift) + held[-1] / len(view.grams), gram + held / len(view.grams)
-        gram[-1] = gram[:, -1] = tail
-        anchored.append(gram)
-    return kept, anchored
+    tail[kept] = pull = subsets.anchor[mine] * away
+    tail[-1] = pull @ away
+    tails = [shifted(gram, shift) + tail / len(view.grams) for gram in view.grams]
+    return Folds(view.grams, kept, tails, np.diag(subsets.anchor[mine]) / len(view.grams))
 
 
 def understood(
@@ -213,21 +205,17 @@ def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequ
     first, count = len(view.linear.columns), sum(e.owner == place for e in view.linear.own)
     if gains.sum() < view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting):
         return False  # what acts there is not understood, and this is less than that
-    numbers, folds = _anchored(view, dropped)
-    with_it = np.asarray(sum(folds))
-    del folds  # as large as the next ones
-    rest, folds = _anchored(view, less)
+    with_it, without_it = _anchored(view, dropped), _anchored(view, less)
     allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
-    terms = [column for column, _ in follow(folds, rest, first, count, allowed)]
-    without_it = np.asarray(sum(folds))
+    terms = [column for column, _ in follow(without_it, first, count, allowed)]
 
-    def loss(gram: np.ndarray, index: list[int]) -> float:
-        some = gram[np.ix_([*index, -1], [*index, -1])]
+    def loss(folds: Folds, more: Sequence[int]) -> float:
+        some = np.asarray(sum(folds.products(more)))
         vector = np.append(-ridge(some, 1e-9), 1.0)
         return float(vector @ some @ vector)
 
-    bare, by_terms = (loss(without_it, [*rest, *more]) for more in ([], terms))
-    by_effect, by_both = (loss(with_it, [*numbers, *more]) for more in ([], terms))
+    bare, by_terms = (loss(without_it, more) for more in ([], terms))
+    by_effect, by_both = (loss(with_it, more) for more in ([], terms))
     if by_terms > by_effect - max(VERIFYING.left * view.floor, VERIFYING.beaten * view.explained):
         return True
     # The terms may have found something else that is left: then the effect still has its own share beside them.

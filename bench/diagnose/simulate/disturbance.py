@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.signal import lfilter
 from torch import Tensor
 
+from bench.diagnose.logs.filters import lagged
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.least_squares import bounded, equilibrium
@@ -132,8 +132,9 @@ class Observer:
         valid = left.valid[..., None].astype(float)
         known = np.concatenate([np.where(valid > 0, left.steps[..., channels], 0.0), valid], axis=-1)
         known = np.concatenate([np.zeros_like(known[:, : late + 1]), known], axis=1)[:, : valid.shape[1] + 1]
-        sums = [lfilter([1 - a], [1, -a], known, axis=1) for a in np.exp(-1.0 / np.maximum(1.0, spans))]
-        total = np.stack(sums, axis=-1)
+        in_time = known.swapaxes(0, 1)
+        sums = [lagged(in_time, a) for a in np.exp(-1.0 / np.maximum(1.0, spans))]
+        total = np.stack(sums, axis=-1).swapaxes(0, 1)
         weight = total[..., -1:, :]
         return np.divide(total[..., :-1, :], weight, out=np.zeros_like(total[..., :-1, :]), where=weight > 0)
 
