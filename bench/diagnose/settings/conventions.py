@@ -51,6 +51,12 @@ class Mending:
         "by how much that misfit must fall for a change to be named",
         Basis.JUDGED,
     )
+    agreeing: float = threshold(
+        0.4, "misfit below which a change mends a relation that nothing but reading spoils", Basis.JUDGED
+    )
+    agreeing_loosely: float = threshold(
+        0.72, "misfit below which a change mends a relation that missing physics spoils too", Basis.JUDGED
+    )
     recordings: float = threshold(
         0.75,
         "share of the recordings that must say so",
@@ -97,6 +103,15 @@ class Mending:
         "total misfit by which a less common change must be better than a common one",
         Basis.JUDGED,
     )
+
+
+@dataclass(frozen=True)
+class Trying:
+    """A part of the recordings on which hundreds of changes are tried, before the best are tried on everything."""
+
+    seconds: float = threshold(6.0, "time of each of these recordings, from its middle", Basis.EFFORT, "s")
+    recordings: int = threshold(4, "recordings at most, spread over all", Basis.EFFORT, "count")
+    kept: int = threshold(10, "changes that are then tried on everything", Basis.EFFORT, "count")
 
 
 @dataclass(frozen=True)
