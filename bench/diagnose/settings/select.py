@@ -233,4 +233,9 @@ class Growing:
         (16, 64), "lengths of the windows that lead a fit to the whole ones", Basis.JUDGED, "samples"
     )
     sure: float = threshold(2.0, "t over windows of the held-out gain that a larger set needs", Basis.CONVENTION)
+    disputed: float = threshold(
+        3.0,
+        "times the odds that count, up to which a set makes a tie if the windows do not agree that it is worse",
+        Basis.JUDGED,
+    )
     folds: int = threshold(4, "parts of the windows of which each is held out once", Basis.CONVENTION, "count")
