@@ -75,6 +75,24 @@ class Kind(ABC):
 
 
 @dataclass(frozen=True)
+class ByQuantity(Kind):
+    """A kind that looks at every quantity and every prediction length by itself."""
+
+    quantities: tuple[str, ...]
+    horizons: tuple[int, ...]
+
+    def measure(self, evidence: Evidence) -> list[Estimate]:
+        """What `compare` finds for each, quantity by quantity."""
+        return [
+            e for role in self.quantities for horizon in self.horizons for e in self.compare(evidence, role, horizon)
+        ]
+
+    @abstractmethod
+    def compare(self, evidence: Evidence, role: str, horizon: int) -> list[Estimate]:
+        """The numbers of one quantity, as a claim calls it, and one horizon."""
+
+
+@dataclass(frozen=True)
 class Judgement:
     """A verdict with the number that decided it."""
 
