@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from bench.diagnose.manoeuvre.surety import Judge
+from bench.diagnose.manoeuvre.discrimination import Judge
 from bench.diagnose.settings import COMPOSING
 
 

@@ -39,7 +39,7 @@ CHUNK = 1 << 20
 
 
 @dataclass(frozen=True)
-class Asked:
+class Options:
     """What is asked of every vehicle: the options of `bench.diagnose`. Plain data."""
 
     system: str | None = None
@@ -100,14 +100,14 @@ def _code() -> str:
     return digest.hexdigest()
 
 
-def key_of(member: Member, asked: Asked) -> str:
+def key_of(member: Member, options: Options) -> str:
     """What the answer on a vehicle is filed under.
 
     Raises:
         BenchError: its files cannot be read.
     """
     data = {f.name: _sha256(f) for f in [Path(member.path) / FILE, *member.folder.files]}
-    content = {"member": [member.vehicle, member.date, member.id], "data": data, "asked": asked.content()}
+    content = {"member": [member.vehicle, member.date, member.id], "data": data, "asked": options.content()}
     text = json.dumps({**content, "environment": dict(environment())}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
