@@ -11,7 +11,6 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from registry.kernels.lstm_history import Back, History, Shape, before
-from registry.kernels.pointwise import pad_batch
 from registry.kernels.workspace import Reused
 
 
@@ -19,27 +18,19 @@ def run(
     inputs: Tensor,
     state: Tensor,
     forced: Tensor | None,
-    mask: Tensor | None,
     weights: list[Tensor],
+    mask: Tensor | None,
     delays: int,
 ) -> tuple[Tensor, Tensor]:
     """Run T steps: arguments and results as for `registry.kernels.lstm.lstm`, but for these.
 
     Args:
-        inputs, state, forced, delays: see there.
-        mask: (L, T, M, H, B') what dropout lets through, B' the batch as `pad_batch` leaves it; None: all.
+        inputs, state, forced, delays: see there; with a model dimension, and a batch of whole vectors.
         weights: input, recurrent, bias and peephole of every layer, then weight and bias of the read-out, if any.
+        mask: (L, T, M, H, B) what dropout lets through; None: all.
     """
-    if inputs.dim() == 3:
-        fed, one = None if forced is None else forced.unsqueeze(0), [w.unsqueeze(0) for w in weights]
-        outputs, state = run(inputs.unsqueeze(0), state.unsqueeze(0), fed, mask, one, delays)
-        return outputs[0], state[0]
-    batch = inputs.shape[1]
-    inputs, state = pad_batch(inputs), pad_batch(state)
-    forced = None if forced is None else pad_batch(forced)
     done: tuple[Tensor, Tensor] = _LSTM.apply(inputs, state, forced, mask, delays, *weights)
-    outputs, state = done
-    return outputs[:, :batch], state[:, :batch]
+    return done
 
 
 class _Layer:
