@@ -31,7 +31,7 @@ def peaks_of(tables: Errors, before: int) -> dict[Network, np.ndarray]:
     """Where in the steps before ``before`` the error is largest: for every network and recording as all others see it.
 
     Choosing the step by the very curve that is judged there would find a peak in any noise. Only the networks of one
-    configuration and channel belong together; one alone is its own judge, which `Estimate.speaks` then forbids.
+    configuration and channel belong together; one alone is its own judge, which `Estimate.conclusive` then forbids.
     """
     found = {}
     for network, table in tables.items():

@@ -31,7 +31,7 @@ class Estimate:
     value: float
     limits: Limits = _unknown
     basis: str = ""
-    speaks: bool = True
+    conclusive: bool = True
     """Whether the limits may carry a verdict; one training cannot speak for the next."""
     seeds: int = 0
     """Of the configuration that has fewest; 0: no training is behind it."""
@@ -50,7 +50,7 @@ class Estimate:
 
     def grown(self, seeds: float, recordings: float) -> "Estimate":
         """The same number with so many times the repetition, as it would be if it stayed where it is."""
-        return replace(self, limits=lambda alpha, s, r: self.limits(alpha, s * seeds, r * recordings), speaks=True)
+        return replace(self, limits=lambda alpha, s, r: self.limits(alpha, s * seeds, r * recordings), conclusive=True)
 
 
 def fact(name: str, value: float) -> Estimate:
@@ -106,7 +106,7 @@ class Judgement:
     """A direction is settled, but the whole interval lies within `ZONE`: by less than what matters."""
 
     @property
-    def said(self) -> str:
+    def label(self) -> str:
         """The verdict, and whether it is slight."""
         return f"{self.verdict}, by less than a quarter" if self.slight else self.verdict
 
@@ -144,10 +144,10 @@ def decide(
     """The verdict of `settle` and the number that decides it; none without any."""
     if not found:
         return NOT_RUN, None
-    at = [e.limits(alpha, 1, 1) if e.speaks else (math.nan, math.nan) for e in found]
+    at = [e.limits(alpha, 1, 1) if e.conclusive else (math.nan, math.nan) for e in found]
     if all(_within(limits, accept) for limits in at):
         return REPRODUCED, min(found, key=lambda e: min(e.low - accept[0], accept[1] - e.high))
-    strict = [e.limits(alpha / len(found), 1, 1) if e.speaks else (math.nan, math.nan) for e in found]
+    strict = [e.limits(alpha / len(found), 1, 1) if e.conclusive else (math.nan, math.nan) for e in found]
     for e, (low, high) in zip(found, strict, strict=True):
         if high < accept[0] or low > accept[1]:
             return DIFFERS, e

@@ -64,8 +64,8 @@ def _level(name: str, curves: np.ndarray, reduce: Callable[..., np.ndarray]) -> 
         return _level_limits(curves, reduce, 1 - alpha) if recordings > 1 else (math.nan, math.nan)
 
     basis = f"bootstrap over {recordings} recordings; jackknife of {trainings} trained networks"
-    speaks = trainings > 1 and recordings > 1
-    return Estimate(name, value, lambda alpha, *_: at(alpha), basis, speaks)
+    conclusive = trainings > 1 and recordings > 1
+    return Estimate(name, value, lambda alpha, *_: at(alpha), basis, conclusive)
 
 
 def _level_limits(curves: np.ndarray, reduce: Callable[..., np.ndarray], confidence: float) -> tuple[float, float]:

@@ -164,14 +164,14 @@ def _estimate(name: str, found: Contrast, recorded: bool) -> Estimate:
         half = found.half_width(alpha, seeds, recordings)
         return _exp(found.value - half), _exp(found.value + half)
 
-    speaks = found.trainings > 1 and (found.recordings > 1 or not recorded)
+    conclusive = found.trainings > 1 and (found.recordings > 1 or not recorded)
     seeds, recordings = found.trainings, found.recordings if recorded else 0
     return Estimate(
         name=name,
         value=_exp(found.value),
         limits=limits,
         basis=_basis(found, recorded),
-        speaks=speaks,
+        conclusive=conclusive,
         seeds=seeds,
         recordings=recordings,
     )

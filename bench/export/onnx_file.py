@@ -79,7 +79,7 @@ class Whole(nn.Module):
         return said
 
     def _note(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Whether the initializer feeds measured outputs back."""
+        """`Predictor.rollout`; notes whether the initializer feeds measured outputs back."""
         self.asked.add(feedback is not None)
         return type(self.model.predictor).rollout(self.model.predictor, inputs, state, feedback)
 

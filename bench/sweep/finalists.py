@@ -16,7 +16,8 @@ import torch
 from bench.analysis import stats
 from bench.experiment.config import RunConfig, from_json
 from bench.experiment.seeds import derive
-from bench.records.record import RunRecord, json_text
+from bench.records.record import RunRecord
+from bench.records.stamp import canonical
 from bench.reporting.report import number
 from bench.sweep import journal as sweep
 from bench.sweep.space import configured
@@ -120,6 +121,6 @@ def write(
         },
     }
     try:
-        atomic_io.write_text(path, json_text(content))
+        atomic_io.write_text(path, canonical(content))
     except OSError as error:
         raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error
