@@ -205,10 +205,10 @@ class Convergence(Kind):
         for horizon in self.horizons:
             wanted: list[Stratum] = []
             for a, b in [pair for patterns in self.pairs for pair in evidence.pairs(*patterns)]:
-                mine, theirs = (_learning(evidence, s, horizon) for s in (a, b))
+                left, right = (_learning(evidence, s, horizon) for s in (a, b))
                 updates: list[tuple[Network, np.ndarray, tuple[str, ...]]] = []
-                for network in [n for n in mine if n in theirs]:
-                    sides = mine[network], theirs[network]
+                for network in [n for n in left if n in right]:
+                    sides = left[network], right[network]
                     reached = max(float(side.min()) for side in sides)
                     spent = np.log([_first(sides[0], reached) / _first(sides[1], reached)])
                     updates.append((network, spent, ("",)))

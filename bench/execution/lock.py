@@ -45,13 +45,13 @@ def held(folder: Path, what: str) -> Iterator[None]:
 
 
 @contextmanager
-def turn(folder: Path, name: str, said: Callable[[str], None]) -> Iterator[None]:
+def turn(folder: Path, name: str, say: Callable[[str], None]) -> Iterator[None]:
     """Wait until nobody else is inside, then keep them out while inside.
 
     Args:
         folder: of the lock's file; made where it does not exist.
         name: of the file.
-        said: called with a sentence where there is somebody to wait for.
+        say: called with a sentence where there is somebody to wait for.
 
     Raises:
         BenchError: the folder cannot be written.
@@ -60,7 +60,7 @@ def turn(folder: Path, name: str, said: Callable[[str], None]) -> Iterator[None]
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            said(f"waiting for another command that is at work in {folder}")
+            say(f"waiting for another command that is at work in {folder}")
             fcntl.flock(handle, fcntl.LOCK_EX)
         except OSError:
             pass  # a file system without locks

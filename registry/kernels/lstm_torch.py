@@ -124,7 +124,7 @@ class _LSTM(torch.autograd.Function):
                 if above is not None:
                     above.copy_(up)
             if n:
-                torch.baddbmm(bo, wo, up, out=h.said[T - 1 - t])
+                torch.baddbmm(bo, wo, up, out=h.output_at[T - 1 - t])
         ctx.save_for_backward(*weights)
         ctx.set_materialize_grads(False)
         ctx.kept, ctx.forced = (space, layers, mask, wo), forced is not None
@@ -158,9 +158,9 @@ class _LSTM(torch.autograd.Function):
                     d, dc = b.own[i], b.c[i]
                     if i == s.L - 1 and s.n:
                         if mask is None:
-                            d = torch.baddbmm(d, woT, b.said[s.T - 1 - t], out=b.m)
+                            d = torch.baddbmm(d, woT, b.output_at[s.T - 1 - t], out=b.m)
                         else:
-                            from_up = torch.bmm(woT, b.said[s.T - 1 - t])
+                            from_up = torch.bmm(woT, b.output_at[s.T - 1 - t])
                     if from_up is not None:
                         d = torch.add(from_up if mask is None else from_up * mask[i, t], d, out=b.m)
                     d_o.mul_(d)
@@ -180,8 +180,8 @@ class _LSTM(torch.autograd.Function):
         flat = [g for v, dw, d in zip(layers, d_w, d_peephole, strict=True) for g in v.gradients(dw, d)]
         if s.n:
             b.look(h)  # a row an output is summed: its order does not depend on M
-            said = b.outputs.flatten(2)
-            flat += [torch.bmm(said, b.tops.flatten(2).mT)[:, : s.n], said.sum(-1)[:, : s.n]]
+            d_outputs = b.outputs.flatten(2)
+            flat += [torch.bmm(d_outputs, b.tops.flatten(2).mT)[:, : s.n], d_outputs.sum(-1)[:, : s.n]]
         d_state = [x.permute(1, 3, 0, 2).flatten(-2) for x in (b.u[s.T :], d_fed[s.T :])]
         d_inputs = b.u[: s.T].flip(0).permute(1, 3, 0, 2) if inputs_too else None
         return d_inputs, torch.cat([*d_state, *(x.mT for x in (*b.own, *b.c))], -1), None, None, None, *flat
