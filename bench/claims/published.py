@@ -15,6 +15,7 @@ from bench.claims.estimate import ALPHA
 from bench.claims.evidence import Folder, StudyRun, folders
 from bench.claims.manifest import entered
 from bench.records.record import RunRecord, exists, write_json
+from registry.atomic_io import writing
 from registry.errors import BenchError
 
 OTHER_PROCESSOR = 0.01
@@ -167,11 +168,9 @@ def rerun() -> list[dict[str, Any]]:
 def write_smoke(published: Path, runs: Sequence[Mapping[str, Any]]) -> Path:
     """Publish the numbers of `rerun`."""
     path = published / SMOKE
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, {"command": "bench check --rerun smoke --write", "runs": list(runs)})
-    except OSError as error:
-        raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error
     return entered(path)
 
 

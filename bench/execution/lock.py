@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from registry.atomic_io import writing
 from registry.errors import BenchError
 
 FILE = ".lock"
@@ -73,11 +74,9 @@ def _opened(path: Path) -> Iterator[int]:
 
     It stays: removing it would let two drivers lock two files of one name.
     """
-    try:
+    with writing(f"The results folder {path.parent}"):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise BenchError(f"The results folder {path.parent} cannot be written: {error.strerror or error}.") from error
     try:
         yield handle
     finally:

@@ -34,8 +34,6 @@ SOURCES = (
 """Folders of the code that an answer depends on."""
 PRESENTATION = "bench/diagnose/report"
 """Code in them that changes no answer, but how it is shown."""
-CHUNK = 1 << 20
-"""Bytes of a file that are hashed at once."""
 
 
 @dataclass(frozen=True)
@@ -113,11 +111,8 @@ def key_of(member: Member, options: Options) -> str:
 
 
 def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
     try:
         with regular(path).open("rb") as file:
-            while block := file.read(CHUNK):
-                digest.update(block)
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise BenchError(f"{path} cannot be read: {error.strerror or error}.") from error
-    return digest.hexdigest()

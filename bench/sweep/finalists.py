@@ -26,7 +26,6 @@ from bench.training import evaluate
 from bench.training.data import prepare
 from bench.training.predict import load_model
 from registry import atomic_io
-from registry.errors import BenchError
 
 SEEDS = 3
 """Fresh ones of each finalist."""
@@ -120,7 +119,5 @@ def write(
             for v in verdicts
         },
     }
-    try:
+    with atomic_io.writing(path):
         atomic_io.write_text(path, canonical(content))
-    except OSError as error:
-        raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error

@@ -17,7 +17,7 @@ from bench.sweep import journal as sweeps
 from bench.sweep.finalists import Verdict
 from bench.sweep.page_search import Content, front, history, importances, shown, slices, trials
 from bench.sweep.space import SPEC, described, options
-from registry.errors import BenchError
+from registry.atomic_io import writing
 
 Cell = tuple[str, str]
 """A value and its interval; empty: there is none."""
@@ -151,7 +151,5 @@ def write(path: Path, c: Content) -> None:
         BenchError: the file cannot be written, or a record is damaged.
     """
     text = render(c)
-    try:
+    with writing(f"The report {path}"):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise BenchError(f"The report {path} cannot be written: {error.strerror or error}.") from error

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from bench.cli import options
-from registry.errors import BenchError
+from registry.atomic_io import writing
 
 COLOURS = {
     "reproduced": "green",
@@ -221,11 +221,9 @@ def _rerun(published: Path, write: bool) -> None:
 def _write(target: Path, text: str) -> None:
     from bench.claims import manifest
 
-    try:
+    with writing(target):
         target.write_text(text, encoding="utf-8")
         manifest.entered(target)
-    except OSError as error:
-        raise BenchError(f"{target} cannot be written: {error.strerror or error}.") from error
 
 
 def _plain(rows: Sequence[Any], held: Sequence[Any]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from registry.atomic_io import writing
 from registry.datasets.folder.clock import THINNEST
 from registry.datasets.folder.constants import Constant, physics_lines
 from registry.datasets.folder.description import FILE
@@ -213,14 +214,12 @@ def _lines(
 
 def _write(folder: Path, tables: Mapping[str, Mapping[str, np.ndarray]], choice: _Choice, lines: list[str]) -> None:
     header = ",".join(["t", *(c for s in choice.signals for c in _names(s, choice.counts[s]))])
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, x in tables.items():
             table = np.column_stack([x["t"], *(x[s] for s in choice.signals)])
             np.savetxt(folder / f"{name}.csv", table, fmt="%.9g", delimiter=",", header=header, comments="")
         (folder / FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise BenchError(f"{folder} cannot be written: {error.strerror or error}.") from error
 
 
 def _names(signal: str, count: int) -> list[str]:

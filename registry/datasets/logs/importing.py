@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from registry.atomic_io import writing
 from registry.datasets.folder.columns import recognised
 from registry.datasets.folder.description import FILE
 from registry.datasets.folder.draft import MOTION, Known, draft
@@ -153,14 +154,12 @@ def _write(recordings: Mapping[str, Sequence[Table]], folder: Path, rate: float 
         )
     if left:
         notes.append(f"Left out, because not every file has it: {', '.join(left)}.")
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, table in whole.items():
             write(folder / f"{name}.csv", table, common)
         text = draft(folder, known=replace(known, rate=chosen))
         (folder / FILE).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise BenchError(f"{folder} cannot be written: {error.strerror or error}.") from error
     return notes
 
 
