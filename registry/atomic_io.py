@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from registry.errors import BenchError
+
 NAME_BYTES = 200
 """Of a file's name, that the name of its draft keeps: names end at 255."""
 
@@ -23,6 +25,22 @@ def move(draft: Path, final: Path) -> None:
     """Give a flushed file or folder its name; after a power cut it has the one or the other."""
     os.replace(draft, final)
     flush(final.parent)
+
+
+@contextmanager
+def writing(what: object) -> Iterator[None]:
+    """Write inside.
+
+    Args:
+        what: is written, as a sentence begins: a path, "The report PATH".
+
+    Raises:
+        BenchError: it cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise BenchError(f"{what} cannot be written: {error.strerror or error}.") from error
 
 
 @contextmanager

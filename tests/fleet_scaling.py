@@ -21,9 +21,9 @@ from bench.claims.manifest import entered
 from bench.execution import executor
 from bench.execution.pool import AHEAD, WorkerPool
 from bench.fleet import page
-from bench.fleet.asked import Asked, environment
 from bench.fleet.findings import drifts, quantities
 from bench.fleet.members import members
+from bench.fleet.options import Options, environment
 from bench.fleet.result import Answer, ErrorBetween, FleetDiagnosis, Number
 from bench.fleet.work import work
 
@@ -48,7 +48,7 @@ def kept(folder: Path) -> Iterator[str]:
     for i in range(KEPT):
         known_fleet.folder(folder / "fleet" / f"n{i}", 0.3 + i / 1e4)
     cpu = time.process_time()
-    todo = driver.plan(members(str(folder / "fleet")), Asked(), folder / "out")
+    todo = driver.plan(members(str(folder / "fleet")), Options(), folder / "out")
     looked = (time.process_time() - cpu) / KEPT
     (folder / "data").write_bytes(b"0123456789" * (DATA // 10))
     cpu = time.process_time()
@@ -60,7 +60,7 @@ def kept(folder: Path) -> Iterator[str]:
     )
     same, answers = dict(environment()), {}
     for m in todo.todo:
-        sentence, files = work(known_fleet.read, m, Asked(), todo.keys[m.id], same)
+        sentence, files = work(known_fleet.read, m, Options(), todo.keys[m.id], same)
         answers[m.id] = sentence, {n: t.ljust(PAGE_BYTES) if n.endswith(".html") else t for n, t in files.items()}
     executor._pool, driver.work = always_done, lambda do, member, *_: answers[member.id]  # type: ignore[assignment]
     wall, cpu = time.monotonic(), time.process_time()

@@ -14,8 +14,8 @@ from bench.diagnose.result import (
     ParameterEstimate,
     Unexplained,
 )
-from bench.fleet.asked import Asked
 from bench.fleet.members import Member
+from bench.fleet.options import Options
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 from registry.physics.falling_body import FallingBody
@@ -49,7 +49,7 @@ def write(path: Path, number: float, vehicle: str = "", date: str = "") -> None:
     path.write_text("\n".join([head, *rows]) + "\n")
 
 
-def read(member: Member, asked: Asked) -> tuple[Diagnosis, PhysicsModel]:
+def read(member: Member, options: Options) -> tuple[Diagnosis, PhysicsModel]:
     """In place of a diagnosis."""
     if LOG in os.environ:
         with Path(os.environ[LOG]).open("a") as log:
@@ -77,8 +77,8 @@ def read(member: Member, asked: Asked) -> tuple[Diagnosis, PhysicsModel]:
     ), FallingBody(mass=0.2)
 
 
-def interrupted(member: Member, asked: Asked) -> tuple[Diagnosis, PhysicsModel]:
+def interrupted(member: Member, options: Options) -> tuple[Diagnosis, PhysicsModel]:
     """Ctrl-C at the third vehicle."""
     if len(Path(os.environ[LOG]).read_text().splitlines()) == 2:
         raise KeyboardInterrupt
-    return read(member, asked)
+    return read(member, options)

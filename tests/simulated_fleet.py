@@ -18,7 +18,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from bench.claims.manifest import entered
-from bench.fleet.kept import ANSWER, VEHICLES
+from bench.fleet.stored import ANSWER, VEHICLES
 
 MASS, DAMPING, STIFFNESS, RATE = 0.5, 0.4, 60.0, 50
 """kg, N s/m, N/m, Hz."""

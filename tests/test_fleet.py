@@ -18,11 +18,11 @@ from simulated_fleet import vehicle
 import bench
 from bench.cli import cli
 from bench.diagnose.logs.load import load
-from bench.fleet import kept, page
-from bench.fleet.asked import Asked, environment
+from bench.fleet import page, stored
 from bench.fleet.findings import drifts, quantities
 from bench.fleet.fleet import PAGE, VALUES, Plan, conclude, execute, plan
 from bench.fleet.members import Member, is_fleet, members
+from bench.fleet.options import Options, environment
 from bench.fleet.result import Answer, FleetDiagnosis, Number, schema
 from registry.datasets.folder.dataset import Folder
 from registry.errors import BenchError
@@ -48,11 +48,11 @@ def fleet(tmp_path: Path) -> Path:
     return tmp_path / "fleet"
 
 
-def planned(fleet: Path, asked: Asked | None = None, out: Path | None = None) -> Plan:
-    return plan(members(str(fleet)), asked or Asked(), out or fleet / "diagnosis")
+def planned(fleet: Path, asked: Options | None = None, out: Path | None = None) -> Plan:
+    return plan(members(str(fleet)), asked or Options(), out or fleet / "diagnosis")
 
 
-def done(fleet: Path, asked: Asked | None = None, out: Path | None = None, workers: int = 1) -> FleetDiagnosis:
+def done(fleet: Path, asked: Options | None = None, out: Path | None = None, workers: int = 1) -> FleetDiagnosis:
     todo = planned(fleet, asked, out)
     execute(todo, workers, do=known_fleet.read)
     return conclude(todo, "bench diagnose fleet")
@@ -153,26 +153,26 @@ def test_what_is_kept_is_not_done_again(fleet: Path, log: Path) -> None:
 
 def test_what_changed_is_done_again_and_nothing_else(fleet: Path, log: Path) -> None:
     done(fleet)
-    vehicles = fleet / "diagnosis" / kept.VEHICLES
+    vehicles = fleet / "diagnosis" / stored.VEHICLES
     known_fleet.write(fleet / "n1" / "ball_0.csv", 0.4)
     known_fleet.write(fleet / "n1" / "ball_1.csv", 0.4)
     (fleet / "n2" / "dataset.toml").write_text((fleet / "n2" / "dataset.toml").read_text() + "# seen\n")
     (vehicles / "n3" / "diagnosis.json").write_text("{}")  # damaged
     shutil.rmtree(vehicles / "n4")
-    (vehicles / "n5" / kept.ANSWER).write_text("[1]")
+    (vehicles / "n5" / stored.ANSWER).write_text("[1]")
     (fleet / "n6" / "notes.txt").write_text("not of the data")
     log.write_text("")
     found = done(fleet)
     assert sorted(log.read_text().split()) == ["n1", "n2", "n3", "n4", "n5"]
     assert next(a for a in found.answers if a.id == "n1").numbers[0].value == 0.4
     log.write_text("")
-    done(fleet, Asked(horizon_s=0.3))
+    done(fleet, Options(horizon_s=0.3))
     assert len(log.read_text().split()) == 7
 
 
 def test_an_answer_of_other_code_is_sought_anew(fleet: Path, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done(fleet)
-    monkeypatch.setattr("bench.fleet.asked.environment", lambda: {"code": "other"})
+    monkeypatch.setattr("bench.fleet.options.environment", lambda: {"code": "other"})
     assert len(planned(fleet).todo) == 7
 
 
@@ -182,8 +182,8 @@ def test_a_worker_of_another_kind_is_refused(fleet: Path) -> None:
     todo = planned(fleet)
     member = todo.todo[0]
     with pytest.raises(BenchError, match="would make other answers: its cpu differs"):
-        work(known_fleet.read, member, todo.asked, todo.keys[member.id], {**environment(), "cpu": "other"})
-    said, files = work(known_fleet.read, member, todo.asked, "0" * 32, dict(environment()))
+        work(known_fleet.read, member, todo.options, todo.keys[member.id], {**environment(), "cpu": "other"})
+    said, files = work(known_fleet.read, member, todo.options, "0" * 32, dict(environment()))
     assert "changed meanwhile" in said and not files
 
 
@@ -222,7 +222,7 @@ def test_what_is_wrong_with_one_stops_nobody(fleet: Path) -> None:
 
 def test_a_model_of_a_former_answer_stays_beside(fleet: Path) -> None:
     done(fleet)
-    model = fleet / "diagnosis" / kept.VEHICLES / "n0" / "model.toml"
+    model = fleet / "diagnosis" / stored.VEHICLES / "n0" / "model.toml"
     model.write_text(model.read_text() + "# mine\n")
     done(fleet)
     assert model.with_name("model.previous.toml").read_text().endswith("# mine\n")
@@ -320,11 +320,11 @@ def test_every_vehicle_is_one_run_in_mlflow(fleet: Path, tmp_path: Path) -> None
     from bench.tracking import track
 
     done(fleet)
-    uri, vehicles = track.default_uri(tmp_path), fleet / "diagnosis" / kept.VEHICLES
+    uri, vehicles = track.default_uri(tmp_path), fleet / "diagnosis" / stored.VEHICLES
     for name in ("n0", "n6", "n6"):  # twice, as when a driver is killed while it logs
         track.mirror_vehicle(uri, "fleet: f", vehicles / name)
     known = track.whole(uri, "fleet: f")
-    assert known == {kept.Kept(vehicles / name).key for name in ("n0", "n6")}
+    assert known == {stored.Stored(vehicles / name).key for name in ("n0", "n6")}
     track.mirror_vehicle(uri, "fleet: f", vehicles / "n6", known)
     client = MlflowClient(tracking_uri=uri)
     runs = client.search_runs([track.find_experiment(uri, "fleet: f")])
@@ -362,7 +362,7 @@ def test_a_fleet_from_the_shell_and_from_python(tmp_path: Path) -> None:
     assert again.to_json() == told
     drag = again.to_frame().query("effect == 'quadratic_drag'")
     assert len(drag) == 2 and (drag.low < 0.5).all() and (drag.high > 0.5).all()
-    shown = (fleet / "diagnosis" / kept.VEHICLES / "a" / "diagnosis.html").read_text()
+    shown = (fleet / "diagnosis" / stored.VEHICLES / "a" / "diagnosis.html").read_text()
     assert f"bench diagnose {fleet}/a" in Parsed(shown).text
 
 

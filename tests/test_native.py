@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from registry.errors import BenchError
 from registry.kernels import lstm_torch
 from registry.kernels.lstm import Layer, lstm
 from registry.kernels.native import library
+from registry.kernels.pointwise import in_whole_vectors
 from registry.predictors import hybrid
 
 F32, F64 = torch.float32, torch.float64
@@ -385,7 +387,8 @@ def test_without_a_library_pytorch_does_it_and_says_so_once(
     assert re.search(f"slower PyTorch kernel: .*{reason}", said) and "\n" not in said
     assert library.name().startswith("pytorch ") and os.environ["BENCH_KERNEL"] == "pytorch"
     weights = [*vars(case.layer(a, 0)).values(), a["output_weight"], a["output_bias"]]
-    want = lstm_torch.run(a["inputs"], a["state"], None, None, weights, case.taps)
+    run = partial(lstm_torch.run, mask=None, delays=case.taps)
+    want = in_whole_vectors(run, (a["inputs"], a["state"], None), weights)
     assert all(torch.equal(x, y) for x, y in zip(got, want, strict=True))
     library._chosen.cache_clear()
     monkeypatch.setenv("BENCH_KERNEL", "native")

@@ -50,6 +50,7 @@ def test_a_label_tells_what_is_trained_by_gradient(name: str) -> None:
         ("LSTM: 1x50 - MLQ: 60x10", "did you mean MLP"),
         ("LSTM: 1xfifty - MLP: 60x10", "character 9"),
         ("LSTM: 0x50 - MLP: 60x10", "character 7"),
+        ("PySINDy: 1x20", "has no size: options are set by name, as in --set predictor.delays=2"),
         ("LSTM: 50 - MLP: 60x10", "layers x hidden"),
         ("LSTM: 1x50 - Washout: 60x10", "expected history"),
         ("LSTM: 1x50", "names no initializer"),

@@ -17,7 +17,7 @@ from bench.experiment import study
 from bench.experiment.config import RunConfig
 from bench.experiment.grid import effort, grid
 from bench.experiment.study import Study
-from bench.settle.sources import Source, Wanted, group, published_runs
+from bench.settle.sources import Scope, Source, group, published_runs
 from registry.contracts import Dataset
 
 Bench = Callable[..., tuple[int, str]]
@@ -94,12 +94,12 @@ def test_a_plan_says_what_is_open_and_trains_nothing(bench: Bench, here: list[An
     code, printed = bench("settle", "--dry-run", *here)
     assert code == 0, printed
     assert "neither-fails two_networks on toy 2 about" in printed and "more seeds a configuration" in printed
-    assert "1 open, 1 of them to be settled by seeds" in printed
+    assert "1 open claim; more seeds are expected to settle 1 of them" in printed
     assert not (tmp_path / "results").exists()
 
 
 def test_seeds_are_added_until_the_claim_is_settled(bench: Bench, here: list[Any], tmp_path: Path) -> None:
-    wanted = Wanted(tmp_path / "results", tmp_path / "published", tmp_path / "claims.toml")
+    wanted = Scope(tmp_path / "results", tmp_path / "published", tmp_path / "claims.toml")
     (before,) = [r for r in wanted.rows() if r.claim.id == "neither-fails"]
     assert (before.judgement.verdict, before.seeds) == ("not enough evidence", 2)
     code, printed = bench("settle", "neither-fails", *here)

@@ -32,7 +32,7 @@ class Cell:
 
     @property
     def trainings(self) -> int:
-        """S."""
+        """S, the number of trainings."""
         return len(self.values)
 
     @property

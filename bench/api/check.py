@@ -46,7 +46,7 @@ class Verdicts(Displayed):
             [
                 (
                     r.claim.id,
-                    r.claim.said,
+                    r.claim.stated,
                     r.dataset,
                     r.judgement.value,
                     r.judgement.low,

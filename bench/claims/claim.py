@@ -60,7 +60,7 @@ class Claim:
     note: str = ""
 
     @property
-    def said(self) -> str:
+    def stated(self) -> str:
         """What the paper publishes, else what the claim amounts to, in a few characters."""
         if self.published is not None:
             return f"{number(self.published)} {self.unit}".strip()

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from typing_extensions import override
 
-from bench.claims.estimate import Estimate, Kind
+from bench.claims.estimate import ByQuantity, Estimate, Kind
 from bench.claims.evidence import Evidence
 from bench.claims.tables import (
     Network,
@@ -33,27 +33,21 @@ def _at(role: str, horizon: int) -> str:
 
 
 @dataclass(frozen=True)
-class Ratio(Kind):
+class Ratio(ByQuantity):
     """Error of a over error of b in a phase of the horizon, all pairs together, one number a quantity and horizon."""
 
     pairs: tuple[tuple[str, str], ...]
     """Patterns of a and b."""
-    quantities: tuple[str, ...]
-    horizons: tuple[int, ...]
     phase: str = "whole"
 
     @override
-    def measure(self, evidence: Evidence) -> list[Estimate]:
-        found = []
+    def compare(self, evidence: Evidence, role: str, horizon: int) -> list[Estimate]:
         opponents: dict[str, list[str]] = {}
         for a, b in [pair for patterns in self.pairs for pair in evidence.pairs(*patterns)]:
             opponents.setdefault(a, []).append(b)
-        for role in self.quantities:
-            for horizon in self.horizons:
-                of = _response(evidence, role, horizon, self.phase)
-                wanted = [s for a, others in opponents.items() for s in strata(of(a), [of(b) for b in others])]
-                found += ratio(_at(role, horizon), wanted, pool(evidence, of))
-        return found
+        of = _response(evidence, role, horizon, self.phase)
+        wanted = [s for a, others in opponents.items() for s in strata(of(a), [of(b) for b in others])]
+        return ratio(_at(role, horizon), wanted, pool(evidence, of))
 
 
 def _response(
@@ -64,25 +58,21 @@ def _response(
 
 
 @dataclass(frozen=True)
-class Alike(Kind):
+class Alike(ByQuantity):
     """Every two of the configurations against each other."""
 
     specs: tuple[str, ...]
-    quantities: tuple[str, ...]
-    horizons: tuple[int, ...]
     phase: str = "whole"
 
     @override
-    def measure(self, evidence: Evidence) -> list[Estimate]:
-        names = [s for pattern in self.specs for s in evidence.specs(pattern)]
-        found = []
-        for role in self.quantities:
-            for horizon in self.horizons:
-                of = _response(evidence, role, horizon, self.phase)
-                around = pool(evidence, of)
-                for a, b in combinations(names, 2):
-                    found += ratio(f"{a} / {b}, {_at(role, horizon)}", strata(of(a), [of(b)]), around)
-        return found
+    def compare(self, evidence: Evidence, role: str, horizon: int) -> list[Estimate]:
+        of = _response(evidence, role, horizon, self.phase)
+        around = pool(evidence, of)
+        return [
+            e
+            for a, b in combinations(evidence.matching(self.specs), 2)
+            for e in ratio(f"{a} / {b}, {_at(role, horizon)}", strata(of(a), [of(b)]), around)
+        ]
 
 
 @dataclass(frozen=True)
@@ -105,8 +95,7 @@ class Factor(Kind):
                 of = self._response(evidence, above, below, horizon)
                 wanted: list[Stratum] = []
                 if not self.against:
-                    specs = [s for pattern in self.specs for s in evidence.specs(pattern)]
-                    wanted = [(row, ()) for spec in specs for row in of(spec).values()]
+                    wanted = [(row, ()) for spec in evidence.matching(self.specs) for row in of(spec).values()]
                 for patterns in zip(self.specs, self.against, strict=bool(self.against)):
                     wanted += [s for a, b in evidence.pairs(*patterns) for s in strata(of(a), [of(b)])]
                 found += ratio(f"{above} / {below}, T = {horizon}:", wanted, pool(evidence, of))
@@ -121,28 +110,20 @@ class Factor(Kind):
 
 
 @dataclass(frozen=True)
-class FewerWeights(Kind):
+class FewerWeights(ByQuantity):
     """Error of every a over every b that has more weights than it; the RMSSE of both is said beside."""
 
     a: str
     b: str
-    quantities: tuple[str, ...]
-    horizons: tuple[int, ...]
 
     @override
-    def measure(self, evidence: Evidence) -> list[Estimate]:
+    def compare(self, evidence: Evidence, role: str, horizon: int) -> list[Estimate]:
         found = []
-        pairs = [
-            (a, b)
-            for a in evidence.specs(self.a)
-            for b in evidence.specs(self.b)
-            if evidence.weights(a) < evidence.weights(b)
-        ]
-        for role in self.quantities:
-            for horizon in self.horizons:
-                of = _response(evidence, role, horizon)
-                around = pool(evidence, of)
-                for a, b in pairs:
+        of = _response(evidence, role, horizon)
+        around = pool(evidence, of)
+        for a in evidence.specs(self.a):
+            for b in evidence.specs(self.b):
+                if evidence.weights(a) < evidence.weights(b):
                     sizes = f"{evidence.weights(a):,} / {evidence.weights(b):,} weights"
                     rmsse = ratio_of_numbers(*_rmsse(evidence, a, b, role, horizon))
                     beside = f", RMSSE {rmsse:.2f}" if rmsse else ""
@@ -176,7 +157,7 @@ class Norms(Kind):
 
     @override
     def measure(self, evidence: Evidence) -> list[Estimate]:
-        names = list(dict.fromkeys(s for pattern in self.specs for s in evidence.specs(pattern)))
+        names = list(dict.fromkeys(evidence.matching(self.specs)))
         found, same, turned = [], 0, 0
         for role in self.quantities:
             for horizon in self.horizons:
@@ -224,10 +205,10 @@ class Convergence(Kind):
         for horizon in self.horizons:
             wanted: list[Stratum] = []
             for a, b in [pair for patterns in self.pairs for pair in evidence.pairs(*patterns)]:
-                mine, theirs = (_learning(evidence, s, horizon) for s in (a, b))
+                left, right = (_learning(evidence, s, horizon) for s in (a, b))
                 updates: list[tuple[Network, np.ndarray, tuple[str, ...]]] = []
-                for network in [n for n in mine if n in theirs]:
-                    sides = mine[network], theirs[network]
+                for network in [n for n in left if n in right]:
+                    sides = left[network], right[network]
                     reached = max(float(side.min()) for side in sides)
                     spent = np.log([_first(sides[0], reached) / _first(sides[1], reached)])
                     updates.append((network, spent, ("",)))

@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from bench.analysis.contrast import Cell
 from bench.analysis.tables import FIRST, LAST
-from bench.claims.estimate import Estimate, Kind
+from bench.claims.estimate import ByQuantity, Estimate, Kind
 from bench.claims.evidence import Evidence
 from bench.claims.tables import (
     Errors,
@@ -31,7 +31,7 @@ def peaks_of(tables: Errors, before: int) -> dict[Network, np.ndarray]:
     """Where in the steps before ``before`` the error is largest: for every network and recording as all others see it.
 
     Choosing the step by the very curve that is judged there would find a peak in any noise. Only the networks of one
-    configuration and channel belong together; one alone is its own judge, which `Estimate.speaks` then forbids.
+    configuration and channel belong together; one alone is its own judge, which `Estimate.conclusive` then forbids.
     """
     found = {}
     for network, table in tables.items():
@@ -60,33 +60,24 @@ def around(table: Table, peaks: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class EarlyPeak(Kind):
+class EarlyPeak(ByQuantity):
     """The error over the end and over the first steps, each over that around its peak in the first half.
 
     Both below 1: it rises first and falls later. All configurations together.
     """
 
     specs: tuple[str, ...]
-    quantities: tuple[str, ...]
-    horizons: tuple[int, ...]
     anywhere: bool = False
     """The peak may lie anywhere before the end, and not only in the first half."""
     relative: ClassVar[bool] = False
 
     @override
-    def measure(self, evidence: Evidence) -> list[Estimate]:
+    def compare(self, evidence: Evidence, role: str, horizon: int) -> list[Estimate]:
         found = []
-        for role in self.quantities:
-            for horizon in self.horizons:
-                for name, steps in (("end", slice(-LAST, None)), ("start", slice(FIRST))):
-                    of = self._response(evidence, role, horizon, steps)
-                    wanted = [
-                        (row, ())
-                        for pattern in self.specs
-                        for spec in evidence.specs(pattern)
-                        for row in of(spec).values()
-                    ]
-                    found += ratio(f"{role}, T = {horizon}, {name} / peak:", wanted, pool(evidence, of))
+        for name, steps in (("end", slice(-LAST, None)), ("start", slice(FIRST))):
+            of = self._response(evidence, role, horizon, steps)
+            wanted = [(row, ()) for spec in evidence.matching(self.specs) for row in of(spec).values()]
+            found += ratio(f"{role}, T = {horizon}, {name} / peak:", wanted, pool(evidence, of))
         return found
 
     def _response(self, evidence: Evidence, role: str, horizon: int, steps: slice) -> Callable[[str], Rows]:
@@ -102,30 +93,19 @@ class EarlyPeak(Kind):
 
 
 @dataclass(frozen=True)
-class Growth(Kind):
+class Growth(ByQuantity):
     """The error of every quarter of the horizon over that of the quarter before, all configurations together."""
 
     specs: tuple[str, ...]
-    quantities: tuple[str, ...]
-    horizons: tuple[int, ...]
     relative: ClassVar[bool] = False
 
     @override
-    def measure(self, evidence: Evidence) -> list[Estimate]:
-        found = []
-        for role in self.quantities:
-            for horizon in self.horizons:
-                quarter = horizon // 4
-                for i in range(1, 4):
-                    of = _growing(evidence, role, horizon, slice(i * quarter, (i + 1) * quarter), quarter)
-                    wanted = [
-                        (row, ())
-                        for pattern in self.specs
-                        for spec in evidence.specs(pattern)
-                        for row in of(spec).values()
-                    ]
-                    name = f"{role}, T = {horizon}, quarter {i + 1} / {i}:"
-                    found += ratio(name, wanted, pool(evidence, of))
+    def compare(self, evidence: Evidence, role: str, horizon: int) -> list[Estimate]:
+        found, quarter = [], horizon // 4
+        for i in range(1, 4):
+            of = _growing(evidence, role, horizon, slice(i * quarter, (i + 1) * quarter), quarter)
+            wanted = [(row, ()) for spec in evidence.matching(self.specs) for row in of(spec).values()]
+            found += ratio(f"{role}, T = {horizon}, quarter {i + 1} / {i}:", wanted, pool(evidence, of))
         return found
 
 
@@ -195,26 +175,21 @@ def _spread(name: str, swept: dict[int, Rows], cells: list[Cell]) -> Estimate:
 
 
 @dataclass(frozen=True)
-class PeakShrinks(Kind):
+class PeakShrinks(ByQuantity):
     """The error around the early peak of the shortest history, with the longest history over with the shortest."""
 
     specs: tuple[str, ...]
-    quantities: tuple[str, ...]
-    horizons: tuple[int, ...]
 
     @override
-    def measure(self, evidence: Evidence) -> list[Estimate]:
-        found = []
-        for role in self.quantities:
-            for horizon in self.horizons:
-                wanted = []
-                for pattern in self.specs:
-                    by_history = _families(evidence, pattern)
-                    if len(by_history) > 1:
-                        short, long = (errors(evidence, by_history[h], role, horizon) for h in _ends(by_history))
-                        wanted += [(row, ()) for row in _shrinking(short, long, horizon // 2).values()]
-                found += ratio(f"{role}, T = {horizon}, longest / shortest history:", wanted)
-        return found
+    def compare(self, evidence: Evidence, role: str, horizon: int) -> list[Estimate]:
+        wanted = []
+        for pattern in self.specs:
+            by_history = _families(evidence, pattern)
+            if len(by_history) > 1:
+                ends = (by_history[h] for h in (min(by_history), max(by_history)))
+                short, long = (errors(evidence, spec, role, horizon) for spec in ends)
+                wanted += [(row, ()) for row in _shrinking(short, long, horizon // 2).values()]
+        return ratio(f"{role}, T = {horizon}, longest / shortest history:", wanted)
 
 
 def _shrinking(short: Errors, long: Errors, before: int) -> Rows:
@@ -224,7 +199,3 @@ def _shrinking(short: Errors, long: Errors, before: int) -> Rows:
         for n, peaks in peaks_of(short, before).items()
         if n in long and long[n].recordings == short[n].recordings
     )
-
-
-def _ends(by_history: dict[int, str]) -> tuple[int, int]:
-    return min(by_history), max(by_history)

@@ -31,7 +31,7 @@ class Estimate:
     value: float
     limits: Limits = _unknown
     basis: str = ""
-    speaks: bool = True
+    conclusive: bool = True
     """Whether the limits may carry a verdict; one training cannot speak for the next."""
     seeds: int = 0
     """Of the configuration that has fewest; 0: no training is behind it."""
@@ -50,7 +50,7 @@ class Estimate:
 
     def grown(self, seeds: float, recordings: float) -> "Estimate":
         """The same number with so many times the repetition, as it would be if it stayed where it is."""
-        return replace(self, limits=lambda alpha, s, r: self.limits(alpha, s * seeds, r * recordings), speaks=True)
+        return replace(self, limits=lambda alpha, s, r: self.limits(alpha, s * seeds, r * recordings), conclusive=True)
 
 
 def fact(name: str, value: float) -> Estimate:
@@ -75,6 +75,24 @@ class Kind(ABC):
 
 
 @dataclass(frozen=True)
+class ByQuantity(Kind):
+    """A kind that looks at every quantity and every prediction length by itself."""
+
+    quantities: tuple[str, ...]
+    horizons: tuple[int, ...]
+
+    def measure(self, evidence: Evidence) -> list[Estimate]:
+        """What `compare` finds for each, quantity by quantity."""
+        return [
+            e for role in self.quantities for horizon in self.horizons for e in self.compare(evidence, role, horizon)
+        ]
+
+    @abstractmethod
+    def compare(self, evidence: Evidence, role: str, horizon: int) -> list[Estimate]:
+        """The numbers of one quantity, as a claim calls it, and one horizon."""
+
+
+@dataclass(frozen=True)
 class Judgement:
     """A verdict with the number that decided it."""
 
@@ -88,7 +106,7 @@ class Judgement:
     """A direction is settled, but the whole interval lies within `ZONE`: by less than what matters."""
 
     @property
-    def said(self) -> str:
+    def label(self) -> str:
         """The verdict, and whether it is slight."""
         return f"{self.verdict}, by less than a quarter" if self.slight else self.verdict
 
@@ -126,10 +144,10 @@ def decide(
     """The verdict of `settle` and the number that decides it; none without any."""
     if not found:
         return NOT_RUN, None
-    at = [e.limits(alpha, 1, 1) if e.speaks else (math.nan, math.nan) for e in found]
+    at = [e.limits(alpha, 1, 1) if e.conclusive else (math.nan, math.nan) for e in found]
     if all(_within(limits, accept) for limits in at):
         return REPRODUCED, min(found, key=lambda e: min(e.low - accept[0], accept[1] - e.high))
-    strict = [e.limits(alpha / len(found), 1, 1) if e.speaks else (math.nan, math.nan) for e in found]
+    strict = [e.limits(alpha / len(found), 1, 1) if e.conclusive else (math.nan, math.nan) for e in found]
     for e, (low, high) in zip(found, strict, strict=True):
         if high < accept[0] or low > accept[1]:
             return DIFFERS, e

@@ -179,6 +179,10 @@ class Evidence:
             )
         )
 
+    def matching(self, patterns: Sequence[str]) -> list[str]:
+        """Those of one pattern after another; one that two patterns match is there twice."""
+        return [s for pattern in patterns for s in self.specs(pattern)]
+
     def pairs(self, a: str, b: str) -> list[tuple[str, str]]:
         """Configurations matching a and b that belong together: the only ones, or those of equal layers and size."""
         left, right = self.specs(a), self.specs(b)

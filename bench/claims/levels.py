@@ -10,7 +10,7 @@ import numpy as np
 from typing_extensions import override
 
 from bench.analysis import stats
-from bench.claims.estimate import Estimate, Kind
+from bench.claims.estimate import ByQuantity, Estimate
 from bench.claims.evidence import Evidence
 from bench.claims.tables import errors, signals
 from registry.errors import BenchError
@@ -34,29 +34,23 @@ def _unit_of(evidence: Evidence, role: str) -> str | None:
 
 
 @dataclass(frozen=True)
-class Level(Kind):
+class Level(ByQuantity):
     """The largest mean error of any step ("max"), or its mean over the horizon ("mean"), of every configuration."""
 
     specs: tuple[str, ...]
-    quantities: tuple[str, ...]
-    horizons: tuple[int, ...]
     unit: str
     of: str = "max"
     relative: ClassVar[bool] = False
 
     @override
-    def measure(self, evidence: Evidence) -> list[Estimate]:
-        found = []
-        reduce = np.max if self.of == "max" else np.mean
-        for role in self.quantities:
-            unit = _unit_of(evidence, role)
-            for horizon in self.horizons if unit else ():
-                factor = converted(str(unit), self.unit)
-                for spec in [s for pattern in self.specs for s in evidence.specs(pattern)]:
-                    tables = list(errors(evidence, spec, role, horizon).values())
-                    if tables:
-                        curves = factor * np.stack([t.values.T for t in tables])
-                        found.append(_level(f"{spec}, {role}, T = {horizon}:", curves, reduce))
+    def compare(self, evidence: Evidence, role: str, horizon: int) -> list[Estimate]:
+        found, unit = [], _unit_of(evidence, role)
+        for spec in evidence.matching(self.specs) if unit else ():
+            tables = list(errors(evidence, spec, role, horizon).values())
+            if tables:
+                curves = converted(str(unit), self.unit) * np.stack([t.values.T for t in tables])
+                reduce = np.max if self.of == "max" else np.mean
+                found.append(_level(f"{spec}, {role}, T = {horizon}:", curves, reduce))
         return found
 
 
@@ -70,8 +64,8 @@ def _level(name: str, curves: np.ndarray, reduce: Callable[..., np.ndarray]) -> 
         return _level_limits(curves, reduce, 1 - alpha) if recordings > 1 else (math.nan, math.nan)
 
     basis = f"bootstrap over {recordings} recordings; jackknife of {trainings} trained networks"
-    speaks = trainings > 1 and recordings > 1
-    return Estimate(name, value, lambda alpha, *_: at(alpha), basis, speaks)
+    conclusive = trainings > 1 and recordings > 1
+    return Estimate(name, value, lambda alpha, *_: at(alpha), basis, conclusive)
 
 
 def _level_limits(curves: np.ndarray, reduce: Callable[..., np.ndarray], confidence: float) -> tuple[float, float]:
@@ -91,30 +85,26 @@ def _level_limits(curves: np.ndarray, reduce: Callable[..., np.ndarray], confide
 
 
 @dataclass(frozen=True)
-class Quantile(Kind):
+class Quantile(ByQuantity):
     """The 99 % quantile of the error at the worst step and axis, mean over seeds, of every configuration."""
 
     specs: tuple[str, ...]
-    quantities: tuple[str, ...]
-    horizons: tuple[int, ...]
     unit: str
     relative: ClassVar[bool] = False
 
     @override
-    def measure(self, evidence: Evidence) -> list[Estimate]:
+    def compare(self, evidence: Evidence, role: str, horizon: int) -> list[Estimate]:
         found = []
-        for role in self.quantities:
-            for horizon in self.horizons:
-                for spec in [s for pattern in self.specs for s in evidence.specs(pattern)]:
-                    worst: dict[int, float] = {}
-                    for run in evidence.of(spec, horizon):
-                        for channel in [o for o in run.outputs if o.partition(".")[0] in signals(role)]:
-                            curve = evidence.curves.get((run.key, channel, "axis"), {}).get("q99")
-                            if curve is not None and run.sound:
-                                factor = converted(evidence.units[channel], self.unit)
-                                worst[run.seed] = max(worst.get(run.seed, 0.0), factor * float(curve.max()))
-                    if worst:
-                        found.append(_quantile(f"{spec}, {role}, T = {horizon}:", list(worst.values())))
+        for spec in evidence.matching(self.specs):
+            worst: dict[int, float] = {}
+            for run in evidence.of(spec, horizon):
+                for channel in [o for o in run.outputs if o.partition(".")[0] in signals(role)]:
+                    curve = evidence.curves.get((run.key, channel, "axis"), {}).get("q99")
+                    if curve is not None and run.sound:
+                        factor = converted(evidence.units[channel], self.unit)
+                        worst[run.seed] = max(worst.get(run.seed, 0.0), factor * float(curve.max()))
+            if worst:
+                found.append(_quantile(f"{spec}, {role}, T = {horizon}:", list(worst.values())))
         return found
 
 

@@ -38,10 +38,8 @@ def seal(published: Path) -> int:
     names = _names(published)
     if not names:
         raise BenchError(f"{published} holds no files to list: name the folder with --published.")
-    try:
+    with atomic_io.writing(published / FILE):
         _write(published, {name: sha256(published / name) for name in names})
-    except OSError as error:
-        raise BenchError(f"{published / FILE} cannot be written: {error.strerror or error}.") from error
     return len(names)
 
 
@@ -54,10 +52,8 @@ def entered(path: Path) -> Path:
     here = path.absolute()
     root = next((folder for folder in here.parents if sealed(folder)), None)
     if root is not None:
-        try:
+        with atomic_io.writing(root / FILE):
             _write(root, {**_read(root), here.relative_to(root).as_posix(): sha256(here)})
-        except OSError as error:
-            raise BenchError(f"{root / FILE} cannot be written: {error.strerror or error}.") from error
     return path
 
 

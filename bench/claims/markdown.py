@@ -36,7 +36,7 @@ def _verdict(row: Row) -> str:
     j = row.judgement
     if j.verdict == OPEN and row.outlook:
         return f"{j.verdict}; to settle it: {row.outlook}"
-    return j.said.replace(j.verdict, f"**{j.verdict}**", 1) if j.verdict in SETTLED else j.verdict
+    return j.label.replace(j.verdict, f"**{j.verdict}**", 1) if j.verdict in SETTLED else j.verdict
 
 
 def _line(row: Row, first: bool) -> str:
@@ -46,7 +46,7 @@ def _line(row: Row, first: bool) -> str:
     where = ", ".join(filter(None, (row.dataset, row.label))) if j.verdict != "not run" else j.basis or row.command
     cells = [
         f"{row.claim.text} *{row.claim.source}*" if first else "",
-        row.claim.said if first else "",
+        row.claim.stated if first else "",
         "" if math.isnan(j.value) else number(j.value),
         interval,
         _verdict(row),

@@ -15,6 +15,7 @@ from bench.claims.estimate import ALPHA
 from bench.claims.evidence import Folder, StudyRun, folders
 from bench.claims.manifest import entered
 from bench.records.record import RunRecord, exists, write_json
+from registry.atomic_io import writing
 from registry.errors import BenchError
 
 OTHER_PROCESSOR = 0.01
@@ -167,11 +168,9 @@ def rerun() -> list[dict[str, Any]]:
 def write_smoke(published: Path, runs: Sequence[Mapping[str, Any]]) -> Path:
     """Publish the numbers of `rerun`."""
     path = published / SMOKE
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, {"command": "bench check --rerun smoke --write", "runs": list(runs)})
-    except OSError as error:
-        raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error
     return entered(path)
 
 
@@ -186,13 +185,13 @@ def check_smoke(published: Path, runs: Sequence[Mapping[str, Any]]) -> list[Held
     found: list[Held] = []
     loose: list[tuple[str, str, list[float], list[float]]] = []
     for dataset, _, spec in RERUN:
-        mine = [dict(r) for r in runs if (r["dataset"], r["spec"]) == (dataset, spec)]
+        made = [dict(r) for r in runs if (r["dataset"], r["spec"]) == (dataset, spec)]
         name = f"{spec} on {dataset}"
-        theirs = [there.get((dataset, spec, r["seed"])) for r in mine]
-        if not mine or None in theirs:
+        published_runs = [there.get((dataset, spec, r["seed"])) for r in made]
+        if not made or None in published_runs:
             remedy = "write it again with `bench check --rerun smoke --write`"
             raise BenchError(f"{published / SMOKE} lacks {name}: {remedy}.")
-        sides = [r for r in theirs if r is not None], mine
+        sides = [r for r in published_runs if r is not None], made
         if all(a["key"] == b["key"] for a, b in zip(*sides, strict=True)):
             for a, b in zip(*sides, strict=True):
                 found += _equal(f"{name}, seed {a['seed']}", a["metrics"], b["metrics"])

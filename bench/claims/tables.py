@@ -119,10 +119,10 @@ def gathered(networks: Iterable[tuple[Network, np.ndarray, tuple[str, ...]]]) ->
     return found
 
 
-def strata(mine: Rows, others: Sequence[Rows]) -> list[Stratum]:
+def strata(rows: Rows, others: Sequence[Rows]) -> list[Stratum]:
     """Every channel of a configuration beside that channel of all others that have any."""
     met = [o for o in others if o]
-    return [(row, [o[c] for o in met]) for c, row in mine.items() if met and all(c in o for o in met)]
+    return [(row, [o[c] for o in met]) for c, row in rows.items() if met and all(c in o for o in met)]
 
 
 def pool(evidence: Evidence, response: Callable[[str], Rows]) -> list[Cell]:
@@ -155,8 +155,8 @@ def ratio(name: str, wanted: Sequence[Stratum], around: Sequence[Cell] = (), rec
     for left, right in wanted:
         weighted.append((1 / len(wanted), kept[id(left)]))
         weighted += [(-1 / (len(wanted) * len(right)), kept[id(r)]) for r in right]
-    mine = {id(m.cell) for m in members}
-    return [_estimate(name, contrast(weighted, [c for c in around if id(c) not in mine]), recorded)]
+    own = {id(m.cell) for m in members}
+    return [_estimate(name, contrast(weighted, [c for c in around if id(c) not in own]), recorded)]
 
 
 def _estimate(name: str, found: Contrast, recorded: bool) -> Estimate:
@@ -164,14 +164,14 @@ def _estimate(name: str, found: Contrast, recorded: bool) -> Estimate:
         half = found.half_width(alpha, seeds, recordings)
         return _exp(found.value - half), _exp(found.value + half)
 
-    speaks = found.trainings > 1 and (found.recordings > 1 or not recorded)
+    conclusive = found.trainings > 1 and (found.recordings > 1 or not recorded)
     seeds, recordings = found.trainings, found.recordings if recorded else 0
     return Estimate(
         name=name,
         value=_exp(found.value),
         limits=limits,
         basis=_basis(found, recorded),
-        speaks=speaks,
+        conclusive=conclusive,
         seeds=seeds,
         recordings=recordings,
     )

@@ -21,10 +21,10 @@ from registry.core import EFFECTS
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
-    from bench.fleet.asked import Asked
     from bench.fleet.fleet import Plan
-    from bench.fleet.kept import Kept
     from bench.fleet.members import Member
+    from bench.fleet.options import Options
+    from bench.fleet.stored import Stored
 
 
 def is_fleet(source: str, vehicles: Sequence[str], place: Place, exclude: Sequence[str]) -> bool:
@@ -45,29 +45,29 @@ def is_fleet(source: str, vehicles: Sequence[str], place: Place, exclude: Sequen
     return several
 
 
-def asked_of(
+def fleet_options(
     system: str | None,
     model_file: Path | None,
     horizon: float | None,
     catalogue: Sequence[str],
     without: Sequence[str],
     ignore: Sequence[str],
-) -> "Asked":
+) -> "Options":
     """The options of the command, as every vehicle gets them.
 
     Raises:
         BenchError: a physics model, effect or file that does not exist.
     """
-    from bench.fleet.asked import Asked
+    from bench.fleet.options import Options
 
     check_system(system)
     for name in (*catalogue, *without):
         EFFECTS.check(name)
-    return Asked(system, str(model_file or ""), tuple(catalogue), tuple(without), horizon, tuple(ignore))
+    return Options(system, str(model_file or ""), tuple(catalogue), tuple(without), horizon, tuple(ignore))
 
 
 def diagnose_fleet(
-    source: str, asked: "Asked", vehicles: Sequence[str], folder: Path, to_json: Path | None, place: Place
+    source: str, chosen: "Options", vehicles: Sequence[str], folder: Path, to_json: Path | None, place: Place
 ) -> None:
     """Diagnose what is not kept yet, write the fleet's page, print the summary.
 
@@ -78,15 +78,15 @@ def diagnose_fleet(
     from bench.cli.job import mirroring
     from bench.diagnose.result import write_text
     from bench.execution import lock
-    from bench.fleet import kept, summary
+    from bench.fleet import stored, summary
     from bench.fleet.fleet import PAGE, VALUES, conclude, plan
     from bench.fleet.members import members
 
     out, fleet = options.console(), members(source, tuple(vehicles))
     with lock.held(folder, f"the fleet {source}"), mirroring(place, f"fleet: {fleet.name}", None) as mirror:
-        kept.tidy(folder)
+        stored.tidy(folder)
         with announcer(out) as tick:
-            todo = plan(fleet, asked, folder, lambda m: tick(f"look at {m.id}"))
+            todo = plan(fleet, chosen, folder, lambda m: tick(f"look at {m.id}"))
         for note in fleet.notes:
             click.echo(f"note: {note}", err=True)
         ready, counts = list(todo.done.values()), (len(fleet.members), len(todo.done), len(todo.todo))
@@ -112,7 +112,7 @@ def diagnose_fleet(
         )
 
 
-def _carry_out(out: Console, todo: "Plan", place: Place, log: "Callable[[Kept], None]") -> None:
+def _carry_out(out: Console, todo: "Plan", place: Place, log: "Callable[[Stored], None]") -> None:
     from bench.fleet.fleet import execute
 
     if not todo.todo:
@@ -120,7 +120,7 @@ def _carry_out(out: Console, todo: "Plan", place: Place, log: "Callable[[Kept], 
     left, workers = len(todo.todo), place.workers or os.cpu_count() or 1
     with meter(out, sum(todo.sizes.values()) or 1.0, left, "vehicles") as progress:
 
-        def finished(member: "Member", answer: "Kept | None") -> None:
+        def finished(member: "Member", answer: "Stored | None") -> None:
             progress.done += todo.sizes[member.id]
             progress.record()
             if answer is not None:

@@ -1,4 +1,4 @@
-"""`bench settle` on its way: the plan, seeds added look by look, and what they settled."""
+"""`bench settle` on its way: the plan, seeds added one by one, and what they settled."""
 
 import os
 import time
@@ -16,7 +16,7 @@ from bench.cli.place import Place
 from bench.cli.progress import clock
 from bench.execution import engine, estimate
 from bench.execution.engine import Plan
-from bench.settle.sources import Run, Source, Wanted, group, published_runs, seedless, sources, unchanged
+from bench.settle.sources import Run, Scope, Source, group, published_runs, seedless, sources, unchanged
 from registry.errors import BenchError
 
 
@@ -25,7 +25,7 @@ class Step:
     """A source of evidence, what it costs to add to it, and what was added."""
 
     source: Source
-    begun: Source
+    initial: Source
     """As it was at the beginning."""
     seconds: float = 0.0
     """That one more seed of every configuration is expected to take."""
@@ -39,32 +39,32 @@ class Step:
     @property
     def settled(self) -> list[Row]:
         """What was open and is not any more."""
-        was, still = ({r.claim.id for r in s.rows} for s in (self.begun, self.source))
+        was, still = ({r.claim.id for r in s.rows} for s in (self.initial, self.source))
         return [r for r in self.rows if r.claim.id in was - still]
 
-    def reachable(self, most: int) -> list[Row]:
+    def reachable(self, max_seeds: int) -> list[Row]:
         """The claims that are expected to be settled by so many seeds."""
-        return [] if self.stopped else self.source.within(most)
+        return [] if self.stopped else self.source.within(max_seeds)
 
-    def left(self, most: int) -> float:
+    def left(self, max_seeds: int) -> float:
         """Seconds until they are."""
-        return self.seconds * max((r.needed - self.source.seeds for r in self.reachable(most)), default=0)
+        return self.seconds * max((r.needed - self.source.seeds for r in self.reachable(max_seeds)), default=0)
 
 
-def plan(out: Console, wanted: Wanted, place: Place) -> list[Step]:
+def plan(out: Console, scope: Scope, place: Place) -> list[Step]:
     """Every source with open claims, what is soonest settled first; a few updates of every model are timed."""
     steps = []
     with out.status("timing a few updates of every kind of model"):
-        for source in sources(wanted.rows()):
+        for source in sources(scope.rows()):
             step = Step(source, source)
-            if source.within(wanted.most):
+            if source.within(scope.max_seeds):
                 try:
-                    asked = group(source, source.seeds + 1, published_runs(source, wanted.published))
+                    asked = group(source, source.seeds + 1, published_runs(source, scope.published))
                     step.seconds = _expected(engine.plan(asked.configs, place.runs), place)
                 except BenchError as error:
                     step.stopped = str(error).rstrip(".")
             steps.append(step)
-    return sorted(steps, key=lambda s: (not s.reachable(wanted.most), s.left(wanted.most)))
+    return sorted(steps, key=lambda s: (not s.reachable(scope.max_seeds), s.left(scope.max_seeds)))
 
 
 def _expected(todo: Plan, place: Place) -> float:
@@ -76,7 +76,7 @@ def _processes(place: Place) -> int:
     return place.workers or os.cpu_count() or 1
 
 
-def show_plan(out: Console, steps: Sequence[Step], wanted: Wanted, place: Place) -> None:
+def show_plan(out: Console, steps: Sequence[Step], scope: Scope, place: Place) -> None:
     """A row an open claim: where, how many seeds there are, what would settle it, how long that takes."""
     table = Table(box=None, header_style="bold", pad_edge=False)
     for name, justify in (("claim", "left"), ("study and data", "left"), ("seeds", "right")):
@@ -85,16 +85,16 @@ def show_plan(out: Console, steps: Sequence[Step], wanted: Wanted, place: Place)
     table.add_column("time", justify="right")
     for step in steps:
         for row in step.source.rows:
-            what = row.outlook + (f"; beyond --max-seeds {wanted.most}" if row.needed > wanted.most else "")
-            cost = clock(step.seconds * (row.needed - row.seeds)) if row in step.reachable(wanted.most) else ""
-            told = escape(step.stopped or what)
-            table.add_row(row.claim.id, escape(step.source.name), str(row.seeds), told, cost)
+            what = row.outlook + (f"; beyond --max-seeds {scope.max_seeds}" if row.needed > scope.max_seeds else "")
+            cost = clock(step.seconds * (row.needed - row.seeds)) if row in step.reachable(scope.max_seeds) else ""
+            text = escape(step.stopped or what)
+            table.add_row(row.claim.id, escape(step.source.name), str(row.seeds), text, cost)
     out.print(table)
-    reachable = sum(len(s.reachable(wanted.most)) for s in steps)
+    reachable = sum(len(s.reachable(scope.max_seeds)) for s in steps)
     count = sum(len(s.source.rows) for s in steps)
-    total = clock(sum(s.left(wanted.most) for s in steps))
+    total = clock(sum(s.left(scope.max_seeds) for s in steps))
     out.print(
-        f"\n{count} open, {reachable} of them to be settled by seeds"
+        f"\n{count} open claim{'s' if count != 1 else ''}; more seeds are expected to settle {reachable} of them"
         + (f", in about {total} with {_processes(place)} process(es)." if reachable else "."),
         highlight=False,
     )
@@ -107,24 +107,24 @@ def show_plan(out: Console, steps: Sequence[Step], wanted: Wanted, place: Place)
         )
 
 
-def settle(out: Console, steps: Sequence[Step], wanted: Wanted, place: Place, budget: float) -> None:
+def settle(out: Console, steps: Sequence[Step], scope: Scope, place: Place, budget: float) -> None:
     """Add seeds, one more of every configuration of a study at a time, and judge again after each.
 
     Args:
         out: where it is said.
         steps: from `plan`; they say afterwards what was added.
-        wanted: what is to be settled.
+        scope: what is to be settled.
         place: where results go and who makes them.
-        budget: seconds; a group of trainings that is not expected to end within it is not begun.
+        budget: seconds; a group of trainings that is not expected to end within it is not initial.
 
     Raises:
         BenchError: the budget is too small for anything, or what `carry_out` raises.
     """
     deadline = time.monotonic() + budget
     for step in steps:
-        if step.reachable(wanted.most):
-            _settle(out, step, wanted, place, deadline)
-    waiting = [s for s in steps if s.reachable(wanted.most)]
+        if step.reachable(scope.max_seeds):
+            _settle(out, step, scope, place, deadline)
+    waiting = [s for s in steps if s.reachable(scope.max_seeds)]
     if waiting and not any(s.rows for s in steps):
         raise BenchError(
             f"One more seed of {waiting[0].source.name} takes about {clock(waiting[0].seconds)}, and the budget is "
@@ -132,10 +132,10 @@ def settle(out: Console, steps: Sequence[Step], wanted: Wanted, place: Place, bu
         )
 
 
-def _settle(out: Console, step: Step, wanted: Wanted, place: Place, deadline: float) -> None:
-    """Look by look, until the claims of a source are settled, nothing more is expected of seeds, or time is over."""
-    there = _counting(out, step, wanted, place)
-    while step.reachable(wanted.most):
+def _settle(out: Console, step: Step, scope: Scope, place: Place, deadline: float) -> None:
+    """Add seeds one by one, until the claims of a source are settled, no more are expected to be, or time is over."""
+    there = _reusable_runs(out, step, scope, place)
+    while step.reachable(scope.max_seeds):
         started, seeds = time.monotonic(), step.source.seeds + 1
         asked = group(step.source, seeds, there)
         todo = engine.plan(asked.configs, place.runs)
@@ -152,15 +152,15 @@ def _settle(out: Console, step: Step, wanted: Wanted, place: Place, deadline: fl
         step.trainings += sum(len(t.configs) for t in todo.tasks)
         step.spent += time.monotonic() - started
         open_before = {r.claim.id for r in step.source.rows}
-        _look(step, wanted)
+        _judge_again(step, scope)
         for row in step.rows:
             if row.claim.id in open_before or row.judgement.verdict == OPEN:
-                out.print(f"  {_told(row)}", highlight=False)
+                out.print(f"  {_verdict_line(row)}", highlight=False)
 
 
-def _counting(out: Console, step: Step, wanted: Wanted, place: Place) -> dict[Run, object]:
+def _reusable_runs(out: Console, step: Step, scope: Scope, place: Place) -> dict[Run, object]:
     """The published runs, if baselines made here have their errors; else none, and every seed is trained."""
-    published = published_runs(step.source, wanted.published)
+    published = published_runs(step.source, scope.published)
     if not published:
         return {}
     asked = seedless(group(step.source, 1))
@@ -175,38 +175,38 @@ def _counting(out: Console, step: Step, wanted: Wanted, place: Place) -> dict[Ru
     return {}
 
 
-def _look(step: Step, wanted: Wanted) -> None:
+def _judge_again(step: Step, scope: Scope) -> None:
     """Judge all claims of the source again."""
     old = step.source
-    here = (old.study, old.dataset, old.preset)
-    step.rows = [r for r in wanted.rows() if (r.claim.study, r.dataset, r.preset) == here]
+    where = (old.study, old.dataset, old.preset)
+    step.rows = [r for r in scope.rows() if (r.claim.study, r.dataset, r.preset) == where]
     settled = replace(old, seeds=max(r.seeds for r in step.rows), rows=())
     step.source = next(iter(sources(step.rows)), settled)
 
 
-def _told(row: Row) -> str:
+def _verdict_line(row: Row) -> str:
     """A verdict, and what it takes if it is none."""
     j = row.judgement
     found = f"{number(j.value)} ({number(j.low)} to {number(j.high)})"
-    return f"{row.claim.id}: {j.said}, {found}" + (f"; to settle it: {row.outlook}" if row.outlook else "")
+    return f"{row.claim.id}: {j.label}, {found}" + (f"; to settle it: {row.outlook}" if row.outlook else "")
 
 
-def show_result(out: Console, steps: Sequence[Step], wanted: Wanted) -> None:
+def show_result(out: Console, steps: Sequence[Step], scope: Scope) -> None:
     """What was added, what that settled, what it cost; then every claim that was settled."""
     touched = [s for s in steps if s.rows]
     table = Table(box=None, header_style="bold", pad_edge=False)
     for name in ("study and data", "seeds", "trainings", "time", "settled", "still open"):
         table.add_column(name, justify="left" if name == "study and data" else "right")
     for s in touched:
-        grown = f"{s.begun.seeds} → {s.source.seeds}"
+        grown = f"{s.initial.seeds} → {s.source.seeds}"
         counts = (s.trainings, clock(s.spent), len(s.settled), len(s.source.rows))
         table.add_row(escape(s.source.name), grown, *map(str, counts))
     out.print()
     out.print(table)
     for s in touched:
         for row in s.settled:
-            out.print(f"{_told(row)} on {row.dataset}", highlight=False)
-    waiting = [s.source.name for s in steps if s.reachable(wanted.most)]
+            out.print(f"{_verdict_line(row)} on {row.dataset}", highlight=False)
+    waiting = [s.source.name for s in steps if s.reachable(scope.max_seeds)]
     if waiting:
-        out.print(f"The budget is gone before {', '.join(waiting)}: the same command goes on.", highlight=False)
+        out.print(f"The budget is used up before {', '.join(waiting)}: the same command goes on.", highlight=False)
     out.print("`bench check` counts what was added.", style="dim", highlight=False)

@@ -25,7 +25,7 @@ from bench.sweep import finalists
 from bench.sweep import journal as sweeps
 from bench.sweep.journal import Sweep
 from bench.sweep.search import search, trials_at_once
-from bench.sweep.space import SPEC, configured, options, said
+from bench.sweep.space import SPEC, configured, described, options
 from bench.sweep.sweep import train_finalists
 from bench.tracking.mirroring import Mirroring
 from registry.errors import BenchError
@@ -115,7 +115,7 @@ def _train(out: Console, who: str, configs: list[RunConfig], place: Place, mirro
 
 
 def _searched(sweep: Sweep) -> str:
-    return "Searched: " + "; ".join(said(path, values) for path, values in sweep.space.items()) + "."
+    return "Searched: " + "; ".join(described(path, values) for path, values in sweep.space.items()) + "."
 
 
 def _best_so_far(study: optuna.Study) -> str:

@@ -197,7 +197,7 @@ def _worthy(search: Search, view: View, weighing: Weighing | None) -> tuple[_Cho
     remarks: list[str] = []
     contradicted = False
     while True:
-        gone = view.linear.away(sorted(dropped))[0]
+        gone = view.linear.removed(sorted(dropped))[0]
         chosen = _Choice(search, view, tuple(sorted(gone)))
         left = [i for i in places if i not in gone]
         unsure = [i for i in left if not accepted(view, subsets.fit(drop=[*gone, i]), chosen.fit, drop=[*gone, i])]
@@ -230,7 +230,7 @@ def _understood(view: View, worthy: _Choice, known: int) -> tuple[list[int], lis
     if total <= VERIFYING.left * view.floor:
         return left, []
     kept = understood(view, left, traces, total, worthy.dropped)
-    gone = view.linear.away([i for i in left if i not in kept])[0]
+    gone = view.linear.removed([i for i in left if i not in kept])[0]
     return [i for i in kept if i not in gone], sorted(gone - set(worthy.dropped))
 
 

@@ -12,12 +12,12 @@ from bench.analysis.display import Displayed
 from bench.diagnose.compare import Comparison, compare
 from bench.diagnose.evidence import Stage
 from bench.diagnose.fit import fit_parameters
+from bench.diagnose.learn.all_terms import learn_all_terms, periodic
 from bench.diagnose.learn.candidates import equation_of
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.request import is_request, parsed
 from bench.diagnose.learn.spectral_line import Line
 from bench.diagnose.learn.waves import told, waves
-from bench.diagnose.learn.whatever import periodic, whatever
 from bench.diagnose.learned_shape import WAVE
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
@@ -227,7 +227,7 @@ def _starts(
     if is_request(item):
         asked = parsed(item, model)
         if asked is None:
-            terms = whatever(subject, model, noise, tick)
+            terms = learn_all_terms(subject, model, noise, tick)
         elif asked.signals == (WAVE,):
             terms = tuple(periodic(line) for line in waves(subject, model, noise) if line.axis == asked.axis)
         else:

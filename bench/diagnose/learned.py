@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from bench.diagnose.extend import Extension, extend, ordered
+from bench.diagnose.learn.all_terms import learn_all_terms
 from bench.diagnose.learn.curve import curve
 from bench.diagnose.learn.waves import folded
-from bench.diagnose.learn.whatever import whatever
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
@@ -40,7 +40,7 @@ def learned(
         horizon_s: longest horizon of the comparison [s].
         doubtful: whether the search for effects did not say that something is left.
     """
-    terms = whatever(subject, model, noise, tick, doubtful=doubtful)
+    terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful)
     if not terms:
         return None
     names = [f.id for f in found]

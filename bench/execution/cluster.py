@@ -22,7 +22,6 @@ try:
 except ImportError as error:
     raise not_installed("A cluster", "distributed>=2026.1") from error
 
-PORT = 8786
 SECONDS = 10
 """To wait for a scheduler's answer."""
 

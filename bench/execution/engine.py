@@ -24,6 +24,7 @@ from bench.training.data import prepare
 from bench.training.run import Outcome, run_group
 from bench.training.split import choose_split, digest
 from bench.training.train import batchable
+from registry.atomic_io import writing
 from registry.errors import BenchError
 
 GROUP = 9
@@ -171,10 +172,8 @@ def execute(
         BenchError: a folder that cannot be written, or workers that die again and again.
     """
     partial = runs / ".partial"
-    try:
+    with writing(f"The results folder {runs}"):
         partial.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BenchError(f"The results folder {runs} cannot be written: {error.strerror or error}.") from error
     if not os.access(runs, os.W_OK):
         raise BenchError(f"The results folder {runs} cannot be written: choose another with --results.")
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from registry.atomic_io import writing
 from registry.errors import BenchError
 
 FILE = ".lock"
@@ -45,13 +46,13 @@ def held(folder: Path, what: str) -> Iterator[None]:
 
 
 @contextmanager
-def turn(folder: Path, name: str, said: Callable[[str], None]) -> Iterator[None]:
+def turn(folder: Path, name: str, say: Callable[[str], None]) -> Iterator[None]:
     """Wait until nobody else is inside, then keep them out while inside.
 
     Args:
         folder: of the lock's file; made where it does not exist.
         name: of the file.
-        said: called with a sentence where there is somebody to wait for.
+        say: called with a sentence where there is somebody to wait for.
 
     Raises:
         BenchError: the folder cannot be written.
@@ -60,7 +61,7 @@ def turn(folder: Path, name: str, said: Callable[[str], None]) -> Iterator[None]
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            said(f"waiting for another command that is at work in {folder}")
+            say(f"waiting for another command that is at work in {folder}")
             fcntl.flock(handle, fcntl.LOCK_EX)
         except OSError:
             pass  # a file system without locks
@@ -73,11 +74,9 @@ def _opened(path: Path) -> Iterator[int]:
 
     It stays: removing it would let two drivers lock two files of one name.
     """
-    try:
+    with writing(f"The results folder {path.parent}"):
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise BenchError(f"The results folder {path.parent} cannot be written: {error.strerror or error}.") from error
     try:
         yield handle
     finally:

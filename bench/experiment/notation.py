@@ -4,7 +4,7 @@ predictor [": " layers "x" hidden] [" - " initializer ": " [hidden "x"] history]
 """
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from registry.core import INITIALIZERS, PREDICTORS, check_options
@@ -59,7 +59,10 @@ def parse(spec: str) -> "tuple[PredictorEntry, InitializerEntry | None]":
     predictor: Any = kind()
     if sizes is not None:
         if not kind.network:
-            raise BenchError(f"{spec!r}, character {at + 1}: {PREDICTORS.name_of(kind)!r} has no size.")
+            own = next(
+                (f": options are set by name, as in --set predictor.{f.name}={f.default}" for f in fields(kind)), ""
+            )
+            raise BenchError(f"{spec!r}, character {at + 1}: {PREDICTORS.name_of(kind)!r} has no size{own}.")
         layers, hidden = _sizes(sizes, at, spec, ("layers", "hidden"))
         predictor = replace(predictor, layers=layers, hidden=hidden)
     check_options(predictor, PREDICTORS.name_of(kind))

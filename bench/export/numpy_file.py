@@ -3,10 +3,9 @@
 from pathlib import Path
 
 from bench.export.equations import Equations
-from registry.atomic_io import write_text
+from registry.atomic_io import write_text, writing
 from registry.equations.program import Node, Value
 from registry.equations.trace import Traced
-from registry.errors import BenchError
 
 PRINTED = {
     "add": "{} + {}",
@@ -118,10 +117,8 @@ def write(path: Path, equations: Equations) -> Path:
     Raises:
         BenchError: the file cannot be written.
     """
-    try:
+    with writing(path):
         write_text(path, source(equations, path.stem))
-    except OSError as error:
-        raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error
     return path
 
 

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from bench.records.record import RunRecord
 from bench.training.model import Model
 from bench.training.predict import load_model, signals
-from registry.atomic_io import replacing
+from registry.atomic_io import replacing, writing
 from registry.contracts import Predictor
 from registry.errors import BenchError
 from registry.initializers.optimized import OptimizedInitializer
@@ -79,7 +79,7 @@ class Whole(nn.Module):
         return said
 
     def _note(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Whether the initializer feeds measured outputs back."""
+        """`Predictor.rollout`; notes whether the initializer feeds measured outputs back."""
         self.asked.add(feedback is not None)
         return type(self.model.predictor).rollout(self.model.predictor, inputs, state, feedback)
 
@@ -122,17 +122,14 @@ def write(path: Path, record: RunRecord) -> float:
     _refuse(model, record.summary["spec"])
     program = _program(model, record)
     _describe(program.model, record)
-    try:
-        with replacing(path) as draft:
-            program.save(str(draft), external_data=False)
-            apart = _difference(onnxruntime, draft, model, record)
-            if not apart <= LIMIT:
-                raise BenchError(
-                    f"{path} is not written: it would be {apart:.1g} of the outputs' deviation off `bench predict`; "
-                    f"{record.summary['spec']} remembers what is not in its state, or runs away."
-                )
-    except OSError as error:
-        raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error
+    with writing(path), replacing(path) as draft:
+        program.save(str(draft), external_data=False)
+        apart = _difference(onnxruntime, draft, model, record)
+        if not apart <= LIMIT:
+            raise BenchError(
+                f"{path} is not written: it would be {apart:.1g} of the outputs' deviation off `bench predict`; "
+                f"{record.summary['spec']} remembers what is not in its state, or runs away."
+            )
     return apart
 
 

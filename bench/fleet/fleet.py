@@ -9,13 +9,13 @@ from typing import Any
 from bench.diagnose.result import write_text
 from bench.execution import lock
 from bench.execution.executor import run_jobs
-from bench.fleet import kept
-from bench.fleet.answers import answer_of, failed
-from bench.fleet.asked import Asked, environment, key_of
+from bench.fleet import stored
 from bench.fleet.findings import drifts, quantities
-from bench.fleet.kept import Kept
 from bench.fleet.members import Member, Members, members
+from bench.fleet.options import Options, environment, key_of
+from bench.fleet.read_answers import answer_of, failed
 from bench.fleet.result import FleetDiagnosis
+from bench.fleet.stored import Stored
 from bench.fleet.work import Diagnose, Outcome, diagnose_member, work
 from registry.core import EFFECTS
 from registry.errors import BenchError
@@ -28,11 +28,11 @@ class Plan:
     """What there is to do."""
 
     fleet: Members
-    asked: Asked
+    options: Options
     out: Path
     keys: dict[str, str] = field(default_factory=dict)
     """Of the answers, by the member's id."""
-    done: dict[str, Kept] = field(default_factory=dict)
+    done: dict[str, Stored] = field(default_factory=dict)
     """Answers that are kept and still hold, by id."""
     todo: list[Member] = field(default_factory=list)
     problems: dict[str, str] = field(default_factory=dict)
@@ -50,27 +50,27 @@ class Plan:
         return FleetDiagnosis(self.fleet.name, found, *about, folder=self.out)
 
 
-def plan(fleet: Members, asked: Asked, out: Path, tick: Callable[[Member], None] = lambda member: None) -> Plan:
+def plan(fleet: Members, options: Options, out: Path, tick: Callable[[Member], None] = lambda member: None) -> Plan:
     """See which answers are kept: of the same data, options and code, undamaged.
 
     Args:
         fleet: from `members`.
-        asked: what is asked of each.
+        options: what is asked of each.
         out: folder of the answers.
         tick: called with every vehicle that is looked at.
 
     Raises:
         BenchError: a file that was asked for cannot be read.
     """
-    made = Plan(fleet, asked, out)
-    asked.content()
+    made = Plan(fleet, options, out)
+    options.content()
     for member in fleet.members:
         tick(member)
         try:
             if member.problem:
                 raise BenchError(member.problem)
-            key = made.keys[member.id] = key_of(member, asked)
-            found = kept.place(out, member)
+            key = made.keys[member.id] = key_of(member, options)
+            found = stored.place(out, member)
             if found.key == key:
                 made.done[member.id] = found
                 continue
@@ -88,7 +88,7 @@ def execute(
     workers: int = 1,
     cluster: str | None = None,
     starting: Callable[[Member], None] = lambda member: None,
-    finished: Callable[[Member, Kept | None], None] = lambda member, answer: None,
+    finished: Callable[[Member, Stored | None], None] = lambda member, answer: None,
     do: Diagnose = diagnose_member,
 ) -> None:
     """Diagnose what is not kept, and keep each answer as it comes.
@@ -109,7 +109,7 @@ def execute(
     def jobs() -> Iterator[tuple[Member, Callable[..., Outcome], tuple[Any, ...]]]:
         for member in todo.todo:
             starting(member)
-            yield member, work, (do, member, todo.asked, todo.keys[member.id], same)
+            yield member, work, (do, member, todo.options, todo.keys[member.id], same)
 
     processes = min(workers, len(todo.todo))
     with closing(run_jobs(jobs(), processes, lambda message: None, lambda m: m.id, cluster)) as done:
@@ -118,7 +118,7 @@ def execute(
                 todo.problems[member.id] = sentence
                 finished(member, None)
                 continue
-            todo.done[member.id] = kept.write(todo.out, member, todo.keys[member.id], files)
+            todo.done[member.id] = stored.write(todo.out, member, todo.keys[member.id], files)
             finished(member, todo.done[member.id])
     todo.todo.clear()
 
@@ -178,10 +178,10 @@ def fleet(
     """
     for name in catalogue:
         EFFECTS.check(name)
-    asked = Asked(system, str(model or ""), tuple(catalogue), horizon_s=horizon_s, ignore=tuple(ignore))
+    options = Options(system, str(model or ""), tuple(catalogue), horizon_s=horizon_s, ignore=tuple(ignore))
     folder = Path(out) if out is not None else Path(source) / "diagnosis"
     with lock.held(folder, f"the fleet {source}"):
-        kept.tidy(folder)
-        todo = plan(members(str(source), tuple(vehicles)), asked, folder)
+        stored.tidy(folder)
+        todo = plan(members(str(source), tuple(vehicles)), options, folder)
         execute(todo, workers, cluster)
         return conclude(todo, f"bench.fleet({str(source)!r})")

@@ -14,39 +14,42 @@ from bench.diagnose.logs.load import load, starting_from
 from bench.diagnose.report import together
 from bench.diagnose.result import Diagnosis
 from bench.diagnose.select.catalogue import check_catalogue
-from bench.fleet.asked import Asked, environment, key_of
 from bench.fleet.members import Member
+from bench.fleet.options import Options, environment, key_of
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
-Diagnose = Callable[[Member, Asked], tuple[Diagnosis, PhysicsModel]]
+Diagnose = Callable[[Member, Options], tuple[Diagnosis, PhysicsModel]]
 """How a vehicle is diagnosed. It must be importable by name: other processes and machines call it."""
 Outcome = tuple[str, dict[str, str]]
 """A sentence on why there is no answer (empty: there is one), and the texts of the files by name."""
 
 
-def diagnose_member(member: Member, asked: Asked) -> tuple[Diagnosis, PhysicsModel]:
+def diagnose_member(member: Member, options: Options) -> tuple[Diagnosis, PhysicsModel]:
     """`bench.diagnose` of one vehicle of a fleet.
 
     Raises:
         BenchError: its data or the model cannot be read, or do not fit each other.
     """
-    subject = load(member.folder, asked.system)
-    if asked.model:
-        subject = replace(subject, model=starting_from(subject, Path(asked.model)))
-    check_catalogue(subject, subject.model, asked.catalogue)
+    subject = load(member.folder, options.system)
+    if options.model:
+        subject = replace(subject, model=starting_from(subject, Path(options.model)))
+    check_catalogue(subject, subject.model, options.catalogue)
     return diagnose(
-        replace(subject, name=member.title), catalogue=asked.effects, horizon_s=asked.horizon_s, ignore=asked.ignore
+        replace(subject, name=member.title),
+        catalogue=options.effects,
+        horizon_s=options.horizon_s,
+        ignore=options.ignore,
     )
 
 
-def work(do: Diagnose, member: Member, asked: Asked, key: str, same: dict[str, str]) -> Outcome:
+def work(do: Diagnose, member: Member, options: Options, key: str, same: dict[str, str]) -> Outcome:
     """Diagnose one vehicle; what is wrong with it alone is a sentence and stops nobody else.
 
     Args:
         do: how.
         member: whom.
-        asked: what is asked.
+        options: what is asked.
         key: of the answer, as the driver knows it.
         same: the driver's `environment`, of which the answer is a function.
 
@@ -62,9 +65,9 @@ def work(do: Diagnose, member: Member, asked: Asked, key: str, same: dict[str, s
     torch.set_num_threads(1)
     try:
         with threadpool_limits(1):
-            if key_of(member, asked) != key:
+            if key_of(member, options) != key:
                 raise BenchError(f"The data in {member.path} were changed meanwhile: start again.")
-            found, model = do(member, asked)
+            found, model = do(member, options)
             return "", _files(member, found, model)
     except BenchError as error:
         return str(error).replace(member.path, member.source), {}

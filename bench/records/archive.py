@@ -58,18 +58,19 @@ def write(study: FinishedStudy, runs: Path, target: Path) -> None:
             prune = f"bench runs prune --results {runs.parent}"
             raise BenchError(f"Run {key[:12]}: {altered[0]} was altered: `{prune}`, then `{study.command}`.")
     about = {"format": FORMAT, "title": study.title, "study": study.study, "command": study.command, "keys": study.keys}
-    try:
-        with atomic_io.replacing(target) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as packed:
-            packed.writestr(zipfile.ZipInfo(MANIFEST, _LONG_AGO), json.dumps(about, indent=1))
-            for key in study.keys:
-                for name in FILES:
-                    packed.writestr(
-                        zipfile.ZipInfo(f"runs/{key}/{name}", _LONG_AGO),
-                        (runs / key / name).read_bytes(),
-                        zipfile.ZIP_DEFLATED,
-                    )
-    except OSError as error:
-        raise BenchError(f"{target} cannot be written: {error.strerror or error}.") from error
+    with (
+        atomic_io.writing(target),
+        atomic_io.replacing(target) as draft,
+        zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as packed,
+    ):
+        packed.writestr(zipfile.ZipInfo(MANIFEST, _LONG_AGO), json.dumps(about, indent=1))
+        for key in study.keys:
+            for name in FILES:
+                packed.writestr(
+                    zipfile.ZipInfo(f"runs/{key}/{name}", _LONG_AGO),
+                    (runs / key / name).read_bytes(),
+                    zipfile.ZIP_DEFLATED,
+                )
 
 
 def read(source: Path, runs: Path) -> Imported:

@@ -142,14 +142,9 @@ def sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def json_text(content: Mapping[str, Any]) -> str:
-    """Canonical JSON: sorted keys, no NaN."""
-    return stamp.canonical(content)
-
-
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write canonical JSON."""
-    path.write_text(json_text(content))
+    path.write_text(stamp.canonical(content))
 
 
 def write(

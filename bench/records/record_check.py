@@ -37,11 +37,11 @@ def check(record: RunRecord) -> None:
             raise BenchError(f"{where} has no {name}.")
         if path.stat().st_size > BYTES[path.suffix]:
             raise BenchError(f"{where}: {name} is larger than {BYTES[path.suffix] >> 20} MiB.")
-    said = {name: _parsed(record.folder / name, f"{where}: {name}") for name in JSON}
-    _fields(said["record.json"], SUMMARY, f"{where}: record.json")
-    _fields(stamp.plain(said["provenance.json"]), PROVENANCE, f"{where}: provenance.json")
-    _configuration(said["config.json"], f"{where}: config.json")
-    if said["record.json"]["key"] != record.folder.name:
+    parsed = {name: _parsed(record.folder / name, f"{where}: {name}") for name in JSON}
+    _fields(parsed["record.json"], SUMMARY, f"{where}: record.json")
+    _fields(stamp.plain(parsed["provenance.json"]), PROVENANCE, f"{where}: provenance.json")
+    _configuration(parsed["config.json"], f"{where}: config.json")
+    if parsed["record.json"]["key"] != record.folder.name:
         raise BenchError(f"{where} is filed under a key that is not its own.")
     altered = verify(record)
     if altered:

@@ -11,7 +11,8 @@ from bench.analysis.tables import specs
 from bench.claims.evidence import FILE, write_evidence
 from bench.experiment.grid import matched
 from bench.experiment.study import Study
-from bench.records.record import RunRecord, json_text
+from bench.records.record import RunRecord
+from bench.records.stamp import canonical
 from registry import atomic_io
 from registry.errors import BenchError
 
@@ -89,5 +90,5 @@ def _write(records: Sequence[RunRecord], title: str, study: Study | None, comman
         "files": [p.name for p in files],
         "runs": [{name: r.summary[name] for name in PUBLISHED} for r in records],
     }
-    atomic_io.write_text(folder / "study.json", json_text(content))
+    atomic_io.write_text(folder / "study.json", canonical(content))
     return files

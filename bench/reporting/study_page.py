@@ -10,7 +10,7 @@ from bench.reporting.page import Section
 from bench.reporting.study_page_content import Content
 from bench.reporting.study_page_sections import SECTIONS
 from bench.reporting.study_page_training import LAST_SECTIONS
-from registry.errors import BenchError
+from registry.atomic_io import writing
 
 
 def write(path: Path, records: Sequence[RunRecord], title: str, study: Study | None, command: str) -> None:
@@ -27,10 +27,8 @@ def write(path: Path, records: Sequence[RunRecord], title: str, study: Study | N
         BenchError: the file cannot be written, or a record is damaged.
     """
     text = render(records, title, study, command)
-    try:
+    with writing(f"The report {path}"):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise BenchError(f"The report {path} cannot be written: {error.strerror or error}.") from error
 
 
 def render(records: Sequence[RunRecord], title: str, study: Study | None, command: str) -> str:

@@ -21,8 +21,8 @@ Run = tuple[str, tuple[str, ...], int, int]
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What is to be settled, and by which evidence."""
+class Scope:
+    """Which claims are to be settled, by which evidence, with how many seeds."""
 
     results: Path
     published: Path
@@ -32,8 +32,8 @@ class Wanted:
     """A study or a claim; None: all."""
     dataset: str | None = None
     """None: all."""
-    most: int = MOST_SEEDS
-    """Seeds a configuration at most."""
+    max_seeds: int = MOST_SEEDS
+    """Of a configuration."""
 
     def check(self) -> None:
         """Raise `BenchError` where the target is neither a study that claims rest on nor a claim that runs settle."""
@@ -53,7 +53,7 @@ class Wanted:
             BenchError: there is no evidence of the study, or claim, on the data set.
         """
         gathered = evidence.gather(self.published, self.results / "studies")
-        rows = [r for r in judge.judge(claim.read(self.file), gathered, facts=False) if r.seeds and self._asked(r)]
+        rows = [r for r in judge.judge(claim.read(self.file), gathered, facts=False) if r.seeds and self._covers(r)]
         if not rows:
             what = f" of {self.target}" if self.target else ""
             where = f" on {self.dataset}" if self.dataset else ""
@@ -61,7 +61,7 @@ class Wanted:
             raise BenchError(f"There is no evidence{what}{where} that more seeds could add to: {begin}.")
         return rows
 
-    def _asked(self, row: Row) -> bool:
+    def _covers(self, row: Row) -> bool:
         named = self.target in (None, row.claim.id, row.claim.study)
         return named and self.dataset in (None, row.dataset) and row.claim.scope == "comparative"
 
@@ -83,9 +83,9 @@ class Source:
         """Study and data set."""
         return f"{self.study} on {self.dataset}"
 
-    def within(self, most: int) -> list[Row]:
+    def within(self, max_seeds: int) -> list[Row]:
         """The claims that so many seeds are expected to settle."""
-        return [r for r in self.rows if 0 < r.needed <= most]
+        return [r for r in self.rows if 0 < r.needed <= max_seeds]
 
     def command(self, seeds: int) -> list[str]:
         """Arguments of `bench` that make the same records, and those of the seeds before."""
@@ -120,7 +120,7 @@ def group(source: Source, seeds: int, there: Collection[Run] = ()) -> Request:
         BenchError: its data are absent.
     """
     asked = request(source.study, Options(source.dataset, source.preset, seeds))
-    configs = [c for c in asked.configs if not _trained(c) or not any(_made(c, run) for run in there)]
+    configs = [c for c in asked.configs if not _trained(c) or not any(_matches(c, run) for run in there)]
     return replace(asked, title=f"{asked.title.rpartition(', ')[0]}, further seeds", configs=configs)
 
 
@@ -133,12 +133,12 @@ def _trained(config: RunConfig) -> bool:
     return config.predictor.training == "gradient"
 
 
-def _made(config: RunConfig, run: Run) -> bool:
+def _matches(config: RunConfig, run: Run) -> bool:
     """Whether a run that is recorded is of this configuration, by what it was asked to predict and not by its key."""
     config = config.resolved()
     spec, outputs, horizon, seed = run
-    asked = (config.spec, config.horizon, config.seed) == (spec, horizon, seed)
-    return asked and _predicted(config.outputs, outputs)
+    same = (config.spec, config.horizon, config.seed) == (spec, horizon, seed)
+    return same and _predicted(config.outputs, outputs)
 
 
 def _predicted(selectors: Sequence[str], outputs: Sequence[str]) -> bool:
@@ -160,15 +160,15 @@ def unchanged(made: Sequence[RunRecord], published: dict[Run, StudyRun]) -> bool
     If so, data, parts and windows are as they were then, and published seeds are seeds of the same problem. Without a
     baseline in both nobody knows.
     """
-    met = 0
+    compared = 0
     for record in made:
         run = StudyRun.of(record.summary)
         old = published.get((run.spec, run.outputs, run.horizon, run.seed))
         if old is None:
             continue
-        met += 1
+        compared += 1
         for name, value in run.metrics.items():
             before = old.metrics.get(name)
             if value is None or before is None or abs(value - before) > OTHER_PROCESSOR * abs(before):
                 return False
-    return met > 0
+    return compared > 0

@@ -43,7 +43,7 @@ class Row:
 
     @property
     def manner(self) -> str:
-        """What is done, unless one model is trained in one process."""
+        """Task, models side by side and processes, as text; empty: one model trains in one process."""
         if self.task == "step":
             return f"update, {self.initializer}"
         said = ["free run"] * (self.task == "predict")

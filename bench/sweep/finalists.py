@@ -16,7 +16,8 @@ import torch
 from bench.analysis import stats
 from bench.experiment.config import RunConfig, from_json
 from bench.experiment.seeds import derive
-from bench.records.record import RunRecord, json_text
+from bench.records.record import RunRecord
+from bench.records.stamp import canonical
 from bench.reporting.report import number
 from bench.sweep import journal as sweep
 from bench.sweep.space import configured
@@ -25,7 +26,6 @@ from bench.training import evaluate
 from bench.training.data import prepare
 from bench.training.predict import load_model
 from registry import atomic_io
-from registry.errors import BenchError
 
 SEEDS = 3
 """Fresh ones of each finalist."""
@@ -119,7 +119,5 @@ def write(
             for v in verdicts
         },
     }
-    try:
-        atomic_io.write_text(path, json_text(content))
-    except OSError as error:
-        raise BenchError(f"{path} cannot be written: {error.strerror or error}.") from error
+    with atomic_io.writing(path):
+        atomic_io.write_text(path, canonical(content))

@@ -17,7 +17,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
 from bench.experiment.config import RunConfig, from_json, to_json
-from bench.records.record import json_text
+from bench.records.stamp import canonical
 from bench.sweep.space import Space, default_params
 from bench.training.data import prepare
 from bench.training.split import choose_split, digest
@@ -128,7 +128,7 @@ def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
         folder.mkdir(parents=True, exist_ok=True)
         _mend(folder / JOURNAL)
         if not definition.is_file():
-            atomic_io.write_text(definition, json_text({**sweep.definition, "command": sweep.command}))
+            atomic_io.write_text(definition, canonical({**sweep.definition, "command": sweep.command}))
         study = optuna.create_study(
             study_name=folder.name,
             storage=optuna.storages.JournalStorage(_Journal(str(folder / JOURNAL))),

@@ -16,8 +16,8 @@ from bench.reporting.page import Section
 from bench.sweep import journal as sweeps
 from bench.sweep.finalists import Verdict
 from bench.sweep.page_search import Content, front, history, importances, shown, slices, trials
-from bench.sweep.space import SPEC, options, said
-from registry.errors import BenchError
+from bench.sweep.space import SPEC, described, options
+from registry.atomic_io import writing
 
 Cell = tuple[str, str]
 """A value and its interval; empty: there is none."""
@@ -92,7 +92,7 @@ def _mean(values: Sequence[float]) -> Cell:
 def _options(c: Content) -> list[list[str]]:
     have = {path: value for path, _, value in options(c.sweep.default)} | {SPEC: c.sweep.default.spec}
     return [
-        [path, shown(c.best.params[path]), shown(have[path]), said(path, distribution).removeprefix(path).strip()]
+        [path, shown(c.best.params[path]), shown(have[path]), described(path, distribution).removeprefix(path).strip()]
         for path, distribution in c.sweep.space.items()
     ]
 
@@ -121,7 +121,7 @@ SECTIONS = (
     ("What mattered", "importances", importances),
     ("Error against each option", "slices", slices),
     ("Pareto front", "front", front),
-    ("Trials", "trials", lambda c: trials(c, c.told)),
+    ("Trials", "trials", lambda c: trials(c, c.finished)),
     ("Provenance", "provenance", provenance),
 )
 """Title, macro of ``sweep_sections.html.j2``, and what that is given."""
@@ -139,7 +139,7 @@ def render(c: Content) -> str:
         "sweep.html.j2",
         c.sweep.title,
         [Section(title, part, content(c)) for title, part, content in SECTIONS],
-        trials=len(c.told),
+        trials=len(c.finished),
         heading=c.sweep.title[:1].upper() + c.sweep.title[1:],
     )
 
@@ -151,7 +151,5 @@ def write(path: Path, c: Content) -> None:
         BenchError: the file cannot be written, or a record is damaged.
     """
     text = render(c)
-    try:
+    with writing(f"The report {path}"):
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise BenchError(f"The report {path} cannot be written: {error.strerror or error}.") from error

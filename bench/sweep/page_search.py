@@ -36,14 +36,14 @@ class Content:
     default_records: Sequence[RunRecord]
 
     @cached_property
-    def told(self) -> list[FrozenTrial]:
-        """All trials that are told, by number."""
+    def finished(self) -> list[FrozenTrial]:
+        """Trials of which the end is known, by number."""
         return sweeps.finished(self.study)
 
     @cached_property
     def complete(self) -> list[FrozenTrial]:
         """Those that went to their end."""
-        return [t for t in self.told if t.state == TrialState.COMPLETE]
+        return [t for t in self.finished if t.state == TrialState.COMPLETE]
 
     @cached_property
     def best(self) -> FrozenTrial:
@@ -53,7 +53,7 @@ class Content:
     @cached_property
     def errors(self) -> Scale:
         """An axis of errors; a trial that ran away leaves it."""
-        every = [t.values[0] for t in self.complete] + [e for t in self.told if math.isfinite(e := _last(t))]
+        every = [t.values[0] for t in self.complete] + [e for t in self.finished if math.isfinite(e := _last(t))]
         kept = [v for v in every if v < 5 * float(np.median([t.values[0] for t in self.complete]))]
         return around(kept, log=max(kept) > 4 * min(kept) > 0)
 
@@ -131,8 +131,8 @@ def _last(t: FrozenTrial) -> float:
 
 def history(c: Content) -> _History:
     """The error of every trial, and the best so far."""
-    drawn = Panel(Scale(-0.5, max(1, len(c.told)) - 0.5, whole=True), c.errors, "trial [number]", RMSSE, 520, 260)
-    places = {t.number: i for i, t in enumerate(c.told)}
+    drawn = Panel(Scale(-0.5, max(1, len(c.finished)) - 0.5, whole=True), c.errors, "trial [number]", RMSSE, 520, 260)
+    places = {t.number: i for i, t in enumerate(c.finished)}
     xs: list[float] = []
     ys: list[float] = []
     lowest = math.inf
@@ -141,13 +141,13 @@ def history(c: Content) -> _History:
             xs += [places[t.number], places[t.number]] if xs else [places[t.number]]
             ys += [lowest, t.values[0]] if ys else [t.values[0]]
             lowest = t.values[0]
-    drawn.line([*xs, len(c.told) - 1], [*ys, lowest], Look(BEST.colour, (), 1.4, 0.6))
-    c.mark(drawn, [(t, places[t.number]) for t in c.told])
-    cut = sum(t.state == TrialState.PRUNED for t in c.told)
-    lost = len(c.told) - len(c.complete) - cut
-    seconds = sum(t.user_attrs.get("seconds", 0.0) for t in c.told)
+    drawn.line([*xs, len(c.finished) - 1], [*ys, lowest], Look(BEST.colour, (), 1.4, 0.6))
+    c.mark(drawn, [(t, places[t.number]) for t in c.finished])
+    cut = sum(t.state == TrialState.PRUNED for t in c.finished)
+    lost = len(c.finished) - len(c.complete) - cut
+    seconds = sum(t.user_attrs.get("seconds", 0.0) for t in c.finished)
     summary = (
-        f"{len(c.told)} trials: {len(c.complete)} trained to the end, {cut} stopped early, {lost} failed; "
+        f"{len(c.finished)} trials: {len(c.complete)} trained to the end, {cut} stopped early, {lost} failed; "
         f"{seconds:.0f} s of training."
     )
     every = Drawing("Error of every trial", "", drawn.svg("Error of every trial"))
@@ -156,7 +156,7 @@ def history(c: Content) -> _History:
 
 def _curves(c: Content) -> list[Drawing]:
     """Learning curves of all trials."""
-    curves = [(t, curve) for t in c.told if len(curve := _curve(t)) > 1]
+    curves = [(t, curve) for t in c.finished if len(curve := _curve(t)) > 1]
     if not curves:
         return []
     drawn = Panel(Scale(0, max(curve[-1][0] for _, curve in curves)), c.errors, "updates [count]", RMSSE, 520, 260)
@@ -181,7 +181,7 @@ def slices(c: Content) -> _Slices:
     fields = {path: field for path, field, _ in options(c.sweep.default)}
     drawn, choices = [], []
     for path, distribution in c.sweep.space.items():
-        have = [t for t in c.told if path in t.params]
+        have = [t for t in c.finished if path in t.params]
         if isinstance(distribution, CategoricalDistribution):
             choices.append(_choices(path, distribution, have))
             continue

@@ -126,7 +126,7 @@ def configured(configs: Sequence[RunConfig], params: Mapping[str, Any]) -> RunCo
     return changed(base, {path: str(value) for path, value in params.items() if path != SPEC})
 
 
-def said(path: str, distribution: BaseDistribution) -> str:
+def described(path: str, distribution: BaseDistribution) -> str:
     """Such as "predictor.hidden 10 to 100 (log)"."""
     if isinstance(distribution, CategoricalDistribution):
         return f"{path} {' | '.join(map(str, distribution.choices))}"

@@ -33,7 +33,7 @@ class Mirroring:
         """Start the process; ``say`` is called with a sentence when the server first fails."""
         self.say = say
         self.asked, self.done, self.last_sign = 0, 0, time.monotonic()
-        self.started, self.said, self.ready = time.monotonic(), False, False
+        self.started, self.reported, self.ready = time.monotonic(), False, False
         context = multiprocessing.get_context("spawn")
         self.inbox, self.outbox = context.Queue(), context.Queue()
         self.process = context.Process(
@@ -43,23 +43,20 @@ class Mirroring:
 
     def add(self, folders: Iterable[Path]) -> None:
         """Log these records when there is time."""
-        for folder in folders:
-            self.asked += 1
-            self.inbox.put(("record", str(folder)))
-        self._listen(0.0)
+        self._put(("record", str(folder)) for folder in folders)
 
     def trials(self, configs: Sequence[RunConfig], finished: "Iterable[FrozenTrial]") -> None:
         """Log these trials of a sweep when there is time."""
-        for t in finished:
-            self.asked += 1
-            self.inbox.put(("trial", (tuple(configs), t)))
-        self._listen(0.0)
+        self._put(("trial", (tuple(configs), t)) for t in finished)
 
     def vehicles(self, folders: Iterable[Path]) -> None:
         """Log these answers of a fleet when there is time."""
-        for folder in folders:
+        self._put(("vehicle", str(folder)) for folder in folders)
+
+    def _put(self, jobs: Iterable[tuple[str, Any]]) -> None:
+        for job in jobs:
             self.asked += 1
-            self.inbox.put(("vehicle", str(folder)))
+            self.inbox.put(job)
         self._listen(0.0)
 
     def attach(self, files: Iterable[Path]) -> None:
@@ -103,8 +100,8 @@ class Mirroring:
             self.ready = True
             self.done += logged
             self.last_sign = time.monotonic()
-            if trouble and not self.said:
-                self.said = True
+            if trouble and not self.reported:
+                self.reported = True
                 self.say(trouble)
 
 

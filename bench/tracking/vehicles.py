@@ -6,9 +6,9 @@ from pathlib import Path
 
 from mlflow.entities import Metric, Param
 
-from bench.fleet.answers import answer_of
-from bench.fleet.kept import Kept
 from bench.fleet.members import Member
+from bench.fleet.read_answers import answer_of
+from bench.fleet.stored import Stored
 from bench.tracking.server import connected, experiment_of, find_run, plain, unit_name
 
 SECTIONS = {"number": True, "error": True, "Model metrics": False}
@@ -27,18 +27,18 @@ def mirror_vehicle(tracking_uri: str, experiment: str, folder: Path, known: Coll
     Raises:
         TrackingError: the server or the database cannot be used.
     """
-    kept = Kept(folder)
-    if kept.key in known:
+    stored = Stored(folder)
+    if stored.key in known:
         return
-    who = {name: str(kept.told[name]) for name in ("vehicle", "date", "id")}
+    who = {name: str(stored.told[name]) for name in ("vehicle", "date", "id")}
     member = Member(who["vehicle"], who["date"], who["id"], path="", source="")
-    answer = answer_of(member, kept)
+    answer = answer_of(member, stored)
     with connected(tracking_uri) as client:
         experiment_id = experiment_of(client, tracking_uri, experiment, SECTIONS)
         run = find_run(client, experiment_id, "slug", folder.name)
         if run is not None:
             client.delete_run(run.info.run_id)
-        tags = {**who, "slug": folder.name, "run_key": kept.key, "verdict": answer.verdict, "system": answer.system}
+        tags = {**who, "slug": folder.name, "run_key": stored.key, "verdict": answer.verdict, "system": answer.system}
         run = client.create_run(experiment_id, tags={**tags, "effects": ", ".join(answer.effects)}, run_name=answer.id)
         run_id, now = str(run.info.run_id), int(run.info.start_time)
         values: dict[str, float] = {}

@@ -34,8 +34,12 @@ class Checkpoint:
         """Tensors and state; None where there is no checkpoint or a torn one."""
         try:
             with safetensors.safe_open(self.path, framework="pt") as f:
-                tensors, said = {k: f.get_tensor(k) for k in f.keys()}, f.metadata()  # noqa: SIM118
-            return (tensors, json.loads(said["state"])) if _digest(tensors, said["state"]) == said["digest"] else None
+                tensors, metadata = {k: f.get_tensor(k) for k in f.keys()}, f.metadata()  # noqa: SIM118
+            return (
+                (tensors, json.loads(metadata["state"]))
+                if _digest(tensors, metadata["state"]) == metadata["digest"]
+                else None
+            )
         except (OSError, safetensors.SafetensorError, KeyError, TypeError, ValueError):
             return None
 

@@ -143,14 +143,14 @@ class RecordingSet:
     @property
     def made(self) -> tuple[str, ...]:
         """What was made of samples that are not as they were to be, a sentence a kind."""
-        said = []
+        sentences = []
         for kind in ("resampled", "missing", "cut"):
             found = sorted((f for f in self.findings if f.kind == kind), key=lambda f: -f.count)
             recordings = dict.fromkeys(f.recording for f in found)
             if found:
                 others = f"{len(recordings)} recordings, most of all " if len(recordings) > 1 else ""
-                said.append(f"{others}{found[0].recording}: {found[0].detail}.")
-        return tuple(said)
+                sentences.append(f"{others}{found[0].recording}: {found[0].detail}.")
+        return tuple(sentences)
 
 
 @dataclass(frozen=True)

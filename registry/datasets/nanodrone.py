@@ -127,13 +127,13 @@ class Nanodrone(Dataset):
         """The flight of a file, none where it is short, and what was found; ``common`` as `_training_lag` has it."""
         log = _read(file)
         x, measured = resample(log.t, log.state[log.kept], log.grid, MAX_GAP)
-        speed, heard = log.rotor_speed()
+        speed, logged = log.rotor_speed()
         flying = airborne(x[:, 2], GROUND, MARGIN)
-        lag, agreement = _lag(x, speed, flying & measured & heard)
+        lag, agreement = _lag(x, speed, flying & measured & logged)
         if self.align_lag:
-            speed, heard = log.rotor_speed(later=lag if common is None else common)
+            speed, logged = log.rotor_speed(later=lag if common is None else common)
         # The smoothing mixes what lies inside a gap into its neighbours.
-        valid = flying & ~widen(~(measured & heard), self.smoothing // 2)
+        valid = flying & ~widen(~(measured & logged), self.smoothing // 2)
         part = extent(valid)
         done = "removed" if self.align_lag else "left in"
         if common is not None:

@@ -80,11 +80,11 @@ class StaticInputEffect(InputEffect):
 
     def act(self, memory: Tensor, segment: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
         """Sample by sample; see `InputEffect.act`."""
-        return memory, self.passed(segment)
+        return memory, self.characteristic(segment)
 
     @abstractmethod
-    def passed(self, drive: Tensor) -> Tensor:
-        """The drive (…, 3, m) that comes out of the one that goes in."""
+    def characteristic(self, drive: Tensor) -> Tensor:
+        """The drive (…, 3, m) that comes out of the one that goes in: the static characteristic."""
 
 
 @EFFECTS.register("dead_zone")
@@ -98,7 +98,7 @@ class DeadZone(StaticInputEffect):
     manoeuvre: ClassVar[str] = "drive with small amplitude about zero, and with large"
 
     @override
-    def passed(self, drive: Tensor) -> Tensor:
+    def characteristic(self, drive: Tensor) -> Tensor:
         width = scaled(self.width, drive).unsqueeze(-1)
         return torch.sign(drive) * (drive.abs() - width).clamp(min=0)
 
@@ -114,5 +114,5 @@ class Saturation(StaticInputEffect):
     manoeuvre: ClassVar[str] = "drive with amplitudes up to the largest that is allowed"
 
     @override
-    def passed(self, drive: Tensor) -> Tensor:
+    def characteristic(self, drive: Tensor) -> Tensor:
         return drive / (drive.abs() * scaled(self.inverse, drive).unsqueeze(-1)).clamp(min=1)

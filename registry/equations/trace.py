@@ -71,7 +71,7 @@ class Recorder(TorchDispatchMode):
         self._known[id(x)] = x, values
 
     def insert(self, traced: Traced, *given: Tensor) -> Tensor:
-        """What was recorded before, of other arguments; the numbers of the tensor that stands for it mean nothing."""
+        """Apply a recorded program to other arguments; the tensor returned is a placeholder without numbers."""
         values = dict(zip(traced.arguments, (self.of(x).reshape(-1).tolist() for x in given), strict=True))
         operations = {name: partial(self.program, name) for name in ON_NUMBERS}
         found = traced.program.evaluate(traced.outputs, operations, values)

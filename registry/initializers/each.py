@@ -43,8 +43,8 @@ class EachInitializer(Initializer):
             own: Gradients = {}
             others: Gradients = {}
             for i, ((name, _, back), d) in enumerate(zip(parts, predictor.separate(d_state), strict=True)):
-                mine, network = back(d)
-                own |= {f"parts.{i}.{n}": g for n, g in mine.items()}
+                of_part, network = back(d)
+                own |= {f"parts.{i}.{n}": g for n, g in of_part.items()}
                 others |= {f"{name}.{n}": g for n, g in network.items()}
             return own, others
 

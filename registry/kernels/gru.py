@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from registry.kernels import plain
-from registry.kernels.pointwise import pad16, pad_batch, sigmoid_grad, tanh_, tanh_grad
+from registry.kernels.pointwise import in_whole_vectors, pad16, sigmoid_grad, tanh_, tanh_grad
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def gru(
     output_bias: Tensor,
     forced: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
-    """Run T steps.
+    """Run T steps, of M models or, where no argument has a model dimension, of one.
 
     Args:
         inputs: (M, B, T, m).
@@ -54,17 +54,17 @@ def gru(
         outputs (M, B, T, n) and hidden (M, B, L·H) after the run.
     """
     if plain.exporting():
-        one = [(layer.input[0], layer.recurrent[0], layer.bias[0]) for layer in layers]
-        given = inputs[0], torch.cat([fed[0], hidden[0]], -1), None if forced is None else forced[0]
-        said, end = plain.gru(*given, layers=one, read=(output_weight[0], output_bias[0]))
-        return said.unsqueeze(0), end[..., fed.shape[-1] :].unsqueeze(0)
+        weights = [(layer.input, layer.recurrent, layer.bias) for layer in layers]
+        state = torch.cat([fed, hidden], -1)
+        outputs, end = plain.gru(inputs, state, forced, layers=weights, read=(output_weight, output_bias))
+        return outputs, end[..., fed.shape[-1] :]
+
+    def run(*arrays: Any) -> tuple[Tensor, Tensor]:
+        done: tuple[Tensor, Tensor] = _GRU.apply(*arrays[:-1], *arrays[-1])
+        return done
+
     flat = [w for layer in layers for w in (layer.input, layer.recurrent, layer.bias)]
-    batch = inputs.shape[1]
-    inputs, fed, hidden = (pad_batch(x) for x in (inputs, fed, hidden))
-    forced = None if forced is None else pad_batch(forced)
-    run: tuple[Tensor, Tensor] = _GRU.apply(inputs, fed, hidden, forced, output_weight, output_bias, *flat)
-    outputs, hidden = run
-    return outputs[:, :batch], hidden[:, :batch]
+    return in_whole_vectors(run, (inputs, fed, hidden, forced), [output_weight, output_bias, *flat])
 
 
 class _GRU(torch.autograd.Function):

@@ -9,13 +9,14 @@ full peepholes always, increments where there is no compiler.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from torch import Tensor
 
 from registry.kernels import lstm_steps, lstm_torch, plain
 from registry.kernels.native import library
 from registry.kernels.native import lstm as native
-from registry.kernels.pointwise import dropout_mask
+from registry.kernels.pointwise import dropout_mask, in_whole_vectors
 
 
 @dataclass(frozen=True)
@@ -69,10 +70,9 @@ def lstm(
         return plain.lstm(inputs, state, forced, weights, delays=delays, increments=increments)
     full = layers[0].full
     core = None if full else library.core_for(inputs, state, forced, *weights)
-    if core is None and (full or increments):
-        return lstm_steps.run(inputs, state, forced, mask, weights, delays=delays, increments=increments)
     if core is None:
-        return lstm_torch.run(inputs, state, forced, mask, weights, delays)
+        run = partial(lstm_steps.run, increments=increments) if full or increments else lstm_torch.run
+        return in_whole_vectors(partial(run, mask=mask, delays=delays), (inputs, state, forced), weights)
     return native.lstm(
         core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, increments=increments
     )

@@ -80,7 +80,7 @@ class History:
         self.taps = [] if taps is None else list(taps.unbind(1))  # (T, M, n, B) each
         self.seen = [] if taps is None else list(taps.unbind(0))
         self.windows = [self.fed[T - t : T - t + s.D] for t in range(T)]
-        self.said = self.y.unbind(0)
+        self.output_at = self.y.unbind(0)
         self.tops = self.v[-1] if s.masked else self.x[-1][1:, :, :H]  # (T, M, H, B)
         self.steps = list(zip(*(self._views(i) for i in range(L)), strict=True))
 
@@ -110,7 +110,7 @@ class Back:
         self.dg, self.slopes = [new(t, M, 4, H, B) for _ in widths], [new(2, t, M, H, B) for _ in widths]
         self.peepholes = new(M, 3, H, t, B)
         self.tops, self.outputs = new(M, H, T, B), new(M, s.outputs, T, B)
-        self.said, self.own, self.below = (
+        self.output_at, self.own, self.below = (
             self.y.unbind(0),
             [x[:, :H] for x in self.x],
             [x[:, H : 2 * H] for x in self.x],

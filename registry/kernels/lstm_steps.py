@@ -8,34 +8,18 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from registry.kernels.pointwise import pad_batch
-
 
 def run(
     inputs: Tensor,
     state: Tensor,
     forced: Tensor | None,
-    mask: Tensor | None,
     weights: list[Tensor],
+    mask: Tensor | None,
     delays: int,
     increments: bool,
 ) -> tuple[Tensor, Tensor]:
-    """Run T steps: arguments and results as for `registry.kernels.lstm.lstm`, but for these.
-
-    Args:
-        inputs, state, forced, delays, increments: see there.
-        mask: (L, T, M, H, B') what dropout lets through, B' the batch as `pad_batch` leaves it; None: all.
-        weights: input, recurrent, bias and peephole of every layer, then weight and bias of the read-out, if any.
-    """
-    if inputs.dim() == 3:
-        fed, one = None if forced is None else forced.unsqueeze(0), [w.unsqueeze(0) for w in weights]
-        outputs, state = run(
-            inputs.unsqueeze(0), state.unsqueeze(0), fed, mask, one, delays=delays, increments=increments
-        )
-        return outputs[0], state[0]
-    batch, steps = inputs.shape[1:3]
-    inputs, state = pad_batch(inputs), pad_batch(state)
-    forced = None if forced is None else pad_batch(forced)
+    """Run T steps: arguments and results as for `registry.kernels.lstm_torch.run`, and ``increments``."""
+    steps = inputs.shape[2]
     count, size, m = len(weights) // 4, weights[1].shape[-1], inputs.shape[-1]
     read = weights[4 * count :]
     n = read[0].shape[-2] if read else 0
@@ -55,7 +39,7 @@ def run(
         fed = y if forced is None else forced[:, :, t].mT
         past_u, past_y = line[:, : sizes[0]], torch.cat([fed, past_y], 1)[:, : sizes[1]]
     end = torch.cat([past_u, past_y, *states], 1).mT
-    return torch.stack(made, 1).permute(0, 3, 1, 2)[:, :batch], end[:, :batch]
+    return torch.stack(made, 1).permute(0, 3, 1, 2), end
 
 
 def _step(layer: list[Tensor], x: Tensor, m: Tensor, c: Tensor) -> tuple[Tensor, Tensor]:

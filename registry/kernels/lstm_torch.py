@@ -11,7 +11,6 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from registry.kernels.lstm_history import Back, History, Shape, before
-from registry.kernels.pointwise import pad_batch
 from registry.kernels.workspace import Reused
 
 
@@ -19,27 +18,19 @@ def run(
     inputs: Tensor,
     state: Tensor,
     forced: Tensor | None,
-    mask: Tensor | None,
     weights: list[Tensor],
+    mask: Tensor | None,
     delays: int,
 ) -> tuple[Tensor, Tensor]:
     """Run T steps: arguments and results as for `registry.kernels.lstm.lstm`, but for these.
 
     Args:
-        inputs, state, forced, delays: see there.
-        mask: (L, T, M, H, B') what dropout lets through, B' the batch as `pad_batch` leaves it; None: all.
+        inputs, state, forced, delays: see there; with a model dimension, and a batch of whole vectors.
         weights: input, recurrent, bias and peephole of every layer, then weight and bias of the read-out, if any.
+        mask: (L, T, M, H, B) what dropout lets through; None: all.
     """
-    if inputs.dim() == 3:
-        fed, one = None if forced is None else forced.unsqueeze(0), [w.unsqueeze(0) for w in weights]
-        outputs, state = run(inputs.unsqueeze(0), state.unsqueeze(0), fed, mask, one, delays)
-        return outputs[0], state[0]
-    batch = inputs.shape[1]
-    inputs, state = pad_batch(inputs), pad_batch(state)
-    forced = None if forced is None else pad_batch(forced)
     done: tuple[Tensor, Tensor] = _LSTM.apply(inputs, state, forced, mask, delays, *weights)
-    outputs, state = done
-    return outputs[:, :batch], state[:, :batch]
+    return done
 
 
 class _Layer:
@@ -133,7 +124,7 @@ class _LSTM(torch.autograd.Function):
                 if above is not None:
                     above.copy_(up)
             if n:
-                torch.baddbmm(bo, wo, up, out=h.said[T - 1 - t])
+                torch.baddbmm(bo, wo, up, out=h.output_at[T - 1 - t])
         ctx.save_for_backward(*weights)
         ctx.set_materialize_grads(False)
         ctx.kept, ctx.forced = (space, layers, mask, wo), forced is not None
@@ -167,9 +158,9 @@ class _LSTM(torch.autograd.Function):
                     d, dc = b.own[i], b.c[i]
                     if i == s.L - 1 and s.n:
                         if mask is None:
-                            d = torch.baddbmm(d, woT, b.said[s.T - 1 - t], out=b.m)
+                            d = torch.baddbmm(d, woT, b.output_at[s.T - 1 - t], out=b.m)
                         else:
-                            from_up = torch.bmm(woT, b.said[s.T - 1 - t])
+                            from_up = torch.bmm(woT, b.output_at[s.T - 1 - t])
                     if from_up is not None:
                         d = torch.add(from_up if mask is None else from_up * mask[i, t], d, out=b.m)
                     d_o.mul_(d)
@@ -189,8 +180,8 @@ class _LSTM(torch.autograd.Function):
         flat = [g for v, dw, d in zip(layers, d_w, d_peephole, strict=True) for g in v.gradients(dw, d)]
         if s.n:
             b.look(h)  # a row an output is summed: its order does not depend on M
-            said = b.outputs.flatten(2)
-            flat += [torch.bmm(said, b.tops.flatten(2).mT)[:, : s.n], said.sum(-1)[:, : s.n]]
+            d_outputs = b.outputs.flatten(2)
+            flat += [torch.bmm(d_outputs, b.tops.flatten(2).mT)[:, : s.n], d_outputs.sum(-1)[:, : s.n]]
         d_state = [x.permute(1, 3, 0, 2).flatten(-2) for x in (b.u[s.T :], d_fed[s.T :])]
         d_inputs = b.u[: s.T].flip(0).permute(1, 3, 0, 2) if inputs_too else None
         return d_inputs, torch.cat([*d_state, *(x.mT for x in (*b.own, *b.c))], -1), None, None, None, *flat

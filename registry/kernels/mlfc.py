@@ -15,7 +15,7 @@ from torch import Tensor
 from registry.kernels import plain
 from registry.kernels.native import library
 from registry.kernels.native import mlfc as native
-from registry.kernels.pointwise import dropout_mask, pad16, pad_batch, tanh_, tanh_grad
+from registry.kernels.pointwise import dropout_mask, in_whole_vectors, pad16, tanh_, tanh_grad
 
 
 def mlfc(
@@ -55,24 +55,15 @@ def mlfc(
             mask=_mask(dropout, inputs, hidden),
             weights=[*layers, readout],
         )
-    if inputs.dim() == 3:
-        one, of = (lambda x: x.unsqueeze(0)), None if forced is None else forced.unsqueeze(0)
-        outputs, hidden = mlfc(
-            one(inputs),
-            one(fed),
-            one(hidden),
-            layers=[*map(one, layers)],
-            readout=one(readout),
-            forced=of,
-            dropout=dropout,
-        )
-        return outputs[0], hidden[0]
-    batch, mask = inputs.shape[1], _mask(dropout, inputs, hidden)
-    inputs, fed, hidden = (pad_batch(x) for x in (inputs, fed, hidden))
-    forced = None if forced is None else pad_batch(forced)
-    run: tuple[Tensor, Tensor] = _MLFC.apply(inputs, fed, hidden, forced, mask, readout, *layers)
-    outputs, hidden = run
-    return outputs[:, :batch], hidden[:, :batch]
+
+    def run(
+        inputs: Tensor, fed: Tensor, hidden: Tensor, forced: Tensor | None, weights: list[Tensor]
+    ) -> tuple[Tensor, Tensor]:
+        done: tuple[Tensor, Tensor] = _MLFC.apply(inputs, fed, hidden, forced, mask, *weights)
+        return done
+
+    mask = _mask(dropout, inputs, hidden)
+    return in_whole_vectors(run, (inputs, fed, hidden, forced), [readout, *layers])
 
 
 VJP = Callable[[Tensor, Tensor], tuple[Tensor, Tensor, list[Tensor]]]

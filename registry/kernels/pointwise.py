@@ -1,5 +1,7 @@
 """Pointwise pieces of the recurrent loops."""
 
+from collections.abc import Callable, Sequence
+
 import torch
 from torch import Tensor
 
@@ -22,6 +24,27 @@ def pad_batch(x: Tensor) -> Tensor:
     """
     spare = -x.shape[1] % 32
     return x if not spare else torch.cat([x, x.new_zeros(x.shape[0], spare, *x.shape[2:])], 1)
+
+
+def in_whole_vectors(
+    run: Callable[..., Sequence[Tensor]], arrays: Sequence[Tensor | None], weights: Sequence[Tensor]
+) -> tuple[Tensor, Tensor]:
+    """What ``run(*arrays, weights)`` gives, with a model dimension where there is none and the batch padded.
+
+    Args:
+        run: of M models on B windows, B a multiple of 32; gives outputs and an end state, (M, B, …) each.
+        arrays: (M, B, …), or (B, …) of one model; None: not given.
+        weights: (M, …), or of one model.
+
+    Returns:
+        Outputs and end state of the batch as it was.
+    """
+    first = arrays[0]
+    assert first is not None
+    one, batch = first.dim() == 3, first.shape[-3]
+    given = [x if x is None else pad_batch(x.unsqueeze(0) if one else x) for x in arrays]
+    outputs, end = (x[:, :batch] for x in run(*given, [w.unsqueeze(0) if one else w for w in weights]))
+    return (outputs[0], end[0]) if one else (outputs, end)
 
 
 def dropout_mask(dropout: float, like: Tensor, *shape: int) -> Tensor | None:

@@ -39,20 +39,8 @@ class GRUPredictor(Predictor):
     @override
     def rollout(self, inputs: Tensor, state: Tensor, feedback: Tensor | None = None) -> tuple[Tensor, Tensor]:
         fed, hidden, _ = self.layout.split(state)
-        single = inputs.dim() == 3
-        lead = (lambda x: x.unsqueeze(0)) if single else (lambda x: x)
-        layers = zip(self.input_weight, self.recurrent_weight, self.bias, strict=True)
-        outputs, hidden = gru(
-            lead(inputs),
-            lead(fed),
-            lead(hidden),
-            layers=[Layer(*(lead(w) for w in layer)) for layer in layers],
-            output_weight=lead(self.output_weight),
-            output_bias=lead(self.output_bias),
-            forced=None if feedback is None else lead(feedback),
-        )
-        if single:
-            outputs, hidden = outputs[0], hidden[0]
+        layers = [*map(Layer, self.input_weight, self.recurrent_weight, self.bias)]
+        outputs, hidden = gru(inputs, fed, hidden, layers, self.output_weight, self.output_bias, forced=feedback)
         latest = (outputs if feedback is None else feedback)[..., -1, :]
         return outputs, torch.cat([latest, hidden], -1)
 

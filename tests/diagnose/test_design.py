@@ -14,6 +14,7 @@ from bench.cli.commands.models import parse_limits
 from bench.diagnose import design, diagnose
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.manoeuvre import page
+from bench.diagnose.manoeuvre.discrimination import scores
 from bench.diagnose.manoeuvre.limits import Limit, shown
 from bench.diagnose.manoeuvre.rivals import of_diagnosis
 from bench.diagnose.manoeuvre.separation import (
@@ -26,7 +27,6 @@ from bench.diagnose.manoeuvre.separation import (
     predictions,
 )
 from bench.diagnose.manoeuvre.stock import KINDS, stock_signals
-from bench.diagnose.manoeuvre.surety import scores
 from bench.diagnose.manoeuvre.waveform import PARAMETERS, multisine, signals
 from bench.diagnose.manoeuvre.waveform import _Grid as Grid
 from bench.diagnose.regression.parameters import entries

@@ -167,7 +167,7 @@ def test_a_term_that_free_runs_do_not_need_is_not_added(
         effects = [SimpleNamespace(learned=True, share_explained=share) for share in explained[terms]]
         return SimpleNamespace(terms=terms, effects=effects)
 
-    monkeypatch.setattr(learned, "whatever", lambda *_, **__: (a, b))
+    monkeypatch.setattr(learned, "learn_all_terms", lambda *_, **__: (a, b))
     monkeypatch.setattr(learned, "extend", extended)
     given = SimpleNamespace(model=model)
     done = learned.learned(

@@ -27,13 +27,13 @@ def test_what_needs_an_effect_goes_with_it() -> None:
     x, u, valid = torch.from_numpy(states), torch.from_numpy(inputs), torch.ones(samples, dtype=torch.bool)
     stack = LogBatch.of([Log("flight", 100.0, x, (True,) * 13, u, valid, None)])  # type: ignore[arg-type]
     linear = directions(model, model, {}, stack)
-    assert linear.away([1]) == ({1}, [linear.removals[1]])
-    assert linear.away([0]) == linear.away([0, 1]) == ({0, 1}, [linear.removals[0]])
+    assert linear.removed([1]) == ({1}, [linear.removals[1]])
+    assert linear.removed([0]) == linear.removed([0, 1]) == ({0, 1}, [linear.removals[0]])
     for place, left in ((0, ()), (1, (drag,))):
         expected = mean_rates(replace(model, effects=left), stack).numpy()[..., list(linear.channels)]
         assert linear.rates + linear.columns[linear.removals[place]] == pytest.approx(expected, abs=1e-12)
     both = Quadrotor(effects=(drag, wind, EFFECTS.get("linear_drag").typical()))
-    assert directions(both, both, {}, stack).away([0])[0] == {0}  # the other drag still carries the wind
+    assert directions(both, both, {}, stack).removed([0])[0] == {0}  # the other drag still carries the wind
 
 
 def test_a_column_keeps_only_the_channels_that_it_moves():

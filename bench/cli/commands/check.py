@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from bench.cli import options
-from registry.errors import BenchError
+from registry.atomic_io import writing
 
 COLOURS = {
     "reproduced": "green",
@@ -140,7 +140,7 @@ def _table(rows: Sequence[Any]) -> Any:
         last = row.claim.id
         grid.add_row(
             row.claim.id if first else "",
-            escape(row.claim.said) if first else "",
+            escape(row.claim.stated) if first else "",
             "" if math.isnan(j.value) else number(j.value),
             interval,
             f"[{COLOURS[j.verdict]}]{j.verdict}[/]",
@@ -164,7 +164,7 @@ def _explain(rows: Sequence[Any], out: Any) -> None:
                 out.print(f"  Note: {escape(c.note)}", highlight=False)
         last = c.id
         where = f"{row.dataset}, {row.label}" if row.label else row.dataset or "no evidence"
-        out.print(f"  {escape(where)}: [{COLOURS[j.verdict]}]{j.said}[/]. {escape(j.basis)}", highlight=False)
+        out.print(f"  {escape(where)}: [{COLOURS[j.verdict]}]{j.label}[/]. {escape(j.basis)}", highlight=False)
         if row.beside:
             out.print(f"  On other data: {escape(row.beside)}", highlight=False)
         if j.verdict not in SETTLED:
@@ -221,11 +221,9 @@ def _rerun(published: Path, write: bool) -> None:
 def _write(target: Path, text: str) -> None:
     from bench.claims import manifest
 
-    try:
+    with writing(target):
         target.write_text(text, encoding="utf-8")
         manifest.entered(target)
-    except OSError as error:
-        raise BenchError(f"{target} cannot be written: {error.strerror or error}.") from error
 
 
 def _plain(rows: Sequence[Any], held: Sequence[Any]) -> dict[str, Any]:

@@ -344,7 +344,7 @@ def diagnose_command(
     check_writable(folder, to_json)
     if fleets.is_fleet(source, vehicles, place, exclude):
         _refuse_ceiling(asks_network)
-        asked = fleets.asked_of(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
+        asked = fleets.fleet_options(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
         return fleets.diagnose_fleet(source, asked, vehicles, folder, to_json=to_json, place=place)
     given = [measured(source, system, model_file, catalogue, exclude)]
 

@@ -7,6 +7,7 @@ import click
 
 from bench.cli import options
 from bench.experiment import study
+from registry.atomic_io import writing
 from registry.errors import BenchError
 
 
@@ -52,8 +53,6 @@ def report_command(name: str, dataset: str | None, preset: str | None, results: 
 
 def _deliver(page: Path, output: Path | None) -> None:
     if output is not None:
-        try:
+        with writing(f"The report {output}"):
             shutil.copyfile(page, output)
-        except OSError as error:
-            raise BenchError(f"The report {output} cannot be written: {error.strerror or error}.") from error
     click.echo(str(output or page))

@@ -157,11 +157,11 @@ def settle_command(
     """
     from bench.api.check import published_folder, refuse_spoilt
     from bench.cli.settling import plan, settle, show_plan, show_result
-    from bench.settle.sources import Wanted
+    from bench.settle.sources import Scope
 
     check_dataset(dataset)
     refuse_spoilt(published)
-    wanted = Wanted(place.results, published_folder(published), file, target, dataset, most)
+    wanted = Scope(place.results, published_folder(published), file, target, dataset, most)
     wanted.check()
     out = options.console()
     steps = plan(out, wanted, place)

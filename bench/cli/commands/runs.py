@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.cli import options
+from registry.atomic_io import writing
 from registry.errors import BenchError, near
 from registry.units import is_listed, to_si
 
@@ -206,11 +207,9 @@ def predict_command(run: str, source: Path, output: Path | None, results: Path) 
     if output is None:
         click.echo(predicted.to_csv(index=False), nl=False)
         return
-    try:
+    with writing(output):
         if output.suffix == ".parquet":
             predicted.to_parquet(output, index=False)
         else:
             predicted.to_csv(output, index=False)
-    except OSError as error:
-        raise BenchError(f"{output} cannot be written: {error.strerror or error}.") from error
     click.echo(f"Wrote {len(predicted)} predicted steps to {output}.")

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from bench.cli import options
 from bench.cli.progress import meter
+from registry.atomic_io import writing
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
@@ -184,7 +185,5 @@ def _sentences(host: dict[str, Any], rows: "Sequence[Measured]") -> list[str]:
 
 
 def _write(target: Path, content: dict[str, Any]) -> None:
-    try:
+    with writing(target):
         target.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise BenchError(f"{target} cannot be written: {error.strerror or error}.") from error

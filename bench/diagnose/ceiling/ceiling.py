@@ -134,7 +134,7 @@ def _telling(tick: Tick) -> Callable[[float], None]:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """What is judged, and by what."""
+    """A model whose remaining error is judged: its free runs, and the part that networks are trained on."""
 
     subject: Subject
     model: PhysicsModel
@@ -145,7 +145,7 @@ class _Judged:
 
 
 def _parts(logs: Sequence[Log], steps: int, clear: int) -> tuple[Part, Part]:
-    """What is learned from, and what stops a training: other recordings, or the ends of the same ones.
+    """Starts of the training windows and of the validation windows: other recordings, or the ends of the same ones.
 
     Raises:
         BenchError: they are too short or too few.
@@ -171,7 +171,7 @@ def _parts(logs: Sequence[Log], steps: int, clear: int) -> tuple[Part, Part]:
 
 
 def _starts(log: Log, logs: Sequence[Log], steps: int, clear: int) -> np.ndarray:
-    """At half the distance that would give as many as are learned from."""
+    """Starts of windows in a log, twice as many as the training takes (`CEILING.windows` over all logs)."""
     return starts(log, steps + clear, max(1, sum(map(len, logs)) // (2 * CEILING.windows)), clear)
 
 

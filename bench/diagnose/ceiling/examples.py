@@ -43,7 +43,7 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Free runs of one model, as a network is shown them."""
+    """Free runs of one model as training examples of a network: its inputs and its targets."""
 
     signals: Tensor
     """(W, τ + T, c): measured ones up to the start, then those of the free run; NaN where a history is not known."""

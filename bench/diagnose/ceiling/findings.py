@@ -32,7 +32,7 @@ class Compared:
     """Those that are judged, then single channels."""
 
     def rms(self, line: str, at: int) -> float:
-        """NaN where there is no such line."""
+        """Root mean square error of a line at horizon ``at``; NaN where there is no such line."""
         return float(self.squared[line][:, at].mean() ** 0.5) if line in self.squared else float("nan")
 
     def finding(self, at: int) -> str:

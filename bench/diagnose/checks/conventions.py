@@ -10,16 +10,12 @@ from bench.diagnose.checks.mistake import Mistake, lines
 from bench.diagnose.checks.recorded import Flight, Reading, Recorded, joined
 from bench.diagnose.checks.relations import CARRIED, KINEMATIC, Relation, lifting, misfit
 from bench.diagnose.checks.rotors import pace_of, torque
-from bench.diagnose.settings import MENDING
+from bench.diagnose.settings import MENDING, TRYING
 
 Array = np.ndarray
 
-RIGHT, LOOSE = 0.4, 0.72
-"""… and below what, in relations that nothing but reading spoils and in others."""
 ROTORS = ("rotor_speed", "rotor_command", "pwm")
 """Inputs that are one a rotor."""
-PROBE, PROBED, KEPT = 6.0, 4, 10
-"""Seconds of each of so many recordings on which all changes are tried, and how many are tried on everything."""
 _SIDES = {
     "turning": (("attitude",), ("body_rates",)),
     "moving": (("position",), ("velocity",)),
@@ -157,14 +153,14 @@ def _promising(
     flights: Sequence[Flight], reading: Reading, relations: Sequence[Relation], among: Sequence[Edit]
 ) -> list[Edit]:
     """Those that do best on a few seconds of a few recordings: hundreds are tried."""
-    step = max(1, len(flights) // PROBED)
-    probe = [joined([f.part(PROBE) for f in flights[::step][:PROBED]])]
+    step = max(1, len(flights) // TRYING.recordings)
+    probe = [joined([f.part(TRYING.seconds) for f in flights[::step][: TRYING.recordings]])]
     before = _score(probe, reading, relations)
     level = before.total()
     totals = [
         (_score(probe, e.reading, relations, before, e.signals).total() + e.cost, i, e) for i, e in enumerate(among)
     ]
-    return [e for total, _, e in sorted(totals, key=lambda t: t[:2])[:KEPT] if total < level - MENDING.sure / 2]
+    return [e for total, _, e in sorted(totals, key=lambda t: t[:2])[: TRYING.kept] if total < level - MENDING.sure / 2]
 
 
 def _plain(relations: Sequence[Relation], before: _Scores, after: _Scores) -> bool:
@@ -178,7 +174,8 @@ def _plain(relations: Sequence[Relation], before: _Scores, after: _Scores) -> bo
         told = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
         if not told.any():
             continue
-        fallen = (was > MENDING.wrong) & (was - now > MENDING.fall) & (now < (RIGHT if relation.firm else LOOSE))
+        enough = MENDING.agreeing if relation.firm else MENDING.agreeing_loosely
+        fallen = (was > MENDING.wrong) & (was - now > MENDING.fall) & (now < enough)
         often = ((a[told] - b[told]) > MENDING.fall / 2).mean(axis=0) >= MENDING.recordings
         mended |= bool((fallen & often).any())
         if relation.exact:

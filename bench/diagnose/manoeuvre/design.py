@@ -12,12 +12,12 @@ import torch
 from bench.analysis.display import Displayed, new_axes
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.manoeuvre import search
+from bench.diagnose.manoeuvre.discrimination import Judge
 from bench.diagnose.manoeuvre.limits import Limit, shown
 from bench.diagnose.manoeuvre.play import Player
 from bench.diagnose.manoeuvre.rivals import Question, between, of_diagnosis
 from bench.diagnose.manoeuvre.separation import candidate, windows_of
 from bench.diagnose.manoeuvre.stock import kind_of, phrase_of, stock_signals
-from bench.diagnose.manoeuvre.surety import Judge
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.settings import COMPOSING, DESIGNING
 from bench.diagnose.simulate.unmeasured import hidden

@@ -27,7 +27,7 @@ class Limit:
 
     @property
     def span(self) -> float:
-        """From one end to the other."""
+        """Upper less lower limit."""
         return self.high - self.low
 
 

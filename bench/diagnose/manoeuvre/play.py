@@ -73,7 +73,7 @@ class Player:
         return Played(asked, inputs, model.simulate(start, inputs, self.dt))
 
     def _extras(self, count: int) -> Tensor:
-        """(count, N, e): time runs, all others stay as they are in the mean."""
+        """Extra inputs (count, N, e): time advances, every other one is held at its mean over the recordings."""
         out = torch.from_numpy(self._still).expand(count, self.samples, -1).clone()
         if "time" in self.model.extras:
             out[..., self.model.extras.index("time")] = torch.arange(self.samples, dtype=torch.float64) * self.dt

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import scipy  # its parts are imported when they are used: scipy.optimize takes longer than most of what is here
 
-from bench.diagnose.manoeuvre.surety import Judge
+from bench.diagnose.manoeuvre.discrimination import Judge
 from bench.diagnose.settings import COMPOSING
 
 

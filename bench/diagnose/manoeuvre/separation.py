@@ -121,7 +121,7 @@ class Candidate:
 
     @property
     def scales(self) -> np.ndarray:
-        """(P,)."""
+        """(P,) typical size of each number."""
         return np.array([e.scale for e in self.where])
 
 

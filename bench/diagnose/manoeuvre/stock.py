@@ -28,12 +28,12 @@ KINDS = {
 
 
 def kind_of(effect: str) -> str:
-    """What the phrase of an effect's manoeuvre comes to."""
+    """Which of the stock manoeuvres (`KINDS`) shows an effect; steps where none is assigned."""
     return KINDS.get(effect, "steps")
 
 
 def phrase_of(effect: str) -> str:
-    """The manoeuvre as the catalogue says it; empty: none."""
+    """The manoeuvre that an effect's catalogue entry recommends, as text; empty: none."""
     return str(EFFECTS.get(effect).manoeuvre) if effect in EFFECTS.names() else ""
 
 

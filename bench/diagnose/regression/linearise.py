@@ -60,7 +60,7 @@ class Linearization:
     reduced: tuple[Mapping[int, int], ...]
     """An effect of the model: by column of a constant, the one that it has without the effect."""
 
-    def away(self, dropped: Collection[int]) -> tuple[set[int], list[int]]:
+    def removed(self, dropped: Collection[int]) -> tuple[set[int], list[int]]:
         """Places of all effects that go with those in the places ``dropped``, and the columns that take them away."""
         follow = {j for i in dropped for j in self.dependants[i]}
         return follow | set(dropped), [self.removals[i] for i in sorted(set(dropped) - follow)]

@@ -212,7 +212,9 @@ def _accepted(smaller: Choice, larger: Choice) -> bool:
 def _alike(taken: Choice, other: Choice) -> bool:
     """Whether another set of the same size does as well, or nearly."""
     near = _criterion(other, taken)
-    return near < VERIFYING.odds or (near < 3 * VERIFYING.odds and t_value(_log_gain(other, taken)) < GROWING.sure)
+    return near < VERIFYING.odds or (
+        near < GROWING.disputed * VERIFYING.odds and t_value(_log_gain(other, taken)) < GROWING.sure
+    )
 
 
 def _round(base: Choice, taken: Choice, field: Sequence[Choice]) -> tuple[RejectedCandidate, ...]:

@@ -18,7 +18,7 @@ from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Products, Rows
 from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
 from bench.diagnose.select.subset import Subsets
-from bench.diagnose.settings import CALIBRATING, SEARCHING
+from bench.diagnose.settings import CALIBRATING, CHOOSING, SEARCHING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Channel
 from registry.core import EFFECTS
@@ -202,7 +202,7 @@ class Search:
             return [plain]
         less = view(normal.less(noise), cleaned)
         # Where far less than nothing would be left, what was taken for noise of the inputs acts on the system.
-        return [less, plain] if less.subsets.fit().misfit > -less.floor else [plain]
+        return [less, plain] if less.subsets.fit().misfit > -CHOOSING.overcorrected * less.floor else [plain]
 
     def as_known(self, view: View) -> View:
         """The view with what is known of the constants now."""

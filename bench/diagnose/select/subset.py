@@ -116,11 +116,11 @@ class Subsets:
             without: a fold that is not fitted.
             drop: places in ``model.effects`` of effects to do without; what needs them goes too.
         """
-        gone, taken = self.linear.away(drop)
+        removed, taken = self.linear.removed(drop)
         own = self.linear.changed(self.own, drop, starts)
         columns = [*own, *(c for s in starts for c in s.columns), *more, *taken]
         extra = len(columns) - len(self.own)
-        fixed = np.array([e.owner in gone for e in self.linear.own], dtype=bool)
+        fixed = np.array([e.owner in removed for e in self.linear.own], dtype=bool)
         once = np.ones(len(taken))
         precision, low, high = self._known(own)
         low, high = np.where(fixed, 0.0, low), np.where(fixed, 0.0, high)
@@ -129,10 +129,16 @@ class Subsets:
         prior, centre = np.concatenate([precision, np.zeros(extra)]), np.concatenate([self.centre, np.zeros(extra)])
         beta, misfit = self.normal.fit(columns, prior, centre, low, high, without)
         count = sum(len(s.entries) for s in starts) + len(more)
-        count += sum(not e.constant and e.owner not in gone for e in self.linear.own)
+        count += sum(not e.constant and e.owner not in removed for e in self.linear.own)
         distance = float((prior * (beta - centre) ** 2).sum())
         return Fit(
-            tuple(starts), tuple(columns), beta, misfit, prior=distance, parameters=count, dropped=tuple(sorted(gone))
+            tuple(starts),
+            tuple(columns),
+            beta,
+            misfit,
+            prior=distance,
+            parameters=count,
+            dropped=tuple(sorted(removed)),
         )
 
     def losses(self, fit: Fit) -> np.ndarray:

@@ -95,25 +95,25 @@ def ratios(view: View, fit: Fit) -> list[Ratio]:
 def neighbour(view: View, known: int) -> Fit | None:
     """A set one step from the model's that is better: an effect more, less or exchanged; None: there is none."""
     subsets, starts = view.subsets, view.subsets.starts
-    here = subsets.fit()
+    current = subsets.fit()
     places = range(known, len(view.linear.model.effects))
-    numbers = estimates(view, here)
+    numbers = estimates(view, current)
     for i in places:
         less = subsets.fit(drop=[i])
         # Parameters that share an uncertainty, such as the gains of all rotors, are known together only.
-        plain = less.misfit - here.misfit > VERIFYING.plainly * view.floor
+        plain = less.misfit - current.misfit > VERIFYING.plainly * view.floor
         told = plain or any(_told(x) for x in numbers if x.entry.owner == i)
-        if not told or at_bound(numbers, i) or not accepted(view, less, here, drop=[i]):
+        if not told or at_bound(numbers, i) or not accepted(view, less, current, drop=[i]):
             return less
     options = [f for s in starts for i in places if within_bounds(view, f := subsets.fit([s], drop=[i]))]
     best = min(options, key=subsets.cost, default=None)
-    if best is not None and subsets.cost(best) < subsets.cost(here) - VERIFYING.odds:
-        difference = (subsets.losses(here) - subsets.losses(best)).sum(1)
+    if best is not None and subsets.cost(best) < subsets.cost(current) - VERIFYING.odds:
+        difference = (subsets.losses(current) - subsets.losses(best)).sum(1)
         sure = t_value(difference) > CHOOSING.distinct and difference.sum() > CHOOSING.relevant * view.explained
-        if sure or best.parameters < here.parameters:
+        if sure or best.parameters < current.parameters:
             return best
     for more in sorted((subsets.fit([s]) for s in starts), key=subsets.cost)[:3]:
-        if len(places) < CHOOSING.most and within_bounds(view, more) and accepted(view, here, more):
+        if len(places) < CHOOSING.most and within_bounds(view, more) and accepted(view, current, more):
             return more
     return None
 
@@ -156,16 +156,16 @@ def _anchored(view: View, dropped: Sequence[int] = ()) -> Folds:
     own, subsets = view.linear.own, view.subsets
     fit = subsets.fit(drop=dropped)
     at = fit.beta[: len(own)]
-    gone, _ = view.linear.away(dropped)
-    mine = [c for c in range(len(own)) if own[c].owner not in gone and subsets.low[c] < at[c] < subsets.high[c]]
-    kept = view.linear.changed(mine, dropped)
+    removed, _ = view.linear.removed(dropped)
+    free = [c for c in range(len(own)) if own[c].owner not in removed and subsets.low[c] < at[c] < subsets.high[c]]
+    kept = view.linear.changed(free, dropped)
     shift, tail = np.zeros(len(view.grams[0])), np.zeros(len(view.grams[0]))
     shift[list(fit.columns)] = -fit.beta
-    away = subsets.centre[mine] - at[mine]
-    tail[kept] = pull = subsets.anchor[mine] * away
-    tail[-1] = pull @ away
+    offset = subsets.centre[free] - at[free]
+    tail[kept] = pull = subsets.anchor[free] * offset
+    tail[-1] = pull @ offset
     tails = [shifted(gram, shift) + tail / len(view.grams) for gram in view.grams]
-    return Folds(view.grams, kept, tails, np.diag(subsets.anchor[mine]) / len(view.grams))
+    return Folds(view.grams, kept, tails, np.diag(subsets.anchor[free]) / len(view.grams))
 
 
 def understood(
@@ -182,8 +182,8 @@ def understood(
     """
     subsets = view.subsets
     kept = [i for i in places if needed(view, i, traces, dropped)]
-    here = subsets.fit(drop=dropped).misfit
-    gains = {i: subsets.fit(drop=[*dropped, i]).misfit - here for i in places}
+    current = subsets.fit(drop=dropped).misfit
+    gains = {i: subsets.fit(drop=[*dropped, i]).misfit - current for i in places}
     unknown = total + sum(gain for i, gain in gains.items() if i not in kept)
     return [i for i in kept if gains[i] > VERIFYING.part * unknown]
 
@@ -216,10 +216,10 @@ def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequ
 
     bare, by_terms = (loss(without_it, more) for more in ([], terms))
     by_effect, by_both = (loss(with_it, more) for more in ([], terms))
-    if by_terms > by_effect - max(VERIFYING.left * view.floor, VERIFYING.beaten * view.explained):
+    if by_terms > by_effect - max(VERIFYING.left * view.floor, VERIFYING.imitation * view.explained):
         return True
     # The terms may have found something else that is left: then the effect still has its own share beside them.
-    return by_terms - by_both > VERIFYING.beside * (bare - by_effect)
+    return by_terms - by_both > VERIFYING.own_share * (bare - by_effect)
 
 
 def rivals(view: View, place: int) -> dict[str, Candidate]:
@@ -229,9 +229,9 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
     effect gains; and where the effect leaves nothing but noise, it does not leave plainly more.
     """
     subsets = view.subsets
-    here = subsets.fit()
+    current = subsets.fit()
     own = EFFECTS.name_of(type(view.linear.model.effects[place]))
-    level = subsets.losses(here).sum(1)
+    level = subsets.losses(current).sum(1)
     best: dict[str, tuple[float, Candidate]] = {}
     without = subsets.cost(subsets.fit(drop=[place]))
     for s in subsets.starts:
@@ -240,10 +240,10 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
         other = subsets.fit([s], drop=[place])
         difference = subsets.losses(other).sum(1) - level
         spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
-        margin = subsets.cost(other) - subsets.cost(here)
+        margin = subsets.cost(other) - subsets.cost(current)
         close = margin < VERIFYING.odds + CHOOSING.distinct * spread
-        replaces = without - subsets.cost(other) > VERIFYING.replaces * (without - subsets.cost(here))
-        exact = here.misfit < VERIFYING.exact * view.floor
+        replaces = without - subsets.cost(other) > VERIFYING.replaces * (without - subsets.cost(current))
+        exact = current.misfit < VERIFYING.exact * view.floor
         misses = exact and other.misfit - view.floor > VERIFYING.loud * view.floor
         if close and replaces and not misses and margin < best.get(s.id, (np.inf, s))[0]:
             best[s.id] = margin, s

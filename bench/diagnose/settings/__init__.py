@@ -4,12 +4,12 @@ Code takes the instance of a class below, so that a test (or a study of a thresh
 ``replace(LOCATING, regions=12)``.
 """
 
-from dataclasses import Field, fields
+from dataclasses import Field, fields, is_dataclass
 from typing import Any
 
 from bench.diagnose.settings.ceiling import Ceiling
 from bench.diagnose.settings.checks import Aligning, Freezing, Leaving, Shifting, Spiking
-from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Turning
+from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Trying, Turning
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading
 from bench.diagnose.settings.manoeuvre import Assuring, Composing, Designing, Limiting, Separating
@@ -34,6 +34,7 @@ SHIFTING = Shifting()
 LEAVING = Leaving()
 OFFSETTING = Offsetting()
 MENDING = Mending()
+TRYING = Trying()
 SAMPLING = Sampling()
 TURNING = Turning()
 LIFTING = Lifting()
@@ -68,58 +69,7 @@ COMPOSING = Composing()
 SEPARATING = Separating()
 ASSURING = Assuring()
 
-EVERY = (
-    COMPARING,
-    OBSERVING,
-    CEILING,
-    LOCATING,
-    DISCOVERING,
-    EXTENDING,
-    DECIDING,
-    TELLING,
-    ALIGNING,
-    SPIKING,
-    FREEZING,
-    SHIFTING,
-    LEAVING,
-    OFFSETTING,
-    MENDING,
-    SAMPLING,
-    TURNING,
-    LIFTING,
-    READING,
-    HEARING,
-    UNSEEN,
-    LINEARISING,
-    CALIBRATING,
-    FOLDING,
-    FOLLOWING,
-    WAVING,
-    MAPPING,
-    RUNNING,
-    BEGINNING,
-    SHOOTING,
-    SIMULATING,
-    PLAYING,
-    SPLINING,
-    WORDING,
-    LEARNING,
-    SKETCHING,
-    SEARCHING,
-    TIMING,
-    CHOOSING,
-    STEPPING,
-    VERIFYING,
-    MATTERING,
-    GROWING,
-    DESIGNING,
-    LIMITING,
-    COMPOSING,
-    SEPARATING,
-    ASSURING,
-)
-
 
 def documented() -> list[tuple[str, Field[Any]]]:
     """Every threshold with the name of its class."""
-    return [(type(part).__name__, f) for part in EVERY for f in fields(part)]
+    return [(c.__name__, f) for c in globals().values() if isinstance(c, type) and is_dataclass(c) for f in fields(c)]

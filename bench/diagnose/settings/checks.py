@@ -10,26 +10,12 @@ class Aligning:
     """A signal against the integral of its rate."""
 
     window: float = threshold(
-        0.3,
-        "time over which changes are compared: noise of single samples hardly counts then",
-        Basis.JUDGED,
-        "s",
+        0.3, "time over which changes are compared: noise of single samples hardly counts then", Basis.JUDGED, "s"
     )
-    clock_block: float = threshold(
-        4.0,
-        "time over which the clock is judged at once",
-        Basis.JUDGED,
-        "s",
-    )
-    clock_error: float = threshold(
-        0.025,
-        "relative error of a clock's rate from which it is called one",
-        Basis.JUDGED,
-    )
+    clock_block: float = threshold(4.0, "time over which the clock is judged at once", Basis.JUDGED, "s")
+    clock_error: float = threshold(0.025, "relative error of a clock's rate from which it is called one", Basis.JUDGED)
     scale: float = threshold(
-        1.25,
-        "factor between a signal and what its rate says from which its scale is called wrong",
-        Basis.JUDGED,
+        1.25, "factor between a signal and what its rate says from which its scale is called wrong", Basis.JUDGED
     )
 
 
@@ -42,22 +28,14 @@ class Spiking:
         "how far an excursion lies from its neighbours, over the spread of what two signals say of each other",
         Basis.JUDGED,
     )
-    tail: float = threshold(
-        4.0,
-        "how far it lies, over the size that one sample in a hundred exceeds",
-        Basis.JUDGED,
-    )
+    tail: float = threshold(4.0, "how far it lies, over the size that one sample in a hundred exceeds", Basis.JUDGED)
     ratio: float = threshold(
         3.0,
         "how many times larger than every lesser excursion of the same signal one must be: real sensors "
         "have long tails",
         Basis.JUDGED,
     )
-    input: float = threshold(
-        0.15,
-        "spike of an input, over its mean size, from which it is one",
-        Basis.JUDGED,
-    )
+    input: float = threshold(0.15, "spike of an input, over its mean size, from which it is one", Basis.JUDGED)
     response: int = threshold(
         12,
         "samples about a spike of an input in which the motion would answer, however it was smoothed",
@@ -82,39 +60,20 @@ class Freezing:
     """Samples that are no measurement."""
 
     held: float = threshold(
-        0.15,
-        "shortest time for which a sensor that repeats its value is taken for frozen",
-        Basis.JUDGED,
-        "s",
+        0.15, "shortest time for which a sensor that repeats its value is taken for frozen", Basis.JUDGED, "s"
     )
-    held_samples: int = threshold(
-        10,
-        "least number of samples that such a sensor repeats",
-        Basis.JUDGED,
-        "count",
-    )
+    held_samples: int = threshold(10, "least number of samples that such a sensor repeats", Basis.JUDGED, "count")
     rare: float = threshold(
-        0.001,
-        "share of repeated values elsewhere below which a signal does not repeat itself by nature",
-        Basis.JUDGED,
+        0.001, "share of repeated values elsewhere below which a signal does not repeat itself by nature", Basis.JUDGED
     )
-    unit_length: float = threshold(
-        0.02,
-        "how far the length of a quaternion may be from one",
-        Basis.JUDGED,
-    )
+    unit_length: float = threshold(0.02, "how far the length of a quaternion may be from one", Basis.JUDGED)
 
 
 @dataclass(frozen=True)
 class Shifting:
     """Inputs and states that are logged at different times."""
 
-    suspect: float = threshold(
-        0.5,
-        "shift of all recordings from which it is mentioned",
-        Basis.JUDGED,
-        "samples",
-    )
+    suspect: float = threshold(0.5, "shift of all recordings from which it is mentioned", Basis.JUDGED, "samples")
     certain: float = threshold(
         0.7,
         "by how much recordings, all of them by some, must move before their inputs for a fault of the log",
@@ -122,16 +81,9 @@ class Shifting:
         "samples",
     )
     different: float = threshold(
-        1.5,
-        "shift of one recording against the others from which it is a fault",
-        Basis.JUDGED,
-        "samples",
+        1.5, "shift of one recording against the others from which it is a fault", Basis.JUDGED, "samples"
     )
-    apart: float = threshold(
-        5.0,
-        "times as far as the others are from each other that it must be",
-        Basis.JUDGED,
-    )
+    apart: float = threshold(5.0, "times as far as the others are from each other that it must be", Basis.JUDGED)
     smoothing: int = threshold(
         13,
         "window of the local quadratic that all go through before they are compared: slopes are noisy",
@@ -145,14 +97,10 @@ class Shifting:
         "samples",
     )
     least_correlation: float = threshold(
-        0.8,
-        "correlation from which a recording may be said to differ from the others",
-        Basis.JUDGED,
+        0.8, "correlation from which a recording may be said to differ from the others", Basis.JUDGED
     )
     clear: float = threshold(
-        0.5,
-        "correlation of modelled and measured acceleration at the shift from which it is told",
-        Basis.JUDGED,
+        0.5, "correlation of modelled and measured acceleration at the shift from which it is told", Basis.JUDGED
     )
 
 

@@ -9,62 +9,37 @@ from bench.diagnose.settings.threshold import Basis, threshold
 class Offsetting:
     """Clocks of two signals that show the same motion."""
 
-    widest: float = threshold(
-        0.3,
-        "offset that is looked for, at most",
-        Basis.JUDGED,
-        "s",
-    )
+    widest: float = threshold(0.3, "offset that is looked for, at most", Basis.JUDGED, "s")
     least_correlation: float = threshold(
-        0.9,
-        "correlation of two signals from which their offset is told",
-        Basis.JUDGED,
+        0.9, "correlation of two signals from which their offset is told", Basis.JUDGED
     )
     least_disagreement: float = threshold(
-        1.5,
-        "times as much of two motions that must disagree without an offset as with it",
-        Basis.JUDGED,
+        1.5, "times as much of two motions that must disagree without an offset as with it", Basis.JUDGED
     )
     steady: float = threshold(
         0.25,
         "spread of the offset over recordings, relative and in samples ×3, from which no one number mends it",
         Basis.JUDGED,
     )
-    recordings: float = threshold(
-        0.75,
-        "share of the recordings that must say so",
-        Basis.JUDGED,
-    )
+    recordings: float = threshold(0.75, "share of the recordings that must say so", Basis.JUDGED)
 
 
 @dataclass(frozen=True)
 class Mending:
     """How a file says that its columns are to be read, against what other columns say."""
 
-    wrong: float = threshold(
-        0.6,
-        "misfit from which an axis is said not to agree",
-        Basis.JUDGED,
+    wrong: float = threshold(0.6, "misfit from which an axis is said not to agree", Basis.JUDGED)
+    fall: float = threshold(0.4, "by how much that misfit must fall for a change to be named", Basis.JUDGED)
+    agreeing: float = threshold(
+        0.4, "misfit below which a change mends a relation that nothing but reading spoils", Basis.JUDGED
     )
-    fall: float = threshold(
-        0.4,
-        "by how much that misfit must fall for a change to be named",
-        Basis.JUDGED,
+    agreeing_loosely: float = threshold(
+        0.72, "misfit below which a change mends a relation that missing physics spoils too", Basis.JUDGED
     )
-    recordings: float = threshold(
-        0.75,
-        "share of the recordings that must say so",
-        Basis.JUDGED,
-    )
-    worse: float = threshold(
-        0.25,
-        "how much worse another axis may become that agreed",
-        Basis.JUDGED,
-    )
+    recordings: float = threshold(0.75, "share of the recordings that must say so", Basis.JUDGED)
+    worse: float = threshold(0.25, "how much worse another axis may become that agreed", Basis.JUDGED)
     alike: float = threshold(
-        0.15,
-        "total misfit between two changes up to which both are told: either may be right",
-        Basis.JUDGED,
+        0.15, "total misfit between two changes up to which both are told: either may be right", Basis.JUDGED
     )
     sure: float = threshold(
         0.08,
@@ -72,77 +47,41 @@ class Mending:
         Basis.JUDGED,
     )
     cleared: float = threshold(
-        0.15,
-        "share of a larger misfit that a change may leave to be named for it",
-        Basis.JUDGED,
+        0.15, "share of a larger misfit that a change may leave to be named for it", Basis.JUDGED
     )
-    same: float = threshold(
-        1e-06,
-        "total misfit between changes that are the same by another name",
-        Basis.ROUNDING,
-    )
-    passes: int = threshold(
-        4,
-        "mistakes of one folder that are looked for, one after the other",
-        Basis.EFFORT,
-        "count",
-    )
+    same: float = threshold(1e-06, "total misfit between changes that are the same by another name", Basis.ROUNDING)
+    passes: int = threshold(4, "mistakes of one folder that are looked for, one after the other", Basis.EFFORT, "count")
     uncommon: float = threshold(
-        0.06,
-        "total misfit by which an uncommon change must be better than a common one",
-        Basis.JUDGED,
+        0.06, "total misfit by which an uncommon change must be better than a common one", Basis.JUDGED
     )
     less_common: float = threshold(
-        0.03,
-        "total misfit by which a less common change must be better than a common one",
-        Basis.JUDGED,
+        0.03, "total misfit by which a less common change must be better than a common one", Basis.JUDGED
     )
+
+
+@dataclass(frozen=True)
+class Trying:
+    """A part of the recordings on which hundreds of changes are tried, before the best are tried on everything."""
+
+    seconds: float = threshold(6.0, "time of each of these recordings, from its middle", Basis.EFFORT, "s")
+    recordings: int = threshold(4, "recordings at most, spread over all", Basis.EFFORT, "count")
+    kept: int = threshold(10, "changes that are then tried on everything", Basis.EFFORT, "count")
 
 
 @dataclass(frozen=True)
 class Sampling:
     """What of the recordings is looked at, and how motions are compared."""
 
-    recordings: int = threshold(
-        8,
-        "recordings that are looked at, spread over all",
-        Basis.EFFORT,
-        "count",
-    )
-    longest: float = threshold(
-        30.0,
-        "time of each recording that is looked at, from its middle",
-        Basis.EFFORT,
-        "s",
-    )
-    window: float = threshold(
-        0.3,
-        "time over which changes are compared",
-        Basis.JUDGED,
-        "s",
-    )
+    recordings: int = threshold(8, "recordings that are looked at, spread over all", Basis.EFFORT, "count")
+    longest: float = threshold(30.0, "time of each recording that is looked at, from its middle", Basis.EFFORT, "s")
+    window: float = threshold(0.3, "time over which changes are compared", Basis.JUDGED, "s")
     half_width: float = threshold(
-        0.06,
-        "half of the time over which an acceleration is the change of the velocity",
-        Basis.JUDGED,
-        "s",
+        0.06, "half of the time over which an acceleration is the change of the velocity", Basis.JUDGED, "s"
     )
-    few: int = threshold(
-        60,
-        "samples that are too few to judge",
-        Basis.JUDGED,
-        "count",
-    )
-    stride: int = threshold(
-        3,
-        "samples from one that is compared to the next: windows overlap",
-        Basis.EFFORT,
-        "count",
-    )
+    few: int = threshold(60, "samples that are too few to judge", Basis.JUDGED, "count")
+    stride: int = threshold(3, "samples from one that is compared to the next: windows overlap", Basis.EFFORT, "count")
     tail: float = threshold(
-        0.01,
-        "share of the samples at either end that are brought in to their neighbours' size",
-        Basis.JUDGED,
+        0.01, "share of the samples at either end that are brought in to their neighbours' size", Basis.JUDGED
     )
 
 
@@ -164,12 +103,7 @@ class Turning:
         Basis.JUDGED,
         "s",
     )
-    recordings: int = threshold(
-        4,
-        "recordings from which the pace is taken",
-        Basis.EFFORT,
-        "count",
-    )
+    recordings: int = threshold(4, "recordings from which the pace is taken", Basis.EFFORT, "count")
 
 
 @dataclass(frozen=True)
@@ -181,34 +115,15 @@ class Lifting:
         "factor between weight and thrust from which something else is wrong than a coefficient that is 20 or 50 % off",
         Basis.JUDGED,
     )
-    near: float = threshold(
-        1.8,
-        "factor between them below which another unit is right",
-        Basis.JUDGED,
-    )
+    near: float = threshold(1.8, "factor between them below which another unit is right", Basis.JUDGED)
     moves: float = threshold(
-        0.05,
-        "share of the weight by which the force must vary for inputs to be judged by it",
-        Basis.JUDGED,
+        0.05, "share of the weight by which the force must vary for inputs to be judged by it", Basis.JUDGED
     )
-    calm: float = threshold(
-        0.5,
-        "time over which the force is averaged for that",
-        Basis.JUDGED,
-        "s",
-    )
-    deaf: float = threshold(
-        0.2,
-        "correlation below which inputs have nothing to do with the force",
-        Basis.JUDGED,
-    )
+    calm: float = threshold(0.5, "time over which the force is averaged for that", Basis.JUDGED, "s")
+    deaf: float = threshold(0.2, "correlation below which inputs have nothing to do with the force", Basis.JUDGED)
     flat: float = threshold(
         0.25,
         "share of the force's variation below which a map from inputs to rotor speeds hardly moves the thrust",
         Basis.JUDGED,
     )
-    fits: float = threshold(
-        0.5,
-        "correlation from which a map is estimated with an offset",
-        Basis.JUDGED,
-    )
+    fits: float = threshold(0.5, "correlation from which a map is estimated with an offset", Basis.JUDGED)

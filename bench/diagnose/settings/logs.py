@@ -10,10 +10,7 @@ class Reading:
     """Recordings as they are read."""
 
     ends: int = threshold(
-        8,
-        "samples at either end of a stretch, where filters have neighbours on one side only",
-        Basis.JUDGED,
-        "samples",
+        8, "samples at either end of a stretch, where filters have neighbours on one side only", Basis.JUDGED, "samples"
     )
     half_width: int = threshold(
         3,
@@ -26,11 +23,7 @@ class Reading:
         "most that the difference of a sample and the one before leaves of a rate, against the differences about it",
         Basis.JUDGED,
     )
-    held_out: float = threshold(
-        1 / 3,
-        "share of the recordings that only test",
-        Basis.CONVENTION,
-    )
+    held_out: float = threshold(1 / 3, "share of the recordings that only test", Basis.CONVENTION)
     enough: int = threshold(
         180_000,
         "samples that are diagnosed: of more, some recordings are, and all are checked",
@@ -57,10 +50,7 @@ class Hearing:
     """Noise and filter from spectra."""
 
     segment: int = threshold(
-        128,
-        "length of a spectrum; half or a quarter of it where no recording is as long",
-        Basis.JUDGED,
-        "samples",
+        128, "length of a spectrum; half or a quarter of it where no recording is as long", Basis.JUDGED, "samples"
     )
     unlike: float = threshold(
         0.35,
@@ -68,23 +58,14 @@ class Hearing:
         Basis.JUDGED,
     )
     faint: float = threshold(
-        0.0001,
-        "of a filter's largest gain: spectra are not believed to fall lower",
-        Basis.ROUNDING,
+        0.0001, "of a filter's largest gain: spectra are not believed to fall lower", Basis.ROUNDING
     )
     digits: float = threshold(
         1e-09,
         "of a signal's largest value: files hold nine digits, and no noise is believed to be less",
         Basis.ROUNDING,
     )
-    longest_window: int = threshold(
-        2001,
-        "window of a stated filter, at most",
-        Basis.CONVENTION,
-        "samples",
-    )
+    longest_window: int = threshold(2001, "window of a stated filter, at most", Basis.CONVENTION, "samples")
     highest_order: int = threshold(
-        20,
-        "order of a stated local polynomial, at most: beyond it its weights are rounding errors",
-        Basis.ROUNDING,
+        20, "order of a stated local polynomial, at most: beyond it its weights are rounding errors", Basis.ROUNDING
     )

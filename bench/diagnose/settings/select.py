@@ -80,6 +80,11 @@ class Choosing:
         "gain, as a share of what noise leaves, that is accepted if every recording not fitted confirms it",
         Basis.JUDGED,
     )
+    overcorrected: float = threshold(
+        1.0,
+        "times the noise that a fit leaves less than nothing, from which what was taken for noise of the inputs acts",
+        Basis.JUDGED,
+    )
     visible: float = threshold(0.01, "least gain of an effect, as a share of what noise leaves", Basis.JUDGED)
     relevant: float = threshold(0.004, "least gain of an effect, as a share of all that effects explain", Basis.JUDGED)
     clearing: float = threshold(
@@ -126,12 +131,12 @@ class Stepping:
 class Verifying:
     """Effects once they were chosen: imitations, rivals, what is still unknown."""
 
-    beaten: float = threshold(
+    imitation: float = threshold(
         0.02,
         "share of all that is explained by which free terms must do better before an effect counts as their imitation",
         Basis.JUDGED,
     )
-    beside: float = threshold(
+    own_share: float = threshold(
         0.3, "share of its gain that an effect must keep beside such terms, or it is their imitation", Basis.JUDGED
     )
     plainly: float = threshold(
@@ -228,4 +233,9 @@ class Growing:
         (16, 64), "lengths of the windows that lead a fit to the whole ones", Basis.JUDGED, "samples"
     )
     sure: float = threshold(2.0, "t over windows of the held-out gain that a larger set needs", Basis.CONVENTION)
+    disputed: float = threshold(
+        3.0,
+        "times the odds that count, up to which a set makes a tie if the windows do not agree that it is worse",
+        Basis.JUDGED,
+    )
     folds: int = threshold(4, "parts of the windows of which each is held out once", Basis.CONVENTION, "count")

@@ -193,7 +193,7 @@ def gridded(of: Clock, x: Array, logged: Array, late: float = 0.0, held: bool = 
     return moved, inside if late or not whole else np.ones(len(of.grid), dtype=bool)
 
 
-def said(name: str, of: Clock, logged: Mapping[str, Array], valid: Array) -> list[Finding]:
+def clock_findings(name: str, of: Clock, logged: Mapping[str, Array], valid: Array) -> list[Finding]:
     """What was done to the samples of a recording.
 
     Args:

@@ -12,7 +12,7 @@ from typing_extensions import override
 
 from registry.contracts import Channel, Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, PHYSICS, option
-from registry.datasets.folder.clock import Clock, clock, gridded, refuse_drift, said
+from registry.datasets.folder.clock import Clock, clock, clock_findings, gridded, refuse_drift
 from registry.datasets.folder.conversion import attitude, in_frames, own_units
 from registry.datasets.folder.description import FILE, FolderDescription, describe
 from registry.datasets.folder.draft import draft
@@ -235,7 +235,7 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
         held = n in description.inputs and description.input_hold == "previous"
         x[n], near = gridded(of, values, logged[n], s.delay, held)
         valid &= near
-    findings = said(name, of, logged, valid)
+    findings = clock_findings(name, of, logged, valid)
     if "attitude" in x:
         x["attitude"] = unit_quaternion(x["attitude"])
     x = in_frames(x, signals)

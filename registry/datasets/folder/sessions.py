@@ -1,4 +1,4 @@
-"""Whose recordings a folder holds and when they were made: the same for all of them, or told by a column of each."""
+"""Whose recordings a folder holds and when they were made: the same for all of them, or value by a column of each."""
 
 import datetime
 from collections.abc import Sequence
@@ -43,17 +43,17 @@ def mark(path: Path, table: dict[str, Any], key: str) -> Mark:
     Raises:
         BenchError: it is neither a text (a date) nor {column = "…"}.
     """
-    told = table.get(key, "")
-    if isinstance(told, dict):
-        known(told, ("column",), f"{path} {key}")
-        if not isinstance(told.get("column"), str) or not told["column"]:
+    value = table.get(key, "")
+    if isinstance(value, dict):
+        known(value, ("column",), f"{path} {key}")
+        if not isinstance(value.get("column"), str) or not value["column"]:
             raise BenchError(f'{path}: {key} must name a column, {key} = {{column = "…"}}.')
-        return Mark(column=told["column"])
-    if key == "date" and told != "":
-        return Mark(_day(str(told), f"{path}: {key}"))
-    if not isinstance(told, str) or (key in table and not told.strip()):
-        raise BenchError(f'{path}: {key} must be a text or {{column = "…"}}, not {told!r:.60}.')
-    return Mark(told.strip())
+        return Mark(column=value["column"])
+    if key == "date" and value != "":
+        return Mark(_day(str(value), f"{path}: {key}"))
+    if not isinstance(value, str) or (key in table and not value.strip()):
+        raise BenchError(f'{path}: {key} must be a text or {{column = "…"}}, not {value!r:.60}.')
+    return Mark(value.strip())
 
 
 def sessions(files: Sequence[Path], vehicle: Mark, date: Mark) -> tuple[list[Session], dict[Path, str]]:
@@ -66,21 +66,21 @@ def sessions(files: Sequence[Path], vehicle: Mark, date: Mark) -> tuple[list[Ses
     unknown = {}
     for file in files:
         try:
-            told = tuple(_told(file, key, m, rows=1) for key, m in (("vehicle", vehicle), ("date", date)))
+            value = tuple(_value(file, key, m, rows=1) for key, m in (("vehicle", vehicle), ("date", date)))
         except BenchError as error:
             unknown[file] = str(error)
             continue
-        gathered.setdefault((told[0], told[1]), []).append(file)
+        gathered.setdefault((value[0], value[1]), []).append(file)
     return [Session(v, d, tuple(of)) for (v, d), of in sorted(gathered.items())], unknown
 
 
 def refuse_mixed(file: Path, vehicle: Mark, date: Mark) -> None:
     """Raise `BenchError` where a file holds more than one vehicle or day."""
     for key, m in (("vehicle", vehicle), ("date", date)):
-        _told(file, key, m)
+        _value(file, key, m)
 
 
-def _told(file: Path, key: str, of: Mark, rows: int | None = None) -> str:
+def _value(file: Path, key: str, of: Mark, rows: int | None = None) -> str:
     """What a file says, by its first rows or (None) all of them."""
     if not of.column:
         return of.text

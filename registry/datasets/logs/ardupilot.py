@@ -70,7 +70,7 @@ def read_dataflash(file: Path) -> Log:
     log.landed = _landed(messages.get("EV", {}))
     _frame(found.parameters, log)
     if found.skipped:
-        log.said.append(f"{found.skipped} bytes belong to no message, as in a log that was cut short: left out.")
+        log.notes.append(f"{found.skipped} bytes belong to no message, as in a log that was cut short: left out.")
     return log
 
 

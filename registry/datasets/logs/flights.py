@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from registry.atomic_io import writing
 from registry.datasets.folder.clock import THINNEST
 from registry.datasets.folder.constants import Constant, physics_lines
 from registry.datasets.folder.description import FILE
@@ -75,7 +76,7 @@ def write(logs: Mapping[str, Log], folder: Path, rate: float | None, known: Mapp
         BenchError: a log lacks the motion or its cause, or the folder cannot be written.
     """
     choice = _choose(logs, rate)
-    said: list[str] = []
+    notes: list[str] = []
     tables: dict[str, dict[str, np.ndarray]] = {}
     for name, log in logs.items():
         wanted = {s: log.signals[s] for s in choice.signals}
@@ -85,7 +86,7 @@ def write(logs: Mapping[str, Log], folder: Path, rate: float | None, known: Mapp
             x = {s: values[:, : choice.counts[s]] for s, values in x.items()}
             label = name if len(parts) == 1 else f"{name}_part{i}"
             tables[label] = {"t": (times(span, choice.rate) - span[0])[:, None], **x}
-        said += _said(name, log, choice, parts)
+        notes += _notes(name, log, choice, parts)
     if not tables:
         raise BenchError(
             f"No file holds {SHORTEST:g} s in which all signals ({', '.join(choice.signals)}) were logged at once"
@@ -93,16 +94,16 @@ def write(logs: Mapping[str, Log], folder: Path, rate: float | None, known: Mapp
         )
     left = sorted({s for log in logs.values() for s in log.signals} - {*choice.signals, *SETPOINTS})
     if left:
-        said.append(f"Left out, because not every file has it or another tells more: {', '.join(left)}.")
+        notes.append(f"Left out, because not every file has it or another tells more: {', '.join(left)}.")
     driver = choice.inputs[0] if choice.inputs[0] in DRIVERS else ""
     constants, hints = _constants(list(logs.values()), list(tables.values()), driver, known)
     if driver and len(
         {len(c.value) for n, c in constants.items() if n.startswith("rotor_p")} - {choice.counts[driver]}
     ):
-        said.append(f"The vehicle's parameters name another number of rotors than the {choice.counts[driver]} logged.")
+        notes.append(f"The vehicle's parameters name another number of rotors than the {choice.counts[driver]} logged.")
         constants = {n: c for n, c in constants.items() if not n.startswith(("rotor_p", "rotor_d"))}
     _write(folder, tables, choice, _lines(folder, choice, driver, constants, hints))
-    return said
+    return notes
 
 
 def _driven(log: Log, driver: str, span: Span) -> bool:
@@ -149,23 +150,25 @@ def _choose(logs: Mapping[str, Log], rate: float | None) -> _Choice:
     return _Choice(signals, counts, inputs, chosen)
 
 
-def _said(name: str, log: Log, choice: _Choice, parts: Sequence[Span]) -> list[str]:
+def _notes(name: str, log: Log, choice: _Choice, parts: Sequence[Span]) -> list[str]:
     sources = ", ".join(f"{s} from {log.signals[s].source} ({log.signals[s].rate:.3g} Hz)" for s in choice.signals)
     seconds = sum(b - a for a, b in parts)
-    said = [f"{name}: {seconds:.1f} s in {len(parts)} recording(s) at {choice.rate:g} Hz: {sources}."]
+    notes = [f"{name}: {seconds:.1f} s in {len(parts)} recording(s) at {choice.rate:g} Hz: {sources}."]
     slow = [s for s in choice.signals if log.signals[s].rate < 0.9 * choice.rate]
     lines = [s for s in slow if s not in (*COMMANDS, *SETPOINTS)]
     if lines:
-        said.append(f"{name}: {', '.join(lines)} came slower than {choice.rate:g} Hz: interpolated by straight lines.")
+        notes.append(f"{name}: {', '.join(lines)} came slower than {choice.rate:g} Hz: interpolated by straight lines.")
     if held := [s for s in slow if s not in lines]:
-        said.append(f"{name}: {', '.join(held)} came slower than {choice.rate:g} Hz: held until the next sample.")
+        notes.append(f"{name}: {', '.join(held)} came slower than {choice.rate:g} Hz: held until the next sample.")
     if log.landed is not None and log.landed.values.any():
-        said.append(f"{name}: time on the ground, by {log.landed.source}, is left out.")
+        notes.append(f"{name}: time on the ground, by {log.landed.source}, is left out.")
     if choice.inputs[0] not in DRIVERS:
-        said.append(f"{name}: no motor was logged: {' and '.join(choice.inputs)} can drive networks, no physics model.")
+        notes.append(
+            f"{name}: no motor was logged: {' and '.join(choice.inputs)} can drive networks, no physics model."
+        )
     elif choice.rate < 0.5 * FASTEST:
-        said.append(f"{name}: {choice.rate:g} Hz shows little of rotations: log body rates and motors faster.")
-    return [*said, *(f"{name}: {sentence}" for sentence in log.said)]
+        notes.append(f"{name}: {choice.rate:g} Hz shows little of rotations: log body rates and motors faster.")
+    return [*notes, *(f"{name}: {sentence}" for sentence in log.notes)]
 
 
 def _constants(
@@ -211,14 +214,12 @@ def _lines(
 
 def _write(folder: Path, tables: Mapping[str, Mapping[str, np.ndarray]], choice: _Choice, lines: list[str]) -> None:
     header = ",".join(["t", *(c for s in choice.signals for c in _names(s, choice.counts[s]))])
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, x in tables.items():
             table = np.column_stack([x["t"], *(x[s] for s in choice.signals)])
             np.savetxt(folder / f"{name}.csv", table, fmt="%.9g", delimiter=",", header=header, comments="")
         (folder / FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise BenchError(f"{folder} cannot be written: {error.strerror or error}.") from error
 
 
 def _names(signal: str, count: int) -> list[str]:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from registry.atomic_io import writing
 from registry.datasets.folder.columns import recognised
 from registry.datasets.folder.description import FILE
 from registry.datasets.folder.draft import MOTION, Known, draft
@@ -65,10 +66,10 @@ def convert(files: Sequence[Path], folder: Path, rate: float | None = None, vehi
     (kind,) = formats
     if read := _reader(kind):
         return flights.write({name: read(file) for name, file in zip(names, files, strict=True)}, folder, rate, known)
-    said, recordings = _tables(kind, dict(zip(names, files, strict=True)))
+    notes, recordings = _tables(kind, dict(zip(names, files, strict=True)))
     columns = (c for tables in recordings.values() for t in tables for c in t.columns)
     sure = kind == "Crazyflie log" or (kind == "table" and any(c.startswith(FIRMWARE) for c in columns))
-    return [*said, *_write(recordings, folder, rate, Known(0.0, known, sure))]
+    return [*notes, *_write(recordings, folder, rate, Known(0.0, known, sure))]
 
 
 def format_of(file: Path) -> str:
@@ -109,24 +110,24 @@ def _stem(file: Path) -> str:
 
 
 def _tables(kind: str, files: Mapping[str, Path]) -> tuple[list[str], dict[str, list[Table]]]:
-    """Of a format that has columns: what is to be said of the files, and the tables of each recording."""
-    said: list[str] = []
+    """Of a format that has columns: what is to be notes of the files, and the tables of each recording."""
+    notes: list[str] = []
     if kind == "table":
-        return said, same_recording((name, ground_station.read_csv(file)) for name, file in files.items())
+        return notes, same_recording((name, ground_station.read_csv(file)) for name, file in files.items())
     if kind == "MATLAB file":
         found = {name: tables for file in files.values() for name, tables in read_matlab(file).items()}
-        return said, found
+        return notes, found
     recordings = {}
     for name, file in files.items():
         events, whole = usd.read_usd_events(file)
         if not events:
             raise BenchError(f"{file} holds no events: nothing was logged.")
         if not whole:
-            said.append(
+            notes.append(
                 f"{name}: its checksum does not fit, as of a log that was cut short: read up to its last event."
             )
         recordings[name] = list(events.values())
-    return said, recordings
+    return notes, recordings
 
 
 def _write(recordings: Mapping[str, Sequence[Table]], folder: Path, rate: float | None, known: Known) -> list[str]:
@@ -141,25 +142,25 @@ def _write(recordings: Mapping[str, Sequence[Table]], folder: Path, rate: float 
     found = recognised([c for c in next(iter(whole.values())).columns if c in common])
     pace = [c for s, columns in found.columns.items() if s in PACE for c in columns]
     chosen = rate or _pace(recordings, pace)
-    said, left = [], sorted({c for table in whole.values() for c in table.columns} - common)
+    notes, left = [], sorted({c for table in whole.values() for c in table.columns} - common)
     for name, tables in recordings.items():
         rates = ", ".join(f"{len(t.columns)} columns of {t.source} ({t.rate:.4g} Hz)" for t in tables)
         others = [t.source for t in tables if abs(t.rate - chosen) > 0.01 * chosen]
         made = f"; {', '.join(others)}: values between samples are interpolated when it is read" if others else ""
-        said.append(f"{name}: {whole[name].t[-1] - whole[name].t[0]:.1f} s at {chosen:g} Hz: {rates}{made}.")
+        notes.append(f"{name}: {whole[name].t[-1] - whole[name].t[0]:.1f} s at {chosen:g} Hz: {rates}{made}.")
     if known.sure and set(found.signals) & set(MOTION) and not set(found.signals) & set(DRIVERS):
-        said.append("No motor signal is in the log: log motor.m1 to motor.m4, without which only networks can predict.")
+        notes.append(
+            "No motor signal is in the log: log motor.m1 to motor.m4, without which only networks can predict."
+        )
     if left:
-        said.append(f"Left out, because not every file has it: {', '.join(left)}.")
-    try:
+        notes.append(f"Left out, because not every file has it: {', '.join(left)}.")
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, table in whole.items():
             write(folder / f"{name}.csv", table, common)
         text = draft(folder, known=replace(known, rate=chosen))
         (folder / FILE).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise BenchError(f"{folder} cannot be written: {error.strerror or error}.") from error
-    return said
+    return notes
 
 
 def _pace(recordings: Mapping[str, Sequence[Table]], columns: Sequence[str]) -> float:

@@ -74,9 +74,9 @@ def _tables(node: Mapping[str, Node], name: str, depth: int) -> Iterator[Table]:
     if time is not None:
         t = np.asarray(node[time], dtype=float).reshape(-1)
         columns, units = dict(_columns(node, "", len(t), depth, time)), _units(node, time)
-        said = units.pop(time, "")
+        unit_text = units.pop(time, "")
         steps = np.diff(t[np.isfinite(t)])
-        unit = said if said in SECONDS else time_unit(time, float(np.median(steps)) if len(steps) else 0.0)
+        unit = unit_text if unit_text in SECONDS else time_unit(time, float(np.median(steps)) if len(steps) else 0.0)
         if columns:
             stated = {c: u for c in columns for n, u in units.items() if c == n or re.fullmatch(rf"{n}_\w", c)}
             yield Table(t * SECONDS[unit], columns, stated, source=name or "variables")

@@ -96,7 +96,7 @@ def read_ulog(file: Path) -> Log:
         add(signal, topic, None if values is None else flu(values))
     rpm = _numbered(topics.get("esc_status", {}), "esc[{}].esc_rpm")
     add("rotor_speed", "esc_status", None if rpm is None else rpm * np.pi / 30)
-    add("pwm", "actuator_motors", _commands(topics.get("actuator_motors", {}), parameters, log.said), applied=True)
+    add("pwm", "actuator_motors", _commands(topics.get("actuator_motors", {}), parameters, log.notes), applied=True)
     add("pwm", "actuator_outputs", _outputs(topics.get("actuator_outputs", {}), parameters), applied=True)
     add("battery", "battery_status", _columns(topics.get("battery_status", {}), ("voltage_v",)))
     wanted = topics.get("vehicle_rates_setpoint", {})
@@ -111,9 +111,9 @@ def read_ulog(file: Path) -> Log:
         down = np.any([np.asarray(landed[f], dtype=bool) for f in _ON_GROUND if f in landed], axis=0)
         log.landed = steps(1e-6 * np.asarray(landed["timestamp"], dtype=float), 1.0 * down[:, None], "landed")
     if found.dropped:
-        log.said.append(f"{found.dropped:.2g} s are missing here and there: the memory card was too slow.")
+        log.notes.append(f"{found.dropped:.2g} s are missing here and there: the memory card was too slow.")
     if not found.whole:
-        log.said.append("the file is cut short: read up to its last message.")
+        log.notes.append("the file is cut short: read up to its last message.")
     return log
 
 
@@ -128,7 +128,7 @@ def _rotors(parameters: Parameters, log: Log) -> None:
     if not count or not np.isfinite(table).all() or not table[:, :3].any() or not ratio.all():
         return
     if np.abs(table[:, 4:]).max() > 0.01:
-        log.said.append("its rotors are tilted (CA_ROTOR*_AX, _AY), which the quadrotor model does not know.")
+        log.notes.append("its rotors are tilted (CA_ROTOR*_AX, _AY), which the quadrotor model does not know.")
     places = [[float(f"{x:.6g}") for x in place] for place in (table[:, :3] * [1.0, -1.0, -1.0] + 0.0).tolist()]
     log.constants["rotor_positions"] = Constant(places, "of CA_ROTOR*_PX, _PY, _PZ")
     # A rotor that turns counter-clockwise, seen from above, turns the body clockwise.
@@ -136,7 +136,7 @@ def _rotors(parameters: Parameters, log: Log) -> None:
     log.torque_over_thrust = float(np.abs(ratio).mean())
 
 
-def _commands(topic: Topic, parameters: Parameters, said: list[str]) -> np.ndarray | None:
+def _commands(topic: Topic, parameters: Parameters, notes: list[str]) -> np.ndarray | None:
     """Of the normalised thrust that each motor is told, the signal that its controller gets, 0 to 1.
 
     PX4 makes the one from the other by thrust = f signal² + (1 − f) signal, f = THR_MDL_FAC.
@@ -145,7 +145,7 @@ def _commands(topic: Topic, parameters: Parameters, said: list[str]) -> np.ndarr
     f = parameters.get("THR_MDL_FAC", 0.0)
     if thrust is None or not 0 < f <= 1:
         return thrust
-    said.append(f"its motor commands are shares of thrust: turned into motor signals by THR_MDL_FAC = {f:g}.")
+    notes.append(f"its motor commands are shares of thrust: turned into motor signals by THR_MDL_FAC = {f:g}.")
     out: np.ndarray = (np.sqrt((1 - f) ** 2 + 4 * f * np.maximum(thrust, 0)) - (1 - f)) / (2 * f)
     return out
 

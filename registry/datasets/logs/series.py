@@ -38,7 +38,7 @@ class Log:
     """What the log says of constants that it does not state."""
     landed: Series | None = None
     """(N, 1), 1 on the ground and 0 in the air, each until the next."""
-    said: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     """What a user should know of it, in sentences."""
 
 

@@ -148,11 +148,11 @@ def _parquet(file: Path, rows: int | None) -> pd.DataFrame:
 
 
 def _csv(file: Path, rows: int | None) -> pd.DataFrame:
-    told: dict[str, Any] = {"encoding": "utf-8", "skip_blank_lines": False, "skipinitialspace": True}
-    first = pd.read_csv(file, **told, header=None, nrows=1, dtype=str, keep_default_na=False)
+    options: dict[str, Any] = {"encoding": "utf-8", "skip_blank_lines": False, "skipinitialspace": True}
+    first = pd.read_csv(file, **options, header=None, nrows=1, dtype=str, keep_default_na=False)
     _refuse_twice(file, [str(name) for name in first.iloc[0]])
     skipped = [1] if rows != 0 and units(file) else None
-    table = pd.read_csv(file, **told, low_memory=False, nrows=rows, skiprows=skipped)
+    table = pd.read_csv(file, **options, low_memory=False, nrows=rows, skiprows=skipped)
     if not isinstance(table.index, pd.RangeIndex):  # pandas takes the first columns for names of the rows
         raise BenchError(
             f"{file} has rows that are longer than its header of {len(table.columns)} names: name every column, or "
@@ -162,7 +162,7 @@ def _csv(file: Path, rows: int | None) -> pd.DataFrame:
 
 
 def _two_rows(file: Path) -> list[list[str]]:
-    """The cells of the first two lines of a CSV file; none where they cannot be told."""
+    """The cells of the first two lines of a CSV file; none where they cannot be options."""
     if file.name.endswith(".parquet"):
         return [[], []]
     try:

@@ -84,8 +84,8 @@ class JointElasticity(InputEffect):
         out = [first]
         for start, end in ((segment[..., 0, :], segment[..., 1, :]), (segment[..., 1, :], segment[..., 2, :])):
             ramp = (end - start) / (dt / 2) * period  # the rise in T, which the force follows 2 ζ later
-            away, rising = force - start + 2 * zeta * ramp, slope - ramp
-            force = end - 2 * zeta * ramp + decay * (away * cosine + (rising + zeta * away) * sine)
-            slope = ramp + decay * (rising * cosine - (away + zeta * rising) * sine)
+            deviation, rate = force - start + 2 * zeta * ramp, slope - ramp
+            force = end - 2 * zeta * ramp + decay * (deviation * cosine + (rate + zeta * deviation) * sine)
+            slope = ramp + decay * (rate * cosine - (deviation + zeta * rate) * sine)
             out.append(force)
         return torch.cat([force, slope], dim=-1), torch.stack(out, dim=-2)

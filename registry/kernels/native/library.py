@@ -121,16 +121,16 @@ def built(sources: Path, flags: Sequence[str] = ()) -> ctypes.CDLL | None:
 def _library(folder_of_sources: Path, flags: Sequence[str], arch: str) -> Core:
     if not re.fullmatch(r"[\w.+-]+", arch):
         raise BenchError(f"BENCH_ARCH={arch!r} is no instruction set, such as native or x86-64-v3.")
-    compiler, said = _compiler()
+    compiler, version = _compiler()
     option = "-mcpu" if platform.machine() in ("arm64", "aarch64") else "-march"
     command = [compiler, f"{option}={arch}", *flags]
     sources = sorted(p for p in folder_of_sources.iterdir() if p.suffix in (".cpp", ".h"))
     content = [p.name.encode() + b"\0" + p.read_bytes() for p in sources]
-    parts = [*content, *(part.encode() for part in (*command, said, _cpu()))]
+    parts = [*content, *(part.encode() for part in (*command, version, _cpu()))]
     key = hashlib.sha256(b"".join(hashlib.sha256(p).digest() for p in parts)).hexdigest()[:32]
     folder = cache_folder() / "native"
     library = folder / f"{key}.so"
-    label = f"{Path(compiler).name.split('-')[0]} {_major(said)}" + (f", {arch}" if arch != "native" else "")
+    label = f"{Path(compiler).name.split('-')[0]} {_major(version)}" + (f", {arch}" if arch != "native" else "")
     if library.exists():
         try:
             return Core(ctypes.CDLL(str(library)), label)
@@ -150,10 +150,10 @@ def _compiler() -> tuple[str, str]:
     if found is None:
         raise _Unavailable(f"no C++ compiler ({', '.join(wanted)}) is installed")
     try:
-        said = _run(found, "--version")
+        version = _run(found, "--version")
     except (OSError, subprocess.SubprocessError) as error:
         raise _Unavailable(f"{found} does not run ({error})") from None
-    return found, said
+    return found, version
 
 
 def _run(*command: str, cwd: Path | None = None) -> str:

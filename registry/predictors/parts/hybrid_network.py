@@ -61,7 +61,7 @@ class RunningNetwork:
         return torch.addmm(self.bias, self.weight, self.states[0][-1])
 
     def step(self, *entering: Tensor) -> Tensor:
-        """What it says (rows, B) a step later, when ``entering`` (K_i, B) enter."""
+        """Advance one step with inputs ``entering`` (K_i, B); gives the output (rows, B)."""
         self.states = self.cell(entering, *self.states)
         return self.read()
 

@@ -4,7 +4,7 @@ import torch
 from torch import nn
 
 
-def uniform(*shape: int, fan_in: int, scale: float) -> nn.Parameter:
+def uniform(*shape: int, fan_in: int, scale: float = 1.0) -> nn.Parameter:
     """A parameter drawn from U(−r, r) with r = scale / √fan_in; a small ``scale`` gives tiny weights."""
     r = scale / max(fan_in, 1) ** 0.5
     return nn.Parameter(torch.empty(*shape).uniform_(-r, r))

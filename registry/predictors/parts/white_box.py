@@ -12,7 +12,7 @@ from torch import Tensor
 from registry.contracts import Dataset, Predictor, Problem
 from registry.core import PHYSICS
 from registry.dynamics import PhysicsModel
-from registry.dynamics.start import fitted_start
+from registry.dynamics.initial_state import estimate_initial_state
 from registry.errors import BenchError
 from registry.model_file import read
 from registry.physics.quadrotor import Quadrotor
@@ -105,7 +105,9 @@ class WhiteBox:
             return self.model.project(states[..., -1, :])
         hidden = [i for i in range(proper) if i not in rows]
         if self.sought and hidden:
-            states[..., 0, hidden] = fitted_start(self.model, states[..., 0, :], hidden, driving, states, self.dt)
+            states[..., 0, hidden] = estimate_initial_state(
+                self.model, states[..., 0, :], hidden, driving, states, self.dt
+            )
         full = self.model.initial(states[..., 0, :], driving[..., 0, :], self.dt)
         known = torch.zeros(self.size, dtype=torch.bool, device=full.device)
         known[rows] = True

@@ -16,7 +16,7 @@ from registry.dynamics import Effect, PhysicsModel
 from registry.effects.waves.periodic_term import PeriodicTerm
 
 
-def whatever(
+def learn_all_terms(
     subject: Subject,
     model: PhysicsModel,
     noise: Noise | None = None,

@@ -22,7 +22,7 @@ _DRAFT = ".draft-"
 
 
 @dataclass(frozen=True)
-class Kept:
+class Stored:
     """A finished answer in its folder."""
 
     folder: Path
@@ -49,12 +49,12 @@ class Kept:
         return dict(json.loads((self.folder / VALUES).read_text(encoding="utf-8")))
 
 
-def place(out: Path, member: Member) -> Kept:
+def place(out: Path, member: Member) -> Stored:
     """Where the answer on a vehicle lies, or will."""
-    return Kept(out / VEHICLES / member.slug)
+    return Stored(out / VEHICLES / member.slug)
 
 
-def write(out: Path, member: Member, key: str, files: Mapping[str, str]) -> Kept:
+def write(out: Path, member: Member, key: str, files: Mapping[str, str]) -> Stored:
     """Keep an answer in place of a former one; a model of that which differs stays as model.previous.toml.
 
     Args:
@@ -91,7 +91,7 @@ def write(out: Path, member: Member, key: str, files: Mapping[str, str]) -> Kept
     finally:
         if draft is not None:
             shutil.rmtree(draft, ignore_errors=True)
-    return Kept(final)
+    return Stored(final)
 
 
 def tidy(out: Path) -> None:

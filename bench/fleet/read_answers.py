@@ -1,4 +1,4 @@
-"""From kept files, or the lack of them, to answers."""
+"""From stored files, or the lack of them, to answers."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,9 +6,9 @@ from typing import Any
 from bench.diagnose.report.phrases import gathered
 from bench.diagnose.report.together import PAGE
 from bench.diagnose.result import DataProblem
-from bench.fleet.kept import VEHICLES, Kept
 from bench.fleet.members import Member
 from bench.fleet.result import FAILED, Answer, ErrorBetween, Number
+from bench.fleet.stored import VEHICLES, Stored
 
 
 def failed(member: Member, sentence: str) -> Answer:
@@ -16,9 +16,9 @@ def failed(member: Member, sentence: str) -> Answer:
     return Answer(member.id, member.vehicle, member.date, "", FAILED, sentence, page="")
 
 
-def answer_of(member: Member, kept: Kept) -> Answer:
+def answer_of(member: Member, stored: Stored) -> Answer:
     """What was found, as the page, tables and tests need it."""
-    told = kept.values
+    told = stored.values
     problems = [DataProblem(**{**p, "rows": tuple(p["rows"]) if p["rows"] else None}) for p in told["data_problems"]]
     stopped = told["verdict"] == "data_problem"
     return Answer(
@@ -28,7 +28,7 @@ def answer_of(member: Member, kept: Kept) -> Answer:
         system=told["system"],
         verdict=told["verdict"],
         sentence="; ".join(gathered(problems)) if stopped else "",
-        page=f"{VEHICLES}/{kept.folder.name}/{PAGE}",
+        page=f"{VEHICLES}/{stored.folder.name}/{PAGE}",
         numbers=tuple(n for e in told["effects"] for n in _numbers(e)),
         errors=tuple(_errors(told["error"], told["noise_floor"])),
     )

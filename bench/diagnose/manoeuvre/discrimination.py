@@ -1,4 +1,4 @@
-"""How sure a manoeuvre would make one: the chance that a diagnosis names the right candidate, and intervals."""
+"""What a manoeuvre would tell: the probability that a diagnosis names the right candidate, and expected intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -101,7 +101,7 @@ class Judge:
 
     @torch.inference_mode()
     def chances(self, asked: np.ndarray, often: Sequence[int]) -> tuple[np.ndarray, int | None]:
-        """How sure one manoeuvre makes one.
+        """Probability that a diagnosis identifies the true candidate after one manoeuvre, flown so many times.
 
         Args:
             asked: one manoeuvre, (1, R, N, c).

@@ -34,12 +34,10 @@ SOURCES = (
 """Folders of the code that an answer depends on."""
 PRESENTATION = "bench/diagnose/report"
 """Code in them that changes no answer, but how it is shown."""
-CHUNK = 1 << 20
-"""Bytes of a file that are hashed at once."""
 
 
 @dataclass(frozen=True)
-class Asked:
+class Options:
     """What is asked of every vehicle: the options of `bench.diagnose`. Plain data."""
 
     system: str | None = None
@@ -100,24 +98,21 @@ def _code() -> str:
     return digest.hexdigest()
 
 
-def key_of(member: Member, asked: Asked) -> str:
+def key_of(member: Member, options: Options) -> str:
     """What the answer on a vehicle is filed under.
 
     Raises:
         BenchError: its files cannot be read.
     """
     data = {f.name: _sha256(f) for f in [Path(member.path) / FILE, *member.folder.files]}
-    content = {"member": [member.vehicle, member.date, member.id], "data": data, "asked": asked.content()}
+    content = {"member": [member.vehicle, member.date, member.id], "data": data, "asked": options.content()}
     text = json.dumps({**content, "environment": dict(environment())}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
     try:
         with regular(path).open("rb") as file:
-            while block := file.read(CHUNK):
-                digest.update(block)
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise BenchError(f"{path} cannot be read: {error.strerror or error}.") from error
-    return digest.hexdigest()

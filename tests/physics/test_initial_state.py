@@ -6,7 +6,7 @@ import torch
 
 from registry.contracts import Channel, Problem
 from registry.core import PREDICTORS
-from registry.dynamics.start import fitted_start
+from registry.dynamics.initial_state import estimate_initial_state
 from registry.physics.mass_on_rail import MassOnRail
 from registry.physics.oscillator import Oscillator
 from registry.physics.tanks import Tanks
@@ -17,7 +17,7 @@ def test_the_speed_of_a_free_mass_is_its_slope(speed: float) -> None:
     """q = q_0 + v t without a force."""
     t = torch.arange(8, dtype=torch.float64) * 0.01
     measured = torch.stack([0.5 + speed * t, torch.zeros(8, dtype=torch.float64)], -1)[None]
-    found = fitted_start(MassOnRail(), measured[:, 0], [1], torch.zeros(1, 8, 1).double(), measured, 0.01)
+    found = estimate_initial_state(MassOnRail(), measured[:, 0], [1], torch.zeros(1, 8, 1).double(), measured, 0.01)
     assert found.item() == pytest.approx(speed, rel=1e-6)
 
 
@@ -26,7 +26,7 @@ def test_each_window_by_itself_and_in_single_precision() -> None:
     true = torch.tensor([[0.1, -2.0], [0.0, 0.7], [-0.3, 0.0]], dtype=torch.float64)
     inputs = torch.randn(3, 12, 1, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     states = model.simulate(true, inputs, dt).float()
-    found = fitted_start(model, states[:, 0], [1], inputs.float(), states, dt)
+    found = estimate_initial_state(model, states[:, 0], [1], inputs.float(), states, dt)
     assert found.dtype == torch.float32
     np.testing.assert_allclose(found[:, 0].numpy(), true[:, 1].numpy(), atol=1e-4)
 

@@ -1,4 +1,4 @@
-"""Where unmeasured states begin: sought, so that a free run meets the first measurements."""
+"""The initial values of unmeasured states, estimated so that a free run meets the first measurements."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,15 +7,15 @@ from torch import Tensor
 
 from registry.dynamics.model import PhysicsModel
 
-SETTLE = 100
-"""Samples for which the first input is held to guess the beginning."""
+SETTLING = 100
+"""Samples for which the first input is held: the steady state that it leads to is the first guess."""
 STEPS = 12
-"""Levenberg–Marquardt steps to the beginning."""
+"""Levenberg–Marquardt steps."""
 PROBE, DAMPING = 1e-4, 1e-3
 """Relative step of the difference quotients; damping at the start, as a share of the curvature."""
 
 
-def fitted_start(
+def estimate_initial_state(
     model: PhysicsModel, first: Tensor, hidden: Sequence[int], inputs: Tensor, measured: Tensor, dt: float
 ) -> Tensor:
     """Unmeasured states (B, H) at the first of N samples, from which a free run is nearest to the measured ones.
@@ -33,16 +33,16 @@ def fitted_start(
     first, inputs, measured = (x.double() for x in (first, inputs, measured[..., seen]))
     scale = measured.abs().amax((0, 1)).clamp(min=torch.finfo(dtype).tiny)
 
-    def misfit(beginning: Tensor) -> Tensor:
-        """(B, (N−1)·seen) of beginnings (B, H)."""
-        state = model.initial(_with(first, at, beginning), inputs[:, 0], dt)
+    def misfit(values: Tensor) -> Tensor:
+        """(B, (N−1)·seen) of initial values (B, H)."""
+        state = model.initial(_with(first, at, values), inputs[:, 0], dt)
         met = []
         for k in range(1, inputs.shape[1]):
             state = model.step(state, inputs[:, k - 1], inputs[:, k], dt)
             met.append((state[:, seen] - measured[:, k]) / scale)
         return torch.nan_to_num(torch.cat(met, -1), nan=1e3, posinf=1e3, neginf=-1e3)
 
-    return _nearest(misfit, _settled(model, first, at, inputs[:, 0], dt)).to(dtype)
+    return _levenberg_marquardt(misfit, _steady_state(model, first, at, inputs[:, 0], dt)).to(dtype)
 
 
 def _with(state: Tensor, at: list[int], values: Tensor) -> Tensor:
@@ -51,18 +51,18 @@ def _with(state: Tensor, at: list[int], values: Tensor) -> Tensor:
     return changed
 
 
-def _settled(model: PhysicsModel, first: Tensor, at: list[int], held: Tensor, dt: float) -> Tensor:
+def _steady_state(model: PhysicsModel, first: Tensor, at: list[int], held: Tensor, dt: float) -> Tensor:
     """The hidden states (B, H) after the first input for long, with the measured ones held."""
-    beginning = torch.zeros_like(first[:, at])
-    state = model.initial(_with(first, at, beginning), held, dt)
-    for _ in range(SETTLE):
+    values = torch.zeros_like(first[:, at])
+    state = model.initial(_with(first, at, values), held, dt)
+    for _ in range(SETTLING):
         after = model.step(state, held, held, dt)
-        beginning = after[:, at]
-        state = torch.cat([_with(first, at, beginning), after[:, first.shape[-1] :]], -1)
-    return torch.nan_to_num(beginning, nan=1.0, posinf=1.0, neginf=1.0)
+        values = after[:, at]
+        state = torch.cat([_with(first, at, values), after[:, first.shape[-1] :]], -1)
+    return torch.nan_to_num(values, nan=1.0, posinf=1.0, neginf=1.0)
 
 
-def _nearest(misfit: Callable[[Tensor], Tensor], guess: Tensor) -> Tensor:
+def _levenberg_marquardt(misfit: Callable[[Tensor], Tensor], guess: Tensor) -> Tensor:
     """(B, H) of least squared misfit, each row by itself."""
     found, damping = guess, torch.full_like(guess[:, :1, None], DAMPING)
     probe = PROBE * (guess.abs() + 1e-2)
