@@ -1,7 +1,7 @@
 """Black-box models of the quadrotor, teacher-forced and practical (paper, figure QuadMeanCompare)."""
 
 from bench.experiment.config import RunConfig
-from bench.experiment.grid import attainable, grid, horizons, knowing_attitude, regularized
+from bench.experiment.grid import attainable, grid, horizons, knowing_attitude, measures_attitude, regularized
 from bench.experiment.study import Study
 from registry.contracts import Dataset
 
@@ -18,15 +18,17 @@ BASELINES = ("constant", "linear")
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """Cascades of two networks, and one network for velocity and rates together.
 
-    From the preset evening on the initializers see the measured attitude.
+    One cascade starts from the measured attitude too; from the preset evening on all do.
     """
     size, mlp, rnn = SIZES[preset]
     cascades = [f"{p}: {size} - {i}" for p in ("Cascade", "Cascade TDL") for i in (f"MLP: {mlp}", f"RNN: {rnn}")]
+    small = preset in ("smoke", "laptop")
+    cascades += [f"Cascade attitude: {size} - MLP: {mlp}"] if small and measures_attitude(dataset) else []
     both = [dataset.predicted_together()]
     made = grid(
         (*cascades, f"LSTM: {size} - MLP: {mlp}", *BASELINES, *attainable(dataset)), dataset, horizons(preset), both
     )
-    if preset in ("smoke", "laptop"):
+    if small:
         return made
     return knowing_attitude(regularized(made)) if preset == "paper" else knowing_attitude(made, increments=True)
 
@@ -46,6 +48,7 @@ STUDY = Study(
         ("Cascade TDL: * - RNN: *", "Cascade TDL: * - MLP: *"),
         ("Cascade TDL: * - MLP: *", "Cascade: * - MLP: *"),
         ("Cascade TDL: * - RNN: *", "Cascade: * - RNN: *"),
+        ("Cascade attitude: * - MLP: *", "Cascade: * - MLP: *"),
         ("LSTM: * - MLP: *", "Cascade: * - MLP: *"),
     ),
     contrasts=(("velocity", "velocity_forced"),),

@@ -11,6 +11,8 @@ ARCHITECTURES = (
     "LSTM: 1x50 - MLP: 60x10",
     "LSTM: 1x50 - Washout: 10",
 )
+FED_BACK = ("MLFC A_o: 1x50 - MLP: 60x10", "MLFC A_o: 1x50 - Washout: 10")
+"""With the read-out as the paper's equation has it: A_o is free, where the MLFCs above have zero."""
 OWN_FEEDBACK = ("MLFC: 1x50 - Washout own: 10", "LSTM: 1x50 - Washout own: 10")
 """The paper leaves open whether washout feeds back measured or predicted outputs: both are shown."""
 BASELINES = ("constant", "linear")
@@ -19,7 +21,7 @@ BASELINES = ("constant", "linear")
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """Architectures and baselines on each target channel, a MISO problem of its own."""
     axes = [(channel,) for channel in dataset.predicted_channels()]
-    return grid((*ARCHITECTURES, *OWN_FEEDBACK, *BASELINES), dataset, horizons(preset, 5), axes)
+    return grid((*ARCHITECTURES, *FED_BACK, *OWN_FEEDBACK, *BASELINES), dataset, horizons(preset, 5), axes)
 
 
 STUDY = Study(
@@ -35,6 +37,7 @@ STUDY = Study(
     pairs=(
         ("MLFC: 1x50 - MLP: 60x10", "MLFC: 1x50 - Washout: 10"),
         ("LSTM: 1x50 - MLP: 60x10", "LSTM: 1x50 - Washout: 10"),
+        FED_BACK,
         ("MLFC: 1x50 - MLP: 60x10", "MLFC: 1x50 - Washout own: 10"),
         ("LSTM: 1x50 - MLP: 60x10", "LSTM: 1x50 - Washout own: 10"),
     ),

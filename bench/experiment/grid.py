@@ -99,6 +99,11 @@ def regularized(runs: Sequence[RunConfig]) -> list[RunConfig]:
     ]
 
 
+def measures_attitude(dataset: Dataset) -> bool:
+    """Whether the attitude is among the channels of the data."""
+    return any(c.group == "attitude" for c in dataset.channels())
+
+
 def knowing_attitude(runs: Sequence[RunConfig], increments: bool = False) -> list[RunConfig]:
     """Black boxes whose initializer sees the measured attitude too, where the data have it, as hybrids' do.
 
@@ -110,7 +115,7 @@ def knowing_attitude(runs: Sequence[RunConfig], increments: bool = False) -> lis
         replace(run, context=("attitude",), predictor=_with(run.predictor, increments=increments))
         if isinstance(run.initializer, MLP | RNN)
         and not run.predictor.signals(run.dataset)[2]
-        and any(c.group == "attitude" for c in run.dataset.channels())
+        and measures_attitude(run.dataset)
         else run
         for run in runs
     ]

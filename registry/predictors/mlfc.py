@@ -158,3 +158,14 @@ class MLFC(PredictorEntry):
     @override
     def build(self, problem: Problem) -> Predictor:
         return MLFCPredictor(self, problem)
+
+
+@PREDICTORS.register("MLFC A_o")
+@dataclass(frozen=True)
+class MLFCFedBack(MLFC):
+    """`MLFC` whose read-out sees the output fed back, as the paper's equation has it: ỹ = A_s s + A_o o + B u + b.
+
+    In `MLFC` A_o is zero. Studies show both.
+    """
+
+    output_feedback: bool = option(True, "whether A_o is free", source="paper, eq. output_div")
