@@ -1,7 +1,7 @@
 """Error against number of weights, MLFC and LSTM (paper, section "MLFC vs. LSTM", figure HeliSizeCompare)."""
 
 from bench.experiment.config import RunConfig
-from bench.experiment.grid import grid, horizons
+from bench.experiment.grid import attainable, grid, horizons
 from bench.experiment.study import Study
 from registry.contracts import Dataset
 
@@ -20,7 +20,7 @@ BASELINES = ("constant", "linear")
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The architectures on each target channel, a MISO problem of its own."""
     axes = [(channel,) for channel in dataset.predicted_channels()]
-    return grid((*ARCHITECTURES, *BASELINES), dataset, horizons(preset, 5), axes)
+    return grid((*ARCHITECTURES, *BASELINES, *attainable(dataset)), dataset, horizons(preset, 5), axes)
 
 
 STUDY = Study(

@@ -1,7 +1,7 @@
 """Neural initialization against washout (paper, section "NN-based Initialization vs. Washout", figure HeliCompare)."""
 
 from bench.experiment.config import RunConfig
-from bench.experiment.grid import grid, horizons
+from bench.experiment.grid import attainable, grid, horizons
 from bench.experiment.study import Study
 from registry.contracts import Dataset
 
@@ -21,7 +21,9 @@ BASELINES = ("constant", "linear")
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """Architectures and baselines on each target channel, a MISO problem of its own."""
     axes = [(channel,) for channel in dataset.predicted_channels()]
-    return grid((*ARCHITECTURES, *FED_BACK, *OWN_FEEDBACK, *BASELINES), dataset, horizons(preset, 5), axes)
+    return grid(
+        (*ARCHITECTURES, *FED_BACK, *OWN_FEEDBACK, *BASELINES, *attainable(dataset)), dataset, horizons(preset, 5), axes
+    )
 
 
 STUDY = Study(
