@@ -10,10 +10,12 @@ SIZES = ("1x50 - MLP: 60x10", "2x50 - MLP: 100x10", "2x100 - MLP: 200x10")
 ARCHITECTURES = (
     *(f"MLFC: {size}" for size in SIZES),
     *(f"MLFC A_o: {size}" for size in SIZES),
+    "MLFC serial: 2x50 - MLP: 100x10",
     "LSTM: 1x50 - MLP: 60x10",
     "LSTM: 2x50 - MLP: 100x10",
 )
-"""The read-out of an MLFC with A_o = 0 and, as the paper's equation has it, free: both are shown."""
+"""The read-out of an MLFC with A_o = 0 and, as the paper's equation has it, free: both are shown. One MLFC has its
+layers in series, which tells what skip connections are worth."""
 BASELINES = ("constant", "linear")
 
 
@@ -33,6 +35,7 @@ STUDY = Study(
     pairs=(
         *((f"LSTM: {size} - *", f"{mlfc}: *") for size in ("1x50", "2x50") for mlfc in ("MLFC", "MLFC A_o")),
         *((f"MLFC A_o: {size}", f"MLFC: {size}") for size in SIZES),
+        ("MLFC: 2x50 - *", "MLFC serial: 2x50 - *"),
     ),
     paper_says=(
         "RMSSE over the number of weights, one panel a rate: both LSTMs lie below all three MLFCs, also below the "
