@@ -65,7 +65,6 @@ def run_command(
     bench run washout_vs_mlp --dataset nanodrone --seeds 6
     bench run mlfc_vs_lstm --only "MLFC A_o: *"          some of its configurations, beside the baselines
     bench run "LSTM: 2x50 - MLP: 100x10" --dataset nanodrone --seeds 3 -T 190
-    bench run "MLFC: 1x50 - Washout: 10" --set training.updates=3000
     bench run quadrotor_hybrid --dataset my_flights --physics my_flights/diagnosis/model.toml
     bench run all --dry-run                              what the lot would cost
     bench run all --cluster tcp://127.0.0.1:8786         workers of a Dask cluster
