@@ -1,7 +1,7 @@
 """Error over the horizon of the helicopter's black-box models (paper, figure HeliMeanCompare)."""
 
 from bench.experiment.config import RunConfig
-from bench.experiment.grid import grid, horizons, regularized
+from bench.experiment.grid import attainable, grid, horizons, regularized
 from bench.experiment.study import Study
 from registry.contracts import Dataset
 from studies.mlp_vs_rnn_init import BASELINES, architectures
@@ -10,7 +10,7 @@ from studies.mlp_vs_rnn_init import BASELINES, architectures
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The four architectures on each signal of the chain: velocity and rotational rates."""
     problems = [(signal,) for signal in dataset.predicted_together()]
-    made = grid((*architectures(preset), *BASELINES), dataset, horizons(preset), problems)
+    made = grid((*architectures(preset), *BASELINES, *attainable(dataset)), dataset, horizons(preset), problems)
     return regularized(made) if preset == "paper" else made
 
 

@@ -1,7 +1,7 @@
 """How long a history: washout and MLP initialization from 5 to 40 samples (paper, two remarks in the text)."""
 
 from bench.experiment.config import RunConfig
-from bench.experiment.grid import grid, horizons
+from bench.experiment.grid import attainable, grid, horizons
 from bench.experiment.study import Study
 from registry.contracts import Dataset
 
@@ -13,7 +13,7 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """One network for all targets, initialized from histories of four lengths in two ways."""
     size, width = ("1x10", 20) if preset == "smoke" else ("1x50", 60)
     specs = [f"LSTM: {size} - {i}{t}" for i in ("Washout: ", f"MLP: {width}x") for t in LENGTHS]
-    return grid((*specs, *BASELINES), dataset, horizons(preset, 5), [dataset.predicted()])
+    return grid((*specs, *BASELINES, *attainable(dataset)), dataset, horizons(preset, 5), [dataset.predicted()])
 
 
 STUDY = Study(

@@ -1,7 +1,7 @@
 """MLP against RNN initializers (paper, section "MLP vs RNN Initializers", figure HeliSizeCompareEuler)."""
 
 from bench.experiment.config import RunConfig
-from bench.experiment.grid import grid, horizons, regularized
+from bench.experiment.grid import attainable, grid, horizons, regularized
 from bench.experiment.study import Study
 from registry.contracts import Dataset
 
@@ -24,7 +24,9 @@ def architectures(preset: str) -> tuple[str, ...]:
 
 def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     """The four architectures, inputs → all targets of the data at once: of vehicles the three rotational rates."""
-    made = grid((*architectures(preset), *BASELINES), dataset, horizons(preset), [dataset.predicted()])
+    made = grid(
+        (*architectures(preset), *BASELINES, *attainable(dataset)), dataset, horizons(preset), [dataset.predicted()]
+    )
     return regularized(made) if preset == "paper" else made
 
 

@@ -1,9 +1,9 @@
 """What gets most out of an update: `python tests/recipes.py cascade|hybrid|table [--longer] [--write FILE.md]`.
 
 Each row trains one network at T = 190 on `pelican_twin` (full size) for the CPU seconds that today's laptop recipe
-takes, with something changed; with --longer the first and the best one are trained four times as long too. Errors are
-those of the validation part: nothing is chosen on test recordings. One seed. Rows are kept in the folder --kept, so
-that a second call goes on.
+takes, with something changed; with --longer the first, the best one and those of `LONGER` are trained four times as
+long too. Errors are those of the validation part: nothing is chosen on test recordings. One seed. Rows are kept in the
+folder --kept, so that a second call goes on.
 """
 
 import argparse
@@ -29,6 +29,7 @@ from registry.datasets.twins import PelicanTwin
 SPECS = {"cascade": "Cascade: 1x50 - MLP: 100x10", "hybrid": "Hybrid: 1x50 - MLP: 100x10"}
 GROWN = {"training.first_horizon": "20", "training.stages": "3", "training.grown_at": "0.6"}
 """20, 42, 90 steps for a fifth of the updates each, then 190."""
+GROWN_EARLY = GROWN | {"training.grown_at": "0.4"}
 GROWN_LATE = GROWN | {"training.grown_at": "0.85"}
 WARM = {"training.first_horizon": "40", "training.stages": "1", "training.grown_at": "0.7"}
 SMALL = {"training.batch": "32", "training.learning_rate": "0.01"}
@@ -54,11 +55,15 @@ INGREDIENTS: dict[str, dict[str, Mapping[str, str]]] = {
         "batches of 32, rate .01": SMALL,
         "horizon grows 20, 42, 90, 190": GROWN,
         "warm start at T = 40": WARM,
+        "horizon grows for .4 of the updates": GROWN_EARLY,
         "horizon grows for .85 of the updates": GROWN_LATE,
         "horizon grows, β = 0": GROWN | {"training.beta": "0"},
         "horizon grows, β = 0, batches of 32": GROWN | SMALL | {"training.beta": "0"},
     },
 }
+LONGER = {"cascade": (), "hybrid": ("horizon grows 20, 42, 90, 190", "horizon grows for .4 of the updates")}
+"""Rows that are trained four times as long beside the first and the best one: when growing ends decides how long whole
+windows are seen."""
 LOOKS = 20
 """Validations of a training, as the presets have them."""
 
@@ -137,7 +142,7 @@ def rows(model: str, kept: Path, more: bool) -> list[dict[str, Any]]:
         made.append(kept_row(kept, model, name, changes, made[0]["seconds"] if made else None))
     if more:
         best = min(made, key=lambda r: total(r, made[0]))["name"]
-        for name in dict.fromkeys((made[0]["name"], best)):
+        for name in dict.fromkeys((made[0]["name"], best, *LONGER[model])):
             longer = f"{name}, four times as long"
             made.append(kept_row(kept, model, longer, INGREDIENTS[model][name], 4 * made[0]["seconds"]))
     return made

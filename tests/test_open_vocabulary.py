@@ -86,6 +86,7 @@ def test_every_predictor_runs_on_the_invented_signals_or_says_why_not(batches: P
         "Load hybrid",
         "Cascade",
         "Cascade TDL",
+        "Cascade attitude",
         "attainable",  # of a simulator only
     }
 

@@ -127,6 +127,8 @@ def test_increments_have_no_state_cost() -> None:
     [
         ("MLFC: 2x8 - MLP: 9x10", {"output_feedback": True}),
         ("MLFC: 2x8 - Washout: 10", {"output_feedback": True}),
+        ("MLFC: 3x8 - MLP: 9x10", {"skip": False}),
+        ("MLFC: 2x8 - Washout: 10", {"skip": False, "output_feedback": True}),
         ("LSTM: 2x8 - MLP: 9x10", {"increments": True}),
         ("LSTM TDL: 1x8 - Washout own: 10", {"increments": True}),
     ],
@@ -141,6 +143,28 @@ def test_full_peepholes_train_side_by_side_as_alone() -> None:
     with kernel("native"):
         many, alone = (group("LSTM: 1x8 - MLP: 9x10", models=m, peepholes="full") for m in (2, 1))
     assert torch.equal(many.theta[:1], alone.theta)
+
+
+@kernels
+@pytest.mark.parametrize("measured", [False, True], ids=["own", "measured"])
+def test_layers_in_series_are_a_fully_connected_network_with_nothing_between_them(measured: bool, used: str) -> None:
+    torch.manual_seed(7)
+    serial = vivid(PREDICTORS.get("MLFC serial")(layers=3, hidden=4).build(Problem.plain(3, 2, 12, TAU)))
+    own, seen = weights(serial), 3 + 2
+    for layer, columns in enumerate([slice(0, seen), slice(seen, seen + 4), slice(seen + 4, seen + 8)]):
+        full = np.zeros((4, seen + 8))
+        full[:, columns] = own[f"input_weight.{layer}"]
+        own[f"input_weight.{layer}"] = full
+    own["output_weight"] = np.concatenate([np.zeros((2, 8)), own["output_weight"]], 1)
+    u, state = noise(3, 12, 3, seed=3), noise(3, serial.layout.size, seed=4)
+    feedback = noise(3, 12, 2, seed=5) if measured else None
+    with kernel(used):
+        outputs, end = serial.rollout(u, state, feedback)
+    want, want_end = oracle.mlfc_rollout(own, u.numpy(), state.numpy(), None if feedback is None else feedback.numpy())
+    close(outputs, want)
+    close(end, want_end)
+    before = PREDICTORS.get("MLFC")(layers=3, hidden=4).build(Problem.plain(3, 2, 12, TAU)).weight_count()
+    assert before - serial.weight_count() == 4 * (8 + (seen + 4) + (seen + 4)) + 2 * 8
 
 
 def test_a_diagonal_is_a_full_matrix_without_the_rest() -> None:

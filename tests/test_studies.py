@@ -1,13 +1,19 @@
 """Every comparison of the paper is declared with the paper's architectures, at both horizons, with paired seeds."""
 
 from collections import defaultdict
+from dataclasses import replace
 
 import pytest
+import torch
 
 from bench.experiment import study
+from bench.experiment.config import RunConfig
 from bench.experiment.datasets import choose
 from bench.experiment.grid import matched
+from bench.experiment.notation import parse
 from bench.experiment.request import Options, request
+from bench.training.data import prepare
+from bench.training.model import build_scaled
 from registry.contracts import Problem
 from registry.core import DATASETS
 from registry.errors import BenchError
@@ -93,6 +99,44 @@ def test_more_seeds_of_a_study_are_its_runs_and_more() -> None:
     assert more.title == f"{preset.title}, 5 seeds"
 
 
+def test_some_configurations_of_a_study_are_its_own_runs() -> None:
+    """The same runs, beside the baselines, under a title of their own."""
+    whole, some = (request("mlfc_vs_lstm", Options(only=p)) for p in ((), ("MLFC A_o: *",)))
+    assert [c for c in whole.configs if "A_o" in c.spec or c.predictor.training != "gradient"] == some.configs
+    assert len({c.spec for c in some.configs}) == 3 + 3 and some.title == f"{whole.title}, only MLFC A_o: *"
+    with pytest.raises(BenchError, match="no configuration like"):
+        request("mlfc_vs_lstm", Options(only=("MLFC Ao: *",)))
+    with pytest.raises(BenchError, match="--only belongs to a study"):
+        request("LSTM: 1x50 - MLP: 60x10", Options(only=("LSTM*",)))
+
+
+def test_the_black_box_starts_from_what_the_hybrid_starts_from() -> None:
+    """With the attitude of its history, which the hybrid's physics begins with; the one without stands beside."""
+    for preset in ("laptop", "evening", "paper"):
+        runs = STUDIES["quadrotor_hybrid"].runs(preset, DATASETS.get("pelican_twin")())
+        seen = {r.spec.partition(":")[0]: r.resolved().context for r in runs}
+        assert set(seen["Hybrid"]) - {"position"} == set(seen["Cascade attitude"]) == {"attitude"}
+        assert seen["Cascade"] == ()
+
+
+def test_a_hybrid_without_the_state_cost_is_one_with_no_weight_on_it() -> None:
+    """The same numbers as β = 0, by another name."""
+    outputs = {"outputs": ("velocity", "body_rates"), "horizon": 5}
+    named, plain = (
+        RunConfig(*parse(f"Hybrid: 1x8 - {initializer}: 9x10"), DATASETS.get("pelican_twin")(), **outputs)
+        for initializer in ("MLP no L_si", "MLP")
+    )
+    found = []
+    for run in (named, replace(plain, training=replace(plain.training, beta=0.0)), plain):
+        run = run.resolved()
+        data = prepare(run)
+        torch.manual_seed(0)
+        model = build_scaled(run, data)
+        windows = data.gather(data.validation.every(4).starts)
+        found.append(model(*windows, 1.0, run.training.beta).item())
+    assert found[0] == found[1] < found[2]
+
+
 def test_patterns_name_configurations_and_not_their_relatives() -> None:
     specs = ["LSTM: 2x50 - MLP: 200x10", "LSTM: 2x50 - RNN: 60x10", "LSTM TDL: 2x50 - MLP: 200x10", "linear"]
     assert list(matched([("LSTM: * - RNN: *", "LSTM: * - MLP: *")], specs)) == [(specs[1], specs[0])]
@@ -110,11 +154,10 @@ def test_a_study_flies_the_twin_in_full_unless_told_otherwise() -> None:
 
 
 def test_an_evening_has_what_gets_most_out_of_an_update() -> None:
-    """Attitude and increments for black boxes, growing windows at T = 190; hybrids know the attitude anyway."""
+    """Increments for black boxes, growing windows at T = 190."""
     runs = STUDIES["quadrotor_hybrid"].runs("evening", DATASETS.get("pelican_twin")())
     by_kind = {type(r.predictor).__name__: r for r in runs if r.horizon == 190}
-    assert by_kind["Cascade"].context == ("attitude",) and by_kind["Cascade"].predictor.increments
-    assert by_kind["Hybrid"].context == () and by_kind["Linear"].context == ()
+    assert by_kind["Cascade"].predictor.increments and by_kind["CascadeAttitude"].predictor.increments
     assert by_kind["Hybrid"].training.first_horizon == 20
     assert {r.training.first_horizon for r in runs if r.horizon == 40} == {0}
 

@@ -200,12 +200,12 @@ class Evidence:
 
 
 def _command(text: str) -> tuple[str, str]:
-    """Preset of a `bench run` command, and the options by which its runs are not the study's own: more than the data
-    and the number of seeds are chosen.
+    """Preset of a `bench run` command, and the options by which its runs are not the study's own: more than the data,
+    the number of seeds and which of its configurations are chosen.
     """
     words = [w for word in shlex.split(text) for w in word.split("=", 1 if word.startswith("--") else 0)]
     preset = words[words.index("--preset") + 1] if "--preset" in words else "laptop"
-    own = ("--preset", "--dataset", "--seeds")
+    own = ("--preset", "--dataset", "--seeds", "--only")
     return preset, ", ".join(dict.fromkeys(w for w in words if w.startswith("-") and w not in own))
 
 

@@ -93,8 +93,21 @@ class RunConfig:
             self,
             inputs=self.inputs or inputs,
             outputs=self.outputs or outputs,
-            context=self.context or context,
+            context=self.context or self._beside(context, self.outputs or outputs),
         )
+
+    def _beside(self, context: tuple[str, ...], outputs: tuple[str, ...]) -> tuple[str, ...]:
+        """What of a predictor's own context is not predicted: the history has that anyway."""
+        if not context or not self.dataset.recorded:
+            return context
+        owner, channels = f"The data set {self.dataset.label}", self.dataset.recorded
+        told = set(places(channels, outputs, owner))
+        kept: list[str] = []
+        for selector in context:
+            found = places(channels, [selector], owner)
+            left = [channels[i].name for i in found if i not in told]
+            kept += [selector] if len(left) == len(found) else left
+        return tuple(kept)
 
 
 _PARTS: dict[str, Registry] = {"predictor": PREDICTORS, "initializer": INITIALIZERS, "dataset": DATASETS}

@@ -8,8 +8,6 @@ from typing import Any
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.notation import parse
 from registry.contracts import Dataset
-from registry.initializers.mlp import MLP
-from registry.initializers.rnn import RNN
 
 
 @dataclass(frozen=True)
@@ -99,21 +97,15 @@ def regularized(runs: Sequence[RunConfig]) -> list[RunConfig]:
     ]
 
 
-def knowing_attitude(runs: Sequence[RunConfig], increments: bool = False) -> list[RunConfig]:
-    """Black boxes whose initializer sees the measured attitude too, where the data have it, as hybrids' do.
+def measures_attitude(dataset: Dataset) -> bool:
+    """Whether the attitude is among the channels of the data."""
+    return any(c.group == "attitude" for c in dataset.channels())
 
-    Args:
-        runs: of networks and others.
-        increments: whether their read-out gives changes of the outputs.
-    """
-    return [
-        replace(run, context=("attitude",), predictor=_with(run.predictor, increments=increments))
-        if isinstance(run.initializer, MLP | RNN)
-        and not run.predictor.signals(run.dataset)[2]
-        and any(c.group == "attitude" for c in run.dataset.channels())
-        else run
-        for run in runs
-    ]
+
+def with_increments(runs: Sequence[RunConfig]) -> list[RunConfig]:
+    """Black boxes whose read-out gives changes of the outputs; hybrids, whose physics starts from what was measured, as
+    they are."""
+    return [replace(run, predictor=_with(run.predictor, increments=True)) for run in runs]
 
 
 def _with(entry: Any, **options: Any) -> Any:

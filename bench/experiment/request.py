@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,8 @@ class Options:
     """Options of the data set."""
     physics: str | None = None
     """A model.toml, for what has physics in it."""
+    only: tuple[str, ...] = ()
+    """Patterns of those of a study's configurations that are wanted; empty: all."""
 
     @property
     def said(self) -> str:
@@ -84,6 +87,8 @@ def request(target: str | study.Study, asked: Options) -> Request:
     full = found is not None and asked.preset != "smoke"
     chosen = source if isinstance(source, Dataset) else choose(source, dict(asked.data or {}), full)
     run_options = dict(asked.run or {}) | ({"predictor.model": asked.physics} if asked.physics else {})
+    if asked.only and found is None:
+        raise BenchError(f"{target} is one configuration: --only belongs to a study.")
     configs = _declared(found, asked, chosen) if found else _one(target, chosen, asked.seeds or 1)
     if asked.physics and not any(hasattr(c.predictor, "model") for c in configs):
         raise BenchError(f"{target} has no physics: --physics belongs to `physics` and to hybrids.")
@@ -93,6 +98,7 @@ def request(target: str | study.Study, asked: Options) -> Request:
     title = f"{target} on {chosen.label}" + (f" ({asked.preset})" if found else "")
     if found and asked.seeds is not None:  # in a folder of its own: a run of fewer must not take its place
         title += f", {asked.seeds} seed{'s' if asked.seeds > 1 else ''}"
+    title += f", only {' and '.join(asked.only)}" if asked.only else ""
     return Request(title + (f", {asked.said}" if asked.said else ""), target, found, configs)
 
 
@@ -100,13 +106,23 @@ def _declared(found: study.Study, asked: Options, dataset: Dataset) -> list[RunC
     """The runs of a study, each configuration that is trained by gradient with as many seeds as were asked for."""
     if found.presets and asked.preset not in found.presets:
         raise BenchError(f"{found.name} has no preset {asked.preset!r}: {near(asked.preset, found.presets)}")
-    configs = found.runs(asked.preset, dataset)
+    configs = _wanted(found.runs(asked.preset, dataset), asked.only)
     if asked.seeds is None:
         return configs
     first = dict.fromkeys(replace(c, seed=0) for c in configs)
     return [
         replace(c, seed=seed) for c in first for seed in range(asked.seeds if c.predictor.training == "gradient" else 1)
     ]
+
+
+def _wanted(configs: list[RunConfig], only: tuple[str, ...]) -> list[RunConfig]:
+    """Those whose configuration matches one of the patterns, and the baselines that they are judged beside."""
+    trained = dict.fromkeys(c.spec for c in configs if c.predictor.training == "gradient")
+    for pattern in only:
+        if not any(fnmatchcase(spec, pattern) for spec in trained):
+            raise BenchError(f"The study has no configuration like {pattern!r}: {near(pattern, trained)}")
+    wanted = {spec for spec in trained if not only or any(fnmatchcase(spec, pattern) for pattern in only)}
+    return [c for c in configs if c.spec in wanted or c.predictor.training != "gradient"]
 
 
 def _one(spec: str, dataset: Dataset, seeds: int) -> list[RunConfig]:

@@ -178,6 +178,7 @@ class HelicopterTwin(Twin):
     targets: ClassVar[tuple[str, ...]] = ("euler_rates",)
     chain: ClassVar[tuple[str, ...]] = ("velocity", "euler_rates")
     input_hold: ClassVar[str] = "previous"
+    truth: ClassVar[Any] = twin_helicopter.TRUTH
     recorded: ClassVar[tuple[Channel, ...]] = channels("pilot", "velocity", "attitude", "body_rates", "euler_rates")
 
     def lengths(self) -> tuple[int, ...]:

@@ -34,16 +34,19 @@ def bounded_vjp(predictor: Predictor, state: Tensor, d_state: Tensor) -> Tensor:
 class MLPInitializer(Initializer):
     """x_{k0} = ζ(u_{k0−τ+1} .. u_{k0}, y_{k0−τ+1} .. y_{k0}): one tanh layer, linear output."""
 
-    uses_state_cost: ClassVar[bool] = True
-
     def __init__(self, entry: "MLP", predictor: Predictor, problem: Problem) -> None:
         super().__init__()
         width, states = entry.history * problem.n_measured, predictor.layout.hidden + predictor.layout.cell
-        self.history = entry.history
+        self.history, self.state_cost = entry.history, entry.state_cost
         self.hidden_weight = uniform(entry.hidden, width, fan_in=width, scale=entry.weight_scale)
         self.hidden_bias = nn.Parameter(torch.zeros(entry.hidden))
         self.output_weight = uniform(states, entry.hidden, fan_in=entry.hidden, scale=entry.weight_scale)
         self.output_bias = nn.Parameter(torch.zeros(states))
+
+    @property
+    def uses_state_cost(self) -> bool:  # type: ignore[override]
+        """As its entry says."""
+        return self.state_cost
 
     @override
     def initialize(self, predictor: Predictor, inputs: Tensor, outputs: Tensor) -> Tensor:
@@ -77,6 +80,8 @@ class MLP(InitializerEntry):
 
     sized: ClassVar[bool] = True
     supports_batching: ClassVar[bool] = True
+    state_cost: ClassVar[bool] = True
+    """Whether L_si joins the training cost."""
 
     hidden: int = option(60, "neurons in the hidden layer", low=1, high=50000, log=True, search=(10, 100))
     history: int = option(10, "initialization length τ", unit="samples", low=1, high=10000)
@@ -85,3 +90,15 @@ class MLP(InitializerEntry):
     @override
     def build(self, predictor: Predictor, problem: Problem) -> Initializer:
         return MLPInitializer(self, predictor, problem)
+
+
+@INITIALIZERS.register("MLP no L_si")
+@dataclass(frozen=True)
+class MLPWithoutStateCost(MLP):
+    """`MLP` whose states are judged by the prediction alone: no state-initialization cost, which is β = 0.
+
+    Of a hybrid, whose physics starts from the measured state, that cost asks for an output model that adds nothing at
+    k0, where the paper wants it to compensate at once.
+    """
+
+    state_cost: ClassVar[bool] = False

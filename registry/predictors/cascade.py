@@ -169,3 +169,15 @@ class Cascade(LSTM):
 @dataclass(frozen=True)
 class CascadeTDL(Cascade, LSTMTDL):
     """`Cascade` of two LSTMs with tapped delay lines."""
+
+
+@PREDICTORS.register("Cascade attitude")
+@dataclass(frozen=True)
+class CascadeAttitude(Cascade):
+    """`Cascade` that starts from the measured attitude too, as the paper's black box does ("a truncated history of the
+    system states") and as hybrids do here.
+    """
+
+    @override
+    def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+        return dataset.inputs, dataset.predicted_together(), ("attitude",)

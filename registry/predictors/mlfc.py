@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import pad
 from typing_extensions import override
 
 from registry.contracts import Gradients, Predictor, PredictorEntry, Problem, ReadoutVJP, RunVJP, StateLayout
@@ -26,11 +27,23 @@ class MLFCPredictor(Predictor):
         self.fed_back = entry.output_feedback
         self.history = 2 if self.fed_back else 1
         self.layout = StateLayout(self.history * n_outputs, size, 0)
-        columns = n_inputs + n_outputs + size - entry.hidden
-        draw = lambda *shape: uniform(*shape, fan_in=columns + entry.hidden, scale=entry.weight_scale)  # noqa: E731
-        each = range(entry.layers)
-        self.input_weight = nn.ParameterList([draw(entry.hidden, columns) for _ in each])
-        self.feedback_weight = nn.ParameterList([draw(entry.hidden, entry.hidden) for _ in each])
+        seen, each = n_inputs + n_outputs, range(entry.layers)
+        self.columns = seen + size - entry.hidden
+        """Of what may enter a layer: [u | ỹ | y of the other layers]."""
+        self.entering = [slice(0, self.columns)] * entry.layers
+        self.read = slice(0, size)
+        """Layer outputs that the read-out sees."""
+        if not entry.skip:
+            self.entering = [slice(seen + (i - 1) * entry.hidden, seen + i * entry.hidden) if i else slice(0, seen)
+                             for i in each]  # fmt: skip
+            self.read = slice(size - entry.hidden, size)
+        counts = [at.stop - at.start for at in self.entering]
+        size = self.read.stop - self.read.start
+        drawn = lambda i, n: uniform(  # noqa: E731
+            entry.hidden, n, fan_in=counts[i] + entry.hidden, scale=entry.weight_scale
+        )
+        self.input_weight = nn.ParameterList([drawn(i, counts[i]) for i in each])
+        self.feedback_weight = nn.ParameterList([drawn(i, entry.hidden) for i in each])
         self.bias = nn.ParameterList([nn.Parameter(torch.zeros(entry.hidden)) for _ in each])
         self.output_weight = uniform(n_outputs, size, fan_in=size + n_inputs, scale=entry.weight_scale)
         self.direct_weight = uniform(n_outputs, n_inputs, fan_in=size + n_inputs, scale=entry.weight_scale)
@@ -83,14 +96,16 @@ class MLFCPredictor(Predictor):
         seen = self.n_inputs + self.n_outputs  # columns of input_weight before the other layers'
         layers = []
         for i in range(self.layers):
-            w, before, bias = self.input_weight[i], seen + i * self.hidden, self.bias[i].unsqueeze(-1)
+            at, before, bias = self.entering[i], seen + i * self.hidden, self.bias[i].unsqueeze(-1)
+            w = pad(self.input_weight[i], (at.start, self.columns - at.stop))
             own = self.feedback_weight[i]
             layers.append(torch.cat([w[..., :seen], bias, w[..., seen:before], own, w[..., before:]], -1))
         if self.fed_back:
             of_fed: Tensor = self.fed_weight
         else:
             of_fed = torch.zeros_like(self.output_bias).unsqueeze(-1).expand(*self.output_bias.shape, self.n_outputs)
-        readout = torch.cat([self.direct_weight, of_fed, self.output_bias.unsqueeze(-1), self.output_weight], -1)
+        of_layers = pad(self.output_weight, (self.read.start, self.layers * self.hidden - self.read.stop))
+        readout = torch.cat([self.direct_weight, of_fed, self.output_bias.unsqueeze(-1), of_layers], -1)
         return inputs, fed, hidden, layers, readout, feedback, self.dropout if self.training else 0.0
 
     def _separate(self, layers: list[Tensor], readout: Tensor) -> Gradients:
@@ -99,11 +114,15 @@ class MLFCPredictor(Predictor):
         for i, d in enumerate(layers):
             sizes = [seen, 1, i * self.hidden, self.hidden, (self.layers - 1 - i) * self.hidden]
             entering, bias, before, own, after = d.split(sizes, -1)
-            found[f"input_weight.{i}"] = torch.cat([entering, before, after], -1)
+            found[f"input_weight.{i}"] = torch.cat([entering, before, after], -1)[..., self.entering[i]]
             found |= {f"bias.{i}": bias.squeeze(-1), f"feedback_weight.{i}": own}
         direct, fed, bias, weight = readout.split([self.n_inputs, self.n_outputs, 1, self.layers * self.hidden], -1)
         found |= {"fed_weight": fed} if self.fed_back else {}
-        return found | {"direct_weight": direct, "output_bias": bias.squeeze(-1), "output_weight": weight}
+        return found | {
+            "direct_weight": direct,
+            "output_bias": bias.squeeze(-1),
+            "output_weight": weight[..., self.read],
+        }
 
     def readout(self, state: Tensor, inputs: Tensor) -> Tensor:
         """A_s [y¹ .. y^L] + A_o o + B u + b (paper, eq. output_div; c = y − A_o y_{k0−1} − B u − b)."""
@@ -117,8 +136,8 @@ class MLFCPredictor(Predictor):
         def vjp(d_read: Tensor, d_state: Tensor) -> Gradients:
             d_x, (d_weight, d_bias) = back(d_read, True)
             assert d_x is not None
-            size = self.layout.hidden
-            d_state[..., self.layout.buffer :] += d_x[..., :size]
+            start, stop = (self.layout.buffer + at for at in (self.read.start, self.read.stop))
+            d_state[..., start:stop] += d_x[..., : stop - start]
             of_layers, of_inputs, *of_fed = d_weight.split([w.shape[-1] for w in self._weights()], -1)
             found = {"output_weight": of_layers, "direct_weight": of_inputs, "output_bias": d_bias}
             return found | dict(zip(["fed_weight"], of_fed, strict=False))
@@ -128,7 +147,7 @@ class MLFCPredictor(Predictor):
     def _read(self, state: Tensor, inputs: Tensor) -> tuple[Tensor, Tensor]:
         """What the read-out reads of a state, and its weight."""
         buffers, hidden, _ = self.layout.split(state)
-        read = [hidden, inputs, *([buffers[..., self.n_outputs :]] if self.fed_back else [])]
+        read = [hidden[..., self.read], inputs, *([buffers[..., self.n_outputs :]] if self.fed_back else [])]
         return torch.cat(read, -1), torch.cat(self._weights(), -1)
 
     def _weights(self) -> list[Tensor]:
@@ -154,7 +173,32 @@ class MLFC(PredictorEntry):
     output_feedback: bool = option(
         False, "whether the read-out sees the output fed back: A_o is free, else zero", source="paper, eq. output_div"
     )
+    skip: bool = option(
+        True, "skip connections; without them every layer sees the one before it, and the read-out the last one"
+    )
 
     @override
     def build(self, problem: Problem) -> Predictor:
         return MLFCPredictor(self, problem)
+
+
+@PREDICTORS.register("MLFC A_o")
+@dataclass(frozen=True)
+class MLFCFedBack(MLFC):
+    """`MLFC` whose read-out sees the output fed back, as the paper's equation has it: ỹ = A_s s + A_o o + B u + b.
+
+    In `MLFC` A_o is zero. Studies show both.
+    """
+
+    output_feedback: bool = option(True, "whether A_o is free", source="paper, eq. output_div")
+
+
+@PREDICTORS.register("MLFC serial")
+@dataclass(frozen=True)
+class MLFCSerial(MLFC):
+    """`MLFC` without its skip connections: a recurrent MLP, whose layers stand in series.
+
+    What the paper says of skip connections is judged against it.
+    """
+
+    skip: bool = option(False, "skip connections")

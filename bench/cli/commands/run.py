@@ -37,6 +37,7 @@ ALL = "all"
     metavar="MODEL.TOML",
     help="The physics of `physics` and `Hybrid`, as `bench diagnose` and `bench extend` write it; default: nominal.",
 )
+@click.option("--only", multiple=True, metavar="PATTERN", help="Of a study, only configurations like this one.")
 @options.assignments
 @placed
 @click.option("--dry-run", is_flag=True, help="Say what would be run and how long it would take; train nothing.")
@@ -50,6 +51,7 @@ def run_command(
     horizon: int | None,
     outputs: str | None,
     physics: str | None,
+    only: tuple[str, ...],
     assignments: tuple[str, ...],
     place: Place,
     dry_run: bool,
@@ -61,8 +63,8 @@ def run_command(
     \b
     bench run washout_vs_mlp
     bench run washout_vs_mlp --dataset nanodrone --seeds 6
+    bench run mlfc_vs_lstm --only "MLFC A_o: *"          some of its configurations, beside the baselines
     bench run "LSTM: 2x50 - MLP: 100x10" --dataset nanodrone --seeds 3 -T 190
-    bench run "MLFC: 1x50 - Washout: 10" --set training.updates=3000
     bench run quadrotor_hybrid --dataset my_flights --physics my_flights/diagnosis/model.toml
     bench run all --dry-run                              what the lot would cost
     bench run all --cluster tcp://127.0.0.1:8786         workers of a Dask cluster
@@ -83,7 +85,7 @@ def run_command(
     from bench.training.split import remarks
 
     out = options.console()
-    asked = Options(dataset, preset, seeds, *by_owner(changes, horizon, outputs), physics)
+    asked = Options(dataset, preset, seeds, *by_owner(changes, horizon, outputs), physics, only)
     planned = []
     for name in study.titles() if target == ALL else [target]:
         try:
