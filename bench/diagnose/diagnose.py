@@ -75,11 +75,12 @@ def diagnose(
     run = _Run(subject, noise, tick, horizon_s)
     tick("extend")
     found, extension, refuted = _confirmed(run, found)
+    steps, terms = _concluded(run, found, extension, refuted, source=named_as, checked=checked)
     if checked.problems:
-        checked = _shifts_again(subject if extension is None else replace(subject, model=extension.model), checked)
+        checked = _shifts_again(replace(subject, model=steps.extension.model), checked)
         if checked.problems:
             return stopped(subject, named_as, checked.problems), subject.model
-    steps, terms = _concluded(run, found, extension, refuted, source=named_as, checked=checked)
+        steps = replace(steps, checked=checked)
     if not brief:
         tick("locate")
         steps = _shown(steps, noise, terms)
@@ -118,9 +119,9 @@ def _checked(subject: Subject, ignore: Sequence[str]) -> tuple[Subject, Checked,
 
 
 def _shifts_again(subject: Subject, checked: Checked) -> Checked:
-    """What is left of time shifts once the inputs are read when they act, by the model with the effects found.
+    """What is left of time shifts once the inputs are read when they act, by the model with all that was found.
 
-    Friction that is missing makes motion lead what drives it.
+    Friction that is missing makes motion lead what drives it, and so does a wall or a spring that nobody foresaw.
     """
     again = problems(subject)
     return checked if again.problems else Checked((), (*again.suspicions, *checked.problems[:1]))

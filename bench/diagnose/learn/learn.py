@@ -1,6 +1,6 @@
 """Learn the terms that a model lacks and no catalogue has; each is accepted by recordings that were not fitted."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -88,7 +88,8 @@ class _Seen:
 
     def made(self, some: Sequence[Pair]) -> list[Made]:
         """The splines of pairs whose signals vary."""
-        return [m for pair in some if (m := splines_of(pair, self.signals, _knots(pair))) is not None]
+        poses = poses_of(self.look.linear.model)
+        return [m for pair in some if (m := splines_of(pair, self.signals, _knots(pair, poses))) is not None]
 
     def asked(self, only: Pair) -> list[Spline]:
         """The one term that was asked for."""
@@ -151,9 +152,14 @@ class _Seen:
         return tuple(terms)
 
 
-def _knots(pair: Pair) -> int:
+def poses_of(model: PhysicsModel) -> set[str]:
+    """Groups of signals that say where a system is: those whose rate of change is another state."""
+    return {"height", *RATE_OF, *(c.group for c in model.state_channels)} - set(model.equation_names())
+
+
+def _knots(pair: Pair, poses: Container[str]) -> int:
     """Knots of its splines: more where the first signal says where the system is."""
-    return SPLINING.knots_of_a_pose if pair.signals[0].partition(".")[0] in ("height", *RATE_OF) else SPLINING.knots
+    return SPLINING.knots_of_a_pose if pair.signals[0].partition(".")[0] in poses else SPLINING.knots
 
 
 def _measured(subject: Subject, offered: Sequence[Pair]) -> list[Pair]:

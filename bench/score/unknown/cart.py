@@ -17,10 +17,10 @@ class CartPendulum(StateSpace):
     """A cart that a force pushes along a level rail, and a bob on a rod that hangs from it."""
 
     cart_mass: Any = constant(2.0, "M", "kg", low=1e-6)
-    bob_mass: Any = constant(0.2, "m", "kg", low=1e-6)
-    length: Any = constant(0.5, "l", "m", low=1e-6)
-    friction: Any = constant(1.0, "d: of the cart", "N s/m", low=0)
-    damping: Any = constant(0.4, "b: of the joint over m l²", "1/s", low=0)
+    bob_mass: Any = constant(0.02, "m", "kg", low=1e-6)
+    length: Any = constant(0.25, "l", "m", low=1e-6)
+    friction: Any = constant(6.0, "d: of the cart", "N s/m", low=0)
+    damping: Any = constant(0.6, "b: of the joint over m l²", "1/s", low=0)
 
     state_channels: ClassVar[tuple[Channel, ...]] = (
         Channel("place.x", "m"),

@@ -37,7 +37,7 @@ class UnknownCase(Case):
     terms: tuple[Term, ...] = ()
     """What acts beside the nominal model, as functions of signals."""
     told: tuple[Term, ...] = ()
-    """What acts in another way (through ``effects``, drives or motors), as functions of signals."""
+    """What acts in another way (through ``effects``), as functions of signals."""
     swing: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Of what is periodic, hangs or sloshes: frequency [Hz], size (force over weight, mass ratio, …), damping."""
     frequencies: tuple[float, ...] = ()
@@ -46,8 +46,6 @@ class UnknownCase(Case):
     """Along which a periodic force pushes."""
     twist: float = 0.0
     """Angle by which sensors are turned about body z [rad]."""
-    top_speed: float = 0.0
-    """Of the rotors, over that of hover; 0: as the vehicle can."""
     rate: float = 100.0
     """Of the log [Hz]."""
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class JudgedUnknown(Judged):
         return self.case
 
     @property
-    def learned(self) -> list[dict[str, object]]:
+    def learned(self) -> list[dict[str, Any]]:
         """Terms that were learned."""
         return list(self.said.get("extra", {}).get("terms", ()))
 
@@ -62,10 +63,10 @@ class JudgedUnknown(Judged):
             return False
         return not self.remaining <= max(min(self.without, 1.0), 0.0) + ROUNDING
 
-    def matching(self, term: Term) -> dict[str, object] | None:
+    def matching(self, term: Term) -> dict[str, Any] | None:
         """What was learned along the axis and of the signals of a hidden term; a product's order does not matter."""
         return next(
-            (t for t in self.learned if t["axis"] == term.axis and set(t["signals"]) == set(term.signals)),  # type: ignore[call-overload]
+            (t for t in self.learned if t["axis"] == term.axis and set(t["signals"]) == set(term.signals)),
             None,
         )
 
@@ -93,10 +94,10 @@ class JudgedUnknown(Judged):
         for term in self.asked_case.truth:
             said = self.matching(term)
             curve = None if said is None else said["curve"]
-            if curve is None or not term.exact:
+            if curve is None:
                 continue
-            x, low, high = (np.array(curve[k]) for k in ("x", "low", "high"))  # type: ignore[index]
-            order = list(said["signals"])  # type: ignore[index, call-overload]
+            x, low, high = (np.array(curve[k]) for k in ("x", "low", "high"))
+            order = list(said["signals"])
             if order[0] != term.signals[0] and term.form != "linear":
                 continue  # the other factor's function is another one
             y = term.curve(x)
@@ -112,7 +113,7 @@ class JudgedUnknown(Judged):
     @property
     def frequency(self) -> float:
         """Relative error of the nearest frequency said; NaN: none was."""
-        said = [float(t["frequency"]) for t in self.learned if t["frequency"] is not None]  # type: ignore[arg-type]
+        said = [float(t["frequency"]) for t in self.learned if t["frequency"] is not None]
         true = self.asked_case.frequencies
         return min((abs(s / f - 1) for s in said for f in true), default=math.nan)
 
@@ -144,11 +145,11 @@ class JudgedUnknown(Judged):
         words = [
             super().told,
             *(f"{t['axis']} ~ {' * '.join(t['signals']) or '1'}: {t['shape']}" + self._often(t) for t in self.learned),
-        ]  # type: ignore[arg-type]
+        ]
         return "; ".join(words) + ("" if math.isinf(left) or not self.hidden else f" ({100 * left:.0f} % left)")
 
     @staticmethod
-    def _often(term: dict[str, object]) -> str:
+    def _often(term: dict[str, Any]) -> str:
         return "" if term["frequency"] is None else f" at {term['frequency']:.4g} Hz"
 
     @property

@@ -106,20 +106,20 @@ MACHINES = {
         "voltage",
         "V",
         _levels,
-        lambda rng, t: _steps(rng, t, 1.0, 4.5, 60.0),
+        lambda rng, t: _steps(rng, t, 0.5, 4.5, 90.0),
         lambda rng: rng.uniform(2.0, 6.0, 2),
         0.01,
         0,
         0.5,
     ),
     "cart": Machine(
-        {"cart_mass": 2.0, "bob_mass": 0.2, "length": 0.5, "friction": 1.0, "damping": 0.4},
+        {"cart_mass": 2.0, "bob_mass": 0.02, "length": 0.25, "friction": 6.0, "damping": 0.6},
         ("place", "tilt", "pace", "tilt_rate"),
         ("m", "rad", "m/s", "rad/s"),
         "push",
         "N",
         _pendulum,
-        lambda rng, t: _sines(rng, t, 5.0, 0.25, 1.6),
+        lambda rng, t: _sines(rng, t, 5.0, 0.1, 1.2),
         lambda rng: rng.normal(size=4) * [0.2, 0.1, 0.2, 0.3],
         0.5,
         2,
@@ -197,7 +197,8 @@ def _rate(case: UnknownCase, true: dict[str, float], x: Array, t: float, u: floa
     pushed[names[main]] += blow
     out = machine.rate(true, own, u)
     if case.system == "cart":  # a force on the cart moves the bob too
-        out = machine.rate(true, own, u + pushed.pop("pace.x") * true["cart_mass"])
+        inertia = true["cart_mass"] + true["bob_mass"] * np.sin(own[1]) ** 2
+        out = machine.rate(true, own, u + pushed.pop("pace.x") * inertia)
     out = out + np.array([pushed.get(name, 0.0) for name in names])
     if len(x) == size:
         return out

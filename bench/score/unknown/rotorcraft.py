@@ -1,13 +1,11 @@
 """Flights by RotorPy with something in them that no catalogue has."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from bench.score import case as first
 from bench.score.case import Columns
 from bench.score.multirotor import flights, hidden, references
-from bench.score.multirotor.flights import Array, Moment, Motors
+from bench.score.multirotor.flights import Array, Moment
 from bench.score.multirotor.measure import multiply
 from bench.score.unknown.condition import UnknownCase
 
@@ -24,6 +22,7 @@ class StrangeMultirotor(hidden.HiddenMultirotor):
         """Signals that terms may follow (B,)."""
         place, velocity, rates = now.state[0:3], now.state[3:6], now.state[10:13]
         out = {"position.x": place[0], "position.y": place[1], "height": place[2], "time": now.t}
+        out["thrust"] = self.thrust(now).sum(0)
         out |= {f"velocity.{a}": velocity[i] for i, a in enumerate("xyz")}
         out |= {f"body_velocity.{a}": now.air[i] for i, a in enumerate("xyz")}
         out |= {f"body_rates.{a}": rates[i] for i, a in enumerate("pqr")}
@@ -52,19 +51,6 @@ class StrangeMultirotor(hidden.HiddenMultirotor):
         return force + self._pushes(now, "force_"), torque + self._pushes(now, "torque_")
 
 
-@dataclass(frozen=True)
-class Limited(Motors):
-    """Motors that turn no faster than ``top`` [rad/s], whatever is commanded."""
-
-    top: float = np.inf
-
-    def turn(
-        self, speed: Array, commands: tuple[Array, Array], dt: float = flights.STEP
-    ) -> tuple[list[Array], list[Array]]:
-        """See `Motors.turn`."""
-        return super().turn(speed, (np.minimum(commands[0], self.top), np.minimum(commands[1], self.top)), dt)
-
-
 def logs(case: UnknownCase) -> list[Columns]:
     """Fly ``case`` and log it: a dictionary of columns a recording."""
     vehicle, parameters = first.VEHICLES[case.vehicle], first.parameters(case)
@@ -81,9 +67,6 @@ def logs(case: UnknownCase) -> list[Columns]:
     effects = first.all_effects(case)
     air = hidden.wind(rng, effects, 2 * len(wanted[0]) - 1, case.recordings, flights.STEP / 2)
     motors = hidden.motors(effects, case.drive, parameters["tau_m"])
-    if case.top_speed:
-        hover = float(np.sqrt(craft.mass * craft.g / 4 / craft.k_eta))
-        motors = Limited(motors.up, motors.down, motors.delay, case.top_speed * hover)
     every = flights.EVERY if commanded else 1
     flown = flights.fly(craft, flights.Pilot(parameters), motors, np.stack(wanted, axis=2), air, every)
     return [_twisted(case, log) for log in first.clean(case, flown)]

@@ -39,8 +39,6 @@ class Term:
     values: tuple[float, ...]
     alike: tuple[str, ...] = ()
     """Further axes along which the same is felt: they may be said beside it, and need not be."""
-    exact: bool = True
-    """Whether what acts is just this curve, and a band can be held against it."""
 
     def at(self, signals: Mapping[str, Array]) -> Array:
         """Its amount at signals of any shape."""
