@@ -7,11 +7,21 @@ from typing import TypeVar
 import numpy as np
 import torch
 
-from bench.diagnose.learn.candidates import Columns, Pair, own_columns, pairs, paths, products, view_of, with_axes
+from bench.diagnose.learn.candidates import (
+    Columns,
+    Pair,
+    crosses,
+    own_columns,
+    pairs,
+    paths,
+    products,
+    view_of,
+    with_axes,
+)
 from bench.diagnose.learn.causal import consequences
 from bench.diagnose.learn.formulas import option_columns, options, simplest, span_of
-from bench.diagnose.learn.held_out import HeldOut
-from bench.diagnose.learn.splines import Made, Spline, chosen, splines_of
+from bench.diagnose.learn.held_out import Block, HeldOut
+from bench.diagnose.learn.splines import Made, Spline, chosen, confirmed, splines_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.choose import updated
@@ -103,11 +113,29 @@ class _Seen:
         """The terms that recordings left out of the fit confirm, of what acts now."""
         few = len(offered) ** 2 <= LEARNING.few
         splines = self._acting([*offered, *products(offered)] if few else offered)
-        if few or not splines:
+        if few:
             return splines
+        crossed = self._crossed(offered, splines)
+        if not splines and not crossed:
+            return []
         found = [s.pair for s in splines]
-        alone = [p for p in offered if p.axis in {f.axis for f in found}]
-        return self._acting([*alone, *products(alone, found)])
+        axes = {p.axis for p in (*found, *crossed)}
+        alone = [p for p in offered if p.axis in axes]
+        return self._acting([*alone, *dict.fromkeys((*products(alone, found), *crossed))])
+
+    def _crossed(self, offered: Sequence[Pair], splines: Sequence[Spline]) -> list[Pair]:
+        """Products of two signals that recordings left out confirm, though neither signal may matter by itself."""
+        both = crosses(offered)
+        signals = self.signals
+        made = [Columns(p, tuple((of[p.signals[0]] * of[p.signals[1]])[None] for of in signals)) for p in both]
+        fits, places = self.fits([*made, *(s.made.columns for s in splines)], upright=True)
+        beside = [replace(s.block, places=at) for s, at in zip(splines, places[len(both) :], strict=True)]
+        now = fits.losses(beside)
+        gains = [now - fits.losses([*beside, Block(at)]) for at in places[: len(both)]]
+        least = SPLINING.gain * fits.rows
+        order = sorted(range(len(both)), key=lambda i: -float(gains[i].sum()))
+        best = [both[i] for i in order if confirmed(gains[i], least)][: SPLINING.first]
+        return [Pair(p.axis, names) for p in best for names in (p.signals, p.signals[::-1])]
 
     def _acting(self, offered: Sequence[Pair]) -> list[Spline]:
         splines: list[Spline] = []

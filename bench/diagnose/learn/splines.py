@@ -89,15 +89,15 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
         i, block, losses = found[min(found)]
         least = max(SPLINING.gain * fits.rows, SPLINING.relative * float((before - losses).sum()))
         # A product of two signals must be better than a function of one, for it holds much of that.
-        if len(found) > 1 and _confirmed(losses - found[2][2], least):
+        if len(found) > 1 and confirmed(losses - found[2][2], least):
             i, block, losses = found[2]
-        if not _confirmed(now - losses, least):
+        if not confirmed(now - losses, least):
             break
         taken.append(Spline(made[i].columns.pair, made[i], block))
         now = losses
     return taken
 
 
-def _confirmed(gains: np.ndarray, least: float) -> bool:
+def confirmed(gains: np.ndarray, least: float) -> bool:
     """Whether recordings gain enough together, and most of them something."""
     return bool(gains.sum() >= least and (gains > 0).mean() >= SPLINING.agreed)

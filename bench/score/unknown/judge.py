@@ -93,9 +93,9 @@ class JudgedUnknown(Judged):
         inside = total = 0
         for term in self.asked_case.truth:
             said = self.matching(term)
-            curve = None if said is None else said["curve"]
-            if curve is None:
+            if said is None or said["curve"] is None:
                 continue
+            curve = said["curve"]
             x, low, high = (np.array(curve[k]) for k in ("x", "low", "high"))
             order = list(said["signals"])
             if order[0] != term.signals[0] and term.form != "linear":
