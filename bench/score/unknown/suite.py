@@ -102,7 +102,7 @@ VARIANTS: tuple[tuple[str, str, Drawn], ...] = (
     ("spring", "cart", lambda r, w: _cart("place.x", "linear", -_vary(r, 3.0))),
     ("spring", "cart", lambda r, w: _term("tilt_rate.theta", "tilt.theta", "cubic", -_vary(r, 200.0))),
     ("wall", "hummingbird", lambda r, w: _term("world_force_x", "position.x", "above", -_vary(r, 0.4) * w, 0.8)),
-    ("wall", "crazyflie", lambda r, w: _term("world_force_z", "height", "above", -_vary(r, 0.4) * w, 5.0)),
+    ("wall", "crazyflie", lambda r, w: _term("world_force_z", "height", "above", -_vary(r, 0.4) * w, 4.0)),
     ("wall", "oscillator", lambda r, w: _term("speed.q", "displacement.q", "above", -_vary(r, 150), 0.15)),
     ("wall", "cart", lambda r, w: _cart("place.x", "below", _vary(r, 12.0), -0.25)),
     (
