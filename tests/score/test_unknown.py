@@ -9,9 +9,11 @@ import pytest
 
 pytest.importorskip("rotorpy")
 
+from bench.diagnose.select.input_timing import prepared
 from bench.score.chains import write_folder
 from bench.score.run import Job, part, work
 from bench.score.unknown import machines, rotorcraft
+from bench.score.unknown.case import measured
 from bench.score.unknown.condition import EMPTY, KINDS, UnknownCase
 from bench.score.unknown.judge import JudgedUnknown
 from bench.score.unknown.suite import DEVELOPMENT, REPORTED, cases
@@ -119,3 +121,10 @@ def test_a_wall_on_an_oscillator_is_described_from_its_folder(suite: list[Unknow
     assert judged(wall, answer).right, judged(wall, answer).told
     write_folder(wall, tmp_path / "folder", tmp_path)
     assert (tmp_path / "folder" / "dataset.toml").is_file()
+
+
+def test_a_spring_on_a_system_of_ones_own_is_no_shift_of_its_input(suite: list[UnknownCase], tmp_path: Path) -> None:
+    spring = next(c for c in suite if c.condition == "spring" and c.system == "cart" and c.terms[0].form == "linear")
+    who = measured(spring, tmp_path)
+    assert set(who.model.equation_names()) == {"pace", "tilt_rate"}  # the others only sum these up
+    assert not [note for note in prepared(who)[0].notes if "than it is filed" in note]

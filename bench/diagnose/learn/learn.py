@@ -126,6 +126,8 @@ class _Seen:
     def _crossed(self, offered: Sequence[Pair], splines: Sequence[Spline]) -> list[Pair]:
         """Products of two signals that recordings left out confirm, though neither signal may matter by itself."""
         both = crosses(offered)
+        if not both:
+            return []
         signals = self.signals
         made = [Columns(p, tuple((of[p.signals[0]] * of[p.signals[1]])[None] for of in signals)) for p in both]
         fits, places = self.fits([*made, *(s.made.columns for s in splines)], upright=True)
