@@ -87,43 +87,49 @@ def _pendulum(c: dict[str, float], x: Array, u: float) -> Array:
 
 MACHINES = {
     "oscillator": Machine(
-        {"mass": 1.0, "damping": 0.5, "stiffness": 100.0},
-        ("displacement", "speed"),
-        ("m", "m/s"),
-        "force",
-        "N",
-        _spring,
-        lambda rng, t: _sines(rng, t, 12.0, 0.3, 2.6),
-        lambda rng: rng.normal(size=2) * [0.1, 0.5],
-        2.0,
-        1,
-        100.0,
+        constants={"mass": 1.0, "damping": 0.5, "stiffness": 100.0},
+        states=("displacement", "speed"),
+        units=("m", "m/s"),
+        drive="force",
+        drive_unit="N",
+        rate=_spring,
+        driven=lambda rng, t: _sines(rng, t, 12.0, 0.3, 2.6),
+        start=lambda rng: rng.normal(size=2) * [0.1, 0.5],
+        gust=2.0,
+        moving=1,
+        hertz=100.0,
     ),
     "tanks": Machine(
-        {"upper_outflow": 0.06, "lower_outflow": 0.06, "pump_gain": 0.04, "upper_linear": 0.0, "lower_linear": 0.0},
-        ("upper_level", "level"),
-        ("V", "V"),
-        "voltage",
-        "V",
-        _levels,
-        lambda rng, t: _steps(rng, t, 0.5, 4.5, 90.0),
-        lambda rng: rng.uniform(2.0, 6.0, 2),
-        0.01,
-        0,
-        0.5,
+        constants={
+            "upper_outflow": 0.06,
+            "lower_outflow": 0.06,
+            "pump_gain": 0.04,
+            "upper_linear": 0.0,
+            "lower_linear": 0.0,
+        },
+        states=("upper_level", "level"),
+        units=("V", "V"),
+        drive="voltage",
+        drive_unit="V",
+        rate=_levels,
+        driven=lambda rng, t: _steps(rng, t, 0.5, 4.5, 90.0),
+        start=lambda rng: rng.uniform(2.0, 6.0, 2),
+        gust=0.01,
+        moving=0,
+        hertz=0.5,
     ),
     "cart": Machine(
-        {"cart_mass": 2.0, "bob_mass": 0.02, "length": 0.25, "friction": 6.0, "damping": 0.6},
-        ("place", "tilt", "pace", "tilt_rate"),
-        ("m", "rad", "m/s", "rad/s"),
-        "push",
-        "N",
-        _pendulum,
-        lambda rng, t: _sines(rng, t, 5.0, 0.1, 1.2),
-        lambda rng: rng.normal(size=4) * [0.2, 0.1, 0.2, 0.3],
-        0.5,
-        2,
-        50.0,
+        constants={"cart_mass": 2.0, "bob_mass": 0.02, "length": 0.25, "friction": 6.0, "damping": 0.6},
+        states=("place", "tilt", "pace", "tilt_rate"),
+        units=("m", "rad", "m/s", "rad/s"),
+        drive="push",
+        drive_unit="N",
+        rate=_pendulum,
+        driven=lambda rng, t: _sines(rng, t, 5.0, 0.1, 1.2),
+        start=lambda rng: rng.normal(size=4) * [0.2, 0.1, 0.2, 0.3],
+        gust=0.5,
+        moving=2,
+        hertz=50.0,
     ),
 }
 CHANNELS = {
@@ -162,7 +168,8 @@ def _log(case: UnknownCase, number: int) -> Columns:
     state, extra = machine.start(rng), 2 * (case.condition in ("load", "slosh"))
 
     def rate(now: float, x: np.ndarray) -> np.ndarray:
-        return _rate(case, true, x, now, float(np.interp(now, fine, acting)), float(np.interp(now, fine, blown)), phase)
+        drive, push = float(np.interp(now, fine, acting)), float(np.interp(now, fine, blown))
+        return _rate(case, true, x, now, u=drive, blow=push, phase=phase)
 
     start = np.concatenate([state, np.zeros(extra)])
     run = solve_ivp(rate, (0, t[-1]), start, t_eval=t, max_step=dt, rtol=1e-7, atol=1e-9)
@@ -181,7 +188,9 @@ def _between(rng: np.random.Generator, count: int, share: float) -> Array:
     return out
 
 
-def _rate(case: UnknownCase, true: dict[str, float], x: Array, t: float, u: float, blow: float, phase: float) -> Array:
+def _rate(
+    case: UnknownCase, true: dict[str, float], x: Array, t: float, *, u: float, blow: float, phase: float
+) -> Array:
     """dx/dt with what is hidden."""
     machine, names = MACHINES[case.system], CHANNELS[case.system]
     size = len(names)
