@@ -9,7 +9,6 @@ import pytest
 
 pytest.importorskip("rotorpy")
 
-from bench.diagnose.select.input_timing import prepared
 from bench.score.chains import write_folder
 from bench.score.run import Job, part, work
 from bench.score.unknown import machines, rotorcraft
@@ -123,8 +122,6 @@ def test_a_wall_on_an_oscillator_is_described_from_its_folder(suite: list[Unknow
     assert (tmp_path / "folder" / "dataset.toml").is_file()
 
 
-def test_a_spring_on_a_system_of_ones_own_is_no_shift_of_its_input(suite: list[UnknownCase], tmp_path: Path) -> None:
-    spring = next(c for c in suite if c.condition == "spring" and c.system == "cart" and c.terms[0].form == "linear")
-    who = measured(spring, tmp_path)
-    assert set(who.model.equation_names()) == {"pace", "tilt_rate"}  # the others only sum these up
-    assert not [note for note in prepared(who)[0].notes if "than it is filed" in note]
+def test_poses_of_a_system_of_ones_own_are_known_by_their_rates(suite: list[UnknownCase], tmp_path: Path) -> None:
+    cart = next(c for c in suite if c.system == "cart")
+    assert set(measured(cart, tmp_path).model.equation_names()) == {"pace", "tilt_rate"}

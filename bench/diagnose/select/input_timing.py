@@ -4,8 +4,7 @@ Between two samples an input does not move in a straight line (a motor follows h
 a log files it late, a filter delays the states. To first order all of these are one thing: the input acts as it is read
 a fraction of a sample earlier or later. A term that follows the input's rate fits them all, so the shift is settled
 first: in the weak form, beside the model's constants and every effect of the catalogue, with the noise of the
-inputs taken off. Where the catalogue has nothing for a system but for its input, lines in every state stand there: a
-spring that nobody foresaw would pass for a shift. Inputs are then read at the shifted times by all that follows.
+inputs taken off. Inputs are then read at the shifted times by all that follows.
 """
 
 from collections.abc import Callable
@@ -27,9 +26,7 @@ from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
 from bench.diagnose.select.search import Search, admissible, noise_filters, stride_of
 from bench.diagnose.settings import TIMING
 from bench.diagnose.simulate.unmeasured import hidden
-from registry.dynamics import InputEffect, PhysicsModel
-from registry.effects.learned_term import LearnedTerm
-from registry.terms.signals import flies
+from registry.dynamics import PhysicsModel
 
 
 @dataclass(frozen=True)
@@ -137,12 +134,10 @@ class _Regression:
 
     def __init__(self, subject: Subject, noise: Noise, shift: float) -> None:
         """Linearise the model and every effect of the catalogue where inputs are read ``shift`` samples later."""
-        self.drives = drives_of(subject.model, subject.logs[0])
+        self.model, self.drives = subject.model, drives_of(subject.model, subject.logs[0])
         self.stack = LogBatch.of(shortened(subject.of(subject.training), TIMING.longest))
         search = Search(subject, (), lambda name: None, noise)
-        candidates = [(n, kind) for n, kind in admissible(subject, subject.model, None) if not kind.screen]
-        own = all(issubclass(kind, InputEffect) for _, kind in candidates)
-        self.model = _with_lines(subject.model) if own else subject.model
+        candidates = [(name, kind) for name, kind in admissible(subject, self.model, None) if not kind.screen]
         white = np.random.default_rng(0).normal(size=self.stack.inputs.shape) * np.array(noise.inputs)
         self.drawn = torch.from_numpy(convolve1d(white, noise.input_smoothing.kernel(), axis=1))
         here, noisy = self.read(shift), self.read(shift, noisy=True)
@@ -205,16 +200,6 @@ class _Regression:
             moved.append(filed(here, sensors + TIMING.probe))
         columns = linear.columns.with_more([(m - rates) / TIMING.probe for m in moved])
         return replace(linear, rates=rates, columns=columns).project(self.tests)
-
-
-def _with_lines(model: PhysicsModel) -> PhysicsModel:
-    """The model with a term, zero so far, in every state along every equation; of a vehicle the model itself."""
-    if flies(type(model)):
-        return model
-    names, moved = [c.name for c in model.state_channels], model.equation_names()
-    axes = [c.name for c in model.state_channels if c.group in moved]
-    lines = tuple(LearnedTerm(axis, (name,), "linear", (0.0,)) for axis in axes for name in names)
-    return replace(model, effects=(*model.effects, *lines))
 
 
 def _precision(linear: Linearization, count: int) -> np.ndarray:
