@@ -123,7 +123,7 @@ def _checked(subject: Subject, ignore: Sequence[str]) -> tuple[Subject, Checked,
 def _shifts_again(subject: Subject, checked: Checked) -> Checked:
     """What is left of time shifts once the inputs are read when they act, by the model with all that was found.
 
-    Friction that is missing makes motion lead what drives it, named or learned.
+    Friction that is missing makes motion lead what drives it, named or learned, and so does a wall or a spring.
     """
     again = problems(subject)
     return checked if again.problems else Checked((), (*again.suspicions, *checked.problems[:1]))

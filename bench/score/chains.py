@@ -1,4 +1,4 @@
-"""Which of the two simulators a case comes from, for those who need not know."""
+"""Which of the simulators a case comes from, for those who need not know."""
 
 import shutil
 from pathlib import Path
@@ -10,6 +10,8 @@ from bench.score.case import Case
 from bench.score.chain import case as second
 from bench.score.logs import subject
 from bench.score.multirotor.corrupt import Fault
+from bench.score.unknown import case as unknown
+from bench.score.unknown.condition import UnknownCase
 from registry.dynamics import PhysicsModel
 
 
@@ -17,6 +19,8 @@ def measured(case: Case, cache: Path) -> tuple[Subject, list[Fault]]:
     """The logs of ``case`` as the diagnosis takes them, and what was spoilt in them."""
     if isinstance(case, second.ChainCase):
         return second.measured(case, cache), []
+    if isinstance(case, UnknownCase):
+        return unknown.measured(case, cache), []
     columns, faults = first.fly_and_faults(case, cache)
     known = {k: dict(v) for k, v in case.known.items()}
     return subject(case.id, columns, first.nominal(case), dict(first.UNCERTAINTY), known, case.drive), faults
@@ -49,17 +53,20 @@ def write_folder(case: Case, path: Path, cache: Path) -> None:
     """Write the logs of ``case`` and their dataset.toml to the folder ``path``; known effects go to model.toml."""
     if isinstance(case, second.ChainCase):
         shutil.copytree(second.kept(case, cache), path, dirs_exist_ok=True)
+    elif isinstance(case, UnknownCase):
+        shutil.copytree(unknown.kept(case, cache), path, dirs_exist_ok=True)
     else:
         trial.write_folder(case, path, cache)
 
 
 def cases(seed: str, quick: bool, chain: str) -> list[Case]:
-    """The suite of ``chain`` ("first", "second" or "both") for ``seed``, "development" or "reported"."""
+    """The suite of ``chain`` ("first", "second", "both", "unknown") for ``seed``, "development" or "reported"."""
     from bench.score import cases as one
     from bench.score.chain import suite as two
+    from bench.score.unknown import suite as three
 
     out: list[Case] = []
-    for name, of in (("first", one), ("second", two)):
-        if chain in (name, "both"):
+    for name, of in (("first", one), ("second", two), ("unknown", three)):
+        if chain == name or (chain == "both" and name != "unknown"):
             out += of.cases(of.REPORTED if seed == "reported" else of.DEVELOPMENT, quick)
     return out

@@ -19,6 +19,8 @@ from bench.score.case import Case
 from bench.score.chains import shares
 from bench.score.judge import FAILED
 from bench.score.tie import distance
+from bench.score.unknown import attempt as unknown
+from bench.score.unknown.condition import UnknownCase
 from registry.errors import BenchError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -135,6 +137,8 @@ def work(job: Job, cache: Path) -> dict[str, Any]:
             from bench.score.alternatives import attempt_all
 
             return {name: asdict(said) for name, said in attempt_all(job.case, cache).items()}
+        if isinstance(job.case, UnknownCase):
+            return unknown.attempt(job.case, cache)
         said = to_json(attempt(job.case, cache))
         said["extra"] |= {"shares": shares(job.case, cache)}
         said["extra"] |= {"distance": distance(job.case, said["named"], said["rivals"], cache)}

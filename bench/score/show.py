@@ -5,7 +5,6 @@ import math
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from bench.score.judge import LEFT
 from bench.score.table import Method, Table, percent
 
 _MARK = {True: "yes", False: "no", None: ""}
@@ -43,7 +42,7 @@ def show(out: Console, found: Table) -> None:
 def markdown(found: Table, command: str) -> str:
     """The table as a page; the same on every machine."""
     out = [
-        "# Is the missing physics found?",
+        f"# {found.title}",
         "",
         f"Made by `{command}`: {found.scored} of {found.asked} cases scored, ",
     ]
@@ -54,7 +53,7 @@ def markdown(found: Table, command: str) -> str:
     if found.methods:
         out += ["", f"{_compared(found)}:", "", f"| {' | '.join(_METHODS)} |", "|---" * len(_METHODS) + "|"]
         out += [f"| {' | '.join(_row(m))} |" for m in found.methods]
-    out += ["", f"## More than {100 * LEFT:.0f} % of the error above the floor left ({len(found.leftovers)})", ""]
+    out += ["", f"## More than {100 * found.near:.0f} % of the error above the floor left ({len(found.leftovers)})", ""]
     out += [f"- `{name}`: {_left(*shares)}" for name, *shares in found.leftovers] or ["None."]
     out += ["", f"## Wrong answers ({len(found.failures)})", ""]
     out += [f"- `{name}`: {truth} → {said}" for name, truth, said in found.failures] or ["None."]

@@ -59,6 +59,9 @@ class Table:
     """Case, truth, answer."""
     leftovers: tuple[tuple[str, float, float], ...]
     """Case, share of the error above the floor that is left, and that the model with the true numbers leaves."""
+    title: str = "Is the missing physics found?"
+    near: float = LEFT
+    """Share that counts as left."""
 
     @property
     def unmet(self) -> int:
@@ -123,13 +126,13 @@ def _effects(judged: Sequence[Judged]) -> tuple[Line, ...]:
     worst = max((j.remaining for j in judged), default=math.nan)
     return _some(
         judged,
-        _at_least("single effect: named first", 0.98, (j.first for j in single)),
-        _at_least("single effect: exact set", 0.95, (j.answered for j in single)),
-        _at_least("pairs and triples: exact set", 0.90, (j.answered for j in several)),
-        _rate(
+        at_least("single effect: named first", 0.98, (j.first for j in single)),
+        at_least("single effect: exact set", 0.95, (j.answered for j in single)),
+        at_least("pairs and triples: exact set", 0.90, (j.answered for j in several)),
+        rate(
             "… of all these, not named but told as a calibrated constant", (j.answered and not j.exact for j in judged)
         ),
-        _at_most("a tie where the truth can be told", 0.10, (j.verdict == "tie" for j in judged)),
+        at_most("a tie where the truth can be told", 0.10, (j.verdict == "tie" for j in judged)),
         Line(
             "parameter error, median",
             f"{percent(median)} of {len(errors)} parameters",
@@ -137,14 +140,14 @@ def _effects(judged: Sequence[Judged]) -> tuple[Line, ...]:
             median <= 0.02 if errors else None,
         ),
         _between("95 % interval holds the truth", 0.90, 0.99, [e.covered for e in estimates]),
-        _at_least(
+        at_least(
             f"at most {_round(LEFT)} of the error above the floor left", 1.0, (j.remaining <= LEFT for j in judged)
         ),
-        _rate(
+        rate(
             f"… at most {_round(LEFT)} above the true model's error on the same recordings",
             (j.beyond_truth <= LEFT for j in judged if not math.isnan(j.beyond_truth)),
         ),
-        _at_most("worse than the nominal model", 0.0, (not j.remaining <= 1 for j in judged)),
+        at_most("worse than the nominal model", 0.0, (not j.remaining <= 1 for j in judged)),
         Line("most that is left of the error above the floor", percent(worst)),
     )
 
@@ -156,17 +159,17 @@ def _nothing(judged: Sequence[Judged]) -> tuple[Line, ...]:
     kinds: dict[str, list[Judged]] = {}
     for j in none:
         kinds.setdefault(_kind(j.case), []).append(j)
-    lines = [_at_most(f"a name without an effect (≥ {SETS} sets)", 0.01, (bool(j.named) for j in none))] if none else []
+    lines = [at_most(f"a name without an effect (≥ {SETS} sets)", 0.01, (bool(j.named) for j in none))] if none else []
     if len(none) < SETS:
         lines = [Line(x.text, x.value, x.wanted, False if x.met is False else None) for x in lines]
-    lines += [_rate(f"… {kind}", (bool(j.named) for j in of)) for kind, of in kinds.items()]
-    lines += [_rate("the answer that counts, without an effect", (j.right for j in none))] if none else []
+    lines += [rate(f"… {kind}", (bool(j.named) for j in of)) for kind, of in kinds.items()]
+    lines += [rate("the answer that counts, without an effect", (j.right for j in none))] if none else []
     if unknown:
         lines += [
-            _at_least("not in the catalogue: said so", 0.90, (j.verdict == "unknown_effect" for j in unknown)),
-            _at_most("not in the catalogue: wrongly named", 0.05, (j.names_wrongly for j in unknown)),
-            _at_least("not in the catalogue: the signal it follows", 0.80, (j.signal for j in unknown)),
-            _rate(f"… said so, of those above {_round(SHARE)}", (j.verdict == "unknown_effect" for j in visible)),
+            at_least("not in the catalogue: said so", 0.90, (j.verdict == "unknown_effect" for j in unknown)),
+            at_most("not in the catalogue: wrongly named", 0.05, (j.names_wrongly for j in unknown)),
+            at_least("not in the catalogue: the signal it follows", 0.80, (j.signal for j in unknown)),
+            rate(f"… said so, of those above {_round(SHARE)}", (j.verdict == "unknown_effect" for j in visible)),
         ]
     return tuple(lines)
 
@@ -176,18 +179,18 @@ def _spoilt(judged: Sequence[Judged]) -> tuple[Line, ...]:
     shifted = [j for j in judged if j.case.condition == "shifted"]
     first = _some(
         spoilt,
-        _rate("data problem: recording", (j.recording for j in spoilt)),
-        _rate("data problem: recording and signal", (j.sensor for j in spoilt)),
-        _at_least("data problem: recording, signal and rows", 0.95, (j.rows for j in spoilt)),
-        _at_most("explained by an effect", 0.0, (j.names_wrongly for j in spoilt)),
+        rate("data problem: recording", (j.recording for j in spoilt)),
+        rate("data problem: recording and signal", (j.sensor for j in spoilt)),
+        at_least("data problem: recording, signal and rows", 0.95, (j.rows for j in spoilt)),
+        at_most("explained by an effect", 0.0, (j.names_wrongly for j in spoilt)),
     )
     words = "time shift: delay or data problem, the other mentioned"
-    return (*first, *_some(shifted, _at_least(words, 1.0, (j.shift for j in shifted))))
+    return (*first, *_some(shifted, at_least(words, 1.0, (j.shift for j in shifted))))
 
 
 def _ties(judged: Sequence[Judged]) -> tuple[Line, ...]:
     right = (j.verdict == "tie" and j.exact for j in judged)
-    return _some(judged, _at_least("a tie with the truth inside, no further apart than the noise", 1.0, right))
+    return _some(judged, at_least("a tie with the truth inside, no further apart than the noise", 1.0, right))
 
 
 def _methods(paired: Sequence[tuple[Judged, Mapping[str, Any] | None]]) -> tuple[Method, ...]:
@@ -259,7 +262,8 @@ def bounds(count: int, total: int, confidence: float = 0.95) -> tuple[float, flo
     return low, high
 
 
-def _rate(text: str, flags: Iterable[bool]) -> Line:
+def rate(text: str, flags: Iterable[bool]) -> Line:
+    """How often something holds, with its interval."""
     seen = list(flags)
     if not seen:
         return Line(text, "no cases")
@@ -267,21 +271,23 @@ def _rate(text: str, flags: Iterable[bool]) -> Line:
     return Line(text, f"{sum(seen)}/{len(seen)} = {percent(_mean(seen))} ({percent(low)} to {percent(high)})")
 
 
-def _at_least(text: str, least: float, flags: Iterable[bool]) -> Line:
+def at_least(text: str, least: float, flags: Iterable[bool]) -> Line:
+    """A share that must not be smaller."""
     seen = list(flags)
     wanted = "all" if least == 1 else f"≥ {_round(least)}"
-    return Line(text, _rate(text, seen).value, wanted, _mean(seen) >= least if seen else None)
+    return Line(text, rate(text, seen).value, wanted, _mean(seen) >= least if seen else None)
 
 
-def _at_most(text: str, most: float, flags: Iterable[bool]) -> Line:
+def at_most(text: str, most: float, flags: Iterable[bool]) -> Line:
+    """A share that must not be larger."""
     seen = list(flags)
     wanted = "never" if most == 0 else f"≤ {_round(most)}"
-    return Line(text, _rate(text, seen).value, wanted, _mean(seen) <= most if seen else None)
+    return Line(text, rate(text, seen).value, wanted, _mean(seen) <= most if seen else None)
 
 
 def _between(text: str, low: float, high: float, flags: Sequence[bool]) -> Line:
     wanted = f"{100 * low:.0f} to {100 * high:.0f} %"
-    return Line(text, _rate(text, flags).value, wanted, low <= _mean(flags) <= high if flags else None)
+    return Line(text, rate(text, flags).value, wanted, low <= _mean(flags) <= high if flags else None)
 
 
 def _some(cases: Sequence[Judged], *lines: Line) -> tuple[Line, ...]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.score.case import UNCERTAINTY, Case, fly, nominal
+from bench.score.case import UNCERTAINTY, Case, Columns, fly, nominal
 from bench.score.multirotor.flights import RATE
 from bench.score.multirotor.measure import LEVELS, SMOOTHINGS
 
@@ -31,9 +31,12 @@ def write_folder(case: Case, path: Path, cache: Path, processing: bool = True) -
         cache: of the flights.
         processing: whether dataset.toml states smoothing and noise.
     """
-    path = Path(path)
+    write_logs(case, fly(case, cache), Path(path), processing)
+
+
+def write_logs(case: Case, logs: list[Columns], path: Path, processing: bool = True) -> None:
+    """Write logs as `write_folder` does."""
     path.mkdir(parents=True, exist_ok=True)
-    logs = fly(case, cache)
     signals = [name for name in _COLUMNS if name in logs[0]]
     header = ",".join(["t", *(c for name in signals for c in _COLUMNS[name][0])])
     for i, log in enumerate(logs):

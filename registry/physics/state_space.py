@@ -1,10 +1,12 @@
 """Systems of which an effect adds to dx/dt: any of them, and those that move by forces."""
 
 from abc import abstractmethod
+from functools import cache
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.dynamics import ModelEffect, PhysicsModel, RateEffect, tensor
 
@@ -15,6 +17,13 @@ class StateSpace(PhysicsModel):
     @abstractmethod
     def own_rate(self, state: Tensor, inputs: Tensor) -> Tensor:
         """dx/dt (…, s) without effects, at the state proper (…, s) and the driving inputs (…, m)."""
+
+    @override
+    def equation_names(self) -> dict[str, str]:
+        """See `PhysicsModel.equation_names`; a pose of any name is known by its rate, which is another state itself."""
+        groups = [c.group for c in self.state_channels]
+        moves = {g for g, sums_up in zip(groups, _sums_up(type(self)), strict=True) if not sums_up}
+        return {g: name for g, name in super().equation_names().items() if g in moves or not moves}
 
     def derivative(self, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None) -> Tensor:
         """Time derivative (…, s) of the state (…, s); see `PhysicsModel.derivative`."""
@@ -33,6 +42,18 @@ class StateSpace(PhysicsModel):
                 own.append(added[..., size:])
                 at += effect.internal_size
         return torch.cat([rate, *own], dim=-1)
+
+
+@cache
+def _sums_up(kind: type[StateSpace]) -> tuple[bool, ...]:
+    """Of each state, whether its rate is another state itself, at all states and inputs: found by trying three."""
+    generator, plain = torch.Generator().manual_seed(0), kind()
+    state = 0.5 + torch.rand(3, len(kind.state_channels), generator=generator, dtype=torch.float64)
+    driving = torch.full((3, plain.driving_channels), 0.5, dtype=torch.float64)
+    with torch.no_grad():
+        rate = plain.own_rate(state, driving)
+    found: list[bool] = (rate[:, :, None] == state[:, None, :]).all(dim=0).any(dim=1).tolist()
+    return tuple(found)
 
 
 class Mechanical(StateSpace):

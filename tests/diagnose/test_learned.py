@@ -21,6 +21,7 @@ from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.catalogue import check_catalogue
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import admissible
+from bench.diagnose.settings import LEARNING
 from registry.contracts import Channel, Recording
 from registry.effects.learned_term import LearnedTerm
 from registry.errors import BenchError
@@ -106,6 +107,17 @@ def test_the_formula_of_what_is_hidden_is_found(shape: str) -> None:
     ((axis, signals, found, values),) = terms_of(subject(force))
     assert (axis, set(signals), found) == ("speed.q", set(follows), shape)
     np.testing.assert_allclose(values, true, rtol=0.1)  # a start: simulation fits it
+
+
+def test_a_product_is_found_where_neither_signal_matters_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "bench.diagnose.learn.learn.LEARNING", replace(LEARNING, few=0)
+    )  # as of a vehicle's many signals
+    crossed = subject(HIDDEN["linear"][0])
+    ((axis, signals, found, _),) = terms_of(crossed)
+    assert (axis, set(signals), found) == ("speed.q", {"speed.q", "displacement.q"}, "linear")
+    monkeypatch.setattr("bench.diagnose.learn.learn.crosses", lambda offered: [])
+    assert terms_of(crossed) == []
 
 
 def test_where_nothing_repeats_nothing_is_learned() -> None:

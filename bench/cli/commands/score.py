@@ -19,8 +19,13 @@ if TYPE_CHECKING:
     from bench.score.case import Case
     from bench.score.run import Job, Store
 
-CHAINS = ("first", "second", "both")
+CHAINS = ("first", "second", "both", "unknown")
 CONDITIONS = ("single", "pair", "triple", "nothing", "gusts", "unknown", "tie", "corrupted", "shifted")
+UNFORESEEN = (
+    *("spring", "wall", "place_lift", "cross", "dead_zone", "taken_out", "periodic", "drift", "load", "slosh"),
+    *("motors", "twisted", "empty", "blown", "undersampled"),
+)
+"""Conditions of the chain "unknown"."""
 
 
 class _Share(click.ParamType):
@@ -52,7 +57,7 @@ class _Share(click.ParamType):
     type=click.Choice(CHAINS),
     default="first",
     show_default=True,
-    help="Which simulator: RotorPy, the second one with its motors, estimators and loggers, or both.",
+    help="RotorPy, a second simulator with motors, estimators and loggers, both; or effects that nobody foresaw.",
 )
 @click.option("--case", "named", multiple=True, metavar="ID", help="This case only. Repeatable.")
 @click.option(
@@ -62,7 +67,9 @@ class _Share(click.ParamType):
     metavar="DIR",
     help="Diagnose nothing: write the folder of each chosen case to DIR/ID, as a user would bring it.",
 )
-@click.option("--only", type=click.Choice(CONDITIONS), multiple=True, help="This condition only. Repeatable.")
+@click.option(
+    "--only", type=click.Choice((*CONDITIONS, *UNFORESEEN)), multiple=True, help="This condition only. Repeatable."
+)
 @click.option("--fraction", type=_Share(), default="1", help="This share of every condition, such as 1/3.")
 @options.results
 @click.option(
@@ -104,6 +111,7 @@ def score_discovery_command(
     bench score-discovery --only pair --only triple      two conditions
     bench score-discovery --fraction 1/3 --table         what is known so far, running nothing
     bench score-discovery --chain second                 the flights of the second simulator
+    bench score-discovery --chain unknown --fraction 1/3 effects that no catalogue has: flights, tanks, carts
     bench score-discovery --chain second --case ID --write DIR     one of them as a folder, for `bench diagnose`
 
     Finished cases are kept in RESULTS/discovery/answers.jsonl: after Ctrl-C or a crash the same command goes on
@@ -125,10 +133,17 @@ def score_discovery_command(
         return
     store = Store(results)
     if not table:
-        _run(out, jobs(chosen, alternatives), store, cache or _cache(), workers or os.cpu_count() or 1)
-    whole = seed == "reported" and chain == "first" and not (quick or only or named) and fraction == 1
+        _run(
+            out,
+            jobs(chosen, alternatives and chain != "unknown"),
+            store,
+            cache or _cache(),
+            workers or os.cpu_count() or 1,
+        )
+    page = {"first": "discovery.md", "unknown": "unknown_effects.md"}.get(chain, "")
+    whole = seed == "reported" and bool(page) and not (quick or only or named) and fraction == 1
     command = _command(quick, seed, chain, named=named, only=only, fraction=fraction, alternatives=alternatives)
-    _conclude(out, chosen, store, command, results, whole)
+    _conclude(out, chosen, store, command, results, page if whole else "")
 
 
 def _run(out: Console, todo: "list[Job]", store: "Store", cache: Path, workers: int) -> None:
@@ -149,18 +164,20 @@ def _run(out: Console, todo: "list[Job]", store: "Store", cache: Path, workers: 
     out.print(f"{len(missing)} jobs in {clock(time.monotonic() - progress.started)} with {workers} process(es).")
 
 
-def _conclude(out: Console, chosen: "list[Case]", store: "Store", command: str, results: Path, whole: bool) -> None:
+def _conclude(out: Console, chosen: "list[Case]", store: "Store", command: str, results: Path, page: str) -> None:
     from bench.claims.manifest import entered
     from bench.diagnose.result import write_text
     from bench.score.show import markdown, show
     from bench.score.table import table
+    from bench.score.unknown.condition import UnknownCase
+    from bench.score.unknown.table import table as unforeseen
 
-    found = table(chosen, store.read())
+    found = (unforeseen if any(isinstance(c, UnknownCase) for c in chosen) else table)(chosen, store.read())
     if not found.scored:
         raise BenchError(f"None of these cases was finished by the present code in {store.path}: leave --table out.")
     show(out, found)
-    complete = whole and found.scored == len(chosen)
-    path = results / "published" / "discovery.md" if complete else store.path.with_name("table.md")
+    complete = page and found.scored == len(chosen)
+    path = results / "published" / page if complete else store.path.with_name("table.md")
     write_text(path, markdown(found, command))
     entered(path)
     out.print(f"Table and failures: {path}", highlight=False, markup=False)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 import torch
@@ -115,6 +116,15 @@ def products(offered: Sequence[Pair], around: Sequence[Pair] | None = None) -> l
             if first != second and (first in near or second in near)
         ]
     return out
+
+
+def crosses(offered: Sequence[Pair]) -> list[Pair]:
+    """Every two signals of those offered along an axis, once."""
+    by: dict[str, list[str]] = {}
+    for p in offered:
+        if p.length == 1:
+            by.setdefault(p.axis, []).append(p.signals[0])
+    return [Pair(axis, two) for axis, names in by.items() for two in combinations(names, 2)]
 
 
 def with_axes(model: PhysicsModel) -> PhysicsModel:

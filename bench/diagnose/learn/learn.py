@@ -1,17 +1,27 @@
 """Learn the terms that a model lacks and no catalogue has; each is accepted by recordings that were not fitted."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 import torch
 
-from bench.diagnose.learn.candidates import Columns, Pair, own_columns, pairs, paths, products, view_of, with_axes
+from bench.diagnose.learn.candidates import (
+    Columns,
+    Pair,
+    crosses,
+    own_columns,
+    pairs,
+    paths,
+    products,
+    view_of,
+    with_axes,
+)
 from bench.diagnose.learn.causal import consequences
 from bench.diagnose.learn.formulas import Formula, block_of, fitted, option_columns, options, refined, simplest, span_of
-from bench.diagnose.learn.held_out import HeldOut
-from bench.diagnose.learn.splines import Made, Spline, chosen, splines_of
+from bench.diagnose.learn.held_out import Block, HeldOut
+from bench.diagnose.learn.splines import Made, Spline, chosen, confirmed, splines_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.choose import updated
@@ -88,7 +98,8 @@ class _Seen:
 
     def made(self, some: Sequence[Pair]) -> list[Made]:
         """The splines of pairs whose signals vary."""
-        return [m for pair in some if (m := splines_of(pair, self.signals, _knots(pair))) is not None]
+        poses = poses_of(self.look.linear.model)
+        return [m for pair in some if (m := splines_of(pair, self.signals, _knots(pair, poses))) is not None]
 
     def asked(self, only: Pair) -> list[Spline]:
         """The one term that was asked for."""
@@ -102,11 +113,31 @@ class _Seen:
         """The terms that recordings left out of the fit confirm, of what acts now."""
         few = len(offered) ** 2 <= LEARNING.few
         splines = self._acting([*offered, *products(offered)] if few else offered)
-        if few or not splines:
+        if few:
             return splines
+        crossed = self._crossed(offered, splines)
+        if not splines and not crossed:
+            return []
         found = [s.pair for s in splines]
-        alone = [p for p in offered if p.axis in {f.axis for f in found}]
-        return self._acting([*alone, *products(alone, found)])
+        axes = {p.axis for p in (*found, *crossed)}
+        alone = [p for p in offered if p.axis in axes]
+        return self._acting([*alone, *dict.fromkeys((*products(alone, found), *crossed))])
+
+    def _crossed(self, offered: Sequence[Pair], splines: Sequence[Spline]) -> list[Pair]:
+        """Products of two signals that recordings left out confirm, though neither signal may matter by itself."""
+        both = crosses(offered)
+        if not both:
+            return []
+        signals = self.signals
+        made = [Columns(p, tuple((of[p.signals[0]] * of[p.signals[1]])[None] for of in signals)) for p in both]
+        fits, places = self.fits([*made, *(s.made.columns for s in splines)], upright=True)
+        beside = [replace(s.block, places=at) for s, at in zip(splines, places[len(both) :], strict=True)]
+        now = fits.losses(beside)
+        gains = [now - fits.losses([*beside, Block(at)]) for at in places[: len(both)]]
+        least = SPLINING.gain * fits.rows
+        order = sorted(range(len(both)), key=lambda i: -float(gains[i].sum()))
+        best = [both[i] for i in order if confirmed(gains[i], least)][: SPLINING.first]
+        return [Pair(p.axis, names) for p in best for names in (p.signals, p.signals[::-1])]
 
     def _acting(self, offered: Sequence[Pair]) -> list[Spline]:
         splines: list[Spline] = []
@@ -158,9 +189,14 @@ class _Seen:
         return tuple(terms)
 
 
-def _knots(pair: Pair) -> int:
+def poses_of(model: PhysicsModel) -> set[str]:
+    """Groups of signals that say where a system is: those whose rate of change is another state."""
+    return {"height", *RATE_OF, *(c.group for c in model.state_channels)} - set(model.equation_names())
+
+
+def _knots(pair: Pair, poses: Container[str]) -> int:
     """Knots of its splines: more where the first signal says where the system is."""
-    return SPLINING.knots_of_a_pose if pair.signals[0].partition(".")[0] in ("height", *RATE_OF) else SPLINING.knots
+    return SPLINING.knots_of_a_pose if pair.signals[0].partition(".")[0] in poses else SPLINING.knots
 
 
 def _measured(subject: Subject, offered: Sequence[Pair]) -> list[Pair]:

@@ -99,14 +99,14 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
         i, block, losses = found[min(found)]
         # Two signals must be better than one, for they hold much of that; and a product better than a sum of two terms.
         for length in sorted(found)[1:]:
-            if _confirmed(losses - found[length][2], least(made[i].columns.pair, losses)):
+            if confirmed(losses - found[length][2], least(made[i].columns.pair, losses)):
                 if length == PRODUCT:
                     alone = [j for n in found if n < PRODUCT for j in by_length[n] if j != i]
                     second = best([*beside, block], alone)
                     if second and second[2].sum() <= found[length][2].sum():
                         continue
                 i, block, losses = found[length]
-        if not _confirmed(now - losses, least(made[i].columns.pair, losses)):
+        if not confirmed(now - losses, least(made[i].columns.pair, losses)):
             break
         gained[made[i].columns.pair.equation] += float((now - losses).sum())
         taken.append(Spline(made[i].columns.pair, made[i], block))
@@ -114,6 +114,6 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
     return taken
 
 
-def _confirmed(gains: np.ndarray, least: float) -> bool:
+def confirmed(gains: np.ndarray, least: float) -> bool:
     """Whether recordings gain enough together, and most of them something."""
     return bool(gains.sum() >= least and (gains > 0).mean() >= SPLINING.agreed)
