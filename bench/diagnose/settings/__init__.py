@@ -17,7 +17,7 @@ from bench.diagnose.settings.regression import Calibrating, Folding, Linearising
 from bench.diagnose.settings.select import Choosing, Growing, Mattering, Searching, Stepping, Timing, Verifying
 from bench.diagnose.settings.simulate import Beginning, Playing, Running, Shooting, Simulating
 from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Observing, Telling
-from bench.diagnose.settings.unseen import Unseen
+from bench.diagnose.settings.unseen import Hiding, Unseen
 
 COMPARING = Comparing()
 OBSERVING = Observing()
@@ -40,6 +40,7 @@ LIFTING = Lifting()
 READING = Reading()
 HEARING = Hearing()
 UNSEEN = Unseen()
+HIDING = Hiding()
 SEARCHING = Searching()
 TIMING = Timing()
 CHOOSING = Choosing()
@@ -89,6 +90,7 @@ EVERY = (
     READING,
     HEARING,
     UNSEEN,
+    HIDING,
     LINEARISING,
     CALIBRATING,
     FOLDING,
