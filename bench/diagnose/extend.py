@@ -15,10 +15,11 @@ from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.all_terms import learn_all_terms, periodic
 from bench.diagnose.learn.candidates import equation_of
 from bench.diagnose.learn.learn import learn
+from bench.diagnose.learn.modes.modes import modes
 from bench.diagnose.learn.request import is_request, parsed
 from bench.diagnose.learn.spectral_line import Line
 from bench.diagnose.learn.waves import told, waves
-from bench.diagnose.learned_shape import WAVE
+from bench.diagnose.learned_shape import RELAXATION, SWING, WAVE
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.report import wave_words
@@ -32,6 +33,7 @@ from bench.diagnose.summaries import parameter_estimates
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel, unsuited
 from registry.effects.learned_term import LearnedTerm
+from registry.effects.waves.hidden_mode import HiddenMode
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.errors import BenchError
 
@@ -228,6 +230,9 @@ def _starts(
         asked = parsed(item, model)
         if asked is None:
             terms = learn_all_terms(subject, model, noise, tick)
+        elif asked.signals[0] in (SWING, RELAXATION):
+            order = 2 if asked.signals[0] == SWING else 1
+            terms = tuple(m for m in modes(subject, model, noise) if m.order == order and asked.axis in m.axes)
         elif asked.signals == (WAVE,):
             terms = tuple(periodic(line) for line in waves(subject, model, noise) if line.axis == asked.axis)
         else:
@@ -257,6 +262,10 @@ def _named(
         return NamedEffect(
             name, numbers, share, before, after, acts_on=equation_of(model, effect.axis), learned=True, term=term
         )
+    if isinstance(effect, HiddenMode):
+        term, numbers = wave_words.described_mode(effect, model, numbers)
+        where = equation_of(model, effect.axes[0])
+        return NamedEffect(name, numbers, share, before, after, acts_on=where, learned=True, term=term)
     if isinstance(effect, PeriodicTerm) and line is not None:
         term, numbers, single = wave_words.described(line, model)
         wave = NamedEffect(name, numbers, share, before, after, learned=True, term=term, by_recording=single)

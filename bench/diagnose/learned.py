@@ -6,6 +6,7 @@ from dataclasses import replace
 from bench.diagnose.extend import Extension, extend, ordered
 from bench.diagnose.learn.all_terms import learn_all_terms
 from bench.diagnose.learn.curve import curve
+from bench.diagnose.learn.modes.answered import answered
 from bench.diagnose.learn.waves import folded
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
@@ -16,6 +17,7 @@ from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.settings import DECIDING, EXTENDING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
+from registry.effects.waves.hidden_mode import HiddenMode
 from registry.effects.waves.periodic_term import PeriodicTerm
 
 
@@ -116,10 +118,14 @@ def curves(subject: Subject, noise: Noise, extension: Extension) -> tuple[Learne
     model = extension.model
     first = len(model.effects) - len(extension.effects)
     terms = ((first + i, e) for i, e in enumerate(extension.effects) if e.learned)
-    drawn = (
-        folded(subject, model, noise, place)
-        if isinstance(model.effects[place], PeriodicTerm)
-        else curve(subject, noise, model, place, e)
-        for place, e in terms
-    )
+    drawn = (_drawn(subject, model, noise, place, e) for place, e in terms)
     return tuple(c for c in drawn if c is not None)
+
+
+def _drawn(subject: Subject, model: PhysicsModel, noise: Noise, place: int, effect: NamedEffect) -> LearnedCurve | None:
+    """The shape of the term in ``model.effects[place]``; None: no recording is long enough for it."""
+    if isinstance(model.effects[place], PeriodicTerm):
+        return folded(subject, model, noise, place)
+    if isinstance(model.effects[place], HiddenMode):
+        return answered(subject, model, noise, place)
+    return curve(subject, noise, model, place, effect)

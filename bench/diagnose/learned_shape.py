@@ -5,16 +5,19 @@ from dataclasses import dataclass
 WAVE = "wave"
 """The shape of what swings at one frequency and follows no signal; each recording has its amplitude and phase."""
 
+SWING, RELAXATION = "swing", "relaxation"
+"""The shapes of hidden modes: what signals drive and no sensor sees swings, or relaxes."""
+
 
 @dataclass(frozen=True)
 class LearnedShape:
-    """A term that no catalogue has: f of one signal, times another one if there are two; or a wave."""
+    """A term that no catalogue has: f of one signal, times another one if there are two; a wave; or a hidden mode."""
 
     axis: str
-    """Along which it acts, such as "world_force_x" or "speed.q" (then it is a rate of change)."""
+    """Along which it acts, such as "world_force_x" or "speed.q" (then a rate of change); of a mode with commas."""
     signals: tuple[str, ...]
     shape: str
-    """A formula of `registry.terms.shapes`, "spline", or `WAVE`."""
+    """A formula of `registry.terms.shapes`, "spline", `WAVE`, `SWING` or `RELAXATION`."""
     formula: str
     """As text, such as "k x"."""
     described: str
@@ -23,6 +26,8 @@ class LearnedShape:
     @property
     def name(self) -> str:
         """As `bench extend --add` takes it."""
+        if self.shape in (SWING, RELAXATION):
+            return f"{self.axis} ~ {self.shape}"
         alone = WAVE if self.shape == WAVE else "1"  # a function of signals may be a wave as well
         return f"{self.axis} ~ {' * '.join(self.signals) or alone}"
 

@@ -1,4 +1,4 @@
-"""All that can be learned of what a model leaves: waves that follow nothing, and functions of measured signals."""
+"""All that can be learned of what a model leaves: waves, hidden modes, and functions of measured signals."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,6 +6,7 @@ from dataclasses import replace
 import torch
 
 from bench.diagnose.learn.learn import learn, worthy
+from bench.diagnose.learn.modes.modes import modes
 from bench.diagnose.learn.spectral_line import Line
 from bench.diagnose.learn.waves import waves
 from bench.diagnose.logs.noise import Noise
@@ -13,6 +14,7 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import Search
 from registry.dynamics import Effect, PhysicsModel
+from registry.effects.waves.hidden_mode import HiddenMode
 from registry.effects.waves.periodic_term import PeriodicTerm
 
 
@@ -23,10 +25,10 @@ def learn_all_terms(
     tick: Callable[[str], None] = lambda what: None,
     doubtful: bool = False,
 ) -> tuple[Effect, ...]:
-    """The terms that ``model`` lacks: waves first, then functions of signals beside them.
+    """The terms that ``model`` lacks: waves and hidden modes first, then functions of signals beside them.
 
-    What answers a wave would be taken for its cause: a wave comes first. What follows signals in a way that was not
-    seen before they were learned may look like a wave: it must be there beside them too.
+    What answers a wave or a mode would be taken for its cause: these come first. What follows signals in a way that
+    was not seen before they were learned may look like them: they must be there beside it too.
 
     Args:
         subject: measurements.
@@ -37,14 +39,36 @@ def learn_all_terms(
     """
     subject, noise = prepared(subject, noise, tick)
     tick("what swings")
-    found = _waves(subject, model, noise, tick)
+    found = _swinging(subject, model, noise, tick)
     terms = learn(subject, _with(model, *found), noise, tick, doubtful=doubtful)
-    if not (found and terms):
-        return (*found, *terms)
-    again = _waves(subject, _with(model, *terms), noise, tick)
-    if len(again) < len(found):
+    if not terms:
+        return found
+    again = _swinging(subject, _with(model, *terms), noise, tick)
+    if len(again) != len(found):
         terms = learn(subject, _with(model, *again), noise, tick, doubtful=doubtful)
     return (*again, *terms)
+
+
+def _swinging(
+    subject: Subject, model: PhysicsModel, noise: Noise, tick: Callable[[str], None]
+) -> tuple[PeriodicTerm | HiddenMode, ...]:
+    """The waves and the hidden modes that ``model`` lacks; what rings for long may look like a wave without a mode."""
+    found = _waves(subject, model, noise, tick)
+    driven = _modes(subject, _with(model, *found), noise, tick)
+    if not driven and found:
+        driven = _modes(subject, model, noise, tick)
+        beside = _waves(subject, _with(model, *driven), noise, tick) if driven else found
+        return (*beside, *driven) if len(beside) < len(found) else found
+    return (*(_waves(subject, _with(model, *driven), noise, tick) if found else ()), *driven)
+
+
+def _modes(subject: Subject, model: PhysicsModel, noise: Noise, tick: Callable[[str], None]) -> tuple[HiddenMode, ...]:
+    """The hidden modes that ``model`` lacks and that save enough on held-out recordings."""
+    found = modes(subject, model, noise)
+    if not found:
+        return ()
+    with torch.no_grad():
+        return worthy(subject, noise, Search(subject, (), tick, noise), model, found, doubtful=False)
 
 
 def _waves(

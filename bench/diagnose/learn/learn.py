@@ -244,11 +244,11 @@ def worthy(
         return tuple(terms)
     weighing, kept = Weighing(subject, noise, model), list(terms)
     while kept:
-        full = _refitted(search, replace(model, effects=(*model.effects, *kept)))
+        full = refitted(search, replace(model, effects=(*model.effects, *kept)))
         savings = []
         for i in range(len(kept)):
             others = [t for j, t in enumerate(kept) if j != i]
-            rest = _refitted(search, replace(model, effects=(*model.effects, *others))) if others else model
+            rest = refitted(search, replace(model, effects=(*model.effects, *others))) if others else model
             savings.append(weighing.savings(rest, full, full))
         idle = [
             i
@@ -261,7 +261,7 @@ def worthy(
     return tuple(kept)
 
 
-def _refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
+def refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
     """The model with all its numbers fitted together in the weak form: without a term they stood in for it."""
     for _ in range(LEARNING.steps):
         view = min(search.views(search.look(model, broad=False)), key=lambda v: v.subsets.fit().prior)

@@ -3,7 +3,7 @@
 import re
 
 from bench.diagnose.learn.candidates import Pair, dynamic_axes
-from bench.diagnose.learned_shape import WAVE
+from bench.diagnose.learned_shape import RELAXATION, SWING, WAVE
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
 from registry.terms import signals
@@ -21,15 +21,18 @@ def is_request(text: str) -> bool:
 def parsed(text: str, model: PhysicsModel) -> Pair | None:
     """The axis and signals that "axis ~ signal", "axis ~ signal * signal" or "axis ~ wave" asks for; None of "learned".
 
+    A "swing" or "relaxation" is a hidden mode; of the axes along which one acts, the first is enough.
+
     Raises:
         BenchError: an axis or a signal that the model does not have.
     """
     if text == LEARNED:
         return None
     left, _, right = text.partition("~")
+    left = left.partition(",")[0]
     axis = _named(left, dynamic_axes(model), f"--add {text!r}: {type(model).system_name()} has no axis")
-    if right.strip() == WAVE:
-        return Pair(axis, (WAVE,))
+    if right.strip() in (WAVE, SWING, RELAXATION):
+        return Pair(axis, (right.strip(),))
     known = list(signals.available(model))
     names = tuple(_named(s, known, f"--add {text!r}: there is no signal") for s in right.split("*"))
     if len(names) > 2:

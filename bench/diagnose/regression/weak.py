@@ -22,13 +22,14 @@ from torch import Tensor
 
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log
+from bench.diagnose.regression.recall import RECALLED, recall
 from bench.diagnose.regression.recurrence import solved
-from bench.diagnose.regression.wave import wave
 from bench.diagnose.settings import LINEARISING
-from registry.dynamics import Effect, PhysicsModel
-from registry.effects.waves.periodic_term import PeriodicTerm
+from registry.dynamics import Effect, PhysicsModel, joined
+from registry.effects.waves.hidden_mode import HiddenMode
 from registry.equations import models
 from registry.errors import BenchError
+from registry.terms import signals
 
 M = TypeVar("M", bound=PhysicsModel)
 
@@ -110,7 +111,7 @@ def mean_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
     state, many = model.project((before + after) / 2), how_many(model)
     path = None
     if model.internal_size:
-        path = _recalled(_own_path(model, stack, middle, slopes), model, stack)
+        path = _own_path(model, stack, middle, slopes)
     shape = (*(() if many is None else (many,)), *state.shape[:-1])
     sensed = stack.sensed
     fast = models.rates(model, middle.shape[-1], sensed)
@@ -187,46 +188,83 @@ def own_states(model: PhysicsModel, stack: LogBatch) -> Tensor:
     u0, u1 = stack.inputs[:, :-1], stack.inputs[:, 1:]
     held = model.input_hold == "previous"
     middle, slopes = (u0, torch.zeros_like(u0)) if held else ((u0 + u1) / 2, (u1 - u0) / stack.dt)
-    return _recalled(_own_path(model, stack, middle, slopes), model, stack, so_far=True)
+    return _own_path(model, stack, middle, slopes, so_far=True)
 
 
-def _recalled(path: Tensor, model: PhysicsModel, stack: LogBatch, so_far: bool = False) -> Tensor:
-    """The effects' own states (…, L, N, i), of those that only what was measured tells as that does.
+def _own_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tensor, so_far: bool = False) -> Tensor:
+    """The effects' own states (…, L, N, i) at every sample.
 
     Args:
-        path: of all of them.
         model: with the effects.
         stack: measurements.
-        so_far: whether a sample may know what came before it only, or the whole recording.
+        middle: (…, L, N − 1, m) what acts in the middle of each interval.
+        slopes: (…, L, N − 1, m) its time derivative.
+        so_far: whether a sample may know what came before it only, of states that only the past tells.
     """
-    waves = [e for e in model.effects if isinstance(e, PeriodicTerm)]
-    if not waves:
-        return path
-    rest = replace(model, effects=tuple(e for e in model.effects if not isinstance(e, PeriodicTerm)))
-    rates, places = mean_rates(rest, stack), list(stack.measured)
-    left = (torch.from_numpy(stack.paths).diff(dim=1) / stack.dt - rates)[..., places]
-    good = torch.zeros(left.shape[-3:-1], dtype=torch.bool)
+    recalled = [e for e in model.effects if isinstance(e, RECALLED)]
+    if not recalled:
+        return _solved_path(model, stack, middle, slopes)
+    rest = replace(model, effects=tuple(e for e in model.effects if not isinstance(e, RECALLED)))
+    others = _solved_path(rest, stack, middle, slopes) if rest.internal_size else None
+    good = torch.zeros(stack.states.shape[0], stack.states.shape[1] - 1, dtype=torch.bool)
     for i, log in enumerate(stack.logs):
         good[i, : len(log) - 1] = log.valid[:-1] & log.valid[1:]
-    path, at = path.clone(), 0
+    told = recall(recalled, good, *_left(model, rest, stack), dt=stack.dt, so_far=so_far)
+    parts, at = [], 0
     for effect in model.effects:
-        if isinstance(effect, PeriodicTerm):
-            unit = replace(rest, effects=(*rest.effects, effect.constant()))
-            along = (mean_rates(unit, stack) - rates)[..., places]
-            amount = (along * left).sum(-1) / along.square().sum(-1).clamp_min(1e-300)
-            path[..., at : at + 2] = wave(amount, good, effect.frequency, stack.dt, so_far)
-        at += effect.internal_size
-    return path
+        if isinstance(effect, RECALLED):
+            parts.append(told.pop(0))
+        elif effect.internal_size:
+            assert others is not None
+            parts.append(others[..., at : at + effect.internal_size])
+            at += effect.internal_size
+    return joined(parts)
 
 
-def _own_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tensor) -> Tensor:
-    """The effects' own states at every sample, by the midpoint rule."""
+def _left(model: PhysicsModel, rest: PhysicsModel, stack: LogBatch) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
+    """What a model without some effects leaves along their axes, and what drives them, over each interval.
+
+    Args:
+        model: with all effects.
+        rest: without those whose states only the past tells.
+        stack: measurements.
+
+    Returns:
+        By axis, and by signal, (…, L, N − 1).
+    """
+    rates, places = mean_rates(rest, stack), list(stack.measured)
+    left = (torch.from_numpy(stack.paths).diff(dim=1) / stack.dt - rates)[..., places]
+    along: dict[str, Tensor] = {}
+    drivers: dict[str, Tensor] = {}
+    for effect in model.effects:
+        if not isinstance(effect, RECALLED):
+            continue
+        for constant in effect.constants():
+            if constant.axis not in along:
+                unit = replace(rest, effects=(*rest.effects, constant))
+                one = (mean_rates(unit, stack) - rates)[..., places]
+                along[constant.axis] = (one * left).sum(-1) / one.square().sum(-1).clamp_min(1e-300)
+        for name in effect.drivers if isinstance(effect, HiddenMode) else ():
+            drivers[name] = followed(name, rest, stack)
+    return along, drivers
+
+
+def followed(name: str, model: PhysicsModel, stack: LogBatch) -> Tensor:
+    """A signal (…, L, N − 1) that a term can follow, in the middle of each interval."""
+    state = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
+    before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
+    inputs = before if model.input_hold == "previous" else (before + after) / 2
+    if signals.flies(type(model)):
+        return signals.of_motion(name, model.unloaded(state, inputs)[0])  # type: ignore[attr-defined]
+    return signals.of_state(name, model, state, inputs[..., : inputs.shape[-1] - len(model.extras)])
+
+
+def _solved_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tensor) -> Tensor:
+    """The effects' own states at every sample, from zero by the midpoint rule."""
     many, size = how_many(model), stack.states.shape[-1]
     states = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
     middle, slopes = _for_all(model, many, middle, slopes)
     shape = (*(() if many is None else (many,)), *states.shape[:-1])
-    if all(isinstance(e, PeriodicTerm) for e in model.effects if e.internal_size):
-        return stack.states.new_zeros(*shape[:-1], shape[-1] + 1, model.internal_size)
     through = _own_step(model, stack, states, middle, slopes)
     if through is not None:
         path = solved(through, shape, model.internal_size, stack.states)

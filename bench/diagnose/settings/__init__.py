@@ -17,7 +17,7 @@ from bench.diagnose.settings.regression import Calibrating, Folding, Following, 
 from bench.diagnose.settings.select import Choosing, Growing, Mattering, Searching, Stepping, Timing, Verifying
 from bench.diagnose.settings.simulate import Beginning, Playing, Running, Shooting, Simulating
 from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Observing, Telling
-from bench.diagnose.settings.unseen import Unseen
+from bench.diagnose.settings.unseen import Hiding, Unseen
 
 COMPARING = Comparing()
 OBSERVING = Observing()
@@ -41,6 +41,7 @@ LIFTING = Lifting()
 READING = Reading()
 HEARING = Hearing()
 UNSEEN = Unseen()
+HIDING = Hiding()
 SEARCHING = Searching()
 TIMING = Timing()
 CHOOSING = Choosing()

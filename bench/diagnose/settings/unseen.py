@@ -53,3 +53,41 @@ class Unseen:
         Basis.JUDGED,
     )
     most: int = threshold(4, "lines along one axis that are looked at, at most", Basis.EFFORT, "count")
+
+
+@dataclass(frozen=True)
+class Hiding:
+    """What swings or relaxes out of sight, driven by measured signals."""
+
+    dampings: tuple[float, ...] = threshold(
+        (0.02, 0.07, 0.25), "damping ratios from which a mode is sought", Basis.EFFORT
+    )
+    spacing: float = threshold(
+        1.5, "from one frequency that is tried to the next, in damping ratios", Basis.EFFORT, "half-power half-widths"
+    )
+    lags: int = threshold(14, "time constants that are tried of what relaxes", Basis.EFFORT, "count")
+    periods: float = threshold(
+        3.0, "of a mode that the longest recording must hold, and time constants of what relaxes", Basis.JUDGED, "count"
+    )
+    highest: float = threshold(
+        0.12, "frequency that is tried at most, of that of the windows", Basis.JUDGED, "1 / window step"
+    )
+    most_damped: float = threshold(0.6, "damping ratio of what is still called a swing", Basis.JUDGED)
+    least_damped: float = threshold(1e-3, "damping ratio that is told from none", Basis.JUDGED)
+    refined: int = threshold(60, "steps to the best frequency and damping", Basis.EFFORT, "count")
+    drivers: int = threshold(4, "signals at most whose modes are looked at closely", Basis.EFFORT, "count")
+    rounds: int = threshold(3, "times that the noise's colour is estimated beside the mode", Basis.EFFORT, "count")
+    false_alarm: float = threshold(
+        1e-3, "probability that noise alone shows a mode of any frequency along any axis", Basis.CONVENTION
+    )
+    confirmed: float = threshold(
+        0.01, "probability that noise alone saves as much in the held-out recordings, at most", Basis.CONVENTION
+    )
+    agreed: float = threshold(0.75, "share of the recordings in which it must save any", Basis.CONVENTION)
+    alike: float = threshold(
+        0.05, "relative difference of the frequencies of one mode along two axes, at most", Basis.JUDGED
+    )
+    equal: float = threshold(
+        0.05, "difference of logarithms of squared errors within which modes forecast equally well", Basis.JUDGED
+    )
+    most: int = threshold(2, "modes that are learned at most", Basis.JUDGED, "count")

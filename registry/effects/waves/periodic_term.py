@@ -33,9 +33,9 @@ class PeriodicTerm(InternalEffect, RateEffect):
     manoeuvre: ClassVar[str] = "record on, at rest as well: it swings whatever the system does"
     internal_size: ClassVar[int] = 2
 
-    def constant(self) -> LearnedTerm:
+    def constants(self) -> tuple[LearnedTerm, ...]:
         """A unit along the same axis that does not swing."""
-        return LearnedTerm(self.axis, (), "constant", (1.0,))
+        return (LearnedTerm(self.axis, (), "constant", (1.0,)),)
 
     def load(self, motion: Motion) -> tuple[Tensor, Tensor]:
         """Force (…, 3) [N] and torque (…, 3) [N m], body frame; see `LoadEffect.load`."""

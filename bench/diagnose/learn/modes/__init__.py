@@ -1,0 +1,1 @@
+"""Hidden dynamics: what is left swings or relaxes, and measured signals drive it."""

@@ -1,0 +1,124 @@
+"""The hidden mode that one axis shows: which signal drives it, its frequency and damping."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from bench.diagnose.learn.axis_series import AxisSeries
+from bench.diagnose.learn.modes.axis_rows import AxisRows
+from bench.diagnose.learn.modes.filters import Pole
+from bench.diagnose.settings import HIDING, UNSEEN
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A mode along one axis."""
+
+    axis: str
+    driver: str
+    pole: Pole
+    gains: tuple[float, ...]
+    """What a unit of z − d and of ż/ω does, over ω."""
+    evidence: float
+    """Log-likelihood that driving saves in the training recordings, less what the numbers cost."""
+
+
+def sought(series: AxisSeries, drivers: dict[str, int], training: Sequence[str], tries: int) -> list[Mode]:
+    """The modes along one axis that held-out recordings confirm, of each driver and order the best; any may be the one.
+
+    Args:
+        series: of all recordings.
+        drivers: names and places of the signals that could drive it.
+        training: recordings in which it is sought.
+        tries: how many axes are searched: the more, the surer it must be.
+    """
+    rows = AxisRows.of(series, list(drivers.values()), training)
+    if rows is None or rows.count < UNSEEN.shortest:
+        return []
+    names = list(drivers)
+    whiten = rows.colour(rows.plain(0, rows.colour([s.left for s in rows.seen])).left)
+    poles = _grid(rows)
+    seen = [rows.scan(p, whiten) for p in poles]
+    look = float(np.log(max(1, len(poles) * len(names)) * tries / HIDING.false_alarm))
+    out: list[Mode] = []
+    for order in (2, 1):
+        sure = []
+        for damping in {p.damping for p in poles if p.order == order}:
+            row = [i for i, p in enumerate(poles) if p.order == order and p.damping == damping]
+            losses, gains = (np.array([seen[i][k] for i in row]) for k in (0, 1))
+            # Noise of a driver tells noise of its own change, the better the faster the pole: dips count, no ends.
+            dips = (losses[1:-1] < losses[:-2]) & (losses[1:-1] < losses[2:])
+            dips &= gains[1:-1] - _charge(rows, order) > look
+            sure += [(losses[i + 1, d], poles[row[i + 1]], d) for i, d in np.argwhere(dips).tolist()]
+        by_driver = {d: min((one for one in sure if one[2] == d), key=lambda one: one[0]) for d in {x[2] for x in sure}}
+        # Noise that is whitened beside the mode tells more surely which signal drives it.
+        for _, pole, driver in sorted(by_driver.values(), key=lambda one: one[0])[: HIDING.drivers]:
+            found = _refined(rows, pole, driver, names, look)
+            out += [found] if found is not None else []
+    return out
+
+
+def _grid(rows: AxisRows) -> list[Pole]:
+    """The poles that are tried."""
+    series = rows.series
+    longest = max(s.t[-1] - s.t[0] for s in rows.seen)
+    low, high = HIDING.periods / longest, HIDING.highest / series.step
+    out: list[Pole] = []
+    if low < high:
+        for damping in HIDING.dampings:
+            count = int(np.log(high / low) / np.log1p(HIDING.spacing * damping)) + 2
+            out += [Pole(float(f), damping, 2) for f in np.geomspace(low, high, count)]
+        slow = low / (2 * np.pi)
+        out += [Pole(float(f), 0.0, 1) for f in np.geomspace(slow, high / 2, HIDING.lags)]
+    return out
+
+
+def _charge(rows: AxisRows, order: int) -> float:
+    """What the numbers of a mode must save: half the logarithm of the rows each (Schwarz)."""
+    return order * float(np.log(rows.count))
+
+
+def _refined(rows: AxisRows, pole: Pole, driver: int, names: Sequence[str], look: float) -> Mode | None:
+    """A mode at its best frequency and damping, if it is sure in training and held-out recordings."""
+    filters = [rows.colour(rows.plain(driver, rows.colour([s.left for s in rows.seen])).left)] * 2
+    for _ in range(HIDING.rounds):
+        pole = _nearest(rows, pole, driver, filters[1])
+        fits = rows.plain(driver, filters[0], pole), rows.fit(pole, driver, filters[1])
+        filters = [rows.colour(f.left) for f in fits]
+    plain, fit = rows.plain(driver, filters[0], pole), rows.fit(pole, driver, filters[1])
+    gain = rows.count / 2 * float(np.log(plain.loss / max(fit.loss, 1e-300)))
+    evidence = gain - _charge(rows, pole.order)
+    fast = pole.frequency > HIDING.highest / rows.series.step / (3 - pole.order)
+    if evidence < look or fast or (pole.order == 2 and pole.damping > HIDING.most_damped):
+        return None
+    if rows.others:
+        told = rows.held_out(pole, driver, [plain, fit], filters)
+        saved = told[0] - told[1]
+        if saved.sum() < -np.log(HIDING.confirmed) or (saved > 0).mean() < HIDING.agreed:
+            return None
+    turn = 2 * np.pi * pole.frequency
+    gains = tuple(float(g) / turn for g in fit.values[-pole.order :])
+    return Mode(rows.series.axis, names[driver], pole, gains, evidence)
+
+
+def _nearest(rows: AxisRows, pole: Pole, driver: int, whiten: np.ndarray) -> Pole:
+    """The poles near these at which least is left."""
+    series = rows.series
+    top = HIDING.highest / series.step
+
+    def made(x: np.ndarray) -> Pole:
+        damping = float(np.clip(np.exp(x[1]), HIDING.least_damped, 0.99)) if pole.order == 2 else 0.0
+        return Pole(float(np.clip(np.exp(x[0]), 1e-4, 2 * top)), damping, pole.order)
+
+    begin = np.log([pole.frequency, pole.damping]) if pole.order == 2 else np.log([pole.frequency])
+    wide = [0.5 * HIDING.spacing * pole.damping, 0.5] if pole.order == 2 else [0.3]
+    simplex = np.vstack([begin, *(begin + np.diag(wide))])
+    found = minimize(
+        lambda x: np.log(rows.fit(made(x), driver, whiten).loss),
+        begin,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxfev": HIDING.refined, "xatol": 1e-4, "fatol": 1e-7},
+    )
+    return made(found.x)

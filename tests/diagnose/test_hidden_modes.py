@@ -1,0 +1,168 @@
+"""What swings or relaxes out of sight: found, told, added; and not found where nothing does."""
+
+import dataclasses
+from pathlib import Path
+
+import hanging
+import jsonschema
+import numpy as np
+import pytest
+import torch
+from scipy.linalg import expm
+from scipy.signal import StateSpace, lsim
+
+from bench.diagnose import diagnose
+from bench.diagnose.fit import fit_parameters
+from bench.diagnose.learn.modes.filters import Pole
+from bench.diagnose.learn.modes.modes import modes
+from bench.diagnose.learn.request import parsed
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.recall import begun, driven, turned
+from bench.diagnose.report import model_file, page, sentences
+from bench.diagnose.result import Diagnosis, schema
+from bench.diagnose.select.input_timing import prepared
+from registry.effects.waves.hidden_mode import HiddenMode
+from registry.errors import BenchError
+from registry.physics.oscillator import Oscillator
+from registry.physics.quadrotor import Quadrotor
+
+FREQUENCY, DAMPING, GAINS = 1.3, 0.07, (0.4, -0.25)
+
+
+def matrices(order: int) -> tuple[np.ndarray, np.ndarray]:
+    """A and b of z and ż/ω."""
+    w = 2 * np.pi * FREQUENCY
+    if order == 1:
+        return np.array([[-w]]), np.array([[w]])
+    return np.array([[0.0, w], [-w, -2 * DAMPING * w]]), np.array([[0.0], [w]])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_filters_are_those_of_an_independent_simulation(order: int) -> None:
+    step, d = 0.02, np.cumsum(np.random.default_rng(0).normal(size=(200, 2)), axis=0)
+    found = Pole(FREQUENCY, DAMPING, order).response(d, step)
+    a, b = matrices(order)
+    for j in range(2):
+        driver = d[:, j] - d[0, j]
+        seen = lsim(StateSpace(a, b, np.eye(order), 0 * b), driver, np.arange(200) * step)[2].reshape(200, order)
+        np.testing.assert_allclose(found[0][:, j], seen[:, 0] - driver, atol=1e-9)
+        np.testing.assert_allclose(found[-1][:, j], seen[:, -1] - (driver if order == 1 else 0.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_own_states_are_those_of_the_matrix_exponential(order: int) -> None:
+    mode = HiddenMode(("speed.q",), ("speed.q",), order, FREQUENCY, DAMPING, GAINS[:order])
+    a, _ = matrices(order)
+    for t in (0.0, 0.3, 2.0):
+        now = turned(mode, torch.tensor([[t]], dtype=torch.float64))[0, 0].numpy()
+        np.testing.assert_allclose(now, expm(a * t), atol=1e-9)
+        np.testing.assert_allclose(Pole(FREQUENCY, DAMPING, order).turned(np.array([t]))[0], expm(a * t), atol=1e-9)
+    d = np.cumsum(np.random.default_rng(1).normal(size=50))
+    path = driven(mode, torch.from_numpy(d)[None], 0.01)[0].numpy()
+    x = np.zeros(order)
+    x[0] = d[0]
+    for k in range(50):
+        np.testing.assert_allclose(path[k], x, atol=1e-9)
+        rest = np.zeros(order)
+        rest[0] = d[k]
+        x = rest + expm(a * 0.01) @ (x - rest)
+
+
+def test_how_a_mode_began_comes_from_what_was_before() -> None:
+    dt, count, now = 0.01, 600, 400
+    rng = np.random.default_rng(2)
+    mode = HiddenMode(("speed.q",), ("speed.q",), 2, FREQUENCY, DAMPING, GAINS)
+    d = torch.from_numpy(np.cumsum(rng.normal(size=count)) * 0.02)[None]
+    start = np.array([0.6, -0.4])
+    free = turned(mode, (dt * torch.arange(count + 1, dtype=torch.float64))[None])[0].numpy() @ start
+    path = driven(mode, d, dt)[0].numpy() + free
+    middle = (path[:-1] + path[1:]) / 2
+    w = 2 * np.pi * FREQUENCY
+    left = w * (GAINS[0] * (middle[:, 0] - d[0].numpy()) + GAINS[1] * middle[:, 1]) + 0.2
+    seen = torch.from_numpy(left + 0.05 * rng.normal(size=count))[None]
+    good = torch.ones(1, count, dtype=torch.bool)
+    told = begun(mode, 0, seen, d, good, dt=dt, so_far=True)[0].numpy()
+    np.testing.assert_allclose(told[now:], path[now:], atol=0.05)
+    assert np.abs(told[now:] - (path - free)[now:]).max() < np.abs(free).max()
+    changed = seen.clone()
+    changed[0, now:] = -5.0  # what comes later is not known
+    again = begun(mode, 0, changed, d, good, dt=dt, so_far=True)[0].numpy()
+    np.testing.assert_allclose(again[: now + 1], told[: now + 1], atol=1e-12)
+
+
+def found(of: Subject) -> tuple[HiddenMode, ...]:
+    """The modes in what the calibrated model leaves."""
+    of, noise = prepared(of)
+    calibrated, _ = fit_parameters(of, of.model, noise, through_simulator=False)
+    return modes(of, calibrated, noise)
+
+
+@pytest.mark.parametrize("kind", ["clean", "gust", "cubic", "sampled"])
+def test_what_does_not_swing_is_no_mode(kind: str) -> None:
+    assert found(hanging.subject(kind, 2)) == ()
+
+
+@pytest.fixture(scope="module")
+def said() -> tuple[Diagnosis, Oscillator]:
+    diagnosis, model = diagnose(hanging.subject("pendulum", 3), brief=False)
+    assert isinstance(model, Oscillator)
+    return diagnosis, model
+
+
+def test_a_pendulum_is_said_and_the_error_falls(said: tuple[Diagnosis, Oscillator], tmp_path: Path) -> None:
+    diagnosis, model = said
+    assert diagnosis.verdict == "unknown_effect"
+    (effect,) = diagnosis.effects
+    assert effect.id == "hidden_mode" and effect.learned and effect.term is not None
+    assert effect.term.shape == "swing" and effect.term.axis == "speed.q" and effect.term.signals == ("speed.q",)
+    assert effect.parameters["frequency"].value == pytest.approx(hanging.frequency_of("pendulum"), rel=0.03)
+    assert effect.parameters["q"].value == pytest.approx(-hanging.HUNG / hanging.MASS, rel=0.1)
+    assert effect.share_explained > 0.9
+    text = sentences.headline(diagnosis)
+    assert "something swings at 0.8" in text and "driven by the rate of change of speed q" in text
+    jsonschema.validate(diagnosis.to_json(), schema())
+    assert "what the hidden mode tells" in page.render(diagnosis)
+    model_file.write(tmp_path / "model.toml", model, diagnosis.effects)
+    read = model_file.read(tmp_path / "model.toml").effects
+    assert [dataclasses.astuple(e)[:3] for e in read] == [dataclasses.astuple(e)[:3] for e in model.effects]
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("", "axes must be one to 3 names"),
+        ('axes = ["speed.q"]\ndrivers = ["speed.q", "force"]', "as many as axes"),
+        ('axes = ["speed.q"]\ndrivers = ["speed.q"]\nfrequency = 0.0', "frequency must be a positive number"),
+        (
+            'axes = ["speed.q"]\ndrivers = ["speed.q"]\nfrequency = 1.0\ndamping = 2.0',
+            "damping must be a number from 0",
+        ),
+        ('axes = ["speed.q"]\ndrivers = ["speed.q"]\nfrequency = 1.0\ngains = [1.0]', "a list of 2 finite numbers"),
+        ('axes = ["speed.q"]\ndrivers = ["sped.q"]\nfrequency = 1.0\ngains = [1.0, 0.0]', "speed.q"),
+        ('axes = ["speed.q"]\ndrivers = ["speed.q"]\norder = 3', "order must be 2"),
+        ('axes = ["speed.q"]\ndrivers = ["speed.q"]\nmass = 3.0', "unknown key 'mass'"),
+    ],
+)
+def test_a_file_that_says_something_else_is_refused(text: str, match: str, tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text(f'system = "oscillator"\n[[effects]]\nid = "hidden_mode"\n{text}\n')
+    with pytest.raises(BenchError, match=match):
+        model_file.read(path)
+
+
+def test_a_mass_on_a_spring_under_a_vehicle_pulls_it_back() -> None:
+    mode = HiddenMode(("world_force_x", "world_force_y"), ("velocity.x", "velocity.y"), 2, 0.7, 0.0, (0.0, -0.1) * 2)
+    model = Quadrotor(effects=(mode,))
+    state = torch.zeros(1, 17, dtype=torch.float64)
+    state[:, 6:10] = torch.tensor([0.5, 0.5, 0.5, 0.5])  # xyzw
+    state[:, 3], state[:, 14] = 2.0, 0.3  # it flies along x; along x the load has swung
+    rates = model.derivative(state, torch.zeros(1, 4, dtype=torch.float64))[0]
+    plain = Quadrotor().derivative(state[:, :13], torch.zeros(1, 4, dtype=torch.float64))[0]
+    w = 2 * np.pi * 0.7
+    np.testing.assert_allclose(rates[3:6] - plain[3:6], [-0.1 * w * 0.3 / model.mass, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(rates[13:], [w * 0.3, w * 2.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_mode_is_asked_for_by_its_axis() -> None:
+    pair = parsed("speed ~ swing", Oscillator())
+    assert pair is not None and (pair.axis, pair.signals) == ("speed.q", ("swing",))
