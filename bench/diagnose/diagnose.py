@@ -305,10 +305,19 @@ def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) ->
         extension.model,
         run.noise,
         found=found.found,
+        named=extension.effects,
         tick=run.tick,
         horizon_s=run.horizon_s,
         doubtful=verdict != "unknown_effect",
+        much=_left(extension) >= MATTERING.share,
     )
+
+
+def _left(extension: Extension) -> float:
+    """The largest share, over groups, that the last model leaves of the squared error above the noise floor."""
+    floor, nominal = (extension.comparison.error(m) for m in ("floor", "nominal"))
+    above = {g: e.rmse**2 - floor[g].rmse ** 2 for g, e in nominal.items()}
+    return max(((extension.last[g].rmse ** 2 - floor[g].rmse ** 2) / e for g, e in above.items() if e > 0), default=0.0)
 
 
 def _shown(steps: Steps, noise: Noise, terms: Extension | None) -> Steps:

@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from bench.diagnose.extend import Extension, extend, ordered
 from bench.diagnose.learn.all_terms import learn_all_terms
 from bench.diagnose.learn.curve import curve
@@ -14,7 +16,7 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Weighing
-from bench.diagnose.settings import DECIDING, EXTENDING
+from bench.diagnose.settings import DECIDING, EXTENDING, MATTERING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
 from registry.effects.waves.hidden_mode import HiddenMode
@@ -27,9 +29,11 @@ def learned(
     noise: Noise,
     *,
     found: Sequence[Found],
+    named: Sequence[NamedEffect],
     tick: Callable[[str], None],
     horizon_s: float | None,
     doubtful: bool,
+    much: bool,
 ) -> Extension | None:
     """The model with the terms that held-out recordings confirm; None: there are none, or free runs do not gain.
 
@@ -38,11 +42,13 @@ def learned(
         model: calibrated, with the effects of the catalogue that were found.
         noise: of the measurements.
         found: these effects; terms are added after them.
+        named: these effects as they are fitted without terms.
         tick: called with what is being done.
         horizon_s: longest horizon of the comparison [s].
         doubtful: whether the search for effects did not say that something is left.
+        much: whether free runs err so much still that it is worth a term.
     """
-    terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful)
+    terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much)
     if not terms:
         return None
     names = [f.id for f in found]
@@ -69,6 +75,12 @@ def learned(
         if _explained(simpler) < _explained(done):
             break  # the other terms need it
         done, terms = simpler, fewer
+    while _spoils(done, named):
+        shares = [e.share_explained for e in done.effects if e.learned]
+        terms = tuple(t for i, t in enumerate(terms) if i != int(np.argmin(shares)))
+        if not terms:
+            return None
+        done = beside(names, terms)
     # A share that is no number is one of nothing: there was no error to take.
     taken = sum(e.share_explained for e in done.effects if e.learned)
     return done if taken > DECIDING.least_share else None
@@ -84,6 +96,15 @@ def _needless(done: Extension) -> int | None:
     """The place among the learned terms of the first that lowers the error of held-out free runs by nothing."""
     shares = [e.share_explained for e in done.effects if e.learned]
     return next((i for i, share in enumerate(shares) if share <= DECIDING.least_share), None)
+
+
+def _spoils(done: Extension, named: Sequence[NamedEffect]) -> bool:
+    """Whether terms that explain too little to be worth one move what is named out of where it was."""
+    if sum(e.share_explained for e in done.effects if e.learned) >= MATTERING.share:
+        return False
+    before = {e.id: e.parameters for e in named}
+    now = ((before[e.id], e.parameters) for e in done.effects if not e.learned and e.id in before)
+    return any(not p.low <= after[n].value <= p.high for was, after in now for n, p in was.items() if n in after)
 
 
 def _explained(done: Extension) -> float:

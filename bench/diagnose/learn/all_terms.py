@@ -24,6 +24,7 @@ def learn_all_terms(
     noise: Noise | None = None,
     tick: Callable[[str], None] = lambda what: None,
     doubtful: bool = False,
+    much: bool = True,
 ) -> tuple[Effect, ...]:
     """The terms that ``model`` lacks: waves and hidden modes first, then functions of signals beside them.
 
@@ -36,14 +37,17 @@ def learn_all_terms(
         noise: default `noise.noise_of`.
         tick: called with what is being done.
         doubtful: see `learn`.
+        much: whether so much is left that it may be a hidden mode; of a trace only waves are sought.
     """
     subject, noise = prepared(subject, noise, tick)
+    swinging = _swinging if much else _waves
     tick("what swings")
-    found = _swinging(subject, model, noise, tick)
+    found = swinging(subject, model, noise, tick)
     terms = learn(subject, _with(model, *found), noise, tick, doubtful=doubtful)
     if not terms:
         return found
-    again = _swinging(subject, _with(model, *terms), noise, tick)
+    tick("what swings beside them")
+    again = swinging(subject, _with(model, *terms), noise, tick)
     if len(again) != len(found):
         terms = learn(subject, _with(model, *again), noise, tick, doubtful=doubtful)
     return (*again, *terms)

@@ -77,7 +77,14 @@ def learn(
             return ()
         tick("formulas")
         terms = seen.as_formulas(splines)
-        return terms if only is not None else worthy(subject, noise, search, model, terms, doubtful)
+        if only is not None:
+            return terms
+        kept = worthy(subject, noise, search, model, terms, doubtful)
+        while 0 < len(kept) < len(terms):  # what a term looks like depends on what stands beside it
+            splines = [s for s, t in zip(splines, terms, strict=True) if any(t is k for k in kept)]
+            terms = seen.as_formulas(splines)
+            kept = worthy(subject, noise, search, model, terms, doubtful)
+        return kept
 
 
 @dataclass(frozen=True, eq=False)
