@@ -165,7 +165,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> list[record.RunRecord]:
     results = tmp_path_factory.mktemp("whole")
     subprocess.run(_study(results, 1), check=True, capture_output=True)
     made = list(record.all_records(results / "runs"))
-    assert len(made) == 42
+    assert len(made) == 57
     return made
 
 
@@ -184,7 +184,7 @@ def test_a_study_killed_half_way_ends_in_equal_records(whole: list[record.RunRec
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     left = {r.key: r.provenance["finished_ms"] for r in record.all_records(killed / "runs")}
-    assert 4 <= len(left) < 42
+    assert 4 <= len(left) < 57
     subprocess.run(_study(killed, 1), check=True, capture_output=True)
     for a in whole:
         b = record.RunRecord(killed / "runs" / a.key)

@@ -187,9 +187,11 @@ def test_a_term_that_free_runs_do_not_need_is_not_added(
         model,
         None,
         found=(),
+        named=(),
         tick=print,
         horizon_s=None,
         doubtful=False,  # type: ignore[arg-type]
+        much=True,
     )
     assert (done and done.terms) == kept  # type: ignore[attr-defined]
 

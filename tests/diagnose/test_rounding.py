@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from bench.diagnose import discover, load
-from bench.diagnose.regression.generic import follow
+from bench.diagnose.regression.generic import Folds, follow
 
 
 def shaken(values, seed):
@@ -25,7 +25,9 @@ def test_of_two_copies_of_a_signal_the_same_is_taken_whatever_the_rounding():
     for seed in range(20):
         folds = [x.T @ x for x in np.array_split(shaken(rows, seed).numpy(), 4)]
         # What products in another order would make of them.
-        picks.append([c for c, _ in follow([g * (1 + 1e-9 * rng.normal(size=g.shape)) for g in folds], [], 0, 2)])
+        picks.append(
+            [c for c, _ in follow(Folds.of([g * (1 + 1e-9 * rng.normal(size=g.shape)) for g in folds], []), 0, 2)]
+        )
     assert picks == [[0, 6]] * 20
 
 

@@ -1,18 +1,20 @@
 """All that can be learned of what a model leaves: waves, hidden modes, and functions of measured signals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import torch
 
-from bench.diagnose.learn.learn import learn, worthy
+from bench.diagnose.learn.learn import learn, refitted, worthy
 from bench.diagnose.learn.modes.modes import modes
 from bench.diagnose.learn.spectral_line import Line
 from bench.diagnose.learn.waves import waves
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
+from bench.diagnose.settings import MATTERING
 from registry.dynamics import Effect, PhysicsModel
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.effects.waves.periodic_term import PeriodicTerm
@@ -26,10 +28,11 @@ def learn_all_terms(
     doubtful: bool = False,
     much: bool = True,
 ) -> tuple[Effect, ...]:
-    """The terms that ``model`` lacks: waves and hidden modes first, then functions of signals beside them.
+    """The terms that ``model`` lacks: waves, functions of signals and, where these leave much, hidden modes.
 
-    What answers a wave or a mode would be taken for its cause: these come first. What follows signals in a way that
-    was not seen before they were learned may look like them: they must be there beside it too.
+    What answers a wave would be taken for its cause: waves come first. What follows signals in a way that was not seen
+    before they were learned may look like one: it must be there beside them too. A hidden mode has states that nobody
+    measured; it is sought where measured signals do not say as much, and kept where it leaves less.
 
     Args:
         subject: measurements.
@@ -40,17 +43,51 @@ def learn_all_terms(
         much: whether so much is left that it may be a hidden mode; of a trace only waves are sought.
     """
     subject, noise = prepared(subject, noise, tick)
-    swinging = _swinging if much else _waves
     tick("what swings")
+    terms = _beside(_waves, subject, model, noise, tick, doubtful)
+    if not much or not subject.held_out or _left(subject, model, noise, terms, tick) < MATTERING.share:
+        return terms
+    tick("hidden modes")
+    found = _beside(_swinging, subject, model, noise, tick, doubtful)
+    if not any(isinstance(t, HiddenMode) for t in found):
+        return terms
+    static, hidden = (_left(subject, model, noise, of, tick) for of in (terms, found))
+    return found if hidden < static else terms
+
+
+def _beside(
+    swinging: Callable[..., tuple[Effect, ...]],
+    subject: Subject,
+    model: PhysicsModel,
+    noise: Noise,
+    tick: Callable[[str], None],
+    doubtful: bool,
+) -> tuple[Effect, ...]:
+    """What swings, as ``swinging`` finds it, and functions of signals beside it."""
     found = swinging(subject, model, noise, tick)
     terms = learn(subject, _with(model, *found), noise, tick, doubtful=doubtful)
-    if not terms:
-        return found
-    tick("what swings beside them")
+    if not (found and terms):
+        return (*found, *terms)
     again = swinging(subject, _with(model, *terms), noise, tick)
-    if len(again) != len(found):
+    if len(again) < len(found):
         terms = learn(subject, _with(model, *again), noise, tick, doubtful=doubtful)
     return (*again, *terms)
+
+
+def _left(
+    subject: Subject, model: PhysicsModel, noise: Noise, terms: Sequence[Effect], tick: Callable[[str], None]
+) -> float:
+    """The largest share, over equations, that terms leave of the held-out squared error above the noise."""
+    with torch.no_grad():
+        full = refitted(Search(subject, (), tick, noise), _with(model, *terms)) if terms else model
+        errors = Weighing(subject, noise, model).errors(full)
+    matters = MATTERING.near**2 - 1
+    above = [
+        (e.models["extended"] ** 2 - e.floor**2) / (e.models["calibrated"] ** 2 - e.floor**2)
+        for e in errors
+        if e.models["calibrated"] ** 2 - e.floor**2 > matters * e.floor**2
+    ]
+    return max(above, default=0.0)
 
 
 def _swinging(

@@ -214,6 +214,8 @@ def follow(folds: Folds, first: int, most: int = 8, allowed: Sequence[int] | Non
         gain[:first] = gain[-1] = 0.0
         if allowed is not None:
             gain = np.where(np.isin(np.arange(len(gain)), allowed), gain, 0.0)
+        if not gain.max() > 0:
+            break  # nothing is left that a column could take
         best = int(np.argmax(gain >= (1 - FOLLOWING.alike) * gain.max()))
         chosen.append(best)
         now = _held_out(folds, chosen[len(always) :])

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy  # scipy.signal is imported when it is used: it takes longer than all else here
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Pole:
                 # x = (zI − F)⁻¹ (z then + now) d, with adj(zI − F) = zI − adj'(F).
                 adjugate = np.array([[step_matrix[1, 1], -step_matrix[0, 1]], [-step_matrix[1, 0], step_matrix[0, 0]]])
                 numerator[:] = then[i], now[i] - (adjugate @ then)[i], -(adjugate @ now)[i]
-            states.append(lfilter(numerator, denominator, moved, axis=0))
+            states.append(scipy.signal.lfilter(numerator, denominator, moved, axis=0))
         states[0] = states[0] - moved
         return states
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy  # scipy.optimize is imported when it is used
 
 from bench.diagnose.learn.axis_series import AxisSeries
 from bench.diagnose.learn.modes.axis_rows import AxisRows
@@ -115,7 +115,7 @@ def _nearest(rows: AxisRows, pole: Pole, driver: int, whiten: np.ndarray) -> Pol
     begin = np.log([pole.frequency, pole.damping]) if pole.order == 2 else np.log([pole.frequency])
     wide = [0.5 * HIDING.spacing * pole.damping, 0.5] if pole.order == 2 else [0.3]
     simplex = np.vstack([begin, *(begin + np.diag(wide))])
-    found = minimize(
+    found = scipy.optimize.minimize(
         lambda x: np.log(rows.fit(made(x), driver, whiten).loss),
         begin,
         method="Nelder-Mead",
