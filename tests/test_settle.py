@@ -165,7 +165,7 @@ def test_the_first_look_is_at_the_fewest_seeds_of_a_study_that_was_finished(
         ("washout_vs_mlp", "nanodrone"),  # an axis a network
     ],
 )
-def test_what_this_suite_published_is_not_trained_again(name: str, dataset: str) -> None:
+def test_what_this_suite_published_is_not_trained_again(name: str, dataset: str, bench_data: Path) -> None:
     source = Source(name, dataset, "laptop", 3, ())
     there = published_runs(source, published_folder(None))
     seeds = 1 + max(seed for *_, seed in there)
