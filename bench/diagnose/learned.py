@@ -69,9 +69,26 @@ def learned(
     if idle:  # they imitated what is learned now
         names = [n for n in names if n not in idle]
         done = beside(names, terms)
+    return _pruned(done, terms, named, lambda fewer: beside(names, fewer))
+
+
+def _pruned(
+    done: Extension,
+    terms: Sequence[Effect],
+    named: Sequence[NamedEffect],
+    beside: Callable[[Sequence[Effect]], Extension],
+) -> Extension | None:
+    """The extension without terms that are not needed or spoil what is named; None: nothing is gained by the others.
+
+    Args:
+        done: with all terms.
+        terms: these.
+        named: the effects as they are fitted without terms.
+        beside: fits the named effects with fewer terms.
+    """
     while (needless := _needless(done)) is not None and len(terms) > 1:
         fewer = tuple(t for i, t in enumerate(terms) if i != needless)
-        simpler = beside(names, fewer)
+        simpler = beside(fewer)
         if _explained(simpler) < _explained(done):
             break  # the other terms need it
         done, terms = simpler, fewer
@@ -80,7 +97,7 @@ def learned(
         terms = tuple(t for i, t in enumerate(terms) if i != int(np.argmin(shares)))
         if not terms:
             return None
-        done = beside(names, terms)
+        done = beside(terms)
     # A share that is no number is one of nothing: there was no error to take.
     taken = sum(e.share_explained for e in done.effects if e.learned)
     return done if taken > DECIDING.least_share else None
