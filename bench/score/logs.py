@@ -1,5 +1,10 @@
 """The logs of a case as the diagnosis takes them."""
 
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -53,6 +58,25 @@ def subject(
         uncertainty=uncertainty,
         signals=tuple(k for k in columns[0] if k != "t"),
     )
+
+
+def written_once(path: Path, write: Callable[[Path], None]) -> Path:
+    """``path``, a folder that ``write`` fills on first use; whole or not there, also beside other processes."""
+    if not path.is_dir():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        made = Path(tempfile.mkdtemp(dir=path.parent))
+        write(made)
+        try:
+            made.rename(path)
+        except OSError:  # another process was quicker
+            shutil.rmtree(made)
+    return path
+
+
+def as_case(found: Subject, name: str, effects: Mapping[str, Mapping[str, float]]) -> Subject:
+    """A folder's subject under the name of its case, with the effects that are known."""
+    known = tuple(EFFECTS.get(effect)(**values) for effect, values in effects.items())
+    return replace(found, name=name, model=replace(found.model, effects=known)) if known else found
 
 
 def _tuples(value: Any) -> Any:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import torch
 
-from bench.diagnose.learn.learn import learn, refitted, worthy
+from bench.diagnose.learn.learn import E, learn, refitted, worthy
 from bench.diagnose.learn.modes.modes import modes
 from bench.diagnose.learn.spectral_line import Line
 from bench.diagnose.learn.waves import waves
@@ -105,18 +105,20 @@ def _swinging(
 
 def _modes(subject: Subject, model: PhysicsModel, noise: Noise, tick: Callable[[str], None]) -> tuple[HiddenMode, ...]:
     """The hidden modes that ``model`` lacks and that save enough on held-out recordings."""
-    found = modes(subject, model, noise)
-    if not found:
-        return ()
-    with torch.no_grad():
-        return worthy(subject, noise, Search(subject, (), tick, noise), model, found, doubtful=False)
+    return _worthy(subject, model, noise, tick, modes(subject, model, noise))
 
 
 def _waves(
     subject: Subject, model: PhysicsModel, noise: Noise, tick: Callable[[str], None]
 ) -> tuple[PeriodicTerm, ...]:
     """The waves that ``model`` lacks and that save enough on held-out recordings."""
-    found = [periodic(line) for line in waves(subject, model, noise)]
+    return _worthy(subject, model, noise, tick, [periodic(line) for line in waves(subject, model, noise)])
+
+
+def _worthy(
+    subject: Subject, model: PhysicsModel, noise: Noise, tick: Callable[[str], None], found: Sequence[E]
+) -> tuple[E, ...]:
+    """Those of ``found`` that save enough on held-out recordings."""
     if not found:
         return ()
     with torch.no_grad():

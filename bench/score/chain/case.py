@@ -2,8 +2,6 @@
 
 import hashlib
 import json
-import shutil
-import tempfile
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ from bench.score.chain.vehicle import turbulence
 from bench.score.chain.vehicle.airframe import AIRFRAMES, Airframe, specimen
 from bench.score.chain.vehicle.body import Body, Effects
 from bench.score.chain.vehicle.motors import Motors
+from bench.score.logs import as_case, written_once
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 
@@ -162,23 +161,13 @@ def _key(case: ChainCase) -> str:
 
 def kept(case: ChainCase, cache: Path) -> Path:
     """The folder of ``case`` in ``cache``, written on first use."""
-    path = Path(cache) / "chain" / _key(case)
-    if not path.is_dir():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        made = Path(tempfile.mkdtemp(dir=path.parent))
-        write(case, made)
-        try:
-            made.rename(path)
-        except OSError:  # another process was quicker
-            shutil.rmtree(made)
-    return path
+    return written_once(Path(cache) / "chain" / _key(case), lambda path: write(case, path))
 
 
 def measured(case: ChainCase, cache: Path) -> Subject:
     """What a user would bring to the diagnosis: the folder, read as any other."""
     found = load(kept(case, cache))
-    known = tuple(EFFECTS.get(name)(**values) for name, values in case.known.items())
-    return replace(found, name=case.id, model=replace(found.model, effects=known)) if known else found
+    return as_case(found, case.id, case.known)
 
 
 def shares(case: ChainCase, cache: Path) -> dict[str, float]:

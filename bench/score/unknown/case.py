@@ -3,8 +3,7 @@
 import hashlib
 import json
 import shutil
-import tempfile
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,9 @@ import numpy as np
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject
 from bench.score import trial
+from bench.score.logs import as_case, written_once
 from bench.score.unknown import machines, rotorcraft
 from bench.score.unknown.condition import UnknownCase
-from registry.core import EFFECTS
 
 OWN = "cart.py"
 """The file in a folder of the cart that holds its class."""
@@ -65,21 +64,11 @@ def _key(case: UnknownCase) -> str:
 
 def kept(case: UnknownCase, cache: Path) -> Path:
     """The folder of ``case`` in ``cache``, written on first use."""
-    path = Path(cache) / "unknown" / _key(case)
-    if not path.is_dir():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        made = Path(tempfile.mkdtemp(dir=path.parent))
-        write(case, made)
-        try:
-            made.rename(path)
-        except OSError:  # another process was quicker
-            shutil.rmtree(made)
-    return path
+    return written_once(Path(cache) / "unknown" / _key(case), lambda path: write(case, path))
 
 
 def measured(case: UnknownCase, cache: Path) -> Subject:
     """What a user would bring to the diagnosis: the folder, read as any other."""
     path = kept(case, cache)
     found = load(path, f"{path / OWN}:CartPendulum" if case.system == "cart" else None)
-    known = tuple(EFFECTS.get(name)(**values) for name, values in case.known.items())
-    return replace(found, name=case.id, model=replace(found.model, effects=known)) if known else found
+    return as_case(found, case.id, case.known)
