@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 import torch
 from conftest import Toy
-from test_hybrid import QUADROTOR, vivid, windows
+from networks import redrawn
+from test_hybrid import QUADROTOR, windows
 from test_native import kernel
 from torch import Tensor
 
@@ -103,7 +104,7 @@ def of_a_body(spec: str, **options: object) -> tuple[Model, tuple[Tensor, ...]]:
     assert initial is not None
     predictor.input_scaler.set(torch.full((4,), 480.0), torch.full((4,), 25.0))
     network = Model(predictor, build_initializer(initial, predictor)).float()
-    vivid(network)
+    redrawn(network, 0.4)
     for p in network.parameters():
         p.data = p.data.unsqueeze(0)
     u_past, y_past, u = (x.float() for x in windows())

@@ -1,22 +1,16 @@
 """The GRU against a plain-numpy transcription of its equations, against `torch.nn.GRU` and finite differences."""
 
-from functools import partial
-
 import numpy as np
 import oracle
 import pytest
 import torch
-from test_networks import noise, vivid, weights
-from torch import Tensor, nn
-from torch.func import functional_call
+from networks import Called, Trained, check_group, check_slopes, close, noise, vivid, weights
+from torch import nn
 
 from registry import INITIALIZERS, PREDICTORS
 from registry.contracts import Predictor, Problem
-from registry.cost import prediction_cost
-from registry.state_cost import state_initialization_cost
 
 TAU, HIDDEN = 10, 4
-close = partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
 
 
 def built(layers: int, m: int = 3, n: int = 2, hidden: int = HIDDEN) -> Predictor:
@@ -54,13 +48,13 @@ def test_rollout_and_final_state_follow_the_equations(layers: int, m: int, n: in
     feedback = noise(3, 12, n, seed=5) if measured else None
     outputs, end = predictor.rollout(u, state, feedback)
     want = gru_rollout(weights(predictor), u.numpy(), state.numpy(), None if feedback is None else feedback.numpy())
-    close(outputs.detach(), want[0])
-    close(end.detach(), want[1])
-    close(predictor.readout(end, u[:, -1]).detach(), want[0][:, -1])
+    close(outputs, want[0])
+    close(end, want[1])
+    close(predictor.readout(end, u[:, -1]), want[0][:, -1])
     first, middle = predictor.rollout(u[:, :5], state, None if feedback is None else feedback[:, :5])
     second, last = predictor.rollout(u[:, 5:], middle, None if feedback is None else feedback[:, 5:])
-    close(torch.cat([first, second], 1).detach(), want[0])
-    close(last.detach(), want[1])
+    close(torch.cat([first, second], 1), want[0])
+    close(last, want[1])
 
 
 def test_layers_are_those_of_torch_where_nothing_is_fed_back() -> None:
@@ -76,48 +70,24 @@ def test_layers_are_those_of_torch_where_nothing_is_fed_back() -> None:
     u, state = noise(3, 12, 3, seed=3), noise(3, predictor.layout.size, seed=4)
     outputs, end = predictor.rollout(u, state)
     top, last = other(u, state[:, 2:].unflatten(-1, (2, HIDDEN)).transpose(0, 1).contiguous())
-    close(outputs.detach(), (top @ predictor.output_weight.mT + predictor.output_bias).detach())
-    close(end[:, 2:].detach(), last.transpose(0, 1).flatten(1).detach())
+    close(outputs, (top @ predictor.output_weight.mT + predictor.output_bias).detach())
+    close(end[:, 2:], last.transpose(0, 1).flatten(1).detach())
 
 
-class Trained(nn.Module):
-    """Predictor and initializer as trained: outputs, final state and total cost."""
-
-    def __init__(self, predictor: Predictor, how: str, **options: int) -> None:
-        super().__init__()
-        self.predictor = predictor
-        self.initializer = INITIALIZERS.get(how)(**options).build(predictor, predictor.problem)
-
-    def forward(self, u_past: Tensor, y_past: Tensor, u: Tensor, y: Tensor, own: bool = True) -> tuple[Tensor, ...]:
-        state = self.initializer.initialize(self.predictor, u_past, y_past)
-        outputs, end = self.predictor.rollout(u, state, None if own else y)
-        cost = prediction_cost(outputs, y)
-        if self.initializer.uses_state_cost:
-            cost = cost + state_initialization_cost(self.predictor, state, u_past[..., -1, :], y_past[..., -1, :])
-        return outputs, end, cost
-
-
-@pytest.mark.parametrize("own", [True, False], ids=["own", "measured"])
 @pytest.mark.parametrize(("how", "options"), [("Washout", {}), ("MLP", {"hidden": 2}), ("RNN", {"hidden": 2})])
-def test_gradient_is_the_finite_difference(how: str, options: dict[str, int], own: bool) -> None:
+def test_gradient_is_the_finite_difference(how: str, options: dict[str, int]) -> None:
     """Through initializer and run, with respect to every weight and the inputs."""
-    model = vivid(Trained(built(2, 2, 1, hidden=2), how, history=4, **options))
-    names = [n for n, _ in model.named_parameters()]
-    u_past, u = noise(2, 4, 2, seed=1).requires_grad_(), noise(2, 4, 2, seed=3).requires_grad_()
-    y_past, y = noise(2, 4, 1, seed=2), noise(2, 4, 1, seed=4)
-
-    def run(u_past: Tensor, u: Tensor, *values: Tensor) -> tuple[Tensor, ...]:
-        return functional_call(model, dict(zip(names, values, strict=True)), (u_past, y_past, u, y, own))
-
-    values = [p.detach().clone().requires_grad_() for p in model.parameters()]
-    assert torch.autograd.gradcheck(run, (u_past, u, *values))
-
-
-def test_gradient_of_the_state_is_the_finite_difference() -> None:
     predictor = built(2, 2, 1, hidden=2)
-    u, state = noise(2, 4, 2, seed=3), noise(2, predictor.layout.size, seed=4).requires_grad_()
-    for feedback in (None, noise(2, 4, 1, seed=5)):
-        assert torch.autograd.gradcheck(lambda s: predictor.rollout(u, s, feedback), state)  # noqa: B023
+    initializer = INITIALIZERS.get(how)(history=4, **options).build(predictor, predictor.problem)
+    u_past, u = noise(2, 4, 2, seed=1).requires_grad_(), noise(2, 4, 2, seed=3).requires_grad_()
+    check_slopes(vivid(Trained(predictor, initializer)), u_past, noise(2, 4, 1, seed=2), u, noise(2, 4, 1, seed=4))
+
+
+@pytest.mark.parametrize("measured", [False, True], ids=["own", "measured"])
+def test_gradient_of_the_run_is_the_finite_difference(measured: bool) -> None:
+    predictor = built(2, 2, 1, hidden=2)
+    u, state = noise(2, 4, 2, seed=3).requires_grad_(), noise(2, predictor.layout.size, seed=4).requires_grad_()
+    check_slopes(Called(predictor, predictor.rollout), u, state, noise(2, 4, 1, seed=5) if measured else None)
 
 
 @pytest.mark.parametrize(("layers", "how", "batch"), [(1, "MLP", 64), (2, "Washout", 7), (2, "RNN", 64)])
@@ -126,26 +96,9 @@ def test_training_in_a_group_changes_no_bit(layers: int, how: str, batch: int) -
     for seed in range(3):
         torch.manual_seed(seed)
         predictor = PREDICTORS.get("GRU")(layers=layers, hidden=50).build(Problem.plain(4, 1, 40, TAU))
-        models.append(Trained(predictor, how, history=TAU))
-    shapes = [(TAU, 4), (TAU, 1), (40, 4), (40, 1)]
-    data = [noise(3, batch, *shape, seed=i).float() for i, shape in enumerate(shapes)]
-
-    def step(members: list[int]) -> tuple[Tensor, dict[str, Tensor]]:
-        stacked = {
-            n: torch.stack([models[i].get_parameter(n) for i in members]).detach().requires_grad_()
-            for n, _ in models[0].named_parameters()
-        }
-        outputs, _, cost = functional_call(models[0], stacked, tuple(x[members] for x in data))
-        cost.sum().backward()
-        return outputs.detach(), {n: p.grad for n, p in stacked.items()}
-
-    outputs, gradients = step([0, 1, 2])
-    assert all((g.abs().flatten(1).sum(1) > 0).all() for g in gradients.values())
-    for i in range(3):
-        alone, own = step([i])
-        assert torch.equal(alone[0], outputs[i])
-        assert [n for n in own if not torch.equal(own[n][0], gradients[n][i])] == []
-        torch.testing.assert_close(models[i](*(x[i] for x in data))[0], outputs[i], rtol=1e-5, atol=1e-6)
+        initializer = INITIALIZERS.get(how)(history=TAU).build(predictor, predictor.problem)
+        models.append(Trained(predictor, initializer))
+    check_group(models, [(TAU, 4), (TAU, 1), (40, 4), (40, 1)], batch, 1e-6)
 
 
 def test_weight_count_and_biases() -> None:

@@ -7,8 +7,9 @@ import numpy as np
 import oracle
 import pytest
 import torch
+from networks import Called, check_slopes, leaves, noise, vivid
 from scipy.spatial.transform import Rotation
-from torch import Tensor, nn
+from torch import Tensor
 from torch.func import functional_call
 
 from registry import DATASETS, INITIALIZERS, PREDICTORS
@@ -35,10 +36,6 @@ QUADROTOR = Problem(
 )  # fmt: skip
 
 
-def noise(*shape: int, seed: int, scale: float = 1.0) -> Tensor:
-    return scale * torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=F64)
-
-
 def built(name: str, problem: Problem = QUADROTOR, **options: object) -> Predictor:
     """With scalers that are not those of SI."""
     torch.manual_seed(1)
@@ -54,14 +51,6 @@ def built(name: str, problem: Problem = QUADROTOR, **options: object) -> Predict
             size = len(scaler.scale)
             scaler.set(at + noise(size, seed=i), spread * (1 + 0.3 * noise(size, seed=i + 5).tanh()))
     return predictor
-
-
-def vivid(module: nn.Module, scale: float = 0.4) -> nn.Module:
-    """Every weight drawn anew: an initial value of zero would hide a wrong term."""
-    with torch.no_grad():
-        for i, p in enumerate(module.parameters()):
-            p.copy_(noise(*p.shape, seed=100 + i, scale=scale))
-    return module
 
 
 def windows(problem: Problem = QUADROTOR, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
@@ -80,7 +69,7 @@ def scaled(p: Predictor, u_past: Tensor, y_past: Tensor, u: Tensor) -> tuple[Ten
 def initialized(p: Predictor, u_past: Tensor, y_past: Tensor) -> Tensor:
     torch.manual_seed(2)
     initializer = build_initializer(INITIALIZERS.get("MLP")(hidden=5, history=TAU), p).double()
-    return vivid(initializer).initialize(p, u_past, y_past)
+    return vivid(initializer, 0.4).initialize(p, u_past, y_past)
 
 
 # --------------------------------------------------------------------------------------------------- physics
@@ -344,34 +333,20 @@ def test_stays_valid_through_a_flip() -> None:
     assert pitch == pytest.approx(turned % (2 * np.pi), abs=0.1)
 
 
-class Rollout(nn.Module):
-    def __init__(self, predictor: Predictor) -> None:
-        super().__init__()
-        self.predictor = predictor
-
-    def forward(self, u: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
-        return self.predictor.rollout(u, state)
-
-
 @pytest.mark.parametrize("entry", ["learned", "residual"])
 def test_gradient_is_the_finite_difference_with_and_without_a_model_dimension(entry: str) -> None:
     problem = replace(QUADROTOR, rate=30.0)  # long steps: every term counts
     predictor = vivid(built("Hybrid", problem, layers=2, hidden=2, input_model=entry, fit_constants=True), 0.2)
     u_past, y_past, u = scaled(predictor, *windows())
     state = initialized(predictor, u_past, y_past).detach()
-    names = [n for n, _ in predictor.named_parameters()]
     speeds = state[:, :4] if entry == "residual" else state[:, :0]  # of hundreds: not for one step of differences
-
-    def run(u: Tensor, rest: Tensor, *values: Tensor) -> tuple[Tensor, ...]:
-        given = {f"predictor.{n}": v for n, v in zip(names, values, strict=True)}
-        return functional_call(Rollout(predictor), given, (u, torch.cat([speeds, rest], -1)))
-
-    values = [p.detach().clone().requires_grad_() for p in predictor.parameters()]
+    run = Called(
+        predictor, lambda u, rest: predictor.rollout(u, torch.cat([speeds.expand(*rest.shape[:-1], -1), rest], -1))
+    )
     u, rest = u[:, :3].clone().requires_grad_(), state[:, speeds.shape[1] :].clone().requires_grad_()
-    assert torch.autograd.gradcheck(run, (u, rest, *values), fast_mode=True)
-    given = {f"predictor.{n}": v[None] for n, v in zip(names, values, strict=True)}
-    stacked = functional_call(Rollout(predictor), given, (u[None], torch.cat([speeds, rest], -1)[None]))
-    for one, all_models in zip(run(u, rest, *values), stacked, strict=True):
+    check_slopes(run, u, rest, fast=True)
+    stacked = functional_call(run, {n: v[None] for n, v in leaves(run).items()}, (u[None], rest[None]))
+    for one, all_models in zip(run(u, rest), stacked, strict=True):
         assert torch.equal(all_models[0], one)
 
 

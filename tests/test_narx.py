@@ -1,22 +1,16 @@
 """NARX against a plain-numpy transcription of its equation and finite differences."""
 
-from functools import partial
-
 import numpy as np
 import oracle
 import pytest
 import torch
-from test_networks import noise, vivid, weights
-from torch import Tensor, nn
-from torch.func import functional_call
+from networks import Trained, check_group, check_slopes, close, noise, vivid, weights
 
 from bench.experiment.notation import parse, write
 from registry import PREDICTORS
 from registry.contracts import Predictor, Problem
-from registry.cost import prediction_cost
 from registry.errors import BenchError
 
-close = partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
 SHAPES = [(1, 3, 3, 2), (2, 3, 1, 2), (2, 3, 4, 1), (1, 0, 3, 1)]
 
 
@@ -61,14 +55,14 @@ def test_runs_follow_the_equation(layers: int, m: int, delays: int, n: int, meas
     assert state.shape[-1] == predictor.layout.size
     windows = zip(past_u.numpy(), past_y.numpy(), u.numpy(), y.numpy(), strict=True)
     want = np.array([narx(weights(predictor), delays, *w[:3], w[3] if measured else None) for w in windows])
-    close(predictor.rollout(u, state, feedback)[0].detach(), want)
+    close(predictor.rollout(u, state, feedback)[0], want)
     for cut in (1, 7):
         pieces = (None, None) if feedback is None else (feedback[:, :cut], feedback[:, cut:])
         first, middle = predictor.rollout(u[:, :cut], state, pieces[0])
         second, end = predictor.rollout(u[:, cut:], middle, pieces[1])
-        close(torch.cat([first, second], 1).detach(), want)
+        close(torch.cat([first, second], 1), want)
         sequence = torch.cat([past_y, y if measured else torch.from_numpy(want)], 1)
-        close(end.detach(), predictor.init_buffers(torch.cat([past_u, u], 1)[:, -delays:], sequence[:, -delays:]))
+        close(end, predictor.init_buffers(torch.cat([past_u, u], 1)[:, -delays:], sequence[:, -delays:]))
 
 
 def test_series_parallel_training_looks_at_one_step_predictions() -> None:
@@ -78,35 +72,16 @@ def test_series_parallel_training_looks_at_one_step_predictions() -> None:
     taught = predictor.training_rollout(u[:, 5:], y[:, 5:], predictor.init_buffers(u[:, :5], y[:, :5]))
     for k in range(5, 14):
         state = predictor.init_buffers(u[:, :k], y[:, :k])
-        close(taught[:, k - 5].detach(), predictor.rollout(u[:, k : k + 1], state)[0][:, 0].detach())
+        close(taught[:, k - 5], predictor.rollout(u[:, k : k + 1], state)[0][:, 0].detach())
     free, state = built(), predictor.init_buffers(u[:, :5], y[:, :5])
     assert torch.equal(free.training_rollout(u[:, 5:], y[:, 5:], state), free.rollout(u[:, 5:], state)[0])
     assert not torch.allclose(free.training_rollout(u[:, 5:], y[:, 5:], state), taught)
 
 
-class Taught(nn.Module):
-    """Filled from the history, then what training looks at and its cost."""
-
-    def __init__(self, predictor: Predictor) -> None:
-        super().__init__()
-        self.predictor = predictor
-
-    def forward(self, u_past: Tensor, y_past: Tensor, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        taught = self.predictor.training_rollout(u, y, self.predictor.init_buffers(u_past, y_past))
-        return taught, prediction_cost(taught, y)
-
-
 @pytest.mark.parametrize("mode", ["parallel", "series-parallel"])
 def test_gradient_is_the_finite_difference(mode: str) -> None:
-    model = Taught(built(2, 2, 2, 1, hidden=2, mode=mode))
-    names = [n for n, _ in model.named_parameters()]
     data = [noise(2, 4, width, seed=i).requires_grad_() for i, width in enumerate((2, 1, 2, 1))]
-    values = [p.detach().clone().requires_grad_() for p in model.parameters()]
-
-    def run(*values: Tensor) -> tuple[Tensor, Tensor]:
-        return functional_call(model, dict(zip(names, values[4:], strict=True)), values[:4])
-
-    assert torch.autograd.gradcheck(run, (*data, *values))
+    check_slopes(Trained(built(2, 2, 2, 1, hidden=2, mode=mode)), *data)
 
 
 @pytest.mark.parametrize("mode", ["parallel", "series-parallel"])
@@ -116,26 +91,8 @@ def test_training_in_a_group_changes_no_bit(mode: str, batch: int) -> None:
     for seed in range(3):
         torch.manual_seed(seed)
         entry = PREDICTORS.get("NARX")(layers=2, hidden=50, mode=mode)
-        models.append(Taught(entry.build(Problem.plain(4, 1, 40, 10))))
-    shapes = [(10, 4), (10, 1), (40, 4), (40, 1)]
-    data = [noise(3, batch, *shape, seed=i).float() for i, shape in enumerate(shapes)]
-
-    def step(members: list[int]) -> tuple[Tensor, dict[str, Tensor]]:
-        stacked = {
-            n: torch.stack([models[i].get_parameter(n) for i in members]).detach().requires_grad_()
-            for n, _ in models[0].named_parameters()
-        }
-        outputs, cost = functional_call(models[0], stacked, tuple(x[members] for x in data))
-        cost.sum().backward()
-        return outputs.detach(), {n: p.grad for n, p in stacked.items()}
-
-    outputs, gradients = step([0, 1, 2])
-    assert all((g.abs().flatten(1).sum(1) > 0).all() for g in gradients.values())
-    for i in range(3):
-        alone, own = step([i])
-        assert torch.equal(alone[0], outputs[i])
-        assert [n for n in own if not torch.equal(own[n][0], gradients[n][i])] == []
-        torch.testing.assert_close(models[i](*(x[i] for x in data))[0], outputs[i], rtol=1e-5, atol=1e-6)
+        models.append(Trained(entry.build(Problem.plain(4, 1, 40, 10))))
+    check_group(models, [(10, 4), (10, 1), (40, 4), (40, 1)], batch, 1e-6)
 
 
 def test_notation_has_a_size_and_no_initializer() -> None:

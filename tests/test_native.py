@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import test_hybrid
 import torch
+from networks import noise, vivid
 from torch import Tensor
 
 from registry.errors import BenchError
@@ -265,15 +266,15 @@ def test_a_weight_changed_in_place_before_the_way_back_is_an_error() -> None:
 def test_the_native_hybrid_is_the_loop(hold: str, entry: str, output: str, fed: bool) -> None:
     problem = replace(test_hybrid.QUADROTOR, input_hold=hold, rate=40.0)
     options = dict(layers=2, hidden=3, input_model=entry, output_model=output, fit_constants=True)
-    p = test_hybrid.vivid(test_hybrid.built("Hybrid", problem, **options), 0.3)
+    p = vivid(test_hybrid.built("Hybrid", problem, **options), 0.3)
     past_u, past_y, u = test_hybrid.scaled(p, *test_hybrid.windows())
     state = test_hybrid.initialized(p, past_u, past_y).detach().requires_grad_()
-    y = test_hybrid.noise(*u.shape[:2], 6, seed=9) if fed else None
+    y = noise(*u.shape[:2], 6, seed=9) if fed else None
     u.requires_grad_()
 
     def all_of() -> list[Tensor]:
         made = p._run(u, state, y)
-        cost = sum((x * test_hybrid.noise(*x.shape, seed=i)).sum() for i, x in enumerate(made))
+        cost = sum((x * noise(*x.shape, seed=i)).sum() for i, x in enumerate(made))
         wanted = [u, state, *p.parameters()]
         found = torch.autograd.grad(cost, wanted, allow_unused=True)
         with torch.no_grad():
@@ -291,7 +292,7 @@ def test_the_native_hybrid_is_the_loop(hold: str, entry: str, output: str, fed: 
 
 
 def test_nan_in_a_native_hybrid_comes_out() -> None:
-    p = test_hybrid.vivid(test_hybrid.built("Hybrid", hidden=3), 0.3)
+    p = vivid(test_hybrid.built("Hybrid", hidden=3), 0.3)
     past_u, past_y, u = test_hybrid.scaled(p, *test_hybrid.windows())
     state = test_hybrid.initialized(p, past_u, past_y).detach()
     with kernel("native"):

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from networks import Called, noise
 from torch import Tensor, nn
 from torch.func import functional_call
 
@@ -14,10 +15,6 @@ INPUTS, OUTPUTS = 4, 3
 SIZES = [(1, 5, 1, 9), (2, 50, 64, 40), (3, 13, 37, 12)]
 both = pytest.mark.parametrize("kernel", kernels())
 sizes = pytest.mark.parametrize(("layers", "hidden", "batch", "steps"), SIZES)
-
-
-def noise(*shape: int, seed: int) -> Tensor:
-    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
 def pair(layers: int, hidden: int) -> tuple[Predictor, NaiveMLFC]:
@@ -112,11 +109,12 @@ def test_what_is_not_finite_comes_out(kernel: str, bad: float) -> None:
     predictor, _ = pair(2, 13)
     names = [n for n, _ in predictor.named_parameters()]
     u, state = noise(5, 12, INPUTS, seed=20), noise(5, predictor.layout.size, seed=21)
+    run = Called(predictor, predictor.rollout)
     with using(kernel):
         for name in names:
             weights = {n: p.detach().clone() for n, p in predictor.named_parameters()}
             weights[name].view(-1)[-1] = bad
-            outputs = functional_call(_Rollout(predictor), {f"of.{n}": w for n, w in weights.items()}, (u, state))
+            outputs = functional_call(run, {f"network.{n}": w for n, w in weights.items()}, (u, state))[0]
             # an infinite weight of a tanh layer saturates it: that is the right answer
             assert not outputs.isfinite().all() or (bad == float("inf") and ("_weight" in name or "bias." in name))
         for at in range(predictor.layout.size):
@@ -124,12 +122,3 @@ def test_what_is_not_finite_comes_out(kernel: str, bad: float) -> None:
             spoilt[3, at] = float("nan")
             assert predictor.rollout(u, spoilt)[0][3].isnan().all()
             assert predictor.rollout(u, spoilt)[0][[0, 1, 2, 4]].isfinite().all()
-
-
-class _Rollout(nn.Module):
-    def __init__(self, of: Predictor) -> None:
-        super().__init__()
-        self.of = of
-
-    def forward(self, u: Tensor, state: Tensor) -> Tensor:
-        return self.of.rollout(u, state)[0]

@@ -7,7 +7,8 @@ import numpy as np
 import oracle
 import pytest
 import torch
-from torch import Tensor, nn
+from networks import Called, Trained, check_group, check_slopes, close, noise, vivid, weights
+from torch import Tensor
 from torch.func import functional_call
 
 from registry import INITIALIZERS, PREDICTORS
@@ -16,7 +17,6 @@ from registry.cost import prediction_cost
 from registry.state_cost import state_initialization_cost
 
 TAU, HIDDEN = 10, 4
-EXACT = dict(rtol=1e-12, atol=1e-12)
 
 
 @dataclass(frozen=True)
@@ -61,27 +61,6 @@ CASES = [
 ]
 TWO_LAYERS = [c for c in CASES if c.layers == 2 and c.n_inputs]
 over = partial(pytest.mark.parametrize, "case", ids=str)
-
-
-def noise(*shape: int, seed: int, scale: float = 1.0) -> Tensor:
-    return scale * torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
-
-
-def vivid(module: nn.Module) -> nn.Module:
-    """float64, with every weight drawn anew: an initial value of zero would hide a wrong term."""
-    module.double()
-    with torch.no_grad():
-        for i, p in enumerate(module.parameters()):
-            p.copy_(noise(*p.shape, seed=100 + i, scale=0.6))
-    return module
-
-
-def weights(module: nn.Module) -> oracle.Weights:
-    return {name: value.detach().numpy() for name, value in module.state_dict().items()}
-
-
-def close(actual: Tensor, expected: np.ndarray) -> None:
-    np.testing.assert_allclose(actual.detach().numpy(), expected, **EXACT)
 
 
 # ------------------------------------------------------------------------------------------------ predictors
@@ -264,32 +243,19 @@ def small(name: str, dropout: float = 0.0) -> Predictor:
     return vivid(entry.build(Problem.plain(2, 1, 4, 4)))
 
 
-class Rollout(nn.Module):
-    def __init__(self, predictor: Predictor) -> None:
-        super().__init__()
-        self.predictor = predictor
-
-    def forward(self, u: Tensor, state: Tensor, feedback: Tensor | None) -> tuple[Tensor, Tensor]:
-        return self.predictor.rollout(u, state, feedback)
-
-
 @pytest.mark.parametrize("name", ["LSTM", "LSTM TDL", "MLFC"])
 @pytest.mark.parametrize("measured", [False, True], ids=["own", "measured"])
 @pytest.mark.parametrize("dropout", [0.0, 0.4])
 def test_rollout_gradient_is_the_finite_difference(name: str, measured: bool, dropout: float) -> None:
     predictor = small(name, dropout).train()
-    names = [n for n, _ in predictor.named_parameters()]
     feedback = noise(2, 4, 1, seed=5) if measured else None  # data: needs no gradient
     u, state = noise(2, 4, 2, seed=3).requires_grad_(), noise(2, predictor.layout.size, seed=4).requires_grad_()
 
-    def run(u: Tensor, state: Tensor, feedback: Tensor | None, *values: Tensor) -> tuple[Tensor, Tensor]:
+    def run(*data: Tensor | None) -> tuple[Tensor, Tensor]:
         torch.manual_seed(3)
-        return functional_call(
-            Rollout(predictor), {f"predictor.{n}": v for n, v in zip(names, values, strict=True)}, (u, state, feedback)
-        )
+        return predictor.rollout(*data)
 
-    values = [p.detach().clone().requires_grad_() for p in predictor.parameters()]
-    assert torch.autograd.gradcheck(run, (u, state, feedback, *values))
+    check_slopes(Called(predictor, run), u, state, feedback)
 
 
 @pytest.mark.parametrize("name", ["LSTM", "LSTM TDL", "MLFC"])
@@ -297,30 +263,14 @@ def test_rollout_gradient_is_the_finite_difference(name: str, measured: bool, dr
 def test_backward_leaves_the_gradient_it_is_given_alone(name: str, layers: int) -> None:
     """One model and one window: there a view of the incoming gradient is already contiguous."""
     predictor = vivid(PREDICTORS.get(name)(layers=layers, hidden=3).build(Problem.plain(2, 1, 4, TAU)))
-    stacked = {f"predictor.{n}": p[None] for n, p in predictor.named_parameters()}
+    stacked = {f"network.{n}": p[None] for n, p in predictor.named_parameters()}
     state = noise(1, 1, predictor.layout.size, seed=4).requires_grad_()
-    ends = functional_call(Rollout(predictor), stacked, (noise(1, 1, 4, 2, seed=3), state, None))
+    ends = functional_call(Called(predictor, predictor.rollout), stacked, (noise(1, 1, 4, 2, seed=3), state))
     given = noise(*ends[0].shape, seed=5), noise(*ends[1].shape, seed=6)
     before = [g.clone() for g in given]
     first, second = (torch.autograd.grad(ends, state, given, retain_graph=True)[0] for _ in range(2))
     assert all(torch.equal(a, b) for a, b in zip(given, before, strict=True))
     assert torch.equal(first, second)
-
-
-class Pair(nn.Module):
-    """Initializer and predictor trained as one: the outputs and the total cost (eq. MS_Pred_Total_Cost)."""
-
-    def __init__(self, predictor: Predictor, initializer: Initializer) -> None:
-        super().__init__()
-        self.predictor, self.initializer = predictor, initializer
-
-    def forward(self, u_past: Tensor, y_past: Tensor, u: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        state = self.initializer.initialize(self.predictor, u_past, y_past)
-        outputs, _ = self.predictor.rollout(u, state)
-        cost = prediction_cost(outputs, y)
-        if self.initializer.uses_state_cost:
-            cost = cost + state_initialization_cost(self.predictor, state, u_past[..., -1, :], y_past[..., -1, :])
-        return outputs, cost
 
 
 @pytest.mark.parametrize("name", ["LSTM", "LSTM TDL", "MLFC"])
@@ -329,16 +279,8 @@ def test_gradient_through_the_initializer_is_the_finite_difference(name: str, ho
     predictor = small(name)
     options = {} if how == "Washout" else {"hidden": 2}
     initializer = vivid(INITIALIZERS.get(how)(history=4, **options).build(predictor, predictor.problem))
-    pair = Pair(predictor, initializer)
-    names = [n for n, _ in pair.named_parameters()]
     u_past, y_past = noise(2, 4, 2, seed=1).requires_grad_(), noise(2, 4, 1, seed=2)
-    u, y = noise(2, 3, 2, seed=3), noise(2, 3, 1, seed=4)
-
-    def run(u_past: Tensor, *values: Tensor) -> tuple[Tensor, Tensor]:
-        return functional_call(pair, dict(zip(names, values, strict=True)), (u_past, y_past, u, y))
-
-    values = [p.detach().clone().requires_grad_() for p in pair.parameters()]
-    assert torch.autograd.gradcheck(run, (u_past, *values))
+    check_slopes(Trained(predictor, initializer), u_past, y_past, noise(2, 3, 2, seed=3), noise(2, 3, 1, seed=4))
 
 
 # --------------------------------------------------------------------------------------------------- dropout
@@ -375,29 +317,8 @@ def test_training_in_a_group_changes_no_bit(name: str, layers: int, how: str, hi
         torch.manual_seed(seed)
         predictor = PREDICTORS.get(name)(layers=layers, hidden=50).build(Problem.plain(4, 1, 40, TAU))
         initializer = INITIALIZERS.get(how)(history=TAU, **({} if hidden is None else {"hidden": hidden}))
-        pairs.append(Pair(predictor, initializer.build(predictor, predictor.problem)))
-    shapes = [(TAU, 4), (TAU, 1), (40, 4), (40, 1)]
-    data = [noise(3, batch, steps, width, seed=i).float() for i, (steps, width) in enumerate(shapes)]
-
-    def step(members: list[int]) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
-        stacked = {
-            n: torch.stack([dict(pairs[i].named_parameters())[n] for i in members]).detach().requires_grad_()
-            for n, _ in pairs[0].named_parameters()
-        }
-        outputs, cost = functional_call(pairs[0], stacked, tuple(x[members] for x in data))
-        cost.sum().backward()
-        return outputs.detach(), cost.detach(), {n: p.grad for n, p in stacked.items()}
-
-    outputs, cost, gradients = step([0, 1, 2])
-    assert cost.shape == (3,) and cost.isfinite().all()
-    assert all((g.abs().flatten(1).sum(1) > 0).all() for g in gradients.values())
-    for i in range(3):
-        alone, own_cost, own = step([i])
-        assert torch.equal(alone[0], outputs[i]) and torch.equal(own_cost[0], cost[i])
-        assert [n for n in own if not torch.equal(own[n][0], gradients[n][i])] == []
-        single, single_cost = pairs[i](*(x[i] for x in data))
-        torch.testing.assert_close(single, outputs[i], rtol=1e-5, atol=1e-6)
-        torch.testing.assert_close(single_cost, cost[i], rtol=1e-5, atol=1e-6)
+        pairs.append(Trained(predictor, initializer.build(predictor, predictor.problem)))
+    check_group(pairs, [(TAU, 4), (TAU, 1), (40, 4), (40, 1)], batch, 1e-6)
 
 
 # ------------------------------------------------------------------------------------------- honest baselines

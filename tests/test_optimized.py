@@ -2,8 +2,8 @@
 
 import pytest
 import torch
-from test_networks import noise, vivid
-from torch import Tensor, nn
+from networks import Trained, check_group, check_slopes, leaves, noise, vivid
+from torch import Tensor
 from torch.func import functional_call
 
 from bench.experiment.config import RunConfig, Training
@@ -90,33 +90,23 @@ def test_a_steep_cost_does_not_make_the_descent_diverge() -> None:
     assert (fitted < zero).all()
 
 
-class Initialized(nn.Module):
-    """Initializer and free run."""
-
-    def __init__(self, predictor: Predictor, initializer: Initializer) -> None:
-        super().__init__()
-        self.predictor, self.initializer = predictor, initializer
-
-    def forward(self, u_past: Tensor, y_past: Tensor, u: Tensor) -> Tensor:
-        return self.predictor.rollout(u, self.initializer.initialize(self.predictor, u_past, y_past))[0]
-
-
 @over
 def test_gradient_to_the_weights_holds_the_fitted_start(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     predictor = built(name, hidden=2)
-    model = Initialized(predictor, initializer(predictor, iterations=3))
-    names, values = zip(*((n, p.detach().clone().requires_grad_()) for n, p in model.named_parameters()), strict=True)
-    past, u = tuple(x[:2, -TAU:] for x in history()), noise(2, 3, 3, seed=3)
+    model = Trained(predictor, initializer(predictor, iterations=3))
+    own, past = leaves(model), tuple(x[:2, -TAU:] for x in history())
+    windows = (*past, noise(2, 3, 3, seed=3), noise(2, 3, 2, seed=4))
 
-    def run(*values: Tensor) -> Tensor:
-        return functional_call(model, dict(zip(names, values, strict=True)), (*past, u))
+    def slopes() -> tuple[Tensor, ...]:
+        outputs, _ = functional_call(model, own, windows)
+        return torch.autograd.grad(outputs.square().sum(), list(own.values()))
 
-    whole = torch.autograd.grad(run(*values).square().sum(), values)
+    whole = slopes()
     held = model.initializer.start(predictor, *past)
     assert held.abs().max() > 1e-3 and not held.requires_grad
     monkeypatch.setattr(model.initializer, "start", lambda *_: held)
-    torch.testing.assert_close(torch.autograd.grad(run(*values).square().sum(), values), whole)
-    assert torch.autograd.gradcheck(run, values, fast_mode=True)
+    torch.testing.assert_close(slopes(), whole)
+    check_slopes(model, *windows, fast=True)
 
 
 @over
@@ -126,24 +116,8 @@ def test_training_in_a_group_changes_no_bit(name: str, batch: int) -> None:
     for seed in range(3):
         torch.manual_seed(seed)
         predictor = PREDICTORS.get(name)(layers=1, hidden=20).build(Problem.plain(4, 2, 10, TAU))
-        models.append(Initialized(predictor, initializer(predictor, iterations=4)))
-    data = [noise(3, batch, *shape, seed=i).float() for i, shape in enumerate([(TAU, 4), (TAU, 2), (10, 4)])]
-
-    def step(members: list[int]) -> tuple[Tensor, dict[str, Tensor]]:
-        stacked = {
-            n: torch.stack([models[i].get_parameter(n) for i in members]).detach().requires_grad_()
-            for n, _ in models[0].named_parameters()
-        }
-        outputs = functional_call(models[0], stacked, tuple(x[members] for x in data))
-        outputs.square().mean().mul(len(members)).backward()
-        return outputs.detach(), {n: p.grad for n, p in stacked.items()}
-
-    outputs, gradients = step([0, 1, 2])
-    for i in range(3):
-        alone, own = step([i])
-        assert torch.equal(alone[0], outputs[i])
-        assert [n for n in own if not torch.equal(own[n][0], gradients[n][i])] == []
-        torch.testing.assert_close(models[i](*(x[i] for x in data)), outputs[i], rtol=1e-4, atol=1e-5)
+        models.append(Trained(predictor, initializer(predictor, iterations=4)))
+    check_group(models, [(TAU, 4), (TAU, 2), (10, 4), (10, 2)], batch, 1e-5)
 
 
 def test_it_trains_and_predicts_in_an_ordinary_run() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from conftest import Toy
+from networks import noise
 
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.notation import parse
@@ -13,10 +14,6 @@ from bench.training.run import run_group
 from registry.contracts import Problem
 from registry.core import PREDICTORS
 from registry.errors import BenchError
-
-
-def noise(*shape: int, seed: int) -> torch.Tensor:
-    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
 def test_the_lstm_of_pytorch_runs_from_its_state() -> None:

@@ -7,11 +7,9 @@ import oracle
 import pytest
 import torch
 from conftest import Toy
+from networks import Called, Trained, check_slopes, close, noise, vivid, weights
 from test_gradient import assert_equal, group
 from test_native import kernel
-from test_networks import TAU, Pair, Rollout, close, noise, vivid, weights
-from torch import Tensor
-from torch.func import functional_call
 
 from bench.experiment.config import RunConfig, Training, changed, to_json
 from bench.experiment.notation import parse
@@ -21,6 +19,7 @@ from registry import INITIALIZERS, PREDICTORS
 from registry.contracts import Predictor, Problem
 from registry.state_cost import state_initialization_cost
 
+TAU = 10
 READINGS = {
     "A_o": ("MLFC", {"output_feedback": True}),
     "full": ("LSTM", {"peepholes": "full"}),
@@ -76,18 +75,10 @@ def test_the_equations(reading: str, layers: int, measured: bool, steps: int, us
 @pytest.mark.parametrize("steps", [1, 4])
 def test_gradients_are_finite_differences(reading: str, measured: bool, steps: int, used: str) -> None:
     predictor = built(reading, hidden=2, size=(2, 1))
-    names = [n for n, _ in predictor.named_parameters()]
     feedback = noise(2, steps, 1, seed=5) if measured else None
     u, state = noise(2, steps, 2, seed=3).requires_grad_(), noise(2, predictor.layout.size, seed=4).requires_grad_()
-
-    def run(u: Tensor, state: Tensor, *values: Tensor) -> tuple[Tensor, Tensor]:
-        own = {f"predictor.{n}": v for n, v in zip(names, values, strict=True)}
-        return functional_call(Rollout(predictor), own, (u, state, feedback))
-
     with kernel(used):
-        assert torch.autograd.gradcheck(
-            run, (u, state, *(p.detach().clone().requires_grad_() for p in predictor.parameters()))
-        )
+        check_slopes(Called(predictor, predictor.rollout), u, state, feedback)
 
 
 @over
@@ -95,14 +86,9 @@ def test_gradients_are_finite_differences(reading: str, measured: bool, steps: i
 def test_gradients_through_initializer_and_state_cost(reading: str, how: str) -> None:
     predictor = built(reading, hidden=2, size=(2, 1))
     options = {} if how == "Washout" else {"hidden": 2}
-    pair = Pair(predictor, vivid(INITIALIZERS.get(how)(history=4, **options).build(predictor, predictor.problem)))
-    names = [n for n, _ in pair.named_parameters()]
+    pair = Trained(predictor, vivid(INITIALIZERS.get(how)(history=4, **options).build(predictor, predictor.problem)))
     past, ahead = (noise(2, 4, 2, seed=1), noise(2, 4, 1, seed=2)), (noise(2, 3, 2, seed=3), noise(2, 3, 1, seed=4))
-
-    def run(*values: Tensor) -> tuple[Tensor, Tensor]:
-        return functional_call(pair, dict(zip(names, values, strict=True)), (*past, *ahead))
-
-    assert torch.autograd.gradcheck(run, tuple(p.detach().clone().requires_grad_() for p in pair.parameters()))
+    check_slopes(pair, *past, *ahead)
 
 
 def test_the_state_cost_takes_a_o_off() -> None:

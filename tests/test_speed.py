@@ -7,6 +7,7 @@ import oracle
 import pytest
 import torch
 from click.testing import CliRunner
+from networks import noise, redrawn, weights
 
 from bench.cli.commands.speed import speed_command
 from bench.speed.floor import floating_operations
@@ -22,23 +23,16 @@ from registry.kernels.native.library import core
 from registry.kernels.native.products import Products
 
 
-def noise(*shape: int, seed: int) -> torch.Tensor:
-    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
-
-
 @pytest.mark.parametrize(("name", "delays"), [("LSTM", 1), ("LSTM TDL", 3), ("MLFC", 1)])
 @pytest.mark.parametrize("layers", [1, 3])
 def test_the_reference_is_the_oracle(name: str, delays: int, layers: int) -> None:
     options = {"delays": delays} if name == "LSTM TDL" else {}
     predictor = PREDICTORS.get(name)(layers=layers, hidden=4, **options).build(Problem.plain(3, 2, 9, 5)).double()
-    with torch.no_grad():
-        for i, p in enumerate(predictor.parameters()):
-            p.copy_(0.6 * noise(*p.shape, seed=100 + i))
-    weights = predictor.state_dict()
+    redrawn(predictor)
     naive = NaiveMLFC(3, 2, layers, 4) if name == "MLFC" else NaiveLSTM(3, 2, layers, 4, delays)
     u, state = noise(5, 9, 3, seed=1), noise(5, predictor.layout.size, seed=2)
-    outputs = naive.double().load(weights)(u, state)
-    arrays = {k: v.numpy() for k, v in weights.items()}
+    outputs = naive.double().load(predictor.state_dict())(u, state)
+    arrays = weights(predictor)
     more = {} if name == "MLFC" else {"delays": delays}
     want, _ = (oracle.mlfc_rollout if name == "MLFC" else oracle.lstm_rollout)(arrays, u.numpy(), state.numpy(), **more)
     torch.testing.assert_close(outputs, torch.from_numpy(want), rtol=1e-12, atol=1e-12)

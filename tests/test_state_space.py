@@ -1,6 +1,5 @@
 """LRU, SUBNET with its encoder and the neural ODE against plain-numpy transcriptions of their equations."""
 
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +7,7 @@ import oracle
 import pytest
 import torch
 from conftest import Toy
-from test_networks import noise, vivid, weights
-from torch.func import functional_call
+from networks import Called, check_slopes, close, noise, vivid, weights
 
 from bench.execution import engine
 from bench.experiment.config import RunConfig, Training
@@ -22,7 +20,6 @@ from registry.state_cost import state_initialization_cost
 
 TAU, HIDDEN, RATE = 5, 4, 50.0
 NAMES = ["LRU", "SUBNET", "Neural ODE"]
-close = partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
 over = pytest.mark.parametrize("name", NAMES, ids=lambda n: n.replace(" ", ""))
 
 
@@ -106,8 +103,8 @@ def test_runs_follow_the_equations(name: str, run, layers: int, m: int, n: int) 
     outputs, end = predictor.rollout(u, state)
     for i in range(3):
         want, want_end = run(weights(predictor), u[i].numpy(), state[i].numpy())
-        close(outputs[i].detach(), want)
-        close(end[i].detach(), want_end)
+        close(outputs[i], want)
+        close(end[i], want_end)
 
 
 CART = (Channel("displacement.q", "m"), Channel("speed.q", "m/s"))
@@ -134,8 +131,8 @@ def test_a_neural_ode_follows_its_equations(outputs: tuple[Channel, ...], measur
     for i in range(2):
         fed = y[i].numpy() if measured else None
         want, want_end = ode(weights(predictor), rate_of, held, pace, u[i].numpy(), state[i].numpy(), fed)
-        close(got[i].detach(), want)
-        close(end[i].detach(), want_end)
+        close(got[i], want)
+        close(end[i], want_end)
 
 
 def test_what_is_known_of_a_neural_ode_can_be_left_out() -> None:
@@ -176,8 +173,8 @@ def test_the_encoder_is_a_network_beside_a_linear_map(name: str) -> None:
         x = np.concatenate([u[i, 2:].numpy().ravel(), y[i, 2:].numpy().ravel()])
         want = bypassed(weights(encoder), "network", x)
         want[:hidden] = np.tanh(want[:hidden])
-        close(state[i, buffer:].detach(), want)
-        close(state[i, :buffer].detach(), predictor.init_buffers(u[i : i + 1], y[i : i + 1])[0].detach())
+        close(state[i, buffer:], want)
+        close(state[i, :buffer], predictor.init_buffers(u[i : i + 1], y[i : i + 1])[0].detach())
 
 
 # ----------------------------------------------------------------------------------------------------- contracts
@@ -197,14 +194,8 @@ def test_a_horizon_in_two_pieces_is_the_horizon(name: str) -> None:
 @over
 def test_gradients_are_the_finite_differences(name: str) -> None:
     predictor = built(name, 2, 1)
-    names = [n for n, _ in predictor.named_parameters()]
     u, state = noise(2, 5, 2, seed=3).requires_grad_(), noise(2, predictor.layout.size, seed=4).requires_grad_()
-
-    def run(u, state, *values):
-        return functional_call(predictor, dict(zip(names, values, strict=True)), (u, state))
-
-    values = [p.detach().clone().requires_grad_() for p in predictor.parameters()]
-    assert torch.autograd.gradcheck(run, (u, state, *values))
+    check_slopes(Called(predictor, predictor.rollout), u, state)
 
 
 @pytest.mark.parametrize("name", ["LRU", "SUBNET"])
@@ -215,7 +206,7 @@ def test_the_readout_is_the_output_of_the_state(name: str) -> None:
     outputs, end = predictor.rollout(u, state)
     read = predictor.readout(end, u[:, -1])
     assert read is not None
-    close(read.detach(), outputs[:, -1].detach())
+    close(read, outputs[:, -1].detach())
     y = noise(2, 2, seed=5)
     want = (read - y).norm(dim=-1).mean().item()
     assert state_initialization_cost(predictor, end, u[:, -1], y).item() == pytest.approx(want)

@@ -1,20 +1,16 @@
 """The TCN against a plain-numpy transcription: convolutions as sums over taps, the free run from scratch every step."""
 
-from functools import partial
-
 import numpy as np
 import oracle
 import pytest
 import torch
-from test_networks import noise, vivid, weights
-from torch.func import functional_call
+from networks import Called, check_slopes, close, noise, vivid, weights
 
 from bench.experiment.notation import parse, write
 from registry import PREDICTORS
 from registry.contracts import Predictor, Problem
 from registry.errors import BenchError
 
-close = partial(np.testing.assert_allclose, rtol=1e-12, atol=1e-12)
 SHAPES = [(1, 3, 2, 2), (2, 3, 2, 2), (3, 2, 3, 1), (2, 0, 2, 1)]
 
 
@@ -68,39 +64,24 @@ def test_runs_follow_the_equations(layers: int, m: int, kernel: int, n: int, mea
     w = weights(predictor)
     want = np.array([tcn(w, predictor.history, *d[:3], d[3] if measured else None) for d in windows])
     outputs, end = predictor.rollout(u, state, feedback)
-    close(outputs.detach(), want)
+    close(outputs, want)
     sequence = torch.cat([past_y, y if measured else torch.from_numpy(want)], 1)
     if tau > predictor.history:
-        close(end.detach(), predictor.init_buffers(torch.cat([past_u, u], 1), sequence))
+        close(end, predictor.init_buffers(torch.cat([past_u, u], 1), sequence))
     for cut in (1, 7):
         pieces = (None, None) if feedback is None else (feedback[:, :cut], feedback[:, cut:])
         first, middle = predictor.rollout(u[:, :cut], state, pieces[0])
         second, last = predictor.rollout(u[:, cut:], middle, pieces[1])
-        close(torch.cat([first, second], 1).detach(), want)
-        close(last.detach(), end.detach())
+        close(torch.cat([first, second], 1), want)
+        close(last, end.detach())
 
 
 @pytest.mark.parametrize("mode", ["parallel", "series-parallel"])
 def test_gradients_are_the_finite_differences(mode: str) -> None:
     predictor = built(2, 2, 2, 1, hidden=2, mode=mode)
-    names = [n for n, _ in predictor.named_parameters()]
     u, y = noise(2, 4, 2, seed=1).requires_grad_(), noise(2, 4, 1, seed=2)
     state = noise(2, predictor.layout.size, seed=4).requires_grad_()
-
-    class Taught(torch.nn.Module):
-        def __init__(self) -> None:
-            super().__init__()
-            self.predictor = predictor
-
-        def forward(self, u, state):
-            return self.predictor.training_rollout(u, y, state)
-
-    def run(u, state, *values):
-        return functional_call(Taught(), {f"predictor.{n}": v for n, v in zip(names, values, strict=True)}, (u, state))
-
-    assert torch.autograd.gradcheck(
-        run, (u, state, *(p.detach().clone().requires_grad_() for p in predictor.parameters()))
-    )
+    check_slopes(Called(predictor, lambda *data: (predictor.training_rollout(*data),)), u, y, state)
 
 
 def test_series_parallel_training_looks_at_one_step_predictions() -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from networks import noise
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -16,10 +17,6 @@ INERTIA, GRAVITY, DT = np.array([0.01, 0.013, 0.02]), 9.81, 0.01
 def body(dt: float = DT, gravity: float = GRAVITY) -> RigidBodyStep:
     x, y, z = INERTIA
     return RigidBodyStep(dt, gravity, torch.tensor([(y - z) / x, (z - x) / y, (x - y) / z], dtype=F64))
-
-
-def noise(*shape: int, seed: int) -> torch.Tensor:
-    return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=F64)
 
 
 def test_agrees_with_an_independent_integration_over_the_long_horizon() -> None:
