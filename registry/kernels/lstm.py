@@ -16,6 +16,7 @@ from torch import Tensor
 from registry.kernels import lstm_steps, lstm_torch, plain
 from registry.kernels.native import library
 from registry.kernels.native import lstm as native
+from registry.kernels.native.call import called
 from registry.kernels.pointwise import dropout_mask, in_whole_vectors
 
 
@@ -73,9 +74,8 @@ def lstm(
     if core is None:
         run = partial(lstm_steps.run, increments=increments) if full or increments else lstm_torch.run
         return in_whole_vectors(partial(run, mask=mask, delays=delays), (inputs, state, forced), weights)
-    return native.lstm(
-        core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, increments=increments
-    )
+    make = partial(native.LstmCall, core, forced=forced, mask=mask, delays=delays, increments=increments)
+    return called(make, (inputs, state), weights)
 
 
 VJP = Callable[[Tensor | None, Tensor | None], tuple[Tensor, list[Tensor]]]

@@ -7,6 +7,7 @@ feature-major arrays as in `registry.kernels.lstm`.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import torch
@@ -15,6 +16,7 @@ from torch import Tensor
 from registry.kernels import plain
 from registry.kernels.native import library
 from registry.kernels.native import mlfc as native
+from registry.kernels.native.call import called
 from registry.kernels.pointwise import dropout_mask, in_whole_vectors, pad16, tanh_, tanh_grad
 
 
@@ -44,17 +46,10 @@ def mlfc(
     if plain.exporting():
         outputs, end = plain.mlfc(inputs, torch.cat([fed, hidden], -1), forced, layers, readout)
         return outputs, end[..., fed.shape[-1] :]
-    core = library.core_for(inputs, fed, hidden, forced, readout, *layers)
+    core, mask = library.core_for(inputs, fed, hidden, forced, readout, *layers), _mask(dropout, inputs, hidden)
     if core is not None:
-        return native.mlfc(
-            core,
-            inputs,
-            fed,
-            hidden=hidden,
-            forced=forced,
-            mask=_mask(dropout, inputs, hidden),
-            weights=[*layers, readout],
-        )
+        make = partial(native.MlfcCall, core, forced=forced, mask=mask)
+        return called(make, (inputs, fed, hidden), [*layers, readout])
 
     def run(
         inputs: Tensor, fed: Tensor, hidden: Tensor, forced: Tensor | None, weights: list[Tensor]
@@ -62,7 +57,6 @@ def mlfc(
         done: tuple[Tensor, Tensor] = _MLFC.apply(inputs, fed, hidden, forced, mask, *weights)
         return done
 
-    mask = _mask(dropout, inputs, hidden)
     return in_whole_vectors(run, (inputs, fed, hidden, forced), [readout, *layers])
 
 

@@ -4,7 +4,7 @@ Two implementations of one interface: C++ for the CPU, where there is a compiler
 """
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import torch
@@ -14,6 +14,7 @@ from torch.autograd.function import once_differentiable
 from registry.kernels import plain
 from registry.kernels.native import library
 from registry.kernels.native import mlp as native
+from registry.kernels.native.call import called
 from registry.kernels.pointwise import pad16, pad_batch
 
 
@@ -38,7 +39,7 @@ def mlp(x: Tensor, layers: list[tuple[Tensor, Tensor]]) -> Tensor:
     weights = [w for layer in layers for w in layer]
     core = library.core_for(x, *weights)
     if core is not None:
-        return native.mlp(core, x, weights)
+        return called(partial(native.MlpCall, core), [x], weights)
     if x.dim() == 2:
         return mlp(x.unsqueeze(0), [(w.unsqueeze(0), b.unsqueeze(0)) for w, b in layers])[0]
     for weight, bias in layers[:-1]:
@@ -56,7 +57,7 @@ def mlp_vjp(x: Tensor, layers: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, VJP
     weights = [w for layer in layers for w in layer]
     core = library.core_for(x, *weights)
     assert core is not None
-    run = native.MlpCall(core, x, weights)
+    run = native.MlpCall(core, x, weights=weights)
     y = run.forward()
 
     def vjp(dy: Tensor, inputs_too: bool) -> tuple[Tensor | None, list[Tensor]]:

@@ -1,12 +1,13 @@
-"""A call of the compiled core: a structure of sizes and addresses, and what they belong to."""
+"""A call of the compiled core: a structure of sizes and addresses, and what they belong to; under autograd or not."""
 
 import ctypes
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from registry.kernels.native.library import Core
 from registry.kernels.workspace import Workspace
@@ -78,9 +79,44 @@ class Call:
         self.fields.scratch = scratch.address
         self._call(what)
 
+    def forward(self) -> Any:
+        """What it makes: an array, or several."""
+        raise NotImplementedError
+
     def _call(self, what: str) -> None:
         kind = "f" if self.like.dtype == torch.float32 else "d"
         getattr(self.core.functions, f"{self.family}_{what}_{kind}")(ctypes.byref(self.fields))
+
+
+class _Called(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, make: Callable[..., Call], count: int, *tensors: Tensor) -> Any:
+        arrays, weights = tensors[:count], tensors[count:]
+        ctx.save_for_backward(*weights)  # a change in place before the way back is an error
+        ctx.set_materialize_grads(False)
+        ctx.run = make(*arrays, weights=weights, keep=True)
+        return ctx.run.forward()
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
+        _ = ctx.saved_tensors
+        return (None, None, *ctx.run.backward(*grads, inputs_too=ctx.needs_input_grad[2]))
+
+
+def called(make: Callable[..., Call], arrays: Sequence[Tensor], weights: Sequence[Tensor]) -> Any:
+    """What a call gives, with a way back where a gradient is wanted.
+
+    Args:
+        make: a kind of call, given ``*arrays``, ``weights`` and ``keep`` (for a way back). Its ``backward`` takes the
+            gradients of what `Call.forward` gives (None: zero) and ``inputs_too``, whether that of the first array is
+            wanted, and gives those of arrays and weights, in their order.
+        arrays: they may want gradients.
+        weights: likewise.
+    """
+    if torch.is_grad_enabled() and any(x.requires_grad for x in (*arrays, *weights)):
+        return _Called.apply(make, len(arrays), *arrays, *weights)
+    return make(*arrays, weights=weights, keep=False).forward()
 
 
 def structure(sizes: str, numbers: str = "", arrays: str = "", pairs: str = "") -> tuple[tuple[str, Any], ...]:

@@ -2,11 +2,9 @@
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
-import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from registry.kernels.native.call import Call, structure
 from registry.kernels.native.library import Core
@@ -22,14 +20,14 @@ class _Structure(ctypes.Structure):
 
 
 class LstmCall(Call):
-    """Arguments as for `lstm`; ``keep``: for a way back."""
+    """T steps: arguments as for `registry.kernels.lstm_steps.run`, one type on the CPU; ``keep``: for a way back."""
 
     family: ClassVar[str] = "lstm"
     structure: ClassVar[type[ctypes.Structure]] = _Structure
 
     def __init__(
-        self, core: Core, inputs: Tensor, state: Tensor, forced: Tensor | None, mask: Tensor | None,
-        weights: Sequence[Tensor], delays: int, keep: bool, increments: bool = False,
+        self, core: Core, inputs: Tensor, state: Tensor, *, weights: Sequence[Tensor], keep: bool,
+        forced: Tensor | None, mask: Tensor | None, delays: int, increments: bool,
     ) -> None:  # fmt: skip
         *lead, batch, steps, m = inputs.shape
         self.models = lead[0] if lead else 1
@@ -65,44 +63,3 @@ class LstmCall(Call):
         self.run("backward")
         del self.held[held:]
         return (du, d_state, *gradients)
-
-
-class _LSTM(torch.autograd.Function):
-    @staticmethod
-    def forward(
-        ctx: Any, core: Core, lines: tuple[int, bool], inputs: Tensor, state: Tensor, forced: Tensor | None,
-        mask: Tensor | None, *weights: Tensor,
-    ) -> tuple[Tensor, Tensor]:  # fmt: skip
-        ctx.save_for_backward(*weights)  # a change in place before the way back is an error
-        ctx.set_materialize_grads(False)
-        ctx.run = LstmCall(core, inputs, state, forced=forced, mask=mask, weights=weights, delays=lines[0], keep=True,
-                           increments=lines[1])  # fmt: skip
-        done: tuple[Tensor, Tensor] = ctx.run.forward()
-        return done
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:
-        _ = ctx.saved_tensors
-        du, d_state, *gradients = ctx.run.backward(*grads, ctx.needs_input_grad[2])
-        return (None, None, du, d_state, None, None, *gradients)
-
-
-def lstm(
-    core: Core,
-    inputs: Tensor,
-    state: Tensor,
-    forced: Tensor | None,
-    mask: Tensor | None,
-    weights: list[Tensor],
-    delays: int,
-    increments: bool = False,
-) -> tuple[Tensor, Tensor]:
-    """Run T steps: arguments and results as for `registry.kernels.lstm_steps.run`, one type on the CPU."""
-    if torch.is_grad_enabled() and any(x.requires_grad for x in (inputs, state, *weights)):
-        done: tuple[Tensor, Tensor] = _LSTM.apply(core, (delays, increments), inputs, state, forced, mask, *weights)
-        return done
-    run = LstmCall(
-        core, inputs, state, forced=forced, mask=mask, weights=weights, delays=delays, keep=False, increments=increments
-    )
-    return run.forward()

@@ -2,11 +2,9 @@
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
-import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from registry.kernels.native.call import Call, structure
 from registry.kernels.native.library import Core
@@ -22,15 +20,23 @@ class _Structure(ctypes.Structure):
 
 
 class MlfcCall(Call):
-    """Arguments as for `mlfc`; ``keep``: for a way back."""
+    """T steps on the CPU in one type."""
 
     family: ClassVar[str] = "mlfc"
     structure: ClassVar[type[ctypes.Structure]] = _Structure
 
     def __init__(
-        self, core: Core, inputs: Tensor, fed: Tensor, hidden: Tensor, forced: Tensor | None, mask: Tensor | None,
-        weights: Sequence[Tensor], keep: bool,
+        self, core: Core, inputs: Tensor, fed: Tensor, hidden: Tensor, *, weights: Sequence[Tensor], keep: bool,
+        forced: Tensor | None, mask: Tensor | None,
     ) -> None:  # fmt: skip
+        """
+        Args:
+            core: the compiled library.
+            inputs, fed, hidden, forced: as for `registry.kernels.mlfc.mlfc`.
+            weights: those of the layers, then the read-out.
+            keep: for a way back.
+            mask: (T, M, L·H, lanes) of dropout, at least as many lanes as windows, a multiple of 32.
+        """
         *lead, batch, steps, m = inputs.shape
         self.models = lead[0] if lead else 1
         n = weights[-1].shape[-2]
@@ -52,59 +58,14 @@ class MlfcCall(Call):
         self.run("forward", self.models)
         return made
 
-    def backward(self, dy: Tensor, d_end: Tensor) -> tuple[Tensor, ...]:
+    def backward(self, dy: Tensor | None, d_end: Tensor | None, inputs_too: bool = False) -> tuple[Tensor, ...]:
         """Gradients of inputs, fed outputs and states, then of the weights."""
         held = len(self.held)
-        self.point("dy", dy)
-        self.point("d_end_hidden", d_end)
+        self.point("dy", self.like.new_zeros(self.y) if dy is None else dy)
+        self.point("d_end_hidden", self.like.new_zeros(self.hidden) if d_end is None else d_end)
         gradients = self.gradients()
         shapes = {"du": tuple(self.like.shape), "d_fed": self.fed, "d_hidden": self.hidden}
         made = [self.new(name, shape) for name, shape in shapes.items()]
         self.run("backward")
         del self.held[held:]
         return (*made, *gradients)
-
-
-class _MLFC(torch.autograd.Function):
-    @staticmethod
-    def forward(
-        ctx: Any, core: Core, inputs: Tensor, fed: Tensor, hidden: Tensor, forced: Tensor | None, mask: Tensor | None,
-        *weights: Tensor,
-    ) -> tuple[Tensor, Tensor]:  # fmt: skip
-        ctx.save_for_backward(*weights)  # a change in place before the way back is an error
-        ctx.run = MlfcCall(core, inputs, fed, hidden=hidden, forced=forced, mask=mask, weights=weights, keep=True)
-        done: tuple[Tensor, Tensor] = ctx.run.forward()
-        return done
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        _ = ctx.saved_tensors
-        du, d_fed, d_hidden, *gradients = ctx.run.backward(*grads)
-        return (None, du, d_fed, d_hidden, None, None, *gradients)
-
-
-def mlfc(
-    core: Core,
-    inputs: Tensor,
-    fed: Tensor,
-    hidden: Tensor,
-    forced: Tensor | None,
-    mask: Tensor | None,
-    weights: list[Tensor],
-) -> tuple[Tensor, Tensor]:
-    """Run T steps on the CPU in one type.
-
-    Args:
-        core: the compiled library.
-        inputs, fed, hidden, forced: as for `registry.kernels.mlfc.mlfc`.
-        mask: (T, M, L·H, lanes) of dropout, at least as many lanes as windows, a multiple of 32.
-        weights: those of the layers, then the read-out.
-
-    Returns:
-        outputs (M, B, T, n) and hidden (M, B, L·H) after the run.
-    """
-    if torch.is_grad_enabled() and any(x.requires_grad for x in (inputs, fed, hidden, *weights)):
-        done: tuple[Tensor, Tensor] = _MLFC.apply(core, inputs, fed, hidden, forced, mask, *weights)
-        return done
-    return MlfcCall(core, inputs, fed, hidden=hidden, forced=forced, mask=mask, weights=weights, keep=False).forward()
