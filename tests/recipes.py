@@ -20,10 +20,9 @@ from bench.claims.manifest import entered
 from bench.experiment.config import RunConfig, Training, changed
 from bench.experiment.grid import horizons
 from bench.experiment.notation import parse
-from bench.training.curriculum import horizon_at
 from bench.training.data import prepare
 from bench.training.model import build_scaled
-from bench.training.train import Group, RunState, train
+from bench.training.train import Group, RunState, horizon_at, train
 from registry.datasets.twins import PelicanTwin
 
 SPECS = {"cascade": "Cascade: 1x50 - MLP: 100x10", "hybrid": "Hybrid: 1x50 - MLP: 100x10"}

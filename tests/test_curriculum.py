@@ -8,10 +8,9 @@ from conftest import Toy
 
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.notation import parse
-from bench.training.curriculum import horizon_at
 from bench.training.data import prepare
 from bench.training.model import build_scaled
-from bench.training.train import Group, RunState
+from bench.training.train import Group, RunState, horizon_at
 
 
 def test_lengths_grow_by_equal_factors_and_then_are_whole() -> None:

@@ -133,7 +133,7 @@ def training_flat(network: Predictor, u: Tensor, start: Tensor, models: int = 1)
 
 
 def _adam(weights: Sequence[Tensor]) -> Callable[[list[Tensor]], None]:
-    """torch's fused Adam, called as `bench.training.adam` does: its wrapper would add as much to every row."""
+    """torch's fused Adam, called as `bench.training.train` does: its wrapper would add as much to every row."""
     given = [w.detach() for w in weights]
     means, squares = ([torch.zeros_like(w) for w in given] for _ in range(2))
     steps = [torch.zeros(()) for _ in given]
