@@ -3,13 +3,13 @@
 import dataclasses
 import json
 import re
-from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 import synthetic_study as synthetic
 from click.testing import CliRunner
+from parsed_page import Parsed
 from synthetic_records import resealed
 
 from bench.analysis import tables
@@ -38,22 +38,16 @@ STUDY = Study(
 TITLE, COMMAND = "hybrid on twin (laptop)", "bench run hybrid --preset laptop"
 
 
-class Page(HTMLParser):
-    """Tags, attributes, text, and the rows of tables as lists of cells."""
+class Page(Parsed):
+    """With the rows of tables as lists of cells."""
 
     def __init__(self, source: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.attributes: list[tuple[str, str]] = []
-        self.pieces: list[str] = []
         self.rows: list[list[str]] = []
         self.inside = False
-        self.feed(source)
-        self.text = " ".join(" ".join(self.pieces).split())
+        super().__init__(source)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append(tag)
-        self.attributes += [(name, value or "") for name, value in attrs]
+        super().handle_starttag(tag, attrs)
         if tag == "tr":
             self.rows.append([])
         self.inside = self.inside or tag in ("td", "th")
@@ -64,7 +58,7 @@ class Page(HTMLParser):
         self.inside = self.inside and tag not in ("td", "th")
 
     def handle_data(self, data: str) -> None:
-        self.pieces.append(data)
+        super().handle_data(data)
         if self.inside:
             self.rows[-1][-1] += data
 

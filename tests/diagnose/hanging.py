@@ -1,14 +1,11 @@
 """Recordings of a cart on a spring that carries something nobody measures: plain numpy, no code shared."""
 
 import numpy as np
+from swinging import FINE, RATE, recorded, smooth
 
-from bench.diagnose.logs.subject import Subject, log_of
-from registry.contracts import Channel, Recording
+from bench.diagnose.logs.subject import Subject
 from registry.physics.oscillator import Oscillator
 
-RATE = 100.0
-FINE = 4
-"""Steps a sample."""
 MASS, DAMPING, STIFFNESS = 2.0, 1.0, 20.0
 """Of the cart [kg], its damper [N s/m] and its spring [N/m]."""
 LENGTH, HUNG, GRAVITY = 0.35, 0.3, 9.81
@@ -22,14 +19,6 @@ CREEP, CREEPING = 0.4, 12.0
 def frequency_of(kind: str) -> float:
     """Of what is hidden [Hz]."""
     return SLOSH if kind == "slosh" else (GRAVITY / LENGTH) ** 0.5 / 2 / np.pi
-
-
-def _smooth(x: np.ndarray, share: float) -> np.ndarray:
-    out, now = np.empty_like(x), 0.0
-    for k, value in enumerate(x):
-        now += share * (value - now)
-        out[k] = now
-    return out
 
 
 def _rates(kind: str, x: np.ndarray, force: float) -> np.ndarray:
@@ -63,13 +52,13 @@ def recording(kind: str, seed: int, seconds: float, noise: float = 1e-3) -> tupl
     """
     rng, count = np.random.default_rng(seed), round(seconds * RATE * FINE)
     dt = 1 / RATE / FINE
-    drive = _smooth(_smooth(rng.normal(size=count), 0.03), 0.03) * 8
+    drive = smooth(smooth(rng.normal(size=count), 0.03), 0.03) * 8
     if kind == "sampled":
-        drive = _smooth(rng.normal(size=count), 0.125) * 8
+        drive = smooth(rng.normal(size=count), 0.125) * 8
     other = np.zeros(count)
     if kind == "gust":
         share = 1 / (rng.uniform(0.3, 3) * RATE * FINE)
-        other = _smooth(rng.normal(size=count), share) * 0.5 / (share / 2) ** 0.5
+        other = smooth(rng.normal(size=count), share) * 0.5 / (share / 2) ** 0.5
     if kind == "wave":
         other = 0.15 * np.cos(2 * np.pi * 0.8 * np.arange(count) * dt + rng.uniform(-np.pi, np.pi))
     x, out = rng.normal(size=4) * [0.02, 0.05, 0.05, 0.15], np.empty((count, 2))
@@ -85,12 +74,5 @@ def recording(kind: str, seed: int, seconds: float, noise: float = 1e-3) -> tupl
 
 def subject(kind: str, number: int, recordings: int = 6, seconds: float = 20.0, noise: float = 1e-3) -> Subject:
     """Recordings of a set of that number, the last third of them held out."""
-    model, logs = Oscillator(mass=MASS, damping=DAMPING, stiffness=STIFFNESS), []
-    for i in range(recordings):
-        u, x = recording(kind, 1000 * number + i, seconds, noise)
-        channels = (Channel("force", "N"),)
-        made = Recording(f"run_{i}", RATE, u[:, None], x, channels, model.state_channels, np.ones(len(x), bool))
-        logs.append(log_of(made, model, "force"))
-    names, signals = [log.name for log in logs], ("displacement", "speed", "force")
-    kept = len(names) - max(1, len(names) // 3)
-    return Subject("cart", model, tuple(logs), tuple(names[:kept]), tuple(names[kept:]), None, {}, {}, signals)
+    model = Oscillator(mass=MASS, damping=DAMPING, stiffness=STIFFNESS)
+    return recorded("cart", model, [recording(kind, 1000 * number + i, seconds, noise) for i in range(recordings)])

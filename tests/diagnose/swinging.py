@@ -19,7 +19,7 @@ def phase_of(seed: int) -> float:
     return float(np.random.default_rng(seed + 7).uniform(-np.pi, np.pi))
 
 
-def _smooth(x: np.ndarray, share: float) -> np.ndarray:
+def smooth(x: np.ndarray, share: float) -> np.ndarray:
     """Through a first-order low-pass filter that takes over so much of every new sample."""
     out, now = np.empty_like(x), 0.0
     for k, value in enumerate(x):
@@ -38,9 +38,9 @@ def recording(kind: str, seed: int, seconds: float) -> tuple[np.ndarray, np.ndar
     rng, count = np.random.default_rng(seed), round(seconds * RATE * FINE)
     t = np.arange(count) / RATE / FINE
     if kind == "sampled":
-        drive = _smooth(rng.normal(size=count), 0.125) * 30
+        drive = smooth(rng.normal(size=count), 0.125) * 30
     else:
-        drive = _smooth(_smooth(rng.normal(size=count), 0.03), 0.03) * 40
+        drive = smooth(smooth(rng.normal(size=count), 0.03), 0.03) * 40
     if kind == "rubbing":
         often = np.random.default_rng(seed // 1000).uniform(0.5, 2.5)
         drive = 20 * rng.uniform(0.7, 1.3) * np.sin(2 * np.pi * often * t + rng.uniform(-np.pi, np.pi))
@@ -49,7 +49,7 @@ def recording(kind: str, seed: int, seconds: float) -> tuple[np.ndarray, np.ndar
         hidden = AMPLITUDE * np.cos(2 * np.pi * FREQUENCY * t + phase_of(seed))
     if kind == "gust":
         share = 1 / (rng.uniform(0.3, 3) * RATE * FINE)
-        hidden = _smooth(rng.normal(size=count), share) * 2 / (share / 2) ** 0.5
+        hidden = smooth(rng.normal(size=count), share) * 2 / (share / 2) ** 0.5
     if kind == "resonance":
         turn = 2 * np.pi * FREQUENCY / RATE / FINE
         back, kicks = np.exp(complex(-0.05 * turn, turn)), rng.normal(size=count)
@@ -71,12 +71,16 @@ def recording(kind: str, seed: int, seconds: float) -> tuple[np.ndarray, np.ndar
 
 def subject(kind: str, number: int, recordings: int = 6, seconds: float = 20.0) -> Subject:
     """Recordings of a set of that number, the last third of them held out."""
-    model, logs = Oscillator(), []
-    for i in range(recordings):
-        u, x = recording(kind, 1000 * number + i, seconds)
+    return recorded("pushed", Oscillator(), [recording(kind, 1000 * number + i, seconds) for i in range(recordings)])
+
+
+def recorded(name: str, model: Oscillator, runs: list[tuple[np.ndarray, np.ndarray]]) -> Subject:
+    """A subject of drives (N,) and states (N, 2), the last third of them held out."""
+    logs = []
+    for i, (u, x) in enumerate(runs):
         channels = (Channel("force", "N"),)
         made = Recording(f"run_{i}", RATE, u[:, None], x, channels, model.state_channels, np.ones(len(x), bool))
         logs.append(log_of(made, model, "force"))
     names, signals = [log.name for log in logs], ("displacement", "speed", "force")
     kept = len(names) - max(1, len(names) // 3)
-    return Subject("pushed", model, tuple(logs), tuple(names[:kept]), tuple(names[kept:]), None, {}, {}, signals)
+    return Subject(name, model, tuple(logs), tuple(names[:kept]), tuple(names[kept:]), None, {}, {}, signals)
