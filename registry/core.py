@@ -9,13 +9,22 @@ import importlib
 import math
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field
-from importlib.metadata import entry_points
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from registry import outline
 from registry.errors import BenchError, near
 
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
+
 T = TypeVar("T")
+
+
+def entry_points(group: str) -> "EntryPoints":
+    """What installed packages add to a group; what reads that takes a quarter of `bench --help`, which needs none."""
+    from importlib import metadata
+
+    return metadata.entry_points(group=group)
 
 
 def option(

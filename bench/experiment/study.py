@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
 from registry import outline
+from registry.core import entry_points
 from registry.errors import BenchError, near
 
 if TYPE_CHECKING:  # they load torch, and a study's name is wanted at once

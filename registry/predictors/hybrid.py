@@ -26,7 +26,7 @@ from registry.kernels.native.library import core_for
 from registry.physics.quadrotor import Quadrotor
 from registry.predictors.baselines.physics import digest
 from registry.predictors.lstm import names
-from registry.predictors.parts.hybrid_network import Network, RunningNetwork, single
+from registry.predictors.parts.hybrid_network import Network, RunningNetwork
 from registry.predictors.parts.physics_core import (
     GeneralCore,
     PhysicsCore,
@@ -34,6 +34,7 @@ from registry.predictors.parts.physics_core import (
     uncertain_constants,
     with_constants,
 )
+from registry.predictors.parts.weights import single
 from registry.predictors.parts.white_box import WhiteBox, default_signals
 
 States = native.Ends

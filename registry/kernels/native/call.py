@@ -104,17 +104,17 @@ class _Called(torch.autograd.Function):
         return (None, None, *ctx.run.backward(*grads, inputs_too=ctx.needs_input_grad[2]))
 
 
-def called(make: Callable[..., Call], arrays: Sequence[Tensor], weights: Sequence[Tensor]) -> Any:
+def called(make: Callable[..., Call], arrays: Sequence[Tensor | None], weights: Sequence[Tensor]) -> Any:
     """What a call gives, with a way back where a gradient is wanted.
 
     Args:
         make: a kind of call, given ``*arrays``, ``weights`` and ``keep`` (for a way back). Its ``backward`` takes the
             gradients of what `Call.forward` gives (None: zero) and ``inputs_too``, whether that of the first array is
             wanted, and gives those of arrays and weights, in their order.
-        arrays: they may want gradients.
+        arrays: they may want gradients; None: not given.
         weights: likewise.
     """
-    if torch.is_grad_enabled() and any(x.requires_grad for x in (*arrays, *weights)):
+    if torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in (*arrays, *weights)):
         return _Called.apply(make, len(arrays), *arrays, *weights)
     return make(*arrays, weights=weights, keep=False).forward()
 

@@ -1,15 +1,15 @@
 """Input model, rigid body and output model of a hybrid, the whole sequence in C++ (hybrid.cpp)."""
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
-from registry.kernels.native.call import Call, addresses, structure
+from registry.kernels.native.call import Call, addresses, called, structure
 from registry.kernels.native.library import Core
 from registry.kernels.rigid_body import RigidBodyStep
 
@@ -58,33 +58,30 @@ class _Structure(ctypes.Structure):
 
 
 class HybridCall(Call):
-    """Arguments as for `hybrid`; ``keep``: for a way back."""
+    """As `hybrid`, the states and the weights of one network after those of the other; ``keep``: for a way back."""
 
     family: ClassVar[str] = "hybrid"
     structure: ClassVar[type[ctypes.Structure]] = _Structure
 
     def __init__(
-        self, core: Core, body: RigidBodyStep, links: HybridCoupling, arrays: dict[str, Tensor | None],
-        networks: list[Network], keep: bool,
+        self, core: Core, body: RigidBodyStep, links: HybridCoupling, forced: Tensor | None, u: Tensor, state: Tensor,
+        given: Tensor | None, coupling: Tensor, *states: Tensor, weights: Sequence[Tensor], keep: bool,
     ) -> None:  # fmt: skip
-        u = arrays["u"]
-        assert u is not None
-        (batch, steps, m), n, count = u.shape, len(links.rows), len(networks[0].weights)
-        cells = networks[0].weights[1].shape[-1]
+        (batch, steps, m), n, self.networks = u.shape, len(links.rows), len(states) // 2
+        each = len(weights) // self.networks
         super().__init__(
-            core, u, batch=batch, steps=steps, inputs=m, outputs=n, layers=count // 4, cells=cells,
-            networks=len(networks), added=links.added, held=links.held, keep=keep, dt=body.dt, gravity=body.gravity,
+            core, u, batch=batch, steps=steps, inputs=m, outputs=n, layers=each // 4, cells=weights[1].shape[-1],
+            networks=self.networks, added=links.added, held=links.held, keep=keep, dt=body.dt, gravity=body.gravity,
         )  # fmt: skip
-        self.weights = [w.contiguous() for network in networks for w in network.weights]
-        self.y, self.states = (batch, steps, n), networks[0].hidden.shape
-        self.networks, self.given = len(networks), arrays["given"]
+        self.weights = [w.contiguous() for w in weights]
+        self.y, self.states, self.given = (batch, steps, n), tuple(states[0].shape), given
+        arrays = {"u": u, "forced": forced, "state": state, "given": given, "coupling": coupling}
         for name, x in arrays.items():
             self.point(name, x)
         for name in ("load_scale", "scale", "offset", "rows"):
             self.point(name, getattr(links, name))
-        for i, network in enumerate(networks):
-            self.point("hidden", network.hidden, i)
-            self.point("cell", network.cell, i)
+        for i, x in enumerate(states):
+            self.point(("hidden", "cell")[i % 2], x, i // 2)
         self.table("weights", addresses(self.weights))
 
     def _per_network(self, *names: str) -> list[Tensor]:
@@ -97,53 +94,25 @@ class HybridCall(Call):
         self.run("forward")
         return (*made, *ends)
 
-    def backward(self, given: tuple[Tensor, ...], inputs_too: bool, given_too: bool) -> tuple[Tensor | None, ...]:
+    def backward(self, *slopes: Tensor | None, inputs_too: bool) -> tuple[Tensor | None, ...]:
         """Gradients of inputs, state, given loads, coupling, then states of each network, then weights."""
-        held = len(self.held)
-        for name, x in zip(("d_after", "d_before", "d_end_state"), given[:3], strict=True):
+        held, shapes = len(self.held), (self.y, self.y, (self.y[0], 13), *[self.states] * (2 * self.networks))
+        whole = [self.like.new_zeros(s) if x is None else x for x, s in zip(slopes, shapes, strict=True)]
+        for name, x in zip(("d_after", "d_before", "d_end_state"), whole[:3], strict=True):
             self.point(name, x)
-        for i, x in enumerate(given[3:]):
+        for i, x in enumerate(whole[3:]):
             self.point(("d_end_hidden", "d_end_cell")[i % 2], x, i // 2)
         gradients = [torch.empty_like(w) for w in self.weights]
         self.table("gradients", addresses(gradients))
         self.fields.input_gradient = inputs_too
         du = self.new("du", tuple(self.like.shape)) if inputs_too else None
-        d_given = self.new("d_given", tuple(self.given.shape)) if given_too and self.given is not None else None
+        given = self.given
+        d_given = self.new("d_given", tuple(given.shape)) if given is not None and given.requires_grad else None
         made = du, self.new("d_state", (self.y[0], 13)), d_given, self.new("d_coupling", (3,))
         states = self._per_network("d_hidden", "d_cell")
         self.run("backward")
         del self.held[held:]
         return (*made, *states, *gradients)
-
-
-class _Hybrid(torch.autograd.Function):
-    @staticmethod
-    def forward(
-        ctx: Any, core: Core, body: RigidBodyStep, links: HybridCoupling, forced: Tensor | None, count: int,
-        *tensors: Any,
-    ) -> tuple[Tensor, ...]:  # fmt: skip
-        ctx.save_for_backward(*tensors[4 + 2 * count :])
-        ctx.run = _assembled(core, body, links, forced, count, tensors, keep=True)
-        made: tuple[Tensor, ...] = ctx.run.forward()
-        return made
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
-        _ = ctx.saved_tensors
-        return (*[None] * 5, *ctx.run.backward(grads, ctx.needs_input_grad[5], ctx.needs_input_grad[7]))
-
-
-def _assembled(
-    core: Core, body: RigidBodyStep, links: HybridCoupling, forced: Tensor | None, count: int, tensors: Any, keep: bool
-) -> HybridCall:
-    """From a flat list: inputs, state, given, coupling, states of each network, weights of each."""
-    u, state, given, coupling, *rest = tensors
-    states, weights = rest[: 2 * count], rest[2 * count :]
-    each = len(weights) // count
-    networks = [Network(weights[i * each : (i + 1) * each], states[2 * i], states[2 * i + 1]) for i in range(count)]
-    arrays = {"u": u, "forced": forced, "state": state, "given": given, "coupling": coupling}
-    return HybridCall(core, body, links, arrays, networks, keep)
 
 
 def hybrid(
@@ -172,15 +141,17 @@ def hybrid(
         outputs (B, T, n), those of the body before the output model (B, T, n), state (B, 13) after the run, and hidden
         and cell states (B, L·H) of each network after it.
     """
-    states = [s for network in networks for s in (network.hidden, network.cell)]
-    weights = [w for network in networks for w in network.weights]
-    tensors = (inputs, state, given, body.coupling, *states, *weights)
-    if torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in tensors):
-        made: tuple[Tensor, ...] = _Hybrid.apply(core, body, links, forced, len(networks), *tensors)
-    else:
-        made = _assembled(core, body, links, forced, len(networks), tensors, keep=False).forward()
-    after, before, end, *ends = made
+    arrays, weights = (inputs, state, given, body.coupling, *_states(networks)), _weights(networks)
+    after, before, end, *ends = called(partial(HybridCall, core, body, links, forced), arrays, weights)
     return after, before, end, list(zip(ends[::2], ends[1::2], strict=True))
+
+
+def _states(networks: list[Network]) -> list[Tensor]:
+    return [s for network in networks for s in (network.hidden, network.cell)]
+
+
+def _weights(networks: list[Network]) -> list[Tensor]:
+    return [w for network in networks for w in network.weights]
 
 
 VJP = Callable[[Tensor, Tensor, Ends], tuple[Tensor, Ends, list[Tensor]]]
@@ -199,13 +170,14 @@ def hybrid_vjp(
     forced: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Ends, VJP]:
     """`hybrid` without autograd: outputs, the ends, and its vector-Jacobian product, to be called at most once."""
-    arrays = {"u": inputs, "forced": forced, "state": state, "given": given, "coupling": body.coupling}
-    run, count = HybridCall(core, body, links, arrays, networks, keep=True), len(networks)
+    count = len(networks)
+    arrays: Any = (inputs, state, given, body.coupling, *_states(networks))
+    run = HybridCall(core, body, links, forced, *arrays, weights=_weights(networks), keep=True)
     after, before, end, *ends = run.forward()
 
     def vjp(d_after: Tensor, d_end: Tensor, d_ends: Ends) -> tuple[Tensor, Ends, list[Tensor]]:
         slopes = (d_after, torch.zeros_like(before), d_end, *(d for pair in d_ends for d in pair))
-        d_state, _, *found = (g for g in run.backward(slopes, inputs_too=False, given_too=False) if g is not None)
+        d_state, _, *found = (g for g in run.backward(*slopes, inputs_too=False) if g is not None)
         hidden, cells, weights = found[: 2 * count : 2], found[1 : 2 * count : 2], found[2 * count :]
         return d_state, list(zip(hidden, cells, strict=True)), weights
 

@@ -10,6 +10,7 @@ from registry.errors import BenchError
 from registry.kernels.lstm import Layer
 from registry.kernels.lstm_cell import LSTMCell
 from registry.predictors.lstm import LSTMWeights
+from registry.predictors.parts.weights import single
 
 
 class Network(Predictor):
@@ -69,8 +70,3 @@ class RunningNetwork:
         """Hidden and cell states (B, L·H) now."""
         hidden, cell = (s.flatten(0, 1).T for s in self.states)
         return hidden, cell
-
-
-def single(weight: Tensor, dims: int) -> Tensor:
-    """A weight without the leading model dimension that training gives it."""
-    return weight.squeeze(0) if weight.dim() > dims else weight

@@ -18,7 +18,7 @@ from registry.kernels.lstm import Layer
 from registry.kernels.lstm_cell import LSTMCell
 from registry.physics.quadrotor import Quadrotor
 from registry.predictors.lstm import LSTMWeights
-from registry.predictors.parts.weights import uniform
+from registry.predictors.parts.weights import single, uniform
 
 SWING = 10.0
 """Relative rotor speeds, less hover's, and their changes are multiplied by this: their spread is near 0.1."""
@@ -178,8 +178,3 @@ class LearnedLoad(nn.Module):
             seen.unsqueeze(0), new(1, len(seen), 0), new(1, len(seen), size), [layer], new(1, 0, size), new(1, 0)
         )
         return nn.functional.dropout(last[0], self.sizes.dropout, self.training)
-
-
-def single(weight: Tensor, dims: int) -> Tensor:
-    """A weight without the leading model dimension that training gives it."""
-    return weight.squeeze(0) if weight.dim() > dims else weight
