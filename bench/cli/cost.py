@@ -1,7 +1,5 @@
 """What `bench run --dry-run` says: how many runs, and how long they would take here."""
 
-import os
-
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -15,7 +13,7 @@ from bench.execution.estimate import seconds
 
 def estimate(out: Console, jobs: list[tuple[Job, Plan]], place: Place) -> None:
     """Print a row a study, or a row a kind of run where there is one study; nothing is trained to the end."""
-    workers = place.workers or os.cpu_count() or 1
+    workers = place.processes
     table = Table(title="what it would cost: updates timed on this machine", title_justify="left")
     table.add_column("configuration" if len(jobs) == 1 else "study", max_width=48)
     for name in ("runs", "recorded", "updates", "time on one core"):

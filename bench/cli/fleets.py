@@ -1,6 +1,5 @@
 """`bench diagnose FLEET`: many vehicles, one after the other or side by side; what is finished is kept."""
 
-import os
 import shlex
 import sys
 import time
@@ -117,7 +116,7 @@ def _carry_out(out: Console, todo: "Plan", place: Place, log: "Callable[[Stored]
 
     if not todo.todo:
         return
-    left, workers = len(todo.todo), place.workers or os.cpu_count() or 1
+    left, workers = len(todo.todo), place.processes
     with meter(out, sum(todo.sizes.values()) or 1.0, left, "vehicles") as progress:
 
         def finished(member: "Member", answer: "Stored | None") -> None:

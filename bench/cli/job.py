@@ -3,7 +3,7 @@
 import os
 import shlex
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -74,25 +74,11 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place, tables: b
         todo = engine.unrecorded(todo, place.runs)
         models = say(out, job, todo)
         workers = place.workers or min(os.cpu_count() or 1, max(1, sum(t.updates > 200 for t in todo.tasks)))
-        with meter(out, sum(t.cost for t in todo.tasks) or 1.0, models) as progress:
-
-            def finished(record: RunRecord) -> None:
-                progress.record()
-                if mirror:
-                    mirror.add([record.folder])
-
-            records = engine.execute(
-                todo,
-                place.runs,
-                workers,
-                tick=progress.tick,
-                finished=finished,
-                starting=lambda t: progress.start(t.name),
-                cluster=place.cluster,
-            )
+        started = time.monotonic()
+        records = train_missing(out, todo, place, workers, lambda r: mirror.add([r.folder]) if mirror else None)
         if models:
             by = f"on {place.cluster}" if place.cluster else f"with {workers} process(es)"
-            out.print(f"{models} runs in {clock(time.monotonic() - progress.started)} {escape(by)}.")
+            out.print(f"{models} runs in {clock(time.monotonic() - started)} {escape(by)}.")
         if mirror:
             mirror.add(place.runs / key for key in todo.done)
         command = shlex.join(["bench", *portable(job.command)])
@@ -102,6 +88,27 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place, tables: b
         if mirror:
             mirror.attach(files)
             browse(shown, mirror.finish(), job.title, place)
+
+
+def train_missing(
+    out: Console, todo: engine.Plan, place: Place, workers: int, finished: Callable[[RunRecord], None] = lambda r: None
+) -> list[RunRecord]:
+    """Carry out a plan beside a bar; gives the records in its order, and each that is new to ``finished``."""
+    with meter(out, sum(t.cost for t in todo.tasks) or 1.0, sum(len(t.configs) for t in todo.tasks)) as progress:
+
+        def recorded(record: RunRecord) -> None:
+            progress.record()
+            finished(record)
+
+        return engine.execute(
+            todo,
+            place.runs,
+            workers,
+            tick=progress.tick,
+            finished=recorded,
+            starting=lambda t: progress.start(t.name),
+            cluster=place.cluster,
+        )
 
 
 @contextmanager

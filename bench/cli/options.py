@@ -3,6 +3,7 @@
 import math
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -106,19 +107,19 @@ assignments = click.option(
 )
 
 
-def named(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
-    """As a callback: refuse an empty name, which would mean the default or the working directory."""
-    if value is not None and not value.strip():
-        raise click.BadParameter("it is empty: give a name or a folder.", ctx, param)
-    return value
+def _filled(otherwise: str) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
+    """As a callback: refuse an empty text."""
+
+    def look(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+        if value is not None and not value.strip():
+            raise click.BadParameter(otherwise, ctx, param)
+        return value
+
+    return look
 
 
-def _not_empty(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
-    if value is not None and not value.strip():
-        raise click.BadParameter("it names no signal.", ctx, param)
-    return value
-
-
+named = _filled("it is empty: give a name or a folder.")
+"""An empty name would mean the default or the working directory."""
 dataset = click.option(
     "--dataset",
     metavar="NAME",
@@ -128,7 +129,7 @@ dataset = click.option(
 outputs = click.option(
     "--outputs",
     metavar="SIGNALS",
-    callback=_not_empty,
+    callback=_filled("it names no signal."),
     help="What to predict, such as body_rates,velocity or body_rates.p.",
 )
 horizon = click.option(

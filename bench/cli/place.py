@@ -1,5 +1,6 @@
 """Where results go and who makes them: what every command that trains has in common."""
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
@@ -28,6 +29,11 @@ class Place:
             raise BenchError(
                 "--workers are processes on this machine, --cluster has workers of its own: give one of them."
             )
+
+    @property
+    def processes(self) -> int:
+        """As asked, or one a core."""
+        return self.workers or os.cpu_count() or 1
 
     @property
     def runs(self) -> Path:

@@ -1,7 +1,6 @@
 """A sweep on its way: search, train the best and the default, report; progress and answer on the terminal."""
 
 import math
-import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench.cli.job import browse, mirroring
+from bench.cli.job import browse, mirroring, train_missing
 from bench.cli.place import Place
 from bench.cli.progress import clock, meter
 from bench.execution import engine, lock
@@ -58,7 +57,7 @@ def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: boo
                 study,
                 folder,
                 trials=trials,
-                workers=_workers(place),
+                workers=place.processes,
                 tick=progress.tick,
                 ended=ended,
                 cluster=place.cluster,
@@ -69,12 +68,8 @@ def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: boo
         _conclude(out, sweep, study, folder, place, mirror)
 
 
-def _workers(place: Place) -> int:
-    return place.workers or os.cpu_count() or 1
-
-
 def _where(place: Place) -> str:
-    return f"on {place.cluster}" if place.cluster else f"{_workers(place)} process(es)"
+    return f"on {place.cluster}" if place.cluster else f"{place.processes} process(es)"
 
 
 def _conclude(
@@ -99,16 +94,7 @@ def _train(out: Console, who: str, configs: list[RunConfig], place: Place, mirro
     todo = engine.plan(configs, place.runs)
     models = sum(len(t.configs) for t in todo.tasks)
     out.print(f"{who} from {len({c.seed for c in configs})} fresh seeds: {models} to train.", highlight=False)
-    with meter(out, sum(t.cost for t in todo.tasks) or 1.0, models) as progress:
-        records = engine.execute(
-            todo,
-            place.runs,
-            _workers(place),
-            tick=progress.tick,
-            finished=lambda r: progress.record(),
-            starting=lambda t: progress.start(t.name),
-            cluster=place.cluster,
-        )
+    records = train_missing(out, todo, place, place.processes)
     if mirror:
         mirror.add([r.folder for r in records])
     return records
@@ -151,7 +137,7 @@ def _summary(
 def estimate(out: Console, sweep: Sweep, trials: int, place: Place) -> None:
     """What the sweep would cost here, were no trial stopped early."""
     out.print(_searched(sweep), highlight=False, markup=False)
-    workers = _workers(place)
+    workers = place.processes
     together = 1 if place.cluster else min(trials_at_once(sweep), math.ceil(trials / workers))
     largest = configured(sweep.configs, {path: _last(values) for path, values in sweep.space.items()})
     with out.status("timing a few updates"):
