@@ -130,6 +130,18 @@ def test_a_configuration_with_fewer_seeds_catches_up_first(bench: Bench, here: l
     assert lstm == list(range(2, lstm[-1] + 1)) and mlfc == list(range(max(3, lstm[-1]) + 1))
 
 
+def test_seeds_added_for_one_claim_stay_evidence_when_another_is_settled(
+    bench: Bench, here: list[Any], tmp_path: Path
+) -> None:
+    other = CLAIMS.format(0.62).partition("\n\n")[0].replace("neither-fails", "another").replace("MLFC*", "GRU*")
+    (tmp_path / "claims.toml").write_text(CLAIMS.format(0.62) + other)
+    first, second = (bench("settle", claim, *here)[0] for claim in ("neither-fails", "another"))
+    assert first == second == 0 and seeds(tmp_path / "results", "GRU")
+    (found,) = gather(tmp_path / "published", tmp_path / "results" / "studies")
+    counted = {kind: sorted(r.seed for r in found.runs if r.spec.startswith(kind)) for kind in ("MLFC", "GRU")}
+    assert counted["MLFC"] == [0, 1, *seeds(tmp_path / "results", "MLFC")] and len(counted["GRU"]) > 2
+
+
 def test_what_was_never_run_is_not_begun(bench: Bench, here: list[Any], tmp_path: Path) -> None:
     (tmp_path / "claims.toml").write_text(CLAIMS.format(0.62).replace("LSTM*", "[LG]*"))
     file = tmp_path / "published" / NAME / "study.json"

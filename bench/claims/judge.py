@@ -81,7 +81,7 @@ def judge(
         judgement = family.judged(question, alpha, len(asked))
         needed, seeds = family.outlook(question, alpha) if judgement.verdict == OPEN else ("", 0)
         command = _command(claim, homes, found.dataset, found.preset, seeds > 0)
-        trained = found.seeds_of(patterns(claim))
+        trained = found.seeds_of(_compared(claim, found))
         rows[claim.id].append(
             Row(
                 claim=claim,
@@ -107,7 +107,7 @@ def judge(
 def _question(claim: Claim, evidence: Evidence) -> family.Question:
     kind = claim.kind
     assert not isinstance(kind, Fact)
-    seeds = max(evidence.seeds_of(patterns(claim)).values(), default=evidence.seeds)
+    seeds = max(evidence.seeds_of(_compared(claim, evidence)).values(), default=evidence.seeds)
     return family.Question(kind.measure(evidence), claim.accept, kind.relative, evidence.first or seeds, seeds)
 
 
@@ -124,6 +124,12 @@ def patterns(claim: Claim) -> list[str]:
     pairs = [p for pair in getattr(kind, "pairs", ()) for p in pair]
     listed = [p for name in ("specs", "against") for p in getattr(kind, name, ())]
     return [*pairs, *listed, *(getattr(kind, name) for name in ("a", "b") if hasattr(kind, name))]
+
+
+def _compared(claim: Claim, evidence: Evidence) -> list[str]:
+    """The configurations that the claim compares: of pairs those that have an opponent."""
+    pairs = getattr(claim.kind, "pairs", ())
+    return [spec for a, b in pairs for pair in evidence.pairs(a, b) for spec in pair] if pairs else patterns(claim)
 
 
 def _command(claim: Claim, homes: Mapping[str, str], dataset: str = "", preset: str = "", seeds: bool = False) -> str:

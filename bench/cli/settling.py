@@ -16,7 +16,7 @@ from bench.cli.place import Place
 from bench.cli.progress import clock
 from bench.execution import engine, estimate
 from bench.execution.engine import Plan
-from bench.settle.sources import Run, Scope, Source, group, published_runs, seedless, sources, unchanged
+from bench.settle.sources import Run, Scope, Source, added_runs, group, published_runs, seedless, sources, unchanged
 from registry.errors import BenchError
 
 
@@ -137,7 +137,7 @@ def _settle(out: Console, step: Step, scope: Scope, place: Place, deadline: floa
     there = _reusable_runs(out, step, scope, place)
     while step.reachable(scope.max_seeds):
         started, seeds = time.monotonic(), step.source.seeds + 1
-        asked = group(step.source, seeds, there)
+        asked = group(step.source, seeds, there, added_runs(step.source, place.results))
         todo = engine.plan(asked.configs, place.runs)
         step.seconds = _expected(todo, place)
         if started + step.seconds > deadline:
@@ -148,8 +148,7 @@ def _settle(out: Console, step: Step, scope: Scope, place: Place, deadline: floa
             "are left.",
             highlight=False,
         )
-        specs = dict.fromkeys(c.spec for t in todo.tasks for c in t.configs if c.predictor.training == "gradient")
-        carry_out(out, Job(asked, step.source.command(seeds, specs)), todo, place, tables=False)
+        carry_out(out, Job(asked, step.source.command(asked)), todo, place, tables=False)
         step.trainings += sum(len(t.configs) for t in todo.tasks)
         step.spent += time.monotonic() - started
         open_before = {r.claim.id for r in step.source.rows}

@@ -13,6 +13,7 @@ from bench.experiment import study
 from bench.experiment.config import RunConfig
 from bench.experiment.request import Options, Request, request
 from bench.experiment.seeds import MOST_SEEDS
+from bench.records.finished import slug
 from bench.records.record import RunRecord
 from registry.errors import BenchError, near
 
@@ -94,8 +95,10 @@ class Source:
             for row in self.within(MOST_SEEDS) or self.rows
         )
 
-    def command(self, seeds: int, specs: Iterable[str] = ()) -> list[str]:
-        """Arguments of `bench` that make the same records of these configurations, and those of the seeds before."""
+    def command(self, asked: Request) -> list[str]:
+        """Arguments of `bench` that make the same records, and those of the seeds before."""
+        trained = [c for c in asked.configs if _trained(c)]
+        specs, seeds = dict.fromkeys(c.spec for c in trained), 1 + max((c.seed for c in trained), default=0)
         preset = [] if self.preset == study.PRESETS[1] else ["--preset", self.preset]
         only = [word for spec in specs for word in ("--only", spec)]
         return ["run", self.study, "--dataset", self.dataset, *preset, *only, "--seeds", str(seeds)]
@@ -117,20 +120,29 @@ def published_runs(source: Source, published: Path) -> dict[Run, StudyRun]:
     return {(r.spec, r.outputs, r.horizon, r.seed): r for r, _ in found.members} if found else {}
 
 
-def group(source: Source, seeds: int, there: Collection[Run] = ()) -> Request:
+def added_runs(source: Source, results: Path) -> set[Run]:
+    """The trainings that earlier calls added here, for whichever claims."""
+    place = results / "studies" / slug(group(source, 1).title)
+    found = [f for f in gathering.folders(place) if f.path == place]
+    return {(r.spec, r.outputs, r.horizon, r.seed) for f in found for r in f.runs if r.history is not None}
+
+
+def group(source: Source, seeds: int, there: Collection[Run] = (), added: Collection[Run] = ()) -> Request:
     """The study with so many seeds of what its open claims are about, without the trainings that are there; what has no
-    seed is in it.
+    seed is in it, and what was added before.
 
     Raises:
         BenchError: its data are absent.
     """
-    asked = request(source.study, Options(source.dataset, source.preset, seeds))
-    configs = [
-        c
-        for c in asked.configs
-        if not _trained(c) or (source.concerns(c) and not any(_matches(c, run) for run in there))
-    ]
-    return replace(asked, title=f"{asked.title.rpartition(', ')[0]}, further seeds", configs=configs)
+    asked = request(source.study, Options(source.dataset, source.preset, max([seeds, *(1 + run[-1] for run in added)])))
+
+    def wanted(config: RunConfig) -> bool:
+        if not _trained(config) or any(_matches(config, run) for run in added):
+            return True
+        return config.seed < seeds and source.concerns(config) and not any(_matches(config, run) for run in there)
+
+    title = f"{asked.title.rpartition(', ')[0]}, further seeds"
+    return replace(asked, title=title, configs=[c for c in asked.configs if wanted(c)])
 
 
 def seedless(asked: Request) -> Request:
