@@ -23,7 +23,8 @@ from bench.claims import family, judge
 from bench.claims.claim import KINDS, Claim, _build
 from bench.claims.counting import Fact
 from bench.claims.estimate import DIFFERS, NOT_RUN, OPEN, REPRODUCED, Estimate, Kind, settle
-from bench.claims.evidence import Evidence, gather, left_out
+from bench.claims.evidence import Evidence
+from bench.claims.gathering import gather, left_out
 from bench.claims.levels import _level_limits
 from bench.cli import cli
 from bench.experiment import study
@@ -424,7 +425,7 @@ def test_every_pattern_of_a_claim_is_run_by_its_study(preset: str) -> None:
     for c in CLAIMS.claims:
         if c.study:
             specs, horizons = declared(c.study, preset)
-            for pattern in judge._patterns(c):
+            for pattern in judge.patterns(c):
                 matched = fnmatch.filter(specs, pattern)
                 assert matched, (c.id, pattern)
                 if preset == "paper" and c.study != "initialization_length":

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from bench.api.check import published_folder
-from bench.claims.evidence import gather
+from bench.claims.gathering import gather
 from bench.cli import main
 from bench.execution import estimate
 from bench.experiment import study
@@ -22,7 +22,8 @@ from registry.contracts import Dataset
 
 Bench = Callable[..., tuple[int, str]]
 NAME = "two_networks"
-SPECS = ("MLFC: 1x4 - MLP: 4x10", "LSTM: 1x4 - MLP: 4x10", "linear")
+SPECS = ("MLFC: 1x4 - MLP: 4x10", "LSTM: 1x4 - MLP: 4x10", "GRU: 1x4 - MLP: 4x10", "linear")
+"""The claims are about the first two."""
 CLAIMS = """
 [[claim]]
 id = "neither-fails"
@@ -84,10 +85,10 @@ def here(bench: Bench, tmp_path: Path) -> list[Any]:
     return [*where, "--claims", tmp_path / "claims.toml", "--workers", 1, "--no-track"]
 
 
-def seeds(results: Path) -> list[int]:
-    """Of the trainings recorded."""
+def seeds(results: Path, kind: str = "") -> list[int]:
+    """Of the trainings recorded, of a kind of network."""
     summaries = [json.loads(p.read_text()) for p in results.glob("runs/*/record.json")]
-    return sorted(s["seed"] for s in summaries if s["spec"] != "linear")
+    return sorted(s["seed"] for s in summaries if s["spec"] != "linear" and s["spec"].startswith(kind))
 
 
 def test_a_plan_says_what_is_open_and_trains_nothing(bench: Bench, here: list[Any], tmp_path: Path) -> None:
@@ -114,6 +115,41 @@ def test_seeds_are_added_until_the_claim_is_settled(bench: Bench, here: list[Any
     again = tmp_path / "again"
     bench("run", NAME, "--seeds", after.seeds, "--results", again, "--no-track", "--workers", 1)
     assert {n: (again / "runs" / n / "record.json").read_bytes() for n in records} == records
+    (folder,) = (tmp_path / "results" / "studies").iterdir()
+    command = json.loads((folder / "study.json").read_text())["command"]
+    assert command.startswith(f"bench run {NAME} --dataset toy --only 'MLFC: 1x4 - MLP: 4x10' --only 'LSTM")
+
+
+def test_a_configuration_with_fewer_seeds_catches_up_first(bench: Bench, here: list[Any], tmp_path: Path) -> None:
+    more = ("--only", "MLFC*", "--seeds", 4, "--results", tmp_path / "results", "--no-track", "--workers", 1)
+    assert bench("run", NAME, *more)[0] == 0
+    assert "neither-fails two_networks on toy 2 about" in bench("settle", "--dry-run", *here)[1]
+    code, printed = bench("settle", NAME, *here)
+    assert code == 0 and "Seed 3 of two_networks on toy" in printed, printed
+    mlfc, lstm = (seeds(tmp_path / "results", kind) for kind in ("MLFC", "LSTM"))
+    assert lstm == list(range(2, lstm[-1] + 1)) and mlfc == list(range(max(3, lstm[-1]) + 1))
+
+
+def test_seeds_added_for_one_claim_stay_evidence_when_another_is_settled(
+    bench: Bench, here: list[Any], tmp_path: Path
+) -> None:
+    other = CLAIMS.format(0.62).partition("\n\n")[0].replace("neither-fails", "another").replace("MLFC*", "GRU*")
+    (tmp_path / "claims.toml").write_text(CLAIMS.format(0.62) + other)
+    first, second = (bench("settle", claim, *here)[0] for claim in ("neither-fails", "another"))
+    assert first == second == 0 and seeds(tmp_path / "results", "GRU")
+    (found,) = gather(tmp_path / "published", tmp_path / "results" / "studies")
+    counted = {kind: sorted(r.seed for r in found.runs if r.spec.startswith(kind)) for kind in ("MLFC", "GRU")}
+    assert counted["MLFC"] == [0, 1, *seeds(tmp_path / "results", "MLFC")] and len(counted["GRU"]) > 2
+
+
+def test_what_was_never_run_is_not_begun(bench: Bench, here: list[Any], tmp_path: Path) -> None:
+    (tmp_path / "claims.toml").write_text(CLAIMS.format(0.62).replace("LSTM*", "[LG]*"))
+    file = tmp_path / "published" / NAME / "study.json"
+    content = json.loads(file.read_text())
+    content["runs"] = [r for r in content["runs"] if not r["spec"].startswith("GRU")]
+    file.write_text(json.dumps(content))
+    assert bench("settle", NAME, *here)[0] == 0
+    assert seeds(tmp_path / "results", "LSTM") and not seeds(tmp_path / "results", "GRU")
 
 
 def test_what_was_added_before_it_was_stopped_is_not_trained_again(

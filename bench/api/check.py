@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.analysis.display import Displayed
-from bench.claims import claim, evidence, judge, manifest
+from bench.claims import claim, gathering, judge, manifest
 from bench.claims import published as regression
 from registry.errors import BenchError, near
 
@@ -20,7 +20,7 @@ class Verdicts(Displayed):
     """One a claim and data set."""
     published: tuple[regression.Held, ...]
     left_out: tuple[str, ...] = ()
-    """Studies that were run here and are no evidence, and why."""
+    """Studies that were run here and are no evidence, trainings that do not count beside newer ones, and why."""
 
     @property
     def headline(self) -> str:
@@ -113,7 +113,8 @@ def judged(
             raise BenchError(f"There is no claim {name!r}: {near(name, ids)}")
     wanted = ids if claims is None else set(claims)
     facts = any(c.id in wanted and not c.study for c in known.claims)
-    rows = judge.judge(known, evidence.gather(published, results / "studies"), facts, simulate, wanted)
+    gathered = gathering.gather(published, results / "studies")
+    rows = judge.judge(known, gathered, facts, simulate, wanted)
     held = regression.check(published, results)
-    out = evidence.left_out(results / "studies")
+    out = [*gathering.left_out(results / "studies"), *(s for e in gathered for s in e.superseded)]
     return Verdicts(tuple(rows), tuple(held), tuple(out))

@@ -40,7 +40,7 @@ class Diverged(Kind):
             low, high = stats.share_difference(more[0], more[1], 1 - alpha)
             return max(low, -1.0), min(high, 1.0)  # rounding may leave 1 + 2e-16
 
-        seeds = len({r.seed for s in evidence.specs(self.a) for r in evidence.of(s)})
+        seeds = min(evidence.seeds_of((self.a, self.b)).values(), default=0)
         difference = a[0] / a[1] - b[0] / b[1]
         return [Estimate(name, difference, limits, "Newcombe's interval; trainings are the unit", seeds=seeds)]
 

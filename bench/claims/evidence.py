@@ -7,9 +7,7 @@ curve is there as the quantity `COST`, its steps being updates.
 """
 
 import fnmatch
-import json
-import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,25 +16,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bench.experiment.notation import label
-from bench.experiment.study import PRESETS
 from bench.records.record import RunRecord
-from registry.errors import BenchError
 
 FILE = "evidence.parquet"
 KEPT_BITS = 12
 """Bits of a value's fraction that are kept: a relative error below 2⁻¹³, 0.013 %, and half the file."""
 COST = "validation cost"
-_NAMES = ("key", "quantity", "norm", "unit", "statistic")
+NAMES = ("key", "quantity", "norm", "unit", "statistic")
+"""Columns of text."""
 _SCHEMA = pa.schema(
-    [(name, pa.dictionary(pa.int32(), pa.string())) for name in _NAMES]
-    + [("step", pa.int32()), ("value", pa.float32())]
+    [(name, pa.dictionary(pa.int32(), pa.string())) for name in NAMES] + [("step", pa.int32()), ("value", pa.float32())]
 )
-FEWEST = 2
-"""Seeds with which evidence first says anything: one training says nothing about the next."""
 HISTORY = 10
 """The paper's initialization length; other ones are looked at only where they are swept."""
 
@@ -93,12 +86,15 @@ class StudyRun:
     status: str
     weights: int
     metrics: Mapping[str, float | None]
+    numerics: int = 0
+    """Version of the code that trained it; 0: from before that was published."""
 
     @classmethod
     def of(cls, summary: Mapping[str, Any]) -> "StudyRun":
         """From what a record, or ``study.json``, says of it."""
-        values = {n: summary[n] for n in cls.__dataclass_fields__}
-        return cls(**{**values, "outputs": tuple(values["outputs"])})
+        values = {n: summary[n] for n in cls.__dataclass_fields__ if n != "numerics"}
+        numerics = summary.get("numerics", summary.get("environment", {}).get("numerics", 0))
+        return cls(**{**values, "outputs": tuple(values["outputs"]), "numerics": int(numerics)})
 
     @property
     def sound(self) -> bool:
@@ -126,11 +122,19 @@ class Evidence:
     steps: pd.DataFrame
     first: int = 0
     """Seeds that it had when it was first looked at; 0: as many as it has."""
+    superseded: tuple[str, ...] = ()
+    """Trainings that do not count, since others of the same configurations do: a sentence each."""
 
     @property
     def seeds(self) -> int:
         """Of the configuration that has most."""
         return max((r.seed for r in self.runs), default=-1) + 1
+
+    def seeds_of(self, patterns: Sequence[str]) -> dict[str, int]:
+        """Seeds of every trained configuration that matches one of the patterns."""
+        specs = {s for pattern in patterns for s in self.specs(pattern, histories=True)}
+        runs = [r for r in self.runs if r.spec in specs and r.history is not None]
+        return {spec: 1 + max(r.seed for r in runs if r.spec == spec) for spec in dict.fromkeys(r.spec for r in runs)}
 
     @cached_property
     def curves(self) -> dict[tuple[str, str, str], Curves]:
@@ -197,92 +201,3 @@ class Evidence:
     def weights(self, spec: str) -> int:
         """Number of weights of a configuration."""
         return self.of(spec)[0].weights
-
-
-def _command(text: str) -> tuple[str, str]:
-    """Preset of a `bench run` command, and the options by which its runs are not the study's own: more than the data,
-    the number of seeds and which of its configurations are chosen.
-    """
-    words = [w for word in shlex.split(text) for w in word.split("=", 1 if word.startswith("--") else 0)]
-    preset = words[words.index("--preset") + 1] if "--preset" in words else "laptop"
-    own = ("--preset", "--dataset", "--seeds", "--only")
-    return preset, ", ".join(dict.fromkeys(w for w in words if w.startswith("-") and w not in own))
-
-
-@dataclass(frozen=True)
-class Folder:
-    """One study's folder: its runs and where its curves are."""
-
-    path: Path
-    study: str
-    preset: str
-    altered: str
-    """Why its runs are not those of the study as it is declared, in a few words; empty where they are."""
-    runs: tuple[StudyRun, ...]
-
-    @property
-    def comparable(self) -> bool:
-        """The study as it is declared, and not its smoke test."""
-        return not self.altered
-
-
-def folders(root: Path) -> Iterator[Folder]:
-    """Every study's folder below ``root``.
-
-    Raises:
-        BenchError: a ``study.json`` that cannot be read.
-    """
-    for path in sorted(root.rglob("study.json")):
-        try:
-            content = json.loads(path.read_text())
-            if not content.get("study"):
-                continue
-            runs = tuple(StudyRun.of(run) for run in content["runs"])
-            preset, options = _command(content["command"])
-        except (ValueError, TypeError, LookupError, AttributeError, OSError, RecursionError) as error:
-            raise BenchError(f"{path} is damaged ({error}): remove it, or run the study again.") from error
-        altered = f"it was run with {options}" if options else ""
-        altered = altered or ("" if preset in PRESETS[1:] else f"the preset {preset} only tries the study out")
-        yield Folder(path.parent, content["study"], preset, altered, runs)
-
-
-def left_out(local: Path) -> list[str]:
-    """Which studies that were run here are no evidence, and why: a sentence each."""
-    return [f"{f.path.name} is no evidence on {f.study}: {f.altered}." for f in folders(local) if f.altered]
-
-
-def gather(published: Path, local: Path) -> list[Evidence]:
-    """All evidence: that of the published folder and what was run here, which goes before where both have a run.
-
-    Of several presets of one study on one data set the largest counts. It was first looked at with the fewest seeds of
-    any folder.
-    """
-    found: dict[tuple[str, str, str], dict[Any, tuple[StudyRun, Path]]] = {}
-    first: dict[tuple[str, str, str], int] = {}
-    for folder in (*folders(published), *folders(local)):
-        if folder.comparable and (folder.path / FILE).is_file():
-            for run in folder.runs:
-                group = found.setdefault((folder.study, run.dataset, folder.preset), {})
-                group[run.spec, run.outputs, run.horizon, run.seed] = (run, folder.path / FILE)
-            for dataset in {run.dataset for run in folder.runs}:
-                there = 1 + max(run.seed for run in folder.runs if run.dataset == dataset)
-                source = (folder.study, dataset, folder.preset)
-                first[source] = min(there, first.get(source, there))
-    largest: dict[tuple[str, str], str] = {}
-    for study, dataset, preset in found:
-        largest[study, dataset] = max(largest.get((study, dataset), ""), preset, key=("", *PRESETS).index)
-    sources = [(study, dataset, preset) for (study, dataset), preset in sorted(largest.items())]
-    return [_assemble(s, list(found[s].values()), max(first[s], FEWEST)) for s in sources]
-
-
-def _assemble(source: tuple[str, str, str], members: list[tuple[StudyRun, Path]], first: int) -> Evidence:
-    tables = []
-    for path in dict.fromkeys(path for _, path in members):
-        try:
-            table = pq.read_table(path, read_dictionary=list(_NAMES))
-            wanted = pa.array([run.key for run, source in members if source == path])
-            tables.append(table.filter(pc.is_in(table["key"].combine_chunks(), wanted)))
-        except (OSError, ValueError, KeyError, pa.ArrowException) as error:
-            raise BenchError(f"{path} is damaged: run the study again.") from error
-    steps = pa.concat_tables(tables).unify_dictionaries().to_pandas()
-    return Evidence(*source, tuple(run for run, _ in members), steps, first)

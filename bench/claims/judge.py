@@ -9,7 +9,6 @@ from bench.claims.claim import Claim, Claims
 from bench.claims.counting import Fact
 from bench.claims.estimate import ALPHA, NOT_RUN, OPEN, Estimate, Judgement, number, settle
 from bench.claims.evidence import Evidence
-from bench.claims.outlook import outlook
 from bench.experiment import study
 from registry.datasets.locate import has_files
 from registry.errors import BenchError
@@ -38,7 +37,9 @@ class Row:
     preset: str = ""
     """Of the study."""
     seeds: int = 0
-    """That a configuration has; 0: there is no evidence."""
+    """That each of ``specs`` has; 0: there is no evidence."""
+    specs: tuple[str, ...] = ()
+    """The configurations that the claim is about, of which there is evidence."""
     needed: int = 0
     """Seeds in all that would settle an open claim; 0: seeds do not."""
 
@@ -78,8 +79,9 @@ def judge(
         if claim.id not in rows:
             continue
         judgement = family.judged(question, alpha, len(asked))
-        needed, seeds = outlook(question, alpha) if judgement.verdict == OPEN else ("", 0)
+        needed, seeds = family.outlook(question, alpha) if judgement.verdict == OPEN else ("", 0)
         command = _command(claim, homes, found.dataset, found.preset, seeds > 0)
+        trained = found.seeds_of(_compared(claim, found))
         rows[claim.id].append(
             Row(
                 claim=claim,
@@ -89,7 +91,8 @@ def judge(
                 command=command,
                 outlook=needed,
                 preset=found.preset,
-                seeds=found.seeds,
+                seeds=min(trained.values(), default=0),
+                specs=tuple(trained),
                 needed=seeds,
             )
         )
@@ -104,24 +107,29 @@ def judge(
 def _question(claim: Claim, evidence: Evidence) -> family.Question:
     kind = claim.kind
     assert not isinstance(kind, Fact)
-    first = evidence.first or evidence.seeds
-    return family.Question(kind.measure(evidence), claim.accept, kind.relative, first, evidence.seeds)
+    seeds = max(evidence.seeds_of(_compared(claim, evidence)).values(), default=evidence.seeds)
+    return family.Question(kind.measure(evidence), claim.accept, kind.relative, evidence.first or seeds, seeds)
 
 
 def _label(claims: Claims, claim: Claim, evidence: Evidence) -> str:
     parts = ["simulated"] if evidence.dataset.endswith(TWIN) else []
     parts += [] if evidence.preset == "paper" else [evidence.preset]
-    patterns = _patterns(claim)
-    used = {s for p in patterns for s in evidence.specs(p)}
+    used = {s for p in patterns(claim) for s in evidence.specs(p)}
     return ", ".join([*parts, *([] if used <= claims.paper_specs else ["at reduced size"])])
 
 
-def _patterns(claim: Claim) -> list[str]:
-    """Every pattern of configurations that the claim's judgement names."""
+def patterns(claim: Claim) -> list[str]:
+    """Every pattern of configurations that the claim's judgement names; none of a claim about recordings."""
     kind = claim.kind
     pairs = [p for pair in getattr(kind, "pairs", ()) for p in pair]
     listed = [p for name in ("specs", "against") for p in getattr(kind, name, ())]
     return [*pairs, *listed, *(getattr(kind, name) for name in ("a", "b") if hasattr(kind, name))]
+
+
+def _compared(claim: Claim, evidence: Evidence) -> list[str]:
+    """The configurations that the claim compares: of pairs those that have an opponent."""
+    pairs = getattr(claim.kind, "pairs", ())
+    return [spec for a, b in pairs for pair in evidence.pairs(a, b) for spec in pair] if pairs else patterns(claim)
 
 
 def _command(claim: Claim, homes: Mapping[str, str], dataset: str = "", preset: str = "", seeds: bool = False) -> str:

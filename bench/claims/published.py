@@ -12,7 +12,8 @@ import numpy as np
 from scipy.special import stdtrit
 
 from bench.claims.estimate import ALPHA
-from bench.claims.evidence import Folder, StudyRun, folders
+from bench.claims.evidence import StudyRun
+from bench.claims.gathering import Folder, folders
 from bench.claims.manifest import entered
 from bench.records.record import RunRecord, exists, write_json
 from registry.atomic_io import writing

@@ -16,7 +16,7 @@ from bench.cli.place import Place
 from bench.cli.progress import clock
 from bench.execution import engine, estimate
 from bench.execution.engine import Plan
-from bench.settle.sources import Run, Scope, Source, group, published_runs, seedless, sources, unchanged
+from bench.settle.sources import Run, Scope, Source, added_runs, group, published_runs, seedless, sources, unchanged
 from registry.errors import BenchError
 
 
@@ -28,7 +28,7 @@ class Step:
     initial: Source
     """As it was at the beginning."""
     seconds: float = 0.0
-    """That one more seed of every configuration is expected to take."""
+    """That one more seed of all that its claims are about is expected to take."""
     stopped: str = ""
     """Why nothing is added, or no more: a clause."""
     spent: float = 0.0
@@ -108,7 +108,7 @@ def show_plan(out: Console, steps: Sequence[Step], scope: Scope, place: Place) -
 
 
 def settle(out: Console, steps: Sequence[Step], scope: Scope, place: Place, budget: float) -> None:
-    """Add seeds, one more of every configuration of a study at a time, and judge again after each.
+    """Add seeds, one more of every configuration that open claims are about at a time, and judge again after each.
 
     Args:
         out: where it is said.
@@ -137,7 +137,7 @@ def _settle(out: Console, step: Step, scope: Scope, place: Place, deadline: floa
     there = _reusable_runs(out, step, scope, place)
     while step.reachable(scope.max_seeds):
         started, seeds = time.monotonic(), step.source.seeds + 1
-        asked = group(step.source, seeds, there)
+        asked = group(step.source, seeds, there, added_runs(step.source, place.results))
         todo = engine.plan(asked.configs, place.runs)
         step.seconds = _expected(todo, place)
         if started + step.seconds > deadline:
@@ -148,7 +148,7 @@ def _settle(out: Console, step: Step, scope: Scope, place: Place, deadline: floa
             "are left.",
             highlight=False,
         )
-        carry_out(out, Job(asked, step.source.command(seeds)), todo, place, tables=False)
+        carry_out(out, Job(asked, step.source.command(asked)), todo, place, tables=False)
         step.trainings += sum(len(t.configs) for t in todo.tasks)
         step.spent += time.monotonic() - started
         open_before = {r.claim.id for r in step.source.rows}
@@ -180,7 +180,8 @@ def _judge_again(step: Step, scope: Scope) -> None:
     old = step.source
     where = (old.study, old.dataset, old.preset)
     step.rows = [r for r in scope.rows() if (r.claim.study, r.dataset, r.preset) == where]
-    settled = replace(old, seeds=max(r.seeds for r in step.rows), rows=())
+    seeds = {r.claim.id: r.seeds for r in step.rows}
+    settled = replace(old, seeds=min(seeds[r.claim.id] for r in old.rows), rows=())
     step.source = next(iter(sources(step.rows)), settled)
 
 

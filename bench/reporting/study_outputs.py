@@ -88,7 +88,10 @@ def _write(records: Sequence[RunRecord], title: str, study: Study | None, comman
         "keys": [r.key for r in records],
         "command": command,
         "files": [p.name for p in files],
-        "runs": [{name: r.summary[name] for name in PUBLISHED} for r in records],
+        "runs": [
+            {name: r.summary[name] for name in PUBLISHED} | {"numerics": r.summary["environment"].get("numerics", 0)}
+            for r in records
+        ],
     }
     atomic_io.write_text(folder / "study.json", canonical(content))
     return files

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from bench.claims import claim, evidence, judge
+from bench.claims import claim, gathering, judge
 from bench.claims.estimate import OPEN
 from bench.claims.evidence import StudyRun
 from bench.claims.judge import Row
@@ -13,6 +13,7 @@ from bench.experiment import study
 from bench.experiment.config import RunConfig
 from bench.experiment.request import Options, Request, request
 from bench.experiment.seeds import MOST_SEEDS
+from bench.records.finished import slug
 from bench.records.record import RunRecord
 from registry.errors import BenchError, near
 
@@ -52,7 +53,7 @@ class Scope:
         Raises:
             BenchError: there is no evidence of the study, or claim, on the data set.
         """
-        gathered = evidence.gather(self.published, self.results / "studies")
+        gathered = gathering.gather(self.published, self.results / "studies")
         rows = [r for r in judge.judge(claim.read(self.file), gathered, facts=False) if r.seeds and self._covers(r)]
         if not rows:
             what = f" of {self.target}" if self.target else ""
@@ -74,7 +75,7 @@ class Source:
     dataset: str
     preset: str
     seeds: int
-    """That a configuration has."""
+    """That each configuration has which its claims are about."""
     rows: tuple[Row, ...]
     """The open claims."""
 
@@ -87,10 +88,20 @@ class Source:
         """The claims that so many seeds are expected to settle."""
         return [r for r in self.rows if 0 < r.needed <= max_seeds]
 
-    def command(self, seeds: int) -> list[str]:
+    def concerns(self, config: RunConfig) -> bool:
+        """Whether a claim that seeds may settle is about this training; each is, if no claim is open."""
+        return not self.rows or any(
+            config.horizon in getattr(row.claim.kind, "horizons", (config.horizon,)) and config.spec in row.specs
+            for row in self.within(MOST_SEEDS) or self.rows
+        )
+
+    def command(self, asked: Request) -> list[str]:
         """Arguments of `bench` that make the same records, and those of the seeds before."""
+        trained = [c for c in asked.configs if _trained(c)]
+        specs, seeds = dict.fromkeys(c.spec for c in trained), 1 + max((c.seed for c in trained), default=0)
         preset = [] if self.preset == study.PRESETS[1] else ["--preset", self.preset]
-        return ["run", self.study, "--dataset", self.dataset, *preset, "--seeds", str(seeds)]
+        only = [word for spec in specs for word in ("--only", spec)]
+        return ["run", self.study, "--dataset", self.dataset, *preset, *only, "--seeds", str(seeds)]
 
 
 def sources(rows: Iterable[Row]) -> list[Source]:
@@ -99,29 +110,39 @@ def sources(rows: Iterable[Row]) -> list[Source]:
     for row in rows:
         if row.judgement.verdict == OPEN:
             found.setdefault((row.claim.study, row.dataset, row.preset), []).append(row)
-    return [Source(*where, rows[0].seeds, tuple(rows)) for where, rows in found.items()]
+    fewest = {where: min(r.seeds for r in [r for r in rows if r.needed] or rows) for where, rows in found.items()}
+    return [Source(*where, fewest[where], tuple(rows)) for where, rows in found.items()]
 
 
 def published_runs(source: Source, published: Path) -> dict[Run, StudyRun]:
-    """The runs of the study that were published as it is declared."""
-    return {
-        (r.spec, r.outputs, r.horizon, r.seed): r
-        for folder in evidence.folders(published)
-        if folder.comparable and (folder.study, folder.preset) == (source.study, source.preset)
-        for r in folder.runs
-        if r.dataset == source.dataset
-    }
+    """The runs of the study that were published as it is declared, and count."""
+    found = gathering.counted_runs(published).get((source.study, source.dataset, source.preset))
+    return {(r.spec, r.outputs, r.horizon, r.seed): r for r, _ in found.members} if found else {}
 
 
-def group(source: Source, seeds: int, there: Collection[Run] = ()) -> Request:
-    """The study with so many seeds, without the trainings that are there; what has no seed is in it.
+def added_runs(source: Source, results: Path) -> set[Run]:
+    """The trainings that earlier calls added here, for whichever claims."""
+    place = results / "studies" / slug(group(source, 1).title)
+    found = [f for f in gathering.folders(place) if f.path == place]
+    return {(r.spec, r.outputs, r.horizon, r.seed) for f in found for r in f.runs if r.history is not None}
+
+
+def group(source: Source, seeds: int, there: Collection[Run] = (), added: Collection[Run] = ()) -> Request:
+    """The study with so many seeds of what its open claims are about, without the trainings that are there; what has no
+    seed is in it, and what was added before.
 
     Raises:
         BenchError: its data are absent.
     """
-    asked = request(source.study, Options(source.dataset, source.preset, seeds))
-    configs = [c for c in asked.configs if not _trained(c) or not any(_matches(c, run) for run in there)]
-    return replace(asked, title=f"{asked.title.rpartition(', ')[0]}, further seeds", configs=configs)
+    asked = request(source.study, Options(source.dataset, source.preset, max([seeds, *(1 + run[-1] for run in added)])))
+
+    def wanted(config: RunConfig) -> bool:
+        if not _trained(config) or any(_matches(config, run) for run in added):
+            return True
+        return config.seed < seeds and source.concerns(config) and not any(_matches(config, run) for run in there)
+
+    title = f"{asked.title.rpartition(', ')[0]}, further seeds"
+    return replace(asked, title=title, configs=[c for c in asked.configs if wanted(c)])
 
 
 def seedless(asked: Request) -> Request:

@@ -143,8 +143,8 @@ def settle_command(
     """Train more seeds of a study until its open claims have a verdict, or the budget is gone.
 
     Open are claims that `bench check` finds "not enough evidence" for. Some need more trainings, some more recordings,
-    some are too near a limit for either: the plan says which, and how long it takes. Then every configuration of the
-    study gets one more seed, claims are judged again, and so on.
+    some are too near a limit for either: the plan says which, and how long it takes. Then every configuration that
+    they are about gets one more seed, claims are judged again, and so on.
 
     \b
     bench settle --dry-run                       what is open, and what it would take
