@@ -1,4 +1,5 @@
 import gzip
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -287,29 +288,8 @@ def test_the_signals_of_a_named_system_are_drafted(tmp_path, system, columns, si
 def test_names_of_logs_in_north_east_down_are_known(tmp_path):
     """As ArduPilot writes them, and PX4's tools; degrees are seen by their size."""
     data = pd.DataFrame({"TimeMS": 10.0 * np.arange(50)})
-    for i, name in enumerate(
-        [
-            "PN",
-            "PE",
-            "PD",
-            "VN",
-            "VE",
-            "VD",
-            "Roll",
-            "Pitch",
-            "Yaw",
-            "GyrX",
-            "GyrY",
-            "GyrZ",
-            "AccX",
-            "AccY",
-            "AccZ",
-            "M1",
-            "M2",
-            "M3",
-            "M4",
-        ]
-    ):
+    named = [f"{a}{b}" for a, b in (*product("PV", "NED"), *product(("Gyr", "Acc"), "XYZ"), *product("M", "1234"))]
+    for i, name in enumerate(["Roll", "Pitch", "Yaw", *named]):
         data[name] = 10 * np.sin(0.1 * np.arange(50) + i)
     data.to_csv(tmp_path / "a.csv", index=False)
     text = draft(tmp_path)
