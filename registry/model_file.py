@@ -53,12 +53,15 @@ def read(path: Path, system: str | type[PhysicsModel] = "") -> PhysicsModel:
         if type(value) is not type(defaults[key]):
             raise BenchError(f"{path}: {key} must be of the kind of {toml_text(defaults[key])}, not {value!r}.")
     constants = constants_of(f"{path} [physics]", kind().parameters(), physics)
-    effects = tuple(_effect(path, i, entry) for i, entry in enumerate(entries, start=1))
     try:
-        model: PhysicsModel = kind(**constants, **table, effects=effects)
+        bare: PhysicsModel = kind(**constants, **table)
     except BenchError as error:
         raise BenchError(f"{path}: {error}") from error
-    return model
+    effects = tuple(_effect(path, i, entry, bare) for i, entry in enumerate(entries, start=1))
+    try:
+        return dataclasses.replace(bare, effects=effects)
+    except BenchError as error:
+        raise BenchError(f"{path}: {error}") from error
 
 
 def stated_in(path: Path) -> set[str]:
@@ -66,7 +69,7 @@ def stated_in(path: Path) -> set[str]:
     return set(tomllib.loads(path.read_text(encoding="utf-8")).get("physics", {}))
 
 
-def _effect(path: Path, number: int, entry: dict[str, Any]) -> Effect:
+def _effect(path: Path, number: int, entry: dict[str, Any], model: PhysicsModel) -> Effect:
     where = f"{path} [[effects]] number {number}"
     if not isinstance(entry.get("id"), str):
         raise BenchError(f'{where} has no id: add a line such as id = "rotor_drag".')
@@ -75,8 +78,10 @@ def _effect(path: Path, number: int, entry: dict[str, Any]) -> Effect:
     except BenchError as error:
         raise BenchError(f"{where}: {error}") from error
     given, named = {k: v for k, v in entry.items() if k != "id"}, f"{where} ({entry['id']})"
-    effect: Effect = kind.from_options(named, given) or kind(**constants_of(named, kind.neutral().parameters(), given))
-    return effect
+    if effect := kind.from_options(named, given):
+        return effect
+    neutral: Effect = kind.neutral_for(model, {})
+    return dataclasses.replace(neutral, **constants_of(named, neutral.parameters(), given))
 
 
 def constants_of(where: str, parameters: Sequence[Parameter], given: dict[str, Any]) -> dict[str, Any]:

@@ -280,7 +280,7 @@ def _starting_point(
     subject: Subject, model: PhysicsModel, name: str, noise: Noise, tick: Callable[[str], None]
 ) -> Effect:
     """The effect with parameters from which a fit starts: the best of its search grid in the weak form."""
-    typical: Effect = EFFECTS.get(name).typical()
+    typical: Effect = EFFECTS.get(name).typical_for(model)
     if hidden(subject.logs):
         return typical
     search = Search(subject, (name,), tick, noise)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -75,8 +75,8 @@ class Effect(ABC):
     """Whether it is estimated from what the catalogue leaves, and no member of it."""
 
     def parameters(self) -> list[Parameter]:
-        """The parameters, in order."""
-        return list(parameters_of(self))
+        """The parameters, in order; a field that is None is none of this vehicle's."""
+        return [p for p in parameters_of(self) if p.value is not None]
 
     def options(self) -> dict[str, Any]:
         """What a model file says of it beside the parameters; most effects are told by their parameters alone."""
@@ -108,18 +108,25 @@ class Effect(ABC):
         return cls()
 
     @classmethod
-    def neutral_among(cls, medians: Mapping[str, float]) -> Self:
-        """`neutral`, with what is not fitted of it as recordings suggest.
+    def neutral_for(cls, model: Any, medians: Mapping[str, float]) -> Self:
+        """`neutral`, with as many parameters as a model wants, and what is not fitted of it as recordings suggest.
 
         Args:
-            medians: of the signals that a model has as `PhysicsModel.extras`, by name, SI.
+            model: a `PhysicsModel` that it suits.
+            medians: of the signals that the model has as `PhysicsModel.extras`, by name, SI.
         """
         return cls.neutral()
 
     @classmethod
     def typical(cls) -> Self:
         """With parameters met on real vehicles."""
-        return cls(**{p.name: p.typical for p in parameters_of(cls())})
+        return cls(**{p.name: p.typical for p in parameters_of(cls()) if p.typical is not None})
+
+    @classmethod
+    def typical_for(cls, model: Any) -> Self:
+        """`typical`, with as many parameters as ``model`` wants."""
+        neutral = cls.neutral_for(model, {})
+        return replace(neutral, **{p.name: p.typical for p in neutral.parameters()})
 
 
 class LoadEffect(Effect):

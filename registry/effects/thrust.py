@@ -1,13 +1,13 @@
 """Thrust that is not what k_f and the rotor speed say, or does not point along body z."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
 from torch import Tensor
 
 from registry.core import EFFECTS
-from registry.dynamics import LoadEffect, Motion, ThrustEffect, constant, tensor, vector
+from registry.dynamics import LoadEffect, Motion, Parameter, ThrustEffect, constant, tensor, vector
 from registry.errors import BenchError
 
 _MAGNITUDE = "order of magnitude"
@@ -43,6 +43,10 @@ class UnequalRotors(ThrustEffect):
     eps_2: Any = constant(0.0, "relative error of rotor 2", "1", low=-0.5, high=0.5, typical=-0.05, source=_MAGNITUDE)
     eps_3: Any = constant(0.0, "relative error of rotor 3", "1", low=-0.5, high=0.5, typical=0.05, source=_MAGNITUDE)
     eps_4: Any = constant(0.0, "relative error of rotor 4", "1", low=-0.5, high=0.5, typical=0.05, source=_MAGNITUDE)
+    eps_5: Any = constant(None, "relative error of rotor 5", "1", low=-0.5, high=0.5, source=_MAGNITUDE)
+    eps_6: Any = constant(None, "relative error of rotor 6", "1", low=-0.5, high=0.5, source=_MAGNITUDE)
+    eps_7: Any = constant(None, "relative error of rotor 7", "1", low=-0.5, high=0.5, source=_MAGNITUDE)
+    eps_8: Any = constant(None, "relative error of rotor 8", "1", low=-0.5, high=0.5, source=_MAGNITUDE)
     equation: ClassVar[str] = "k_f,i = k_f (1 + ε_i), in force and torque"
     needs: ClassVar[tuple[str, ...]] = ("body_rates", "velocity", "attitude")
     systems: ClassVar[tuple[str, ...]] = ("quadrotor",)
@@ -51,9 +55,34 @@ class UnequalRotors(ThrustEffect):
         "slow down: what follows the speed of one rotor is neither a displaced centre of gravity nor a constant torque"
     )
 
+    def parameters(self) -> list[Parameter]:
+        """One a rotor, in order."""
+        listed = super().parameters()
+        return [replace(p, neutral=0.0, typical=0.05 if p.typical is None else p.typical) for p in listed]
+
+    def misfit(self, model: Any) -> str:
+        """That the model has another number of rotors; empty: it has as many."""
+        told, rotors = len(self._errors), _rotors(model)
+        return "" if told == rotors else f"it has factors of {told} rotors, and the vehicle has {rotors}."
+
+    @classmethod
+    def neutral_for(cls, model: Any, medians: Mapping[str, float]) -> Self:
+        """As many zeros as ``model`` has rotors."""
+        rotors = _rotors(model)
+        return cls(**{f.name: 0.0 if i < rotors else None for i, f in enumerate(fields(cls))})
+
     def thrust_factor(self, motion: Motion) -> Tensor:
-        """Factors (…, 4)."""
-        return 1 + vector((self.eps_1, self.eps_2, self.eps_3, self.eps_4), motion.thrust)
+        """Factors (…, rotors)."""
+        return 1 + vector(self._errors, motion.thrust)
+
+    @property
+    def _errors(self) -> list[Any]:
+        return [e for f in fields(self) if (e := getattr(self, f.name)) is not None]
+
+
+def _rotors(model: Any) -> int:
+    places = model.rotor_positions
+    return int(places.shape[-2]) if isinstance(places, Tensor) else len(places)
 
 
 @EFFECTS.register("battery_sag")
@@ -84,7 +113,7 @@ class BatterySag(ThrustEffect):
     )
 
     @classmethod
-    def neutral_among(cls, medians: Mapping[str, float]) -> Self:
+    def neutral_for(cls, model: Any, medians: Mapping[str, float]) -> Self:
         """About the nominal voltage of a pack of as many cells as give the logged one.
 
         About that of one cell the thrust of a large pack would hardly be the stated one, whatever the slope.

@@ -20,7 +20,7 @@ _PWM = "gym-pybullet-drones, Crazyflie 2: 0.2685 rpm a count + 4070.3 rpm"
 @PHYSICS.register("quadrotor")
 @dataclass(frozen=True)
 class Quadrotor(RigidBody):
-    """Rigid body driven by four rotor speeds: thrust k_f ω², torque r × T and s k_m ω², gravity.
+    """Rigid body driven by rotor speeds, four or another number: thrust k_f ω², torque r × T and s k_m ω², gravity.
 
     Driven by raw motor commands (``drive`` is pwm), the rotor speeds are ω = a u + b, not below zero.
     """

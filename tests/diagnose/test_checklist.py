@@ -1,6 +1,7 @@
 """What a human checks first: mistakes in the description of flights are named, and the proposed lines mend them."""
 
 import copy
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,25 @@ def test_a_mistake_is_named_and_its_lines_mend_it(
     assert len(found[0].recordings) == len(spoilt.logs)
     if about != "no effect":  # nobody can tell where the rotors' columns are
         assert stopping(check_folder(spoilt.write(tmp_path, found[0].mend))) == []
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("askew", ["body_rates", "attitude"])
+def test_a_sensor_that_is_mounted_askew_is_told_with_its_turn(
+    askew: str, vehicle: str, flights: dict[str, Set], tmp_path: Path
+) -> None:
+    turn, spoilt = Rotation.from_rotvec([1.5, -2.0, 1.0], degrees=True), copy.deepcopy(flights[vehicle])
+    for log in spoilt.logs:
+        if askew == "attitude":
+            log["attitude"] = (Rotation.from_quat(log["attitude"]) * turn).as_quat()
+        for name in {"body_rates", "specific_force"} & set(log) if askew == "body_rates" else ():
+            log[name] = turn.inv().apply(log[name])
+    (found,) = check_folder(spoilt.write(tmp_path))
+    assert (found.kind, found.signal, found.stops) == ("mounting", askew, True)
+    assert "the rotors act about those of " + ("attitude" if askew == "body_rates" else "body_rates") in found.detail
+    told = tomllib.loads(found.mend[0])[askew]["turned_deg"]
+    assert told == pytest.approx([1.5, -2.0, 1.0], abs=0.5)  # flights of 8 s, and rates by smoothed attitudes
+    assert check_folder(spoilt.write(tmp_path, found.mend)) == []
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)

@@ -36,6 +36,30 @@ def test_what_needs_an_effect_goes_with_it() -> None:
     assert directions(both, both, {}, stack).removed([0])[0] == {0}  # the other drag still carries the wind
 
 
+def test_every_effect_is_tried_on_six_rotors() -> None:
+    """Of each rotor's own thrust there is a column, and nothing of the search wants four."""
+    rng, samples = np.random.default_rng(0), 60
+    angles = np.pi / 6 + np.arange(6) * np.pi / 3
+    places = tuple((float(0.3 * np.cos(a)), float(0.3 * np.sin(a)), 0.0) for a in angles)
+    model = Quadrotor(rotor_positions=places, rotor_directions=(1.0, -1.0) * 3, extras=("battery", "time"))
+    wander = np.cumsum(rng.normal(0, 0.02, (samples, 9)), axis=0)
+    turned = Rotation.from_rotvec(wander[:, :3]).as_quat()
+    states = torch.from_numpy(np.column_stack([wander[:, :3] + 2, wander[:, 3:6], turned, wander[:, 6:]]))
+    inputs = torch.from_numpy(np.column_stack([rng.normal(400, 20, (samples, 6)), np.full((samples, 2), 3.7)]))
+    stack = LogBatch.of(
+        [Log("flight", 100.0, states, (True,) * 13, inputs, torch.ones(samples, dtype=torch.bool), None)]
+    )  # type: ignore[arg-type]
+    kinds = [
+        (n, k)
+        for n, k in ((n, EFFECTS.get(n)) for n in EFFECTS.names())
+        if k.suits(Quadrotor) and not k.learned and not k.requires
+    ]
+    linear = directions(model, model, {}, stack, kinds)
+    (start,) = [s for s in linear.starts if s.id == "unequal_rotors"]
+    assert [e.name for e in start.entries] == [f"eps_{i}" for i in range(1, 7)]
+    assert {s.id for s in linear.starts} >= {"rotor_drag", "cog_offset", "battery_sag", "ground_effect"}
+
+
 def test_a_column_keeps_only_the_channels_that_it_moves():
     rng = np.random.default_rng(0)
     some, more = rng.normal(size=(2, 2, 5, 4)) * np.array([[0.0, 1, 0, 1], [0, 0, 1, 0]])[:, None, None]

@@ -3,6 +3,7 @@
 import re
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,12 +11,14 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from bench.diagnose.checks.problems import Checked, problems
+from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.result import DataProblem
 from bench.score.logs import subject
 from bench.score.multirotor.corrupt import KINDS, Columns, time_shift
 from registry.datasets.signals import recording
+from registry.effects.actuation import MotorLag
 from registry.physics.oscillator import Oscillator
 
 DT = 0.01
@@ -240,3 +243,17 @@ def test_six_flights_of_25_seconds_take_less_than_a_second() -> None:
 @pytest.mark.parametrize("name", ["emps", "silverbox", "cascaded_tanks", "nanodrone", "nanobench", "crazypad"])
 def test_cleaned_recordings_raise_no_alarm(name: str, bench_data: None) -> None:
     assert problems(load(name)).problems == ()
+
+
+def test_a_lag_that_was_found_is_no_time_shift_any_more() -> None:
+    """By how much a lag delays motion differs from one manoeuvre to the next; read as it acts, nothing is late."""
+    lag = MotorLag(tau_up=0.06, tau_down=0.06)
+    logs = [flight(40 + i, vigour=v, noise=0.05) for i, v in enumerate((1.0, 1.0, 0.3, 1.5))]
+    for log in logs:
+        log["rotor_speed"] = log["rotor_speed"] + 0.06 * np.gradient(log["rotor_speed"], DT, axis=0)
+    plain = made(logs)
+    lagging = replace(plain, model=replace(plain.model, effects=(lag,)))
+    late = [lag_of(plain.model, log)[0] for log in plain.logs]
+    left = [lag_of(lagging.model, log) for log in plain.logs]
+    assert min(late) > 2 and all(abs(by) < 0.5 and how > 0.8 for by, how in left), (late, left)
+    assert problems(lagging) == Checked((), ())

@@ -3,12 +3,14 @@
 import itertools
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from bench.diagnose.report import model_file
 from registry.conformance import EffectConformance
 from registry.core import EFFECTS
 from registry.dynamics import InputEffect
@@ -22,6 +24,7 @@ from registry.effects.suspended_load import SuspendedLoad
 from registry.effects.thrust import BatterySag, RotorMisalignment, ThrustScale, UnequalRotors
 from registry.effects.torque import RotationalDamping, TorqueBias, TorqueScale
 from registry.errors import BenchError
+from registry.model_file import read
 from registry.physics.quadrotor import Quadrotor
 from registry.units import exponents
 
@@ -252,6 +255,24 @@ def test_thrust_that_effects_change_is_what_others_see():
         alone = added(effect, position=(0, 0, 0.2))
         both = added((weak, effect), position=(0, 0, 0.2)) - added(weak, position=(0, 0, 0.2))
         assert both == pytest.approx(0.6 * alone, abs=1e-12) and np.abs(alone).max() > 0.1
+
+
+def test_unequal_rotors_are_as_many_as_the_vehicle_has(tmp_path: Path):
+    angles = [math.pi / 6 + i * math.pi / 3 for i in range(6)]
+    places = tuple((0.3 * math.cos(a), 0.3 * math.sin(a), 0.0) for a in angles)
+    craft = {"rotor_positions": places, "rotor_directions": (1.0, -1.0) * 3}
+    hexarotor = Quadrotor(**craft)
+    neutral = UnequalRotors.neutral_for(hexarotor, {})
+    assert [p.name for p in neutral.parameters()] == [f"eps_{i}" for i in range(1, 7)]
+    with pytest.raises(BenchError, match="factors of 4 rotors, and the vehicle has 6"):
+        replace(hexarotor, effects=(UnequalRotors(),))
+    weak = replace(hexarotor, effects=(replace(neutral, eps_5=-0.2),))
+    state, u = torch.tensor([0, 0, 9.0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0], dtype=F64), torch.full((6,), 400.0, dtype=F64)
+    out = weak.derivative(state, u) - hexarotor.derivative(state, u)
+    lost = 0.2 * 9.9865e-6 * 400**2  # of rotor 5, at 270 degrees: on the right
+    assert out[5] == pytest.approx(-lost) and out[10:12] == pytest.approx([0.3 * lost / 0.01, 0.0], abs=1e-9)
+    model_file.write(tmp_path / "model.toml", weak, ())
+    assert read(tmp_path / "model.toml").effects == weak.effects
 
 
 def test_battery_sag_asks_for_a_signal():

@@ -41,4 +41,5 @@ def line(name: str, signal: SignalColumns) -> str:
     parts = [f"columns = {json.dumps(list(signal.columns), ensure_ascii=False)}", f'unit = "{signal.unit}"']
     parts += [f'{k} = "{getattr(signal, k)}"' for k in ("convention", "frame", "gravity") if getattr(signal, k)]
     parts += [f"delay_s = {signal.delay:.4g}"] if signal.delay else []
+    parts += [f"turned_deg = {json.dumps(list(signal.turned))}"] if signal.turned else []
     return f"{name} = {{{', '.join(parts)}}}"

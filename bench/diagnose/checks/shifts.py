@@ -5,6 +5,7 @@ import torch
 
 from bench.diagnose.logs.consistency import Array, pairs, slope
 from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.regression.weak import acting
 from bench.diagnose.result import DataProblem
 from bench.diagnose.settings import SHIFTING
 from registry.datasets.reading.cleaning import delay, extent, smooth, widen
@@ -70,7 +71,7 @@ def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
 
 
 def lag_of(model: PhysicsModel, log: Log) -> tuple[float, float]:
-    """By how many samples motion follows the inputs, and how well the two agree; agreement 0 where nothing is told.
+    """By how many samples motion follows what acts, and how well the two agree; agreement 0 where nothing is told.
 
     What goes with the rates themselves is left out: missing damping makes motion lead what drives it.
     """
@@ -81,10 +82,11 @@ def lag_of(model: PhysicsModel, log: Log) -> tuple[float, float]:
     if not count or not turning or valid.stop - valid.start < 2 * SHIFTING.slow:
         return 0.0, 0.0
     channels = [c for p in turning for c in (p.rates[:2] if p.turns else p.rates)]
-    x = log.states.numpy()
-    steady = log.inputs.clone()
-    steady[:, :count] = log.inputs[valid, :count].mean(dim=0)
-    own, forced = (_rates(model, log, u)[:, channels] for u in (steady, log.inputs))
+    x, lagging = log.states.numpy(), bool(model.input_effects())
+    inputs = acting(model, log) if lagging else log.inputs
+    steady = inputs.clone()
+    steady[:, :count] = inputs[valid, :count].mean(dim=0)
+    own, forced = (_rates(model, log, u)[:, channels] for u in (steady, inputs))
     moving = x[:, channels]
     caused, seen = forced - own, slope(moving, False, log.dt) - own
     bands = [
@@ -92,8 +94,9 @@ def lag_of(model: PhysicsModel, log: Log) -> tuple[float, float]:
         for a in (caused, seen, moving)
     ]
     lag, how = delay(bands[0], bands[1], beside=bands[2])
-    # A held command acts after its sample: the slope about a sample has half of it from the step before.
-    return lag - (0.5 if model.input_hold == "previous" else 0.0), how
+    # A held command acts after its sample: the slope about a sample has half of it from the step before. What delays
+    # and lags of the model make of it is told at the sample.
+    return lag - (0.5 if model.input_hold == "previous" and not lagging else 0.0), how
 
 
 def _rates(model: PhysicsModel, log: Log, inputs: torch.Tensor) -> Array:

@@ -299,7 +299,7 @@ def _starting_points(kind: type[Effect], model: PhysicsModel, stack: LogBatch) -
     """Neutral for an effect that is linear in its parameters, else one a value of its search grid."""
     first = stack.inputs.shape[-1] - len(model.extras)
     medians = {name: float(stack.inputs[..., first + i].median()) for i, name in enumerate(model.extras)}
-    neutral = kind.neutral_among(medians)
+    neutral = kind.neutral_for(model, medians)
     if not kind.screen:
         return [neutral]
     grids = [dict(zip(kind.screen, values, strict=True)) for values in product(*kind.screen.values())]

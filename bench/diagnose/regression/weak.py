@@ -160,6 +160,12 @@ def _transmitted(model: PhysicsModel, stack: LogBatch) -> Tensor:
     return torch.cat([driving, extras], dim=-1)
 
 
+def acting(model: PhysicsModel, log: Log) -> Tensor:
+    """What acts (N, m) at every sample, after the delays and lags of ``model``."""
+    path = _transmitted(model, LogBatch.of([log]))[0]
+    return torch.cat([path[:, 0], path[-1:, 2]])
+
+
 def memories(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """Memories (…, L, N, size) of delays and lags at every sample, as the inputs until then left them."""
     driving, _, held = _driven(model, stack)

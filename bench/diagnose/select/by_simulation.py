@@ -65,7 +65,7 @@ def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[
                 if name not in taken.ids:
                     tick(" + ".join((*taken.ids, name)))
                     model = taken.fitted.model
-                    grown = [replace(model, effects=(*model.effects, e)) for e in _points(name)]
+                    grown = [replace(model, effects=(*model.effects, e)) for e in _points(name, model)]
                     field.append(Choice((*taken.ids, name), _fit(subject, windows, grown), subject, windows))
             if not field:
                 break
@@ -105,7 +105,7 @@ def fit_by_simulation(
     windows, starts = Windows.of(subject.of(subject.training)), [model]
     if model.effects:
         rest, name = model.effects[:-1], EFFECTS.name_of(type(model.effects[-1]))
-        starts += [replace(model, effects=(*rest, e)) for e in _points(name)]
+        starts += [replace(model, effects=(*rest, e)) for e in _points(name, model)]
     with torch.no_grad():
         done = _fit(subject, windows, starts)
     return done.model, estimates(done, len(windows.log))
@@ -179,17 +179,17 @@ def _around(choice: Choice) -> Choice:
     begin = [
         replace(model, effects=(*model.effects[:i], point, *model.effects[i + 1 :]))
         for i, name in enumerate(choice.ids, known)
-        for point in _points(name)
+        for point in _points(name, model)
     ]
     found = _fit(choice.subject, choice.windows, begin)
     return replace(choice, fitted=found) if found.loss.sum() < choice.fitted.loss.sum() else choice
 
 
-def _points(name: str) -> list[Effect]:
+def _points(name: str, model: PhysicsModel) -> list[Effect]:
     """An effect from every value of its search grid, all else typical, so that every parameter is felt."""
     kind = EFFECTS.get(name)
     grid = [dict(zip(kind.screen, values, strict=True)) for values in product(*kind.screen.values())]
-    return [replace(kind.typical(), **values) for values in grid]
+    return [replace(kind.typical_for(model), **values) for values in grid]
 
 
 def _criterion(c: Choice, other: Choice) -> float:

@@ -269,6 +269,8 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
         return "it is learned from what the catalogue leaves, by `bench extend DATA --add learned`"
     if name in held:
         return "the model has it"
+    if why := kind.neutral_for(model, {}).misfit(model):
+        return why.rstrip(".")
     missing = [n for n in kind.needs if n not in measured]
     return f"{', '.join(missing)} was not measured" if missing else ""
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.diagnose.settings.ceiling import Ceiling
 from bench.diagnose.settings.checks import Aligning, Freezing, Leaving, Shifting, Spiking
-from bench.diagnose.settings.conventions import Lifting, Mending, Offsetting, Sampling, Trying, Turning
+from bench.diagnose.settings.conventions import Lifting, Mending, Mounting, Offsetting, Sampling, Trying, Turning
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading
 from bench.diagnose.settings.manoeuvre import Assuring, Composing, Designing, Limiting, Separating
@@ -32,6 +32,7 @@ SPIKING = Spiking()
 FREEZING = Freezing()
 SHIFTING = Shifting()
 LEAVING = Leaving()
+MOUNTING = Mounting()
 OFFSETTING = Offsetting()
 MENDING = Mending()
 TRYING = Trying()

@@ -25,6 +25,29 @@ class Offsetting:
 
 
 @dataclass(frozen=True)
+class Mounting:
+    """Axes of sensors, turned against those of the body."""
+
+    least: float = threshold(
+        1.0, "turn from which it is told: less makes less than a fiftieth of a torque act across", Basis.JUDGED, "deg"
+    )
+    significant: float = threshold(4.0, "times its standard error over stretches of flight", Basis.JUDGED)
+    stretch: float = threshold(3.0, "time of a stretch of flight that tells the turn by itself", Basis.JUDGED, "s")
+    parts: int = threshold(4, "stretches at least, so that their spread is known", Basis.JUDGED, "count")
+    few: int = threshold(50, "samples of a stretch that are too few", Basis.JUDGED, "count")
+    near: float = threshold(
+        0.5,
+        "distance, over the turn, of what rotors say from all of it or none, up to which they tell whose it is",
+        Basis.JUDGED,
+    )
+    moves: float = threshold(
+        0.1, "body rates, about the second most lively axis, that are enough", Basis.JUDGED, "rad/s"
+    )
+    ends: float = threshold(0.1, "time at the ends of a stretch that differences spoil", Basis.JUDGED, "s")
+    burst: float = threshold(0.1, "time over which rotors are held against rates; see `Turning`", Basis.JUDGED, "s")
+
+
+@dataclass(frozen=True)
 class Mending:
     """How a file says that its columns are to be read, against what other columns say."""
 

@@ -35,7 +35,8 @@ def attitude(values: Array, signal: SignalColumns) -> Array:
         q = _xyz(values)
     else:
         q = unit_quaternion(values if signal.convention == "quaternion_xyzw" else values[:, [1, 2, 3, 0]])
-    return q * [1.0, -1.0, -1.0, 1.0] if signal.frame == "ned" else q
+    q = q * [1.0, -1.0, -1.0, 1.0] if signal.frame == "ned" else q
+    return _times(q, -np.radians(signal.turned)) if signal.turned else q
 
 
 def in_frames(x: dict[str, Array], signals: Mapping[str, SignalColumns]) -> dict[str, Array]:
@@ -58,6 +59,8 @@ def vector(name: str, values: Array, signal: SignalColumns, q: Array | None) -> 
     """
     if signal.frame in ("ned", "frd"):
         values = values * HALF_TURN
+    if signal.turned:
+        values = rotate(_times(np.array([[0.0, 0.0, 0.0, 1.0]]), np.radians(signal.turned)), values)
     if name == "velocity" and signal.frame in ("body", "frd"):
         assert q is not None
         return rotate(q, values)
@@ -67,6 +70,16 @@ def vector(name: str, values: Array, signal: SignalColumns, q: Array | None) -> 
         turned = rotate(inverse, values) if signal.frame in ("world", "ned") else values
         return turned + rotate(inverse, np.broadcast_to(GRAVITY, values.shape)) * (signal.gravity == "removed")
     return values
+
+
+def _times(q: Array, turn: Array) -> Array:
+    """Quaternions xyzw (N, 4) times that of a rotation vector (3,) [rad]."""
+    x, y, z, w = q.T
+    size = float(np.linalg.norm(turn))
+    a, b, c = turn * (np.sin(size / 2) / size if size else 0.5)
+    d = np.cos(size / 2)
+    out = [w * a + x * d + y * c - z * b, w * b - x * c + y * d + z * a, w * c + x * b - y * a + z * d]
+    return np.stack([*out, w * d - x * a - y * b - z * c], axis=1)
 
 
 def _xyz(angles: Array) -> Array:

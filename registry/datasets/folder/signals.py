@@ -23,11 +23,15 @@ FRAMES = {
 """Of each signal: world with z up or north-east-down; body with y left and z up or forward-right-down. An attitude is
 from the body (flu) to the world with z up, or from forward-right-down to north-east-down (ned)."""
 GRAVITY = ("included", "removed")
+TURNED = {"attitude": ("flu", "ned"), "body_rates": ("body", "frd"), "specific_force": ("body", "frd")}
+"""Signals about axes that can be turned against the body's, and the frames in which they are about such."""
+LARGEST_TURN = 45.0
+"""Of them [deg]: more is another order or sign of the columns."""
 LONGEST_DELAY = 1.0
 """Of a signal that was logged late [s]."""
 _NAME = re.compile(r"[^\W\d]\w{0,39}")
 _AXIS = re.compile(r"\w{1,20}")
-_KEYS = ("columns", "unit", "axes", "convention", "frame", "gravity", "delay_s")
+_KEYS = ("columns", "unit", "axes", "convention", "frame", "gravity", "delay_s", "turned_deg")
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,8 @@ class SignalColumns:
     """Of the specific force: "removed" where it is the acceleration alone."""
     delay: float = 0.0
     """By how much it was logged late [s]."""
+    turned: tuple[float, ...] = ()
+    """By what rotation vector about the body's axes (forward, left, up) its own are turned [deg]; empty: not at all."""
     kept: str = ""
     """The unit in which it is kept; empty: that of SI."""
     axes: tuple[str, ...] = ()
@@ -114,9 +120,23 @@ def signal_columns(path: Path, name: str, entry: Any, model: type[PhysicsModel] 
         frame=frame,
         gravity=gravity,
         delay=float(delay),
+        turned=_turned(path, name, entry, frame),
         kept=kept,
         axes=axes,
     )
+
+
+def _turned(path: Path, name: str, entry: dict[str, Any], frame: str) -> tuple[float, ...]:
+    """The turn that is written of a signal's axes; empty: none."""
+    if "turned_deg" not in entry:
+        return ()
+    if name not in TURNED or (frame or TURNED[name][0]) not in TURNED[name]:
+        raise BenchError(f"{path}: {name} has no turned_deg: only {', '.join(TURNED)} have, about axes of the body.")
+    turn = entry["turned_deg"]
+    sound = isinstance(turn, list) and len(turn) == 3 and all(finite(x) and abs(x) <= LARGEST_TURN for x in turn)
+    if not sound:
+        raise BenchError(f"{path}: {name}: turned_deg must be three angles of at most {LARGEST_TURN:g}, not {turn!r}.")
+    return tuple(map(float, turn))
 
 
 def _wanted(path: Path, name: str, entry: dict[str, Any], model: type[PhysicsModel] | None) -> Signal | None:
