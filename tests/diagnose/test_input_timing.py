@@ -61,6 +61,22 @@ def test_inputs_that_are_linear_between_samples_are_left_as_they_are() -> None:
     assert not any("acts" in n for n in timed.notes)
 
 
+def test_a_shift_that_cross_correlation_suggests_is_read_only_where_the_regression_tells_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Of quiet recordings with noisy inputs the correlation says anything: five hovering flights gave 11.5, 2.2, 2.9,
+    # 0.1 and 1.5 samples where there is no shift.
+    states, force = flights(count=3, samples=600)
+    rng = np.random.default_rng(4)
+    force = force + rng.normal(0.0, force.std(), force.shape)
+    states = states + rng.normal(size=states.shape) * 0.1 * states.std((0, 1))
+    monkeypatch.setattr("bench.diagnose.select.input_timing._coarse", lambda subject: 1.4)
+    monkeypatch.setattr(type(TRUE), "drive_acts_at_once", True)
+    subject = subject_of(TRUE, states, force)
+    timed, _ = prepared(subject)
+    assert all(torch.equal(a.inputs, b.inputs) for a, b in zip(subject.logs, timed.logs, strict=True))
+
+
 def test_reading_between_samples_is_exact_for_cubics_and_leaves_other_signals_alone() -> None:
     t = torch.arange(20, dtype=torch.float64)
     inputs = torch.stack([t**3, t], dim=1)

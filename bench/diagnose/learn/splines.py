@@ -9,7 +9,7 @@ import torch
 
 from bench.diagnose.learn.candidates import PRODUCT, Columns, Pair
 from bench.diagnose.learn.held_out import Block, HeldOut
-from bench.diagnose.settings import SPLINING
+from bench.diagnose.settings import CHOOSING, SPLINING
 from registry.terms.spline import basis, roughness
 
 
@@ -85,9 +85,16 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
         found = [(i, *fits.smoothed(places[i], made[i].roughness, beside)) for i in first]
         return min(found, key=lambda f: float(f[2].sum()), default=None)
 
-    def least(pair: Pair, losses: np.ndarray) -> float:
-        """What a term must gain: more than noise, and not little of what its equation gains in all."""
-        return max(SPLINING.gain * fits.rows, SPLINING.relative * (gained[pair.equation] + float((now - losses).sum())))
+    def least(pair: Pair, before: np.ndarray, losses: np.ndarray) -> float:
+        """What a term must gain: more than noise, and not little of what its equation gains in all or of what is left.
+
+        Beside much larger terms what another axis lacks is little of all that is gained, and all that is left.
+        """
+        relevant = SPLINING.relative * (gained[pair.equation] + float((now - losses).sum()))
+        left = float(before.sum()) - fits.rows
+        if left > fits.rows:
+            relevant = min(relevant, CHOOSING.clearing * left)
+        return max(SPLINING.gain * fits.rows, relevant)
 
     for _ in range(SPLINING.most):
         beside, used = [s.block for s in taken], {s.pair for s in taken}
@@ -99,14 +106,14 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
         i, block, losses = found[min(found)]
         # Two signals must be better than one, for they hold much of that; and a product better than a sum of two terms.
         for length in sorted(found)[1:]:
-            if confirmed(losses - found[length][2], least(made[i].columns.pair, losses)):
+            if confirmed(losses - found[length][2], least(made[i].columns.pair, losses, losses)):
                 if length == PRODUCT:
                     alone = [j for n in found if n < PRODUCT for j in by_length[n] if j != i]
                     second = best([*beside, block], alone)
                     if second and second[2].sum() <= found[length][2].sum():
                         continue
                 i, block, losses = found[length]
-        if not confirmed(now - losses, least(made[i].columns.pair, losses)):
+        if not confirmed(now - losses, least(made[i].columns.pair, now, losses)):
             break
         gained[made[i].columns.pair.equation] += float((now - losses).sum())
         taken.append(Spline(made[i].columns.pair, made[i], block))

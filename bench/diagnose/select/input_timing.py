@@ -113,7 +113,7 @@ def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift]:
         value = np.clip(value + np.clip(step, -1, 1), -widest, widest)
         if (np.abs(step) < TIMING.negligible).all():
             break
-    told = (np.abs(value) >= TIMING.significant * error) | (start != 0)
+    told = np.abs(value) >= TIMING.significant * error
     inputs, sensed = (
         Shift(v, v - 1.96 * e, v + 1.96 * e) if t else nothing
         for v, e, t in zip(value.tolist(), error.tolist(), told, strict=True)
