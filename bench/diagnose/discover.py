@@ -59,11 +59,12 @@ def discover(
         return by_simulation.discover(subject, catalogue, tick)
     search = Search(subject, catalogue, tick, noise)
     view, fit, fields = _first(search)
-    calibrated = advanced(search, view, view.subsets.fit()).model
+    first, bare = view, advanced(search, view, view.subsets.fit()).model
     rounds = tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
     view = _exchanged(search, view, fit, fields)
     subject = search.subject
     tick("weigh")
+    _, calibrated = settled(search, bare, first)
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
     worthy, remarks, contradicted = _worthy(search, view, weighing)
     named, confounders = _understood(view, worthy, len(subject.model.effects))
@@ -229,7 +230,7 @@ def _understood(view: View, worthy: _Choice, known: int) -> tuple[list[int], lis
     traces, total = left_over(view, worthy.dropped)
     if total <= VERIFYING.left * view.floor:
         return left, []
-    kept = understood(view, left, traces, total, worthy.dropped)
+    kept = understood(view, left, traces, worthy.dropped)
     gone = view.linear.removed([i for i in left if i not in kept])[0]
     return [i for i in kept if i not in gone], sorted(gone - set(worthy.dropped))
 

@@ -41,6 +41,10 @@ def fit_parameters(
         return model, found
     tick("shooting")
     shot = multiple_shooting(model, subject, subject.training, tick)
+    held: set[tuple[int, str]] = set()
+    while turned := against(found, shot):
+        held |= turned
+        shot = multiple_shooting(model, subject, subject.training, tick, held)
     if lost(found, shot):
         return model, found
     better = shot.after < EXTENDING.shooting_gain * shot.before
@@ -52,10 +56,25 @@ def lost(found: Sequence[Estimate], shot: Shot) -> bool:
 
     Where torques are a riddle free runs lose the attitude, and say nothing of what acts in forces.
     """
-    sure = [x for x in found if not x.entry.constant and not x.low <= x.entry.neutral <= x.high]
     return any(
-        abs(_shot_to(x, shot) - x.entry.neutral) < EXTENDING.neutral * abs(x.value - x.entry.neutral) for x in sure
+        abs(_shot_to(x, shot) - x.entry.neutral) < EXTENDING.neutral * abs(x.value - x.entry.neutral)
+        for x in _sure(found)
     )
+
+
+def against(found: Sequence[Estimate], shot: Shot) -> set[tuple[int, str]]:
+    """Owner and label of numbers whose sign the weak form is sure of and free runs turn round.
+
+    Where a free run grows unstable it uses a small effect to steady it, with the wrong sign as well as with the right
+    one: such a number is the weak form's, and free runs fit the others around it.
+    """
+    sure = ((x, x.value - x.entry.neutral, _shot_to(x, shot) - x.entry.neutral) for x in _sure(found))
+    return {(x.entry.owner, x.entry.label) for x, before, after in sure if before * after < 0}
+
+
+def _sure(found: Sequence[Estimate]) -> list[Estimate]:
+    """Numbers of effects that differ from no effect for sure."""
+    return [x for x in found if not x.entry.constant and not x.low <= x.entry.neutral <= x.high]
 
 
 def _shot_to(x: Estimate, shot: Shot) -> float:

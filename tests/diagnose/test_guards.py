@@ -227,15 +227,37 @@ def test_a_widely_uncertain_constant_acts_on_the_delayed_input_where_a_delay_is_
         assert linear.columns[now[mass]] == pytest.approx(expected, rel=1e-2, abs=1e-2 * np.abs(expected).max())
 
 
-def test_a_small_part_of_something_unknown_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first effect imitates: what it gained is not understood, and the second gains too little beside that."""
-    misfit = {(): 100.0, (0,): 1100.0, (1,): 200.0, (2,): 1000.0}
-    subsets = SimpleNamespace(fit=lambda drop=(): SimpleNamespace(misfit=misfit[tuple(drop)]))
-    view = SimpleNamespace(subsets=subsets)
-    monkeypatch.setattr(verify, "needed", lambda view, place, traces, dropped: place != 0)
-    assert verify.understood(view, [0, 1, 2], [], total=50.0) == [2]  # type: ignore[arg-type]
-    monkeypatch.setattr(verify, "needed", lambda view, place, traces, dropped: True)
-    assert verify.understood(view, [0, 1, 2], [], total=50.0) == [0, 1, 2]  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("imitates", "third", "left", "named"),
+    [
+        (
+            True,
+            900.0,
+            (50.0, 50.0),
+            [2],
+        ),  # what the first one gained is not understood, and the second gains too little
+        (True, 90.0, (50.0, 50.0), []),
+        (False, 90.0, (50.0, 50.0), [0, 1, 2]),
+        (False, 90.0, (300.0, 50.0), [0]),  # what is missing in one channel may act in the other
+        (False, 60.0, (140.0, 50.0), [0, 1, 2]),  # a trace that is nothing missing is no rival in another channel
+        (False, 60.0, (10.0, 130.0), [0, 1]),
+    ],
+)
+def test_a_small_part_of_something_unknown_is_not_named(
+    imitates: bool, third: float, left: tuple[float, float], named: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first two effects act in one channel, the third in another; noise leaves 1000, 150 is something missing."""
+    saved = {0: [1000.0, 0.0], 1: [100.0, 0.0], 2: [0.0, third]}
+    losses = {(): np.zeros((1, 2))} | {(i,): np.array([gain]) for i, gain in saved.items()}
+    view = SimpleNamespace(
+        subsets=SimpleNamespace(fit=lambda drop=(): tuple(drop), losses=losses.__getitem__),
+        floor=1000.0,
+        reach=(frozenset({0}), frozenset({1})),
+        linear=SimpleNamespace(columns=range(3), channels=(0, 1)),
+    )
+    traces = [verify.ResidualTerm("", "", "", gain / 1000, 3 + i) for i, gain in enumerate(left)]
+    monkeypatch.setattr(verify, "needed", lambda view, place, traces, dropped: place != 0 or not imitates)
+    assert verify.understood(view, [0, 1, 2], traces) == named  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("drowned_too", [False, True])

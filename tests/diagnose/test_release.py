@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from test_compare import TRUE, flights, subject_of
 
+from bench.diagnose.discover import discover
 from bench.diagnose.regression.least_squares import Normal
 from bench.diagnose.regression.linearise import Linearization
 from bench.diagnose.regression.parameters import Entry, Prior, entries
@@ -83,3 +84,17 @@ def test_a_constant_that_was_let_go_is_known_no_more_and_that_is_said() -> None:
     known = {e.label: e for e in entries(search.subject.model, search.subject.uncertainty)}["stiffness"]
     assert known.low < 1 < 10_000 < known.high
     assert Prior.of([known]).precision[0] == pytest.approx((100.0 * np.log(10)) ** -2)
+
+
+@pytest.mark.parametrize("stated", [4.0, 0.25])
+def test_what_a_wrong_constant_spoils_is_no_part_of_what_an_effect_could_explain(stated: float) -> None:
+    """A fourth of the mass is far more than all of the damping: what is left is weighed once the mass is fitted."""
+    states, force = flights(count=6, samples=1500)
+    seen = states + np.random.default_rng(1).normal(size=states.shape) * [1e-4, 1e-3]
+    undamped = replace(TRUE, damping=0.0, mass=stated)
+    subject = subject_of(undamped, seen, force, uncertainty={"mass": 1.0, "stiffness": 0.01})
+    subject = replace(subject, training=subject.training[:4], held_out=subject.held_out[4:])
+    found = discover(subject, [])
+    assert found.calibrated.mass == pytest.approx(1.0, rel=0.02)  # type: ignore[attr-defined]
+    assert found.traces[0].signal == "speed" and not found.remarks
+    assert all(e.unexplained > 0.5 for e in found.equations)

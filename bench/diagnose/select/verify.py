@@ -169,23 +169,52 @@ def _anchored(view: View, dropped: Sequence[int] = ()) -> Folds:
 
 
 def understood(
-    view: View, places: Sequence[int], traces: Sequence[ResidualTerm], total: float, dropped: Sequence[int] = ()
+    view: View, places: Sequence[int], traces: Sequence[ResidualTerm], dropped: Sequence[int] = ()
 ) -> list[int]:
     """Of the effects in these places, those that neither imitate nor are a small part of something unknown.
+
+    What is left where an effect does not act counts where it is something missing by itself: what the catalogue has not
+    may act in forces and torques, and an effect imitate one half of it. A trace that is none is no rival.
 
     Args:
         view: a model with the effects.
         places: of effects in ``model.effects``.
         traces: what is left.
-        total: the loss that it makes.
         dropped: places of effects that the model does without.
     """
-    subsets = view.subsets
     kept = [i for i in places if needed(view, i, traces, dropped)]
-    current = subsets.fit(drop=dropped).misfit
-    gains = {i: subsets.fit(drop=[*dropped, i]).misfit - current for i in places}
-    unknown = total + sum(gain for i, gain in gains.items() if i not in kept)
-    return [i for i in kept if gains[i] > VERIFYING.part * unknown]
+    gains = {i: _gains(view, i, dropped) for i in places}
+
+    def unknown(acting: set[int]) -> float:
+        others = sum(float(gain[sorted(acting)].sum()) for i, gain in gains.items() if i not in kept)
+        return _left_where(view, traces, acting) + others
+
+    everything = unknown(set(range(len(view.linear.channels))))
+
+    def rival(place: int) -> float:
+        there = unknown(_acting(gains[place]))
+        return there if everything - there <= VERIFYING.left * view.floor else everything
+
+    return [i for i in kept if gains[i].sum() > VERIFYING.part * rival(i)]
+
+
+def _gains(view: View, place: int, dropped: Sequence[int]) -> np.ndarray:
+    """The loss (channels,) that the effect in this place saves."""
+    subsets = view.subsets
+    without, with_it = subsets.fit(drop=[*dropped, place]), subsets.fit(drop=dropped)
+    gains: np.ndarray = (subsets.losses(without) - subsets.losses(with_it)).sum(0)
+    return gains
+
+
+def _acting(gains: np.ndarray) -> set[int]:
+    """The channels in which an effect acts that gains this much in each (channels,)."""
+    return {int(c) for c in np.flatnonzero(gains > VERIFYING.acts * gains.sum())}
+
+
+def _left_where(view: View, traces: Sequence[ResidualTerm], acting: set[int]) -> float:
+    """The loss that the traces make which act in any of these channels."""
+    first = len(view.linear.columns)
+    return view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting)
 
 
 def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequence[int] = ()) -> bool:
@@ -199,13 +228,12 @@ def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequ
         traces: what is left, of which only that counts which acts where the effect does.
         dropped: places of effects that the model does without.
     """
-    subsets, less = view.subsets, [*dropped, place]
-    gains = (subsets.losses(subsets.fit(drop=less)) - subsets.losses(subsets.fit(drop=dropped))).sum(0)
-    acting = {int(c) for c in np.flatnonzero(gains > VERIFYING.acts * gains.sum())}
+    gains = _gains(view, place, dropped)
+    acting = _acting(gains)
     first, count = len(view.linear.columns), sum(e.owner == place for e in view.linear.own)
-    if gains.sum() < view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting):
+    if gains.sum() < _left_where(view, traces, acting):
         return False  # what acts there is not understood, and this is less than that
-    with_it, without_it = _anchored(view, dropped), _anchored(view, less)
+    with_it, without_it = _anchored(view, dropped), _anchored(view, [*dropped, place])
     allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
     terms = [column for column, _ in follow(without_it, first, count, allowed)]
 

@@ -4,7 +4,7 @@ Each window starts at the measured state; the residual is the prediction's error
 one-sided differences, all probes and all windows in one batched free run.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,14 +32,26 @@ class Shot:
 
 
 def multiple_shooting(
-    model: PhysicsModel, subject: Subject, names: Sequence[str], tick: Callable[[str], None] = lambda what: None
+    model: PhysicsModel,
+    subject: Subject,
+    names: Sequence[str],
+    tick: Callable[[str], None] = lambda what: None,
+    held: Collection[tuple[int, str]] = (),
 ) -> Shot:
-    """Fit constants (within their uncertainty) and effects of ``model`` on the recordings ``names``."""
+    """Fit constants (within their uncertainty) and effects of ``model`` on the recordings ``names``.
+
+    Args:
+        model: to start from.
+        subject: the recordings, and what is known of the constants.
+        names: of recordings.
+        tick: called with what is being done.
+        held: owner and label of each number that stays as the model has it.
+    """
     logs = subject.of(names)
     steps = default_steps(logs)
     every = max(steps // 2, sum(map(len, logs)) // SHOOTING.windows)
     at = [starts(log, steps, every) for log in logs]
-    where = entries(model, subject.uncertainty, subject.model)
+    where = _free(model, subject, held)
     judged = groups(model.state_channels, logs[0].measured)
     points = np.unique(np.linspace(0, steps, SHOOTING.points + 1).round().astype(int))[1:]
     measured = measured_windows(logs, at, steps)[:, points]
@@ -75,10 +87,15 @@ def multiple_shooting(
         else:
             break
         best, done = moved, now > last * (1 - SHOOTING.enough)
-        current, last = entries(best, subject.uncertainty, subject.model), now
+        current, last = _free(best, subject, held), now
         if done:
             break
     return Shot(best, start, last, tuple(current), np.linalg.pinv(gram))
+
+
+def _free(model: PhysicsModel, subject: Subject, held: Collection[tuple[int, str]]) -> list[Entry]:
+    """The numbers of a model that are fitted."""
+    return [e for e in entries(model, subject.uncertainty, subject.model) if (e.owner, e.label) not in held]
 
 
 def _errors(predicted: torch.Tensor, measured: torch.Tensor, of: Sequence[Group]) -> np.ndarray:
