@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import torch
+
 from bench.diagnose.answer import Steps, answer, stopped
 from bench.diagnose.checks.checklist import check_subject
 from bench.diagnose.checks.problems import Checked, problems, without_damaged
@@ -18,6 +20,7 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import sampled
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.weak import LogBatch, own_states
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.input_timing import prepared
@@ -123,9 +126,14 @@ def _checked(subject: Subject, ignore: Sequence[str]) -> tuple[Subject, Checked,
 def _shifts_again(subject: Subject, checked: Checked) -> Checked:
     """What is left of time shifts once the inputs are read when they act, by the model with all that was found.
 
-    Friction that is missing makes motion lead what drives it, named or learned, and so does a wall or a spring.
+    Friction that is missing makes motion lead what drives it, named or learned, and so does a wall or a spring; what
+    swings out of sight moves it at times of its own.
     """
-    again = problems(subject)
+    model, own = subject.model, {}
+    if model.internal_size:
+        with torch.no_grad():
+            own = {log.name: own_states(model, LogBatch.of([log]))[0] for log in subject.logs}
+    again = problems(subject, own)
     return checked if again.problems else Checked((), (*again.suspicions, *checked.problems[:1]))
 
 

@@ -177,6 +177,9 @@ class TorqueEffect(Effect):
 class RateEffect(Effect):
     """Adds to the time derivative of the state of any system."""
 
+    sees_extras: ClassVar[bool] = False
+    """Whether `rate` is given `PhysicsModel.extras` too, such as the time, after what drives the system."""
+
     @abstractmethod
     def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
         """What it adds to dx/dt.

@@ -32,6 +32,7 @@ class LearnedTerm(LoadEffect, RateEffect):
 
     equation: ClassVar[str] = "F = f(x), or f(x) y: a spline or a short formula of signals x, y, along one axis"
     learned: ClassVar[bool] = True
+    sees_extras: ClassVar[bool] = True
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     manoeuvre: ClassVar[str] = "go through the whole range of the signal that it follows, several times and at rest"
 

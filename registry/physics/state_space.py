@@ -37,7 +37,7 @@ class StateSpace(PhysicsModel):
         for effect in self.effects:
             if isinstance(effect, RateEffect):
                 seen = torch.cat([proper, state[..., at : at + effect.internal_size]], dim=-1)
-                added = effect.rate(model, seen, driving)
+                added = effect.rate(model, seen, inputs if effect.sees_extras else driving)
                 rate = rate + added[..., :size]
                 own.append(added[..., size:])
                 at += effect.internal_size

@@ -86,9 +86,10 @@ def signals_of(kind: type[PhysicsModel], drive: str, drives: int, extras: tuple[
         extras: signals that follow it in the inputs.
     """
     inputs = dict.fromkeys(input_names(kind, drive, drives), _input_unit(kind, drive))
+    inputs |= {n: _EXTRA_UNITS.get(n, "1") for n in extras}
     if flies(kind):
         own = {n: unit for n, (unit, _) in _OF_MOTION.items() if n != "thrust" or hasattr(kind, "rotor_positions")}
-        return {**own, **inputs, **{n: _EXTRA_UNITS.get(n, "1") for n in extras}}
+        return {**own, **inputs}
     states = {c.name: c.unit for c in kind.state_channels}
     return {**states, **{n: states[first] for n, (first, _, _) in combinations_of(kind).items()}, **inputs}
 
@@ -150,7 +151,10 @@ def of_motion(name: str, motion: Motion) -> Tensor:
 
 
 def of_state(name: str, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
-    """A signal (…) of a system that is given by its rates, at states (…, s) and driving inputs (…, m)."""
+    """A signal (…) of a system that is given by its rates, at states (…, s) and inputs (…, m).
+
+    The extras, after what drives it, are looked at where one of them is asked for.
+    """
     channels = [c.name for c in model.state_channels]
     kind: type[PhysicsModel] = type(model)
     combined = combinations_of(kind)
@@ -159,6 +163,9 @@ def of_state(name: str, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
         return state[..., channels.index(first)] + sign * state[..., channels.index(second)]
     if name in channels:
         return state[..., channels.index(name)]
+    if name in model.extras:
+        extra: Tensor = model.extra(name, inputs)
+        return extra
     return inputs[..., input_names(type(model), *drive_of(model)).index(name)]
 
 
@@ -173,12 +180,13 @@ def load_along(axis: str, amount: Tensor, motion: Motion) -> tuple[Tensor, Tenso
 
 
 def rate_along(axis: str, amount: Tensor, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
-    """What so much (…) along an axis adds to dx/dt (…, s), for states (…, s) and driving inputs (…, m)."""
+    """What so much (…) along an axis adds to dx/dt (…, s), at states (…, s) and inputs (…, m), driving ones first."""
     kind: type[PhysicsModel] = type(model)
     drives = drives_of(kind)
     if axis in drives:
         unit = torch.eye(len(drives), dtype=state.dtype, device=state.device)[drives.index(axis)]
-        added: Tensor = model.own_rate(state, inputs + amount.unsqueeze(-1) * unit) - model.own_rate(state, inputs)
+        driving = inputs[..., : len(drives)]
+        added: Tensor = model.own_rate(state, driving + amount.unsqueeze(-1) * unit) - model.own_rate(state, driving)
         return added
     place = [c.name for c in model.state_channels].index(axis)
     return amount.unsqueeze(-1) * torch.eye(state.shape[-1], dtype=state.dtype, device=state.device)[place]

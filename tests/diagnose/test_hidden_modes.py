@@ -12,15 +12,18 @@ from scipy.linalg import expm
 from scipy.signal import StateSpace, lsim
 
 from bench.diagnose import diagnose
+from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.modes.filters import Pole
 from bench.diagnose.learn.modes.modes import modes
 from bench.diagnose.learn.request import parsed
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.regression.recall import begun, driven, turned
+from bench.diagnose.regression.weak import LogBatch, own_states
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.input_timing import prepared
+from registry.contracts import Channel, Recording
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
@@ -166,3 +169,23 @@ def test_a_mass_on_a_spring_under_a_vehicle_pulls_it_back() -> None:
 def test_a_mode_is_asked_for_by_its_axis() -> None:
     pair = parsed("speed ~ swing", Oscillator())
     assert pair is not None and (pair.axis, pair.signals) == ("speed.q", ("swing",))
+
+
+def test_what_swings_out_of_sight_moves_what_is_seen_at_times_of_its_own() -> None:
+    """A second mass on a spring, 30 % of the first: its push is no motion that comes before or after the drive."""
+    rng, turn, ratio, zeta, step = np.random.default_rng(3), 2 * np.pi * 2.0, 0.3, 0.03, 0.01
+    a, b = np.zeros((4, 4)), np.array([[0.0], [1.0], [0.0], [1.0]])
+    pull = np.array([turn**2, 2 * zeta * turn])  # of the stretch and its rate
+    a[0, 1] = a[2, 3] = 1.0
+    a[1], a[3] = [-100, -0.5, *(-ratio * pull)], [-100, -0.5, *(-(1 + ratio) * pull)]
+    drive = lsim(([1.0], [0.02, 1.0]), rng.normal(size=2000) * 30, np.arange(2000) * step)[1]
+    seen = lsim(StateSpace(a, b, np.eye(4), 0 * b), drive, np.arange(2000) * step, [0.0, 0.0, 0.5, 0.0])[2][:, :2]
+    mode = HiddenMode(("speed.q",), ("speed.q",), 2, turn / 2 / np.pi, zeta, (0.0, -ratio))
+    model = dataclasses.replace(Oscillator(), effects=(mode,))
+    valid = np.ones(len(seen), dtype=bool)
+    made = Recording("run", 100.0, drive[:, None], seen, (Channel("force", "N"),), model.state_channels, valid)
+    log = log_of(made, model, "force")
+    with torch.no_grad():
+        own = own_states(model, LogBatch.of([log]))[0]
+    assert abs(lag_of(model, log, own)[0]) < 0.1 and lag_of(model, log, own)[1] > 0.99
+    assert lag_of(model, log)[1] < 0.97

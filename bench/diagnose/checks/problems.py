@@ -5,11 +5,12 @@ body rates, and only where nothing else was measured against what the nominal mo
 so that each must stand far above what noise, violent manoeuvres and missing physics do to the same quantities.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from torch import Tensor
 
 from bench.diagnose.checks.alignment import alignment
 from bench.diagnose.checks.excursions import Event, excursions, standing_out
@@ -38,8 +39,10 @@ class Checked(NamedTuple):
         return all(p.kind == "time shift" for p in self.problems)
 
 
-def problems(subject: Subject) -> Checked:
+def problems(subject: Subject, own: Mapping[str, Tensor] | None = None) -> Checked:
     """Look for faults in every recording of ``subject``.
+
+    ``own`` are by recording the own states (N, i) of the model's effects, where they are known.
 
     Kinds: "not finite", "quaternion", "frozen", "clipped", "spike", "clock jump", "clock rate", "unit",
     "scale", "swapped sign", "swapped axes", "inconsistent", "time shift". Rows are samples of the recording from 0,
@@ -54,7 +57,7 @@ def problems(subject: Subject) -> Checked:
     stopping, minor = standing_out(events)
     found += stopping
     if not found:
-        shifted, suspected = shifts(subject)
+        shifted, suspected = shifts(subject, own or {})
         found, minor = shifted, [*suspected, *minor]
     order = {log.name: i for i, log in enumerate(subject.logs)}
     found.sort(key=lambda p: (order[p.recording], p.rows or (0, 0)))

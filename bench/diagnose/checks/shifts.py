@@ -1,7 +1,10 @@
 """Whether inputs and motion are filed at the same times."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import torch
+from torch import Tensor
 
 from bench.diagnose.logs.consistency import Array, pairs, slope
 from bench.diagnose.logs.subject import Log, Subject
@@ -15,12 +18,13 @@ ENDS = SHIFTING.slow // 2
 """Samples at either end where that is another filter, which a shifted signal meets at another place."""
 
 
-def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
+def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProblem], list[DataProblem]]:
     """Recordings whose inputs are shifted against those of the others, and a shift that all of them share.
 
+    ``own`` are by recording the own states (N, i) of the model's effects, where they are known.
     The first stop the analysis; the second is a suspicion, since a delay or a lag of the vehicle looks the same.
     """
-    lags = {log.name: lag_of(subject.model, log) for log in subject.logs}
+    lags = {log.name: lag_of(subject.model, log, own.get(log.name)) for log in subject.logs}
     clear = {name: by for name, (by, how) in lags.items() if how > SHIFTING.clear}
     if not clear:
         return [], []
@@ -70,10 +74,11 @@ def shifts(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:
     return [], [DataProblem(next(iter(clear)), signal, "time shift", None, sentence)]
 
 
-def lag_of(model: PhysicsModel, log: Log) -> tuple[float, float]:
+def lag_of(model: PhysicsModel, log: Log, internal: Tensor | None = None) -> tuple[float, float]:
     """By how many samples motion follows what acts, and how well the two agree; agreement 0 where nothing is told.
 
-    What goes with the rates themselves is left out: missing damping makes motion lead what drives it.
+    What goes with the rates themselves is left out: missing damping makes motion lead what drives it. The own states
+    (N, i) of the model's effects are ``internal``, zero where nobody knows them.
     """
     count = log.inputs.shape[1] - len(model.extras)
     valid = extent(~widen(~log.valid.numpy(), 2))
@@ -86,7 +91,7 @@ def lag_of(model: PhysicsModel, log: Log) -> tuple[float, float]:
     inputs = acting(model, log) if lagging else log.inputs
     steady = inputs.clone()
     steady[:, :count] = inputs[valid, :count].mean(dim=0)
-    own, forced = (_rates(model, log, u)[:, channels] for u in (steady, inputs))
+    own, forced = (_rates(model, log, u, internal)[:, channels] for u in (steady, inputs))
     moving = x[:, channels]
     caused, seen = forced - own, slope(moving, False, log.dt) - own
     bands = [
@@ -99,8 +104,10 @@ def lag_of(model: PhysicsModel, log: Log) -> tuple[float, float]:
     return lag - (0.5 if model.input_hold == "previous" and not lagging else 0.0), how
 
 
-def _rates(model: PhysicsModel, log: Log, inputs: torch.Tensor) -> Array:
-    state = torch.cat([log.states, log.states.new_zeros(len(log), model.internal_size)], dim=1)
+def _rates(model: PhysicsModel, log: Log, inputs: Tensor, internal: Tensor | None) -> Array:
+    state = torch.cat(
+        [log.states, log.states.new_zeros(len(log), model.internal_size) if internal is None else internal], dim=1
+    )
     with torch.no_grad():
         out: Array = model.derivative(state, inputs, torch.zeros_like(inputs)).numpy()
     return out

@@ -44,27 +44,34 @@ def learn_all_terms(
     """
     subject, noise = prepared(subject, noise, tick)
     tick("what swings")
-    terms = _beside(_waves, subject, model, noise, tick, doubtful)
-    if not much or not subject.held_out or _left(subject, model, noise, terms, tick) < MATTERING.share:
+    found = _waves(subject, model, noise, tick)
+    terms = _beside(found, _waves, subject, model, noise, tick=tick, doubtful=doubtful)
+    if not much or not subject.held_out:
+        return terms
+    left = _left(subject, model, noise, terms, tick)
+    if left < MATTERING.share:
         return terms
     tick("hidden modes")
-    found = _beside(_swinging, subject, model, noise, tick, doubtful)
-    if not any(isinstance(t, HiddenMode) for t in found):
+    swinging = _swinging(subject, model, noise, tick, found)
+    if not any(isinstance(t, HiddenMode) for t in swinging):
         return terms
-    static, hidden = (_left(subject, model, noise, of, tick) for of in (terms, found))
-    return found if hidden < static else terms
+    beside = _beside(swinging, _swinging, subject, model, noise, tick=tick, doubtful=doubtful)
+    if not any(isinstance(t, HiddenMode) for t in beside):
+        return terms
+    return beside if _left(subject, model, noise, beside, tick) < left else terms
 
 
 def _beside(
+    found: tuple[Effect, ...],
     swinging: Callable[..., tuple[Effect, ...]],
     subject: Subject,
     model: PhysicsModel,
     noise: Noise,
+    *,
     tick: Callable[[str], None],
     doubtful: bool,
 ) -> tuple[Effect, ...]:
-    """What swings, as ``swinging`` finds it, and functions of signals beside it."""
-    found = swinging(subject, model, noise, tick)
+    """What swings, as ``swinging`` has ``found`` it, and functions of signals beside it."""
     terms = learn(subject, _with(model, *found), noise, tick, doubtful=doubtful)
     if not (found and terms):
         return (*found, *terms)
@@ -91,10 +98,17 @@ def _left(
 
 
 def _swinging(
-    subject: Subject, model: PhysicsModel, noise: Noise, tick: Callable[[str], None]
+    subject: Subject,
+    model: PhysicsModel,
+    noise: Noise,
+    tick: Callable[[str], None],
+    found: tuple[PeriodicTerm, ...] | None = None,
 ) -> tuple[PeriodicTerm | HiddenMode, ...]:
-    """The waves and the hidden modes that ``model`` lacks; what rings for long may look like a wave without a mode."""
-    found = _waves(subject, model, noise, tick)
+    """The waves and the hidden modes that ``model`` lacks; what rings for long may look like a wave without a mode.
+
+    ``found`` are its waves where they are known.
+    """
+    found = _waves(subject, model, noise, tick) if found is None else found
     driven = _modes(subject, _with(model, *found), noise, tick)
     if not driven and found:
         driven = _modes(subject, model, noise, tick)

@@ -143,8 +143,7 @@ def paths(model: PhysicsModel, stack: LogBatch) -> dict[str, np.ndarray]:
             motion = model.unloaded(state, inputs)[0]  # type: ignore[attr-defined]
             found = {n: known.of_motion(n, motion) for n in known.available(model)}
         else:
-            driving = inputs[..., : inputs.shape[-1] - len(model.extras)]
-            found = {n: known.of_state(n, model, state, driving) for n in known.available(model)}
+            found = {n: known.of_state(n, model, state, inputs) for n in known.available(model)}
     return {n: x.numpy() for n, x in found.items()}
 
 

@@ -146,7 +146,9 @@ def simplest(best: Mapping[str, Formula], spline: np.ndarray, without: np.ndarra
 
     def worse(losses: np.ndarray) -> bool:
         lost = float((losses - least).sum())
-        allowed = min(WORDING.worse * saved, (MATTERING.near**2 - 1) * float(least.sum()))
+        # Where more noise of the inputs was taken off than there is, less than nothing is left: no share of that.
+        left = float(least.sum()) if least.sum() > 0 else np.inf
+        allowed = min(WORDING.worse * saved, (MATTERING.near**2 - 1) * left)
         # Recordings differ in how far they go; by which factor a shape is worse is alike in all.
         factor = np.log(np.maximum(losses, 1e-300) / np.maximum(least, 1e-300))
         spread = float(factor.std(ddof=1)) / len(factor) ** 0.5 if len(factor) > 1 else 0.0

@@ -262,7 +262,7 @@ def followed(name: str, model: PhysicsModel, stack: LogBatch) -> Tensor:
     inputs = before if model.input_hold == "previous" else (before + after) / 2
     if signals.flies(type(model)):
         return signals.of_motion(name, model.unloaded(state, inputs)[0])  # type: ignore[attr-defined]
-    return signals.of_state(name, model, state, inputs[..., : inputs.shape[-1] - len(model.extras)])
+    return signals.of_state(name, model, state, inputs)
 
 
 def _solved_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tensor) -> Tensor:

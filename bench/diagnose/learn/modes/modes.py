@@ -71,7 +71,7 @@ class _Runs:
 def drivers_of(model: PhysicsModel, axis: str) -> list[str]:
     """The signals that can drive a mode along an axis: of a vehicle its own velocity, else all."""
     if not known.flies(type(model)):
-        return [p.signals[0] for p in pairs(model) if p.axis == axis]
+        return [p.signals[0] for p in pairs(model) if p.axis == axis and p.signals[0] not in model.extras]
     along = axis[-1]
     if axis in known.TORQUES:
         return [f"body_rates.{'pqr'['xyz'.index(along)]}"]
