@@ -1,15 +1,19 @@
 """Files that are whole or absent, whatever dies meanwhile: written beside under another name, then renamed."""
 
+import fcntl
+import glob
 import os
-import secrets
+import shutil
+import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
 from registry.errors import BenchError
 
 NAME_BYTES = 200
 """Of a file's name, that the name of its draft keeps: names end at 255."""
+_DRAFT = ".draft"
 
 
 def flush(path: Path) -> None:
@@ -44,10 +48,80 @@ def writing(what: object) -> Iterator[None]:
 
 
 @contextmanager
-def replacing(path: Path, flushed: bool = True) -> Iterator[Path]:
-    """A name beside ``path`` for its next content, to be written inside; at the end it takes the place of ``path``.
+def drafting(folder: Path, prefix: str) -> Iterator[Path]:
+    """An empty folder to write into, locked while inside and removed at the end.
 
-    Whoever is killed meanwhile leaves ``path`` as it was, and a hidden draft. The folder is made where there is none.
+    The lock ends with the process, however that ends: drafts of the same prefix that nobody holds any more were left by
+    a kill, and are removed before. Where the file system has no locks they stay.
+
+    Args:
+        folder: in which it is made; it must be there.
+        prefix: of its name.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    clear(folder, prefix)
+    draft, handle = _locked(folder, prefix)
+    try:
+        yield draft
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+        os.close(handle)
+
+
+def scratch(prefix: str = "multistep-bench-") -> AbstractContextManager[Path]:
+    """A draft where temporary files are."""
+    return drafting(Path(tempfile.gettempdir()), prefix)
+
+
+def clear(folder: Path, prefix: str) -> None:
+    """Remove the drafts of processes that were killed."""
+    for left in folder.glob(f"{glob.escape(prefix)}*{_DRAFT}"):
+        with suppress(OSError):  # somebody else's, or removed meanwhile
+            handle = os.open(left, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            try:
+                if os.fstat(handle).st_uid == os.geteuid():
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    shutil.rmtree(left, ignore_errors=True)
+            finally:
+                os.close(handle)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, or a draft with what is in it, where it is there."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _locked(folder: Path, prefix: str) -> tuple[Path, int]:
+    """A new draft and what holds its lock; another process that clears up may take away one that is not locked yet."""
+    while True:
+        draft = Path(tempfile.mkdtemp(prefix=prefix, suffix=_DRAFT, dir=folder))
+        try:
+            handle = os.open(draft, os.O_RDONLY | os.O_DIRECTORY)
+        except FileNotFoundError:
+            continue
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            continue
+        except OSError:
+            pass  # a file system without locks
+        if draft.exists():
+            return draft, handle
+        os.close(handle)
+
+
+@contextmanager
+def replacing(path: Path, flushed: bool = True) -> Iterator[Path]:
+    """A name for the next content of ``path``, to be written inside; at the end it takes the place of ``path``.
+
+    Whoever is killed meanwhile leaves ``path`` as it was, and a hidden draft, which the next to write removes. The
+    folder is made where there is none.
 
     Args:
         path: of the file.
@@ -59,16 +133,14 @@ def replacing(path: Path, flushed: bool = True) -> Iterator[Path]:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     kept = os.fsencode(path.name)[:NAME_BYTES].decode(errors="ignore")
-    draft = path.with_name(f".{kept}.{secrets.token_hex(4)}")
-    try:
+    with drafting(path.parent, f".{kept}.") as folder:
+        draft = folder / path.name
         yield draft
         if flushed:
             flush(draft)
             move(draft, path)
         else:
             os.replace(draft, path)
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -54,6 +54,7 @@ class Toy(Dataset):
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--faults-table", metavar="FILE", help="Write what the fault tests killed, and what was lost.")
+    parser.addoption("--kills", metavar="N", type=int, default=0, help="Kills at random moments, instead of a few.")
 
 
 def pytest_report_header() -> list[str]:
@@ -64,16 +65,23 @@ def pytest_report_header() -> list[str]:
 
 @pytest.fixture(scope="session")
 def faults(request: pytest.FixtureRequest) -> Iterator[Callable[..., None]]:
-    """Enters a row: what was hit, how often, records lost, records damaged, what was trained again."""
-    rows: list[tuple[str, ...]] = []
-    yield lambda *row: rows.append(tuple(map(str, row)))
+    """Enters a row: what was hit, how often, results lost, results damaged, what was done again.
+
+    Rows of tests that were not run stay as the table has them.
+    """
+    rows: dict[str, tuple[str, ...]] = {}
+    yield lambda *row: rows.update({row[0]: tuple(map(str, row))})
     target = request.config.getoption("--faults-table", None)
     if target and rows:
-        head = ("what was hit", "times", "finished records lost", "damaged", "trained again")
-        lines = [" | ".join(("", *row, "")).strip() for row in (head, ("---",) * len(head), *sorted(rows))]
-        command = "tox -e cluster -- --faults-table results/published/faults.md"
-        Path(target).write_text("\n".join(["# What dies, and what is lost", "", f"`{command}`", "", *lines, ""]))
-        entered(Path(target))
+        path = Path(target)
+        lines = path.read_text().splitlines() if path.is_file() else []
+        before = [line.strip("| ").split(" | ") for line in lines if line.startswith("| ")]
+        rows = {row[0]: tuple(row) for row in before[2:]} | rows
+        head = ("what was hit", "times", "finished results lost", "damaged", "done again")
+        lines = [" | ".join(("", *row, "")).strip() for row in (head, ("---",) * len(head), *sorted(rows.values()))]
+        command = "tox -e cluster -- --kills 200 --faults-table results/published/faults.md"
+        path.write_text("\n".join(["# What dies, and what is lost", "", f"`{command}`", "", *lines, ""]))
+        entered(path)
 
 
 @pytest.fixture(scope="session")

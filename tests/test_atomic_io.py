@@ -1,10 +1,10 @@
 """A file that is replaced is the old one or the new one."""
 
 import os
-import signal
 import stat
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,25 +17,52 @@ def test_what_fails_leaves_the_file_as_it_was_and_no_draft(tmp_path: Path, flush
     path = tmp_path / "made" / "file.txt"
     with replacing(path, flushed) as draft:
         draft.write_text("old")
-        assert not path.exists() and draft.parent == path.parent
+        assert not path.exists() and draft.parent.parent == path.parent
     with pytest.raises(ZeroDivisionError), replacing(path, flushed) as draft:
         draft.write_text("half")
         print(1 / 0)
     assert path.read_text() == "old" and list(path.parent.iterdir()) == [path]
 
 
-def test_a_kill_leaves_the_file_as_it_was(tmp_path: Path) -> None:
+KILLED = (
+    "import sys; from pathlib import Path; from registry.atomic_io import replacing\n"
+    "with replacing(Path(sys.argv[1])) as draft:\n"
+    "    draft.write_text('half'); print('here', flush=True); sys.stdin.read()"
+)
+
+
+@pytest.fixture
+def writer(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """A process that is writing a file, until it is killed."""
+    command = [sys.executable, "-c", KILLED, str(tmp_path / "file.txt")]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout and process.stdout.readline() == "here\n"
+        yield process
+        process.kill()
+
+
+def test_a_kill_leaves_the_file_as_it_was_and_a_draft_for_the_next_to_remove(
+    tmp_path: Path, writer: subprocess.Popen[str]
+) -> None:
     path = tmp_path / "file.txt"
     write_text(path, "old")
-    code = (
-        "import os, signal, sys; from pathlib import Path; from registry.atomic_io import replacing\n"
-        "with replacing(Path(sys.argv[1])) as draft:\n"
-        "    draft.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)"
-    )
-    assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == -signal.SIGKILL
+    (draft,) = tmp_path.glob(".file.txt.*")  # not removed: somebody is at it
+    assert (draft / path.name).read_text() == "half"
+    writer.kill()
+    writer.wait()
     assert path.read_text() == "old"
     write_text(path, "new")
-    assert path.read_text() == "new"
+    assert path.read_text() == "new" and list(tmp_path.iterdir()) == [path]
+
+
+def test_nothing_but_a_draft_is_removed(tmp_path: Path) -> None:
+    own = tmp_path / ".file.txt.20261124"
+    linked = tmp_path / ".file.txt.abcdefgh.draft"
+    (tmp_path / "elsewhere").mkdir()
+    linked.symlink_to(tmp_path / "elsewhere")
+    own.write_text("mine")
+    write_text(tmp_path / "file.txt", "new")
+    assert own.read_text() == "mine" and (tmp_path / "elsewhere").is_dir() and linked.is_symlink()
 
 
 def test_any_name_and_the_usual_permissions(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import json
 import math
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from bench.claims.evidence import StudyRun
 from bench.claims.gathering import Folder, folders
 from bench.claims.manifest import entered
 from bench.records.record import RunRecord, exists, write_json
-from registry.atomic_io import writing
+from registry.atomic_io import scratch, writing
 from registry.errors import BenchError
 
 OTHER_PROCESSOR = 0.01
@@ -160,8 +159,8 @@ def rerun() -> list[dict[str, Any]]:
             test_stride=50,
         )
         configs += [replace(run, seed=seed) for seed in range(RERUN_SEEDS)]
-    with tempfile.TemporaryDirectory() as folder:
-        records = engine.execute(engine.plan(configs, Path(folder)), Path(folder))
+    with scratch() as folder:
+        records = engine.execute(engine.plan(configs, folder), folder)
         names = ("key", "spec", "dataset", "outputs", "horizon", "seed", "status", "metrics")
         return [{n: r.summary[n] for n in names} for r in records]
 

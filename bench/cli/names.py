@@ -1,6 +1,6 @@
 """Names on the command line, looked up before anything heavy is imported: a misspelt one is said at once."""
 
-from pathlib import Path
+import os
 
 import click
 
@@ -46,11 +46,11 @@ def check_system(system: str | None) -> None:
     path, colon, _ = system.rpartition(":")
     if not colon or not path.endswith(".py"):
         PHYSICS.check(system)
-    elif not Path(path).is_file():
+    elif not os.path.isfile(path):  # False too for what can be no path
         raise BenchError(f"--system {system}: the file {path} does not exist.")
 
 
 def check_dataset(name: str | None) -> None:
     """Raise `BenchError` where no data set has this name and no folder with a dataset.toml either."""
-    if name is not None and not (Path(name) / "dataset.toml").is_file():
+    if name is not None and not os.path.isfile(os.path.join(name, "dataset.toml")):
         DATASETS.check(name)

@@ -9,11 +9,12 @@ import os
 import platform
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import torch
+from safetensors.torch import load, save
 
 from bench.execution.executor import run_jobs, send_progress
 from bench.experiment.config import RunConfig, from_json, to_json
@@ -24,7 +25,7 @@ from bench.training.data import prepare
 from bench.training.run import Outcome, run_group
 from bench.training.split import choose_split, digest
 from bench.training.train import batchable
-from registry.atomic_io import writing
+from registry.atomic_io import remove, writing
 from registry.errors import BenchError
 
 GROUP = 9
@@ -138,11 +139,16 @@ def shared(checkpoint: str) -> Path | None:
 
 
 def _work(plain: Sequence[dict[str, Any]], keys: Sequence[str], checkpoint: str, weight: float) -> list[Outcome]:
-    """In a worker: train a group, telling the driver about progress."""
+    """In a worker: train a group, telling the driver about progress.
+
+    Weights go as bytes: tensors would be shared between processes through a socket in a temporary folder, which a
+    worker that is stopped leaves behind.
+    """
     torch.set_num_threads(1)
     configs = [from_json(p) for p in plain]
     refuse_others(configs, keys)
-    return run_group(configs, lambda n: send_progress(n * weight), shared(checkpoint))
+    made = run_group(configs, lambda n: send_progress(n * weight), shared(checkpoint))
+    return [replace(o, weights=save(o.weights)) for o in made]
 
 
 def execute(
@@ -199,9 +205,10 @@ def _forget(partial: Path, runs: Path) -> None:
     """Remove the checkpoints, and drafts of them, whose runs are recorded: by this driver or by one that was killed."""
     for left in partial.glob("*"):
         if record.whole(runs, left.name.lstrip(".").split("-")[0]):
-            left.unlink(missing_ok=True)
+            remove(left)
 
 
 def write(outcome: Outcome, runs: Path) -> RunRecord:
     """File an outcome as a record."""
-    return record.write(runs, outcome.summary, outcome.config, outcome.tables, outcome.weights, outcome.provenance)
+    weights = load(outcome.weights) if isinstance(outcome.weights, bytes) else outcome.weights
+    return record.write(runs, outcome.summary, outcome.config, outcome.tables, weights, outcome.provenance)

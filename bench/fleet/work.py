@@ -1,7 +1,6 @@
 """In a worker: the diagnosis of one vehicle, as the texts of its files."""
 
 import platform
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from bench.diagnose.result import Diagnosis
 from bench.diagnose.select.catalogue import check_catalogue
 from bench.fleet.members import Member
 from bench.fleet.options import Options, environment, key_of
+from registry.atomic_io import scratch
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
@@ -78,5 +78,5 @@ def work(do: Diagnose, member: Member, options: Options, key: str, same: dict[st
 def _files(member: Member, found: Diagnosis, model: PhysicsModel) -> dict[str, str]:
     vehicle = member.vehicle if member.only else ""
     found = replace(found, evidence=replace(found.evidence, source=member.source, vehicle=vehicle))
-    with tempfile.TemporaryDirectory() as name:
-        return {p.name: p.read_text(encoding="utf-8") for p in together.write(Path(name), found, model)}
+    with scratch() as folder:
+        return {p.name: p.read_text(encoding="utf-8") for p in together.write(folder, found, model)}

@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 import stat
-import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -81,8 +80,7 @@ def read(source: Path, runs: Path) -> Imported:
     """
     try:
         runs.mkdir(parents=True, exist_ok=True)
-        with _opened(source) as packed, tempfile.TemporaryDirectory(prefix=".import-", dir=runs) as name:
-            draft = Path(name)
+        with _opened(source) as packed, atomic_io.drafting(runs, ".import-") as draft:
             members = _members(packed, source)
             about = _manifest(packed, members, source)
             for key in about["keys"]:

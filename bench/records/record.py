@@ -7,8 +7,6 @@ are rebuilt from records.
 import hashlib
 import json
 import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -165,32 +163,28 @@ def write(
     final = runs / summary["key"]
     if whole(runs, final.name):
         return RunRecord(final)
-    draft: Path | None = None
     try:
         runs.mkdir(parents=True, exist_ok=True)
-        draft = Path(tempfile.mkdtemp(prefix=".draft-", dir=runs))
-        for name in TABLES:
-            pq.write_table(pa.Table.from_pandas(tables[name], preserve_index=False), draft / f"{name}.parquet")
-        tensors = {name: value.detach().contiguous() for name, value in weights.items()}
-        save_file(tensors, draft / "model.safetensors")
-        write_json(draft / "config.json", config)
-        files = {p.name: sha256(p) for p in sorted(draft.iterdir())}
-        write_json(draft / "record.json", {**summary, "files": files})
-        write_json(draft / "provenance.json", stamp.stamped(provenance, (draft / "record.json").read_bytes()))
-        for path in [*draft.iterdir(), draft]:
-            atomic_io.flush(path)
-        if final.exists() and not whole(runs, final.name):  # damaged from outside
-            os.rename(final, runs / f".damaged-{final.name}-{os.getpid()}")
-        atomic_io.move(draft, final)
+        with atomic_io.drafting(runs, ".draft-") as draft:
+            for name in TABLES:
+                pq.write_table(pa.Table.from_pandas(tables[name], preserve_index=False), draft / f"{name}.parquet")
+            tensors = {name: value.detach().contiguous() for name, value in weights.items()}
+            save_file(tensors, draft / "model.safetensors")
+            write_json(draft / "config.json", config)
+            files = {p.name: sha256(p) for p in sorted(draft.iterdir())}
+            write_json(draft / "record.json", {**summary, "files": files})
+            write_json(draft / "provenance.json", stamp.stamped(provenance, (draft / "record.json").read_bytes()))
+            for path in [*draft.iterdir(), draft]:
+                atomic_io.flush(path)
+            if final.exists() and not whole(runs, final.name):  # damaged from outside
+                os.rename(final, runs / f".damaged-{final.name}-{os.getpid()}")
+            atomic_io.move(draft, final)
     except (OSError, safetensors.SafetensorError) as error:
         if whole(runs, final.name):  # another process finished the same run first
             return RunRecord(final)
         raise BenchError(
             f"The results folder {runs} cannot be written: {getattr(error, 'strerror', None) or error}."
         ) from error
-    finally:
-        if draft is not None:
-            shutil.rmtree(draft, ignore_errors=True)
     return RunRecord(final)
 
 

@@ -1,8 +1,7 @@
 """The logs of a case as the diagnosis takes them."""
 
-import shutil
-import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of
+from registry.atomic_io import drafting
 from registry.core import EFFECTS
 from registry.datasets.signals import recording
 from registry.physics.quadrotor import Quadrotor
@@ -64,12 +64,10 @@ def written_once(path: Path, write: Callable[[Path], None]) -> Path:
     """``path``, a folder that ``write`` fills on first use; whole or not there, also beside other processes."""
     if not path.is_dir():
         path.parent.mkdir(parents=True, exist_ok=True)
-        made = Path(tempfile.mkdtemp(dir=path.parent))
-        write(made)
-        try:
-            made.rename(path)
-        except OSError:  # another process was quicker
-            shutil.rmtree(made)
+        with drafting(path.parent, f".{path.name}.") as made:
+            write(made)
+            with suppress(OSError):  # another process was quicker
+                made.rename(path)
     return path
 
 

@@ -25,6 +25,7 @@ from bench.sweep.journal import Sweep, begun
 from bench.sweep.space import configured
 from bench.training.data import prepare
 from bench.training.train import batchable
+from registry.atomic_io import remove
 from registry.errors import BenchError
 
 Group = tuple[optuna.Trial, ...]
@@ -135,7 +136,7 @@ class _Driver:
         """Remove the checkpoint of a group that is finished, and drafts of killed workers."""
         checkpoint = self._checkpoint(group)
         for left in (checkpoint, *self.partial.glob(f".{checkpoint.name}.*")):
-            left.unlink(missing_ok=True)
+            remove(left)
 
     def on_progress(self, message: tuple[int, list[tuple[int, float]]]) -> None:
         """A worker has looked at the validation part."""

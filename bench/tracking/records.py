@@ -5,7 +5,6 @@ Runs are flat: the chart page of MLflow stays empty for nested ones.
 
 import json
 import math
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from mlflow.tracking import MlflowClient
 from bench.records.record import RunRecord
 from bench.reporting import run_page
 from bench.tracking.server import connected, experiment_of, find_run, plain, unit_name
+from registry.atomic_io import scratch
 
 CHARTED = ("mean", "median", "q95")
 """Statistics drawn on the chart page; all others are in the record's table, kept as an artifact."""
@@ -108,9 +108,9 @@ def mirror_one(client: MlflowClient, experiment_id: str, record: RunRecord, stud
             tags=[] if i else tags,
         )
     client.log_inputs(run_id, datasets=[_dataset(summary)])
-    with tempfile.TemporaryDirectory() as scratch:
+    with scratch() as folder:
         if not record.steps.empty:
-            page = Path(scratch) / "error_per_step.html"
+            page = folder / "error_per_step.html"
             page.write_text(run_page.render(record), encoding="utf-8")
             client.log_artifact(run_id, str(page))
     client.log_artifacts(run_id, str(record.folder), "record")

@@ -5,7 +5,6 @@ import logging
 import os
 import re
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -96,17 +95,13 @@ def _create(database: Path) -> None:
     if database.exists():
         return
     database.parent.mkdir(parents=True, exist_ok=True)
-    draft = database.with_name(f".{database.name}.{os.getpid()}")
-    with tempfile.TemporaryDirectory() as elsewhere:
-        made = Path(elsewhere) / database.name
+    with atomic_io.scratch() as elsewhere, atomic_io.drafting(database.parent, f".{database.name}.") as beside:
+        made, draft = elsewhere / database.name, beside / database.name
         MlflowClient(tracking_uri=f"sqlite:///{made}").search_experiments(max_results=1)
-        try:
-            shutil.copyfile(made, draft)
-            atomic_io.flush(draft)
-            if not database.exists():  # another process may have been quicker
-                atomic_io.move(draft, database)
-        finally:
-            draft.unlink(missing_ok=True)
+        shutil.copyfile(made, draft)
+        atomic_io.flush(draft)
+        if not database.exists():  # another process may have been quicker
+            atomic_io.move(draft, database)
 
 
 def experiment_of(client: MlflowClient, uri: str, name: str, sections: Mapping[str, bool]) -> str:

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import FrameType
 
 from bench.tracking.track import VIEW, artifact_root, default_uri, find_experiment
+from registry.atomic_io import scratch
 from registry.errors import BenchError
 
 _SECONDS_TO_START = 60
@@ -83,7 +84,7 @@ def server(uri: str, host: str = "127.0.0.1", port: int = 5000) -> Iterator[str]
     settings = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_DISABLE_TELEMETRY": "true"}
     settings["PYTHONSAFEPATH"] = "1"
     # uvicorn puts the folder in which it starts first on the path, whatever Python was told: an empty one.
-    with tempfile.TemporaryFile() as log, tempfile.TemporaryDirectory() as empty:
+    with tempfile.TemporaryFile() as log, scratch() as empty:
         process = subprocess.Popen(
             command,
             env=os.environ | settings,

@@ -12,7 +12,6 @@ from typing import Any
 
 import pandas as pd
 import torch
-from torch import Tensor
 
 from bench.experiment.config import RunConfig, to_json
 from bench.experiment.run_key import environment, run_key
@@ -32,7 +31,8 @@ class Outcome:
     summary: dict[str, Any]
     config: dict[str, Any]
     tables: dict[str, pd.DataFrame]
-    weights: dict[str, Tensor]
+    weights: Any
+    """Tensors by name; on the way between processes the bytes of a safetensors file."""
     provenance: dict[str, Any]
 
 
@@ -104,7 +104,7 @@ def _outcome(
         "versions": {p: version(p) for p in ("multistep-bench", "torch", "numpy", "pandas", "pyarrow")},
         "git": git_commit(),
     }
-    weights = {k: v.detach().clone() for k, v in trained.model.state_dict().items()}
+    weights = {k: v.detach().contiguous().clone() for k, v in trained.model.state_dict().items()}
     return Outcome(summary, to_json(config), {"steps": steps, "curve": curve, "windows": windows}, weights, provenance)
 
 

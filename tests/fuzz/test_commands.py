@@ -1,6 +1,7 @@
 """Anything as an argument, option or environment variable of a command: it answers, or says in one line why not."""
 
 import os
+from importlib.util import find_spec
 from pathlib import Path
 from unittest import mock
 
@@ -68,7 +69,7 @@ COMMANDS = (
     "sync --results {}",
     "score-discovery --case {} --fraction {}",
     "speed --only {} --json {}",
-    "cluster start --port {}",
+    *(() if find_spec("distributed") else ("cluster start --port {}",)),  # which serves where it can
     "{}",
 )
 
@@ -126,3 +127,9 @@ def _filled(word: str, place: dict[str, str], values: "object") -> str:
 def test_anything_in_the_environment(place: dict[str, str], name: str, value: str, command: str) -> None:
     with mock.patch.dict(os.environ, {"BENCH_DATA": "", name: value}):
         one_sentence(lambda: answers([_filled(w, place, iter(())) for w in command.split()]))
+
+
+@pytest.mark.parametrize("words", [("data", "inspect"), ("compare", ".", "--system")])
+def test_a_name_that_no_path_can_have(words: tuple[str, ...]) -> None:
+    with pytest.raises(BenchError, match=r"There is no|does not exist"):
+        answers([*words, "[" * 3000 + (".py:C" if "--system" in words else "")])

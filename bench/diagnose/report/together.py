@@ -1,8 +1,6 @@
 """Page, JSON and model of one diagnosis, put in place so that a folder never holds those of two."""
 
 import os
-import shutil
-import tempfile
 from pathlib import Path
 
 from bench.diagnose.report import model_file
@@ -32,10 +30,7 @@ def write(folder: Path, diagnosis: Diagnosis, model: PhysicsModel) -> list[Path]
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for left in folder.glob(f"{_DRAFT}*"):  # of a process that was killed
-            shutil.rmtree(left, ignore_errors=True)
-        with tempfile.TemporaryDirectory(prefix=_DRAFT, dir=folder) as name:
-            draft = Path(name)
+        with atomic_io.drafting(folder, _DRAFT) as draft:
             page.write(draft / PAGE, diagnosis)
             diagnosis.write(draft / VALUES)
             if diagnosis.verdict != "data_problem":
