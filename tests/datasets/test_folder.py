@@ -284,6 +284,53 @@ def test_the_signals_of_a_named_system_are_drafted(tmp_path, system, columns, si
     refuse_unstated(Folder(path=str(tmp_path)), PHYSICS.get(system))
 
 
+def test_names_of_logs_in_north_east_down_are_known(tmp_path):
+    """As ArduPilot writes them, and PX4's tools; degrees are seen by their size."""
+    data = pd.DataFrame({"TimeMS": 10.0 * np.arange(50)})
+    for i, name in enumerate(
+        [
+            "PN",
+            "PE",
+            "PD",
+            "VN",
+            "VE",
+            "VD",
+            "Roll",
+            "Pitch",
+            "Yaw",
+            "GyrX",
+            "GyrY",
+            "GyrZ",
+            "AccX",
+            "AccY",
+            "AccZ",
+            "M1",
+            "M2",
+            "M3",
+            "M4",
+        ]
+    ):
+        data[name] = 10 * np.sin(0.1 * np.arange(50) + i)
+    data.to_csv(tmp_path / "a.csv", index=False)
+    text = draft(tmp_path)
+    for said in (
+        'position = {columns = ["PN", "PE", "PD"], unit = "m", frame = "ned"}',
+        'velocity = {columns = ["VN", "VE", "VD"], unit = "m/s", frame = "ned"}',
+        'attitude = {columns = ["Roll", "Pitch", "Yaw"], unit = "deg", convention = "euler_zyx", frame = "ned"}',
+        'body_rates = {columns = ["GyrX", "GyrY", "GyrZ"], unit = "rad/s", frame = "frd"}',
+        'specific_force = {columns = ["AccX", "AccY", "AccZ"], unit = "m/s^2", frame = "frd"}',
+        'time_unit = "ms"',
+    ):
+        assert said in text
+    names = "vx vy vz q0 q1 q2 q3 ang_vel_x ang_vel_y ang_vel_z acc_b_x acc_b_y acc_b_z u0 u1 u2 u3"
+    pd.DataFrame(np.full((50, 17), 0.1), columns=names.split()).assign(t=np.arange(50) / 100).to_csv(
+        tmp_path / "a.csv", index=False
+    )
+    text = draft(tmp_path)
+    assert "TODO: what is column" not in text and 'input = "pwm"' in text
+    assert 'attitude = {columns = ["q0", "q1", "q2", "q3"], unit = "1", convention = "quaternion_wxyz"}' in text
+
+
 def test_a_draft_says_what_was_not_found(tmp_path):
     table().rename(columns={"q": "rate"}).to_csv(tmp_path / "a.csv", index=False)
     text = draft(tmp_path, "quadrotor")

@@ -12,6 +12,10 @@ TIME = r"%?time(?:_?(?:s|ms|us|ns))?|t|t_?(?:s|ms|us|ns)|timestamp(?:_?(?:s|ms|u
 """Of the column that holds the time."""
 _ROS = r"(?:.*\.)?"
 _EULER = ("roll", "pitch", "yaw")
+_COMPASS = ("north", "east", "down")
+_NED = 'frame = "ned"'
+_TURNED = {"attitude": _NED, "body_rates": 'frame = "frd"', "specific_force": 'frame = "frd"'}
+"""Of logs whose places are north, east and down: the frames of what else they hold."""
 _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("attitude", 'unit = "1", convention = "quaternion_wxyz", frame = "ned"', tuple(rf"q\[{i}\]" for i in range(4))),
     ("body_rates", 'unit = "rad/s", frame = "frd"', tuple(rf"(?:.*\.)?xyz\[{i}\]|gyro_rad\[{i}\]" for i in range(3))),
@@ -20,13 +24,15 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         'unit = "m/s^2", frame = "frd"',
         tuple(rf"accelerometer_m_s2\[{i}\]" for i in range(3)),
     ),
+    ("position", f'unit = "m", {_NED}', tuple(rf"p(?:os)?_?{a[0]}|(?:pos_?)?{a}" for a in _COMPASS)),
+    ("velocity", f'unit = "m/s", {_NED}', tuple(rf"v(?:el)?_?{a[0]}|v(?:el)?_?{a}" for a in _COMPASS)),
     ("position", 'unit = "m"', tuple(rf"{a}|p{a}|pos[_.]?{a}|stateEstimate\.{a}|{_ROS}position\.{a}" for a in "xyz")),
     (
         "attitude",
         'unit = "1", convention = "quaternion_xyzw"',
         tuple(rf"q[_.]?{a}|stateEstimate\.q{a}|{_ROS}orientation\.{a}" for a in "xyzw"),
     ),
-    ("attitude", 'unit = "1", convention = "quaternion_wxyz"', tuple(rf"kalman\.q{i}" for i in range(4))),
+    ("attitude", 'unit = "1", convention = "quaternion_wxyz"', tuple(rf"kalman\.q{i}|q_?{i}" for i in range(4))),
     ("attitude", 'unit = "rad", convention = "euler_zyx"', ("roll|phi", "pitch|theta", "yaw|psi")),
     (
         "attitude",  # the Crazyflie's pitch is positive with the nose up
@@ -51,7 +57,7 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         "body_rates",
         'unit = "rad/s"',
         tuple(
-            rf"{a}|w_?{b}|gyro_?{b}|omega_?{b}|{_ROS}angular(?:_velocity)?\.{b}"
+            rf"{a}|w_?{b}|gyro?_?{b}|omega_?{b}|ang_?vel_?{b}|{_ROS}angular(?:_velocity)?\.{b}"
             for a, b in zip("pqr", "xyz", strict=True)
         ),
     ),
@@ -59,9 +65,9 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (
         "specific_force",
         'unit = "m/s^2", frame = "body"',
-        tuple(rf"a_?{a}|acc_?{a}|{_ROS}linear_acceleration\.{a}" for a in "xyz"),
+        tuple(rf"a_?{a}|acc?(?:el)?_?(?:b_?)?{a}|{_ROS}linear_acceleration\.{a}" for a in "xyz"),
     ),
-    ("battery", 'unit = "V"', (r"v_?bat|battery|battery_voltage|pm\.vbat|voltage_v|voltage_filtered_v",)),
+    ("battery", 'unit = "V"', (r"v_?batt?|battery|battery_voltage|pm\.vbat|voltage_v|voltage_filtered_v",)),
     ("pilot", 'unit = "1"', ("aileron", "elevator", "rudder", "collective")),
 )
 _NUMBERED = (
@@ -120,6 +126,7 @@ def recognised(names: Sequence[str], wanted: Collection[str] = (), units: Mappin
         return next((n for n in found.left if re.fullmatch(pattern, bare(n), re.IGNORECASE)), None)
 
     px4 = any(n.startswith(("q[", "xyz[", "timestamp_sample")) for n in names)
+    down = False
     for signal, about, patterns in _guesses(wanted):
         columns = [take(p.removeprefix("-")) for p in patterns]
         if signal not in found.signals and all(columns) and len(set(columns)) == len(columns):
@@ -129,11 +136,15 @@ def recognised(names: Sequence[str], wanted: Collection[str] = (), units: Mappin
                 if px4 and signal in ("position", "velocity")
                 else about
             )
+            down = down or (signal in ("position", "velocity") and _NED in about)
+            if down and signal in _TURNED and "frd" not in about and _NED not in about:
+                said = ", ".join([about.replace(', frame = "body"', ""), _TURNED[signal]])
             found.columns[signal] = [c for c in columns if c]
             said = _in_units(said, found.columns[signal], units or {})
             found.signals[signal] = _entry([f"{sign}{c}" for sign, c in zip(signs, columns, strict=True)], said)
             found.left = [n for n in found.left if n not in columns]
-    for signal, unit, prefix in _NUMBERED:
+    driven = set(found.signals) & {"attitude", "body_rates"}  # of a vehicle; elsewhere u is a name for anything
+    for signal, unit, prefix in (*_NUMBERED, *([("pwm", "pwm", "u_?")] * bool(driven))):
         pattern = re.compile(rf"(?:{prefix})\d+(?:\]|_pwm)?", re.IGNORECASE)
         numbered = sorted((n for n in found.left if pattern.fullmatch(n)), key=_number)
         if numbered and signal not in found.signals and (not wanted or signal in wanted):

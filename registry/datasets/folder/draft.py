@@ -66,6 +66,8 @@ def draft(
     wanted = _signals_of(system) if system else {}
     stated = units(files[0])
     found = recognised(columns, wanted, stated)
+    if 'unit = "rad", convention = "euler' in found.signals.get("attitude", "") and not sure:
+        found.signals["attitude"] = _in_degrees(found.signals["attitude"], files[0], found.columns["attitude"])
     if own is None and not system and set(found.signals) & {*MOTION, "pilot"}:
         system = "helicopter" if "pilot" in found.signals else "quadrotor"
         if sure and not set(found.signals) & set(PHYSICS.get(system).input_signals):
@@ -84,6 +86,15 @@ def draft(
     if system:
         return "\n".join([*lines, *_of_system(system, wanted, found, known)]) + "\n"
     return "\n".join([*lines, *_of_networks(files[0], found, stated)]) + "\n"
+
+
+def _in_degrees(entry: str, file: Path, columns: Sequence[str]) -> str:
+    """The entry of Euler angles, in degrees where roll or pitch are larger than angles in radians can be."""
+    try:
+        largest = np.abs(numbers(file, columns[:2])).max()
+    except BenchError:
+        return entry  # `bench data check` says what is wrong with it
+    return entry.replace('unit = "rad"', 'unit = "deg"') if largest > np.pi else entry
 
 
 def _of_system(system: str, wanted: dict[str, str], found: Found, known: Known | None) -> list[str]:
