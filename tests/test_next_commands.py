@@ -1,5 +1,6 @@
 """What a command says to type next runs as it stands, and what cannot be is refused before the work."""
 
+import io
 import shlex
 import sys
 from pathlib import Path
@@ -103,6 +104,41 @@ def test_what_is_known_at_the_start_is_said_there(
     given = [arguments[0], "my logs", "--system", "mine.py:Swing", *arguments[1:]]
     done = CliRunner().invoke(cli, given)
     assert isinstance(done.exception, BenchError) and says in str(done.exception), done.exception
+
+
+def test_the_row_of_a_model_that_was_given_is_called_so(here: Path) -> None:
+    """And not "calibrated", which is the nominal one."""
+    from types import SimpleNamespace
+
+    from rich.console import Console
+
+    from bench.cli.diagnosing import show_extension
+
+    stages = [SimpleNamespace(name=n, error={"speed": 1.0}) for n in ("nominal", "calibrated", "floor")]
+    group = SimpleNamespace(name="speed", unit="m/s")
+    done = SimpleNamespace(comparison=SimpleNamespace(groups=[group]), stages=stages, effects=())
+    for given, name in ((None, "calibrated"), (Path("old/better.toml"), "better.toml, fitted again")):
+        out = Console(width=100, record=True, file=io.StringIO())
+        show_extension(out, done, given)  # type: ignore[arg-type]
+        assert out.export_text().splitlines()[2].split("  ")[0] == name
+
+
+def test_a_shaft_has_a_mass_too(here: Path) -> None:
+    (here / "mine.py").write_text(
+        "from registry.contracts import Channel\nfrom registry.physics.state_space import Mechanical\n\n"
+        "class Motor(Mechanical):\n    state_channels = (Channel('angle.a', 'rad'), Channel('angle_rate.a', 'rad/s'))\n"
+        "    input_signals = ('voltage',)\n    equation = ''\n"
+        "    def own_force(self, state, inputs):\n        return inputs\n"
+    )
+    done = CliRunner().invoke(cli, ["data", "check", "my logs", "--system", "mine.py:Motor"])
+    assert "Motor derives from Mechanical, and so needs a constant called mass" in str(done.exception)
+
+
+def test_effects_are_listed_by_system() -> None:
+    every = CliRunner().invoke(cli, ["list", "effects"]).output
+    assert "lorenz.…" in every and "lorenz.dx" not in every.replace("such as lorenz.d", "")
+    of = CliRunner().invoke(cli, ["list", "effects", "--system", "pendulum"]).output
+    assert "pendulum.domega.theta3" in of and "viscous_friction" in of and "rotor_drag" not in of
 
 
 def test_a_file_in_the_place_of_its_folder(here: Path) -> None:

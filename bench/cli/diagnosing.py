@@ -167,8 +167,8 @@ def show_discovery(console: Any, found: "Discovery") -> None:
         )
 
 
-def show_extension(console: Any, done: "Extension") -> None:
-    """Print the held-out error, effect by effect, and the fitted numbers."""
+def show_extension(console: Any, done: "Extension", model_file: Path | None = None) -> None:
+    """Print the held-out error, effect by effect, and the fitted numbers; ``model_file``: where it began."""
     from bench.diagnose.report import phrases
 
     groups, stages = done.comparison.groups, done.stages
@@ -178,7 +178,8 @@ def show_extension(console: Any, done: "Extension") -> None:
     for stage in stages:
         added = stage.name in {e.name for e in done.effects}
         cells = (phrases.number(stage.error[g.name] * f) for g, (_, f) in zip(groups, units, strict=True))
-        rows.add_row(escape(f"+ {stage.name}" if added else stage.name), *cells)
+        name = f"{model_file.name}, fitted again" if model_file and stage.name == "calibrated" else stage.name
+        rows.add_row(escape(f"+ {name}" if added else name), *cells)
     console.print(rows)
     for e in done.effects:
         console.print(f"  {e.id}: {e.described or phrases.parameters(e)}", highlight=False, markup=False)

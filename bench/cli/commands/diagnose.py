@@ -277,7 +277,7 @@ def extend_command(
     target = folder / "model.toml"
     written = write_model(target, done.model, done.effects)
     console = options.console()
-    show_extension(console, done)
+    show_extension(console, done, model_file)
     say_written(console, written)
     errors = {s.name: s.error for s in done.stages}
     write_json(to_json, {"dataset": subject.name, "error": errors, "effects": [asdict(e) for e in done.effects]})
