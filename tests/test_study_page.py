@@ -133,6 +133,23 @@ def test_the_page_says_what_was_asked_what_was_lost_and_how_to_make_it_again(sou
         assert said in text, said
 
 
+def test_a_smoke_test_gives_no_verdict(tmp_path: Path) -> None:
+    """Nor the same column twice where the horizon is as short as its first part."""
+    short = [
+        synthetic.record(tmp_path / "runs", spec, AXES, 5, seed, recordings=8, weights=100)
+        for spec in (LSTM, WASHOUT)
+        for seed in range(2)
+    ]
+    said = "smoke: tries the machinery; says nothing about the paper"
+    for title, smoke in (("hybrid on twin (smoke)", True), (TITLE, False)):
+        page = study_page.render(short, title, STUDY, COMMAND)
+        body = page[page.index("<body") :]
+        verdicts = sum(body.count(f'class="{tone}"') for tone in ("better", "worse"))
+        assert (said in body) == smoke and (verdicts == 0) == smoke
+        heads = [row for row in Page(page).rows if "RMSSE" in row and "first 5" not in row]
+        assert heads and all(row == [*row[:3], *["RMSSE", "all 5"] * (len(row[3:]) // 2)] for row in heads)
+
+
 def test_the_page_needs_nothing_from_outside_and_its_links_lead_somewhere(source: str) -> None:
     page = Page(source)
     assert not {"script", "link", "iframe", "object", "embed", "base", "img"} & set(page.tags)

@@ -82,6 +82,11 @@ def _read(published: Path) -> dict[str, str]:
     path = published / FILE
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError as error:
+        raise BenchError(
+            f"{path} does not exist: run this where results/ is, or name another with --published; where it "
+            f"is gone, restore it, or list what you published with `{SEAL}`."
+        ) from error
     except (OSError, UnicodeDecodeError) as error:
         raise BenchError(f"{path} cannot be read: restore it, or list what you published with `{SEAL}`.") from error
     matched = [_LINE.fullmatch(line) for line in lines]

@@ -98,7 +98,9 @@ def main() -> None:
     os.environ["PYTHONSAFEPATH"] = "1"  # no child imports what lies in the working directory
     _speak()
     try:
-        cli.main(standalone_mode=False)
+        code = cli.main(standalone_mode=False)  # that of `click.exceptions.Exit`, which is not raised again
+        if isinstance(code, int) and code:
+            sys.exit(code)
     except BenchError as error:
         click.echo(f"bench: {error}", err=True)
         sys.exit(2)
@@ -107,8 +109,6 @@ def main() -> None:
         hint = error.ctx.command_path if error.ctx else "bench"
         click.echo(f"Try `{hint} --help`.", err=True)
         sys.exit(2)
-    except click.exceptions.Exit as stop:
-        sys.exit(stop.exit_code)
     except (click.Abort, KeyboardInterrupt):
         click.echo("\nbench: stopped. Nothing is half written; the same command does what is not finished.", err=True)
         sys.exit(130)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shlex
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,6 +14,7 @@ from rich.table import Table
 
 from bench.cli import options
 from bench.cli.names import check_system
+from bench.experiment.asked import Asked
 from bench.experiment.datasets import registered
 from registry.core import DATASETS, EFFECTS
 from registry.errors import BenchError
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Subject, PhysicsModel | None]":
     """The measurements with the nominal model, and the model in the file if one was given."""
+    _refuse_file(source)
     if not Path(source).is_dir() and source not in DATASETS.outline():
         hint = "" if Path(source).exists() else " (it does not exist)"
         raise BenchError(
@@ -46,6 +47,11 @@ def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Sub
     for sentence in subject.resampled:
         click.echo(f"note: {sentence}", err=True)
     return subject, None if model_file is None else starting_from(subject, model_file)
+
+
+def _refuse_file(source: str) -> None:
+    if Path(source).is_file() and not registered(source):
+        raise BenchError(f"{source} is a file: give the folder that holds it, {Path(source).parent}.")
 
 
 def measured(
@@ -89,6 +95,7 @@ def folder_for(source: str, out: Path | None) -> Path:
     """Where files are written: ``out``, or beside the data."""
     if out is not None:
         return out
+    _refuse_file(source)
     return Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
 
 
@@ -130,9 +137,8 @@ def say_diagnosis(found: "Diagnosis") -> None:
 
     terminal_summary.print_summary(found, options.console())
     if found.verdict == "data_problem":
-        kinds = dict.fromkeys(p.kind for p in found.data_problems)
-        again = " ".join(f"--ignore-problem {shlex.quote(k)}" for k in kinds)
-        say_next(f"bench diagnose {found.evidence.source} {again}", "if that is no fault (or --exclude RECORDING)")
+        again = [w for k in dict.fromkeys(p.kind for p in found.data_problems) for w in ("--ignore-problem", k)]
+        say_next(found.evidence.command("diagnose", *again), "if that is no fault (or --exclude RECORDING)")
 
 
 def say_written(console: Any, written: Sequence[Path]) -> None:
@@ -161,8 +167,8 @@ def show_discovery(console: Any, found: "Discovery") -> None:
         )
 
 
-def show_extension(console: Any, done: "Extension") -> None:
-    """Print the held-out error, effect by effect, and the fitted numbers."""
+def show_extension(console: Any, done: "Extension", model_file: Path | None = None) -> None:
+    """Print the held-out error, effect by effect, and the fitted numbers; ``model_file``: where it began."""
     from bench.diagnose.report import phrases
 
     groups, stages = done.comparison.groups, done.stages
@@ -172,7 +178,8 @@ def show_extension(console: Any, done: "Extension") -> None:
     for stage in stages:
         added = stage.name in {e.name for e in done.effects}
         cells = (phrases.number(stage.error[g.name] * f) for g, (_, f) in zip(groups, units, strict=True))
-        rows.add_row(escape(f"+ {stage.name}" if added else stage.name), *cells)
+        name = f"{model_file.name}, fitted again" if model_file and stage.name == "calibrated" else stage.name
+        rows.add_row(escape(f"+ {name}" if added else name), *cells)
     console.print(rows)
     for e in done.effects:
         console.print(f"  {e.id}: {e.described or phrases.parameters(e)}", highlight=False, markup=False)
@@ -236,6 +243,12 @@ def write_json(path: Path | None, what: dict[str, Any]) -> None:
 
     if path is not None:
         write_text(path, json.dumps(finite(what), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def asked(system: str | None, model_file: Path | None, out: Path | None = None, **own: Sequence[str]) -> Asked:
+    """What the next commands need again of this one; ``own``: of `bench diagnose` alone, by name of the option."""
+    words = [w for name, values in own.items() for v in values for w in (f"--{name.replace('_', '-')}", v)]
+    return Asked(system or "", str(model_file or ""), str(out or ""), tuple(words))
 
 
 def say_next(command: str, why: str) -> None:

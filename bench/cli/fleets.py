@@ -57,11 +57,13 @@ def fleet_options(
     Raises:
         BenchError: a physics model, effect or file that does not exist.
     """
+    from bench.diagnose.result import check_kinds
     from bench.fleet.options import Options
 
     check_system(system)
     for name in (*catalogue, *without):
         EFFECTS.check(name)
+    check_kinds(ignore)
     return Options(system, str(model_file or ""), tuple(catalogue), tuple(without), horizon, tuple(ignore))
 
 

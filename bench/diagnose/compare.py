@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from bench.analysis.display import Displayed
 from bench.analysis.stats import MIN_RECORDINGS
 from bench.diagnose.evidence import LINES as DRAWN
 from bench.diagnose.evidence import Curves, Line, plot_curves
+from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import ByGroup, GroupError
@@ -32,6 +34,8 @@ from bench.diagnose.simulate.free_run import (
     starts,
 )
 from bench.diagnose.simulate.unmeasured import hidden
+from registry.contracts import Dataset
+from registry.datasets.reading import cleaning
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
@@ -109,8 +113,25 @@ class Comparison(Displayed):
         return (f"{what}; intervals: {self.basis}.", *self.noise.notes)
 
 
+def refuse_long(subject: Subject, horizon_s: float | None) -> None:
+    """Raise before the work where no recording to compare with is as long as free runs are to be.
+
+    Raises:
+        BenchError: with the longest that there is.
+    """
+    if horizon_s is None:
+        return
+    logs = subject.of(subject.held_out)
+    if not any(len(starts(log, max(1, round(horizon_s * log.rate)), 1)) for log in logs):
+        longest = max((b - a) / log.rate for log in logs for a, b in [(0, 0), *cleaning.runs(log.valid.numpy())])
+        raise BenchError(
+            f"No recording to compare with has {horizon_s:g} s of valid samples in a row, the longest stretch "
+            f"is {longest:.3g} s: give a shorter horizon, or longer recordings."
+        )
+
+
 def compare(
-    subject: Subject,
+    subject: str | Path | Dataset | Subject,
     models: Mapping[str, PhysicsModel] | None = None,
     names: Sequence[str] | None = None,
     horizon_s: float | None = None,
@@ -119,7 +140,8 @@ def compare(
     """Run models free from many measured states and compare with what was measured.
 
     Args:
-        subject: measurements; its own model is the line "nominal" unless ``models`` holds one of that name.
+        subject: measurements, or the folder or name that `load` reads; its own model is the line "nominal" unless
+            ``models`` holds one of that name.
         models: by name of their line, the best one last: it is taken for exact where the floor is made. Default: none
             beside the subject's own.
         names: recordings; default: those held out.
@@ -129,6 +151,8 @@ def compare(
     Raises:
         BenchError: no recording is long enough.
     """
+    subject = subject_of(subject)
+    refuse_long(subject, horizon_s)
     subject, noise = prepared(subject, noise)
     models = {"nominal": subject.model} | dict(models or {})
     runs = free_runs(subject, noise, names, horizon_s)

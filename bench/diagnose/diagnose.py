@@ -9,7 +9,7 @@ import torch
 from bench.diagnose.answer import Steps, answer, stopped
 from bench.diagnose.checks.checklist import check_subject
 from bench.diagnose.checks.problems import Checked, problems, without_damaged
-from bench.diagnose.compare import compare
+from bench.diagnose.compare import compare, refuse_long
 from bench.diagnose.discover import discover
 from bench.diagnose.extend import Extension, extend, ordered, stage
 from bench.diagnose.fit import fit_parameters
@@ -21,7 +21,7 @@ from bench.diagnose.logs.sample import sampled
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.regression.weak import LogBatch, own_states
-from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect
+from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, check_kinds
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.verify import Estimate, at_bound
@@ -67,6 +67,8 @@ def diagnose(
     """
     tick("read")
     subject = source if isinstance(source, Subject) else load(source, system, model)
+    refuse_long(subject, horizon_s)
+    check_kinds(ignore)
     named_as = subject.name if isinstance(source, (Subject, Dataset)) else str(source)
     tick("check the data")
     subject, checked, damaged = _checked(subject, ignore)

@@ -4,7 +4,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
+from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.linearise import Candidate
@@ -33,12 +35,13 @@ from bench.diagnose.select.verify import (
 )
 from bench.diagnose.settings import DISCOVERING, MATTERING, VERIFYING
 from bench.diagnose.simulate.unmeasured import hidden
+from registry.contracts import Dataset
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 
 
 def discover(
-    subject: Subject,
+    subject: str | Path | Dataset | Subject,
     catalogue: Sequence[str] | None = None,
     tick: Callable[[str], None] = lambda what: None,
     noise: Noise | None = None,
@@ -46,7 +49,8 @@ def discover(
     """Find what the model of ``subject`` lacks; where a state is not measured, by fitting simulations.
 
     Args:
-        subject: model and measurements; effects are sought in its training recordings, and weighed on the others.
+        subject: model and measurements, or the folder or name that `load` reads; effects are sought in its training
+            recordings, and weighed on the others.
         catalogue: ids of the effects to choose from; default: all that are registered.
         tick: called with what is being done.
         noise: default `noise.noise_of`.
@@ -54,7 +58,7 @@ def discover(
     Raises:
         BenchError: an unknown id, or recordings too short or too few to learn from.
     """
-    subject, noise = prepared(subject, noise, tick)
+    subject, noise = prepared(subject_of(subject), noise, tick)
     if hidden(subject.logs):
         return by_simulation.discover(subject, catalogue, tick)
     search = Search(subject, catalogue, tick, noise)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 from bench.analysis.display import draw_curves, new_axes
 from bench.diagnose.flight import Flight
 from bench.diagnose.learned_shape import LearnedCurve
+from bench.experiment.asked import Asked
 from registry.units import display
 
 if TYPE_CHECKING:
@@ -196,3 +197,8 @@ class Evidence:
     """Whole recordings, held-out ones first."""
     vehicle: str = ""
     """The one among those of the data that this is about; empty: there is one."""
+    asked: Asked = field(default_factory=Asked)
+
+    def command(self, name: str, *more: str) -> str:
+        """What to type next on the same data; see `Asked.command`."""
+        return self.asked.command(name, self.source or "DATA", *more)

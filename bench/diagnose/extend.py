@@ -3,13 +3,14 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from bench.analysis.display import Displayed
-from bench.diagnose.compare import Comparison, compare
+from bench.diagnose.compare import Comparison, compare, refuse_long
 from bench.diagnose.evidence import Stage
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.all_terms import learn_all_terms, periodic
@@ -20,6 +21,7 @@ from bench.diagnose.learn.request import is_request, parsed
 from bench.diagnose.learn.spectral_line import Line
 from bench.diagnose.learn.waves import told, waves
 from bench.diagnose.learned_shape import RELAXATION, SWING, WAVE
+from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.report import wave_words
@@ -30,6 +32,7 @@ from bench.diagnose.select.search import Search
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.diagnose.summaries import parameter_estimates
+from registry.contracts import Dataset
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel, unsuited
 from registry.effects.learned_term import LearnedTerm
@@ -84,9 +87,9 @@ class Extension(Displayed):
 
 
 def extend(
-    subject: Subject,
+    subject: str | Path | Dataset | Subject,
     model: PhysicsModel,
-    add: Sequence[str | Effect],
+    add: str | Sequence[str | Effect],
     tick: Callable[[str], None] = lambda what: None,
     noise: Noise | None = None,
     rivals: Mapping[str, tuple[str, ...]] | None = None,
@@ -96,9 +99,9 @@ def extend(
     """Add effects to ``model`` one after another and fit all numbers again.
 
     Args:
-        subject: measurements, and the nominal model.
+        subject: measurements, and the nominal model; or the folder or name that `load` reads.
         model: with the effects it has so far.
-        add: ids of effects, learned terms, or what asks for such: "learned", "force_z ~ height".
+        add: an id or several of effects, learned terms, or what asks for such: "learned", "force_z ~ height".
         tick: called with what is being done.
         noise: default `noise.noise_of`.
         rivals: by id, effects that explain the data as well.
@@ -111,6 +114,8 @@ def extend(
         BenchError: an effect that the catalogue or the system does not have, the model has already, or is given twice;
             a term that cannot be learned.
     """
+    subject, add = subject_of(subject), [add] if isinstance(add, str) else add
+    refuse_long(subject, horizon_s)
     subject, noise = prepared(subject, noise, tick)
     _check_added(subject, model, add)
     chain = _Chain(*fit_parameters(subject, model, noise, tick, through_simulator=not add))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ import torch
 
 from bench.analysis.display import Displayed, draw_bars, new_axes
 from bench.diagnose.evidence import ResidualMap, Window
+from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.conditions import Condition, conditions
@@ -31,6 +33,7 @@ from bench.diagnose.simulate.free_run import (
     starts,
 )
 from bench.diagnose.simulate.unmeasured import completed, hidden
+from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 from registry.units import display
@@ -84,7 +87,7 @@ class Location(Displayed):
 
 
 def locate(
-    subject: Subject,
+    subject: str | Path | Dataset | Subject,
     model: PhysicsModel,
     names: Sequence[str] | None = None,
     after: PhysicsModel | None = None,
@@ -93,7 +96,7 @@ def locate(
     """Say in which conditions a model errs.
 
     Args:
-        subject: measurements.
+        subject: measurements, or the folder or name that `load` reads.
         model: whose error is located.
         names: recordings; default: all.
         after: a better model, shown beside it.
@@ -102,7 +105,7 @@ def locate(
     Raises:
         BenchError: no recording is long enough.
     """
-    subject, noise = prepared(subject, noise)
+    subject, noise = prepared(subject_of(subject), noise)
     logs = list(subject.logs if names is None else subject.of(names))
     stack = LogBatch.of(logs)
     if hidden(logs):

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,11 +14,18 @@ from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationR
 from bench.diagnose.evidence import Evidence, plot_curves
 from bench.diagnose.learned_shape import LearnedShape
 from registry.atomic_io import replacing
-from registry.errors import BenchError
+from registry.errors import BenchError, near
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+KINDS = (
+    *("not finite", "quaternion", "frozen", "clipped", "spike", "clock jump", "clock rate", "clock offset", "slow log"),
+    *("unit", "scale", "input scale", "gravity", "frame", "swapped sign", "swapped axes", "inverse attitude"),
+    *("quaternion order", "euler convention", "rotor order", "rotor directions", "rotor positions"),
+    *("time shift", "no effect", "not stated"),
+)
+"""What `DataProblem.kind` may be."""
 VERDICTS = ("named", "tie", "nothing", "unknown_effect", "data_problem")
 
 
@@ -133,7 +140,7 @@ class DataProblem:
     recording: str
     signal: str
     kind: str
-    """Such as "spike", "frozen", "time shift", "swapped sign", "clock"."""
+    """One of `KINDS`."""
     rows: tuple[int, int] | None
     """First and last sample of the recording, counted from 0; None: all of them."""
     detail: str
@@ -213,6 +220,13 @@ def effect_frame(rows: Iterable[tuple[Any, ...]]) -> pd.DataFrame:
     """Effects with their parameters as a table; the columns are those of `Diagnosis.to_frame`."""
     heads = ("effect", "parameter", "value", "low", "high", "unit", "share_explained", "indistinguishable_from")
     return pd.DataFrame([(*row[:-1], ", ".join(row[-1])) for row in rows], columns=list(heads))
+
+
+def check_kinds(names: Sequence[str]) -> None:
+    """Raise `BenchError` where the data can have no problem of such a kind."""
+    for name in names:
+        if name not in KINDS:
+            raise BenchError(f"--ignore-problem {name}: the data can have no such problem: {near(name, KINDS)}")
 
 
 def schema() -> dict[str, Any]:

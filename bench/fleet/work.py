@@ -13,6 +13,7 @@ from bench.diagnose.logs.load import load, starting_from
 from bench.diagnose.report import together
 from bench.diagnose.result import Diagnosis
 from bench.diagnose.select.catalogue import check_catalogue
+from bench.experiment.asked import Asked
 from bench.fleet.members import Member
 from bench.fleet.options import Options, environment, key_of
 from registry.atomic_io import scratch
@@ -68,15 +69,16 @@ def work(do: Diagnose, member: Member, options: Options, key: str, same: dict[st
             if key_of(member, options) != key:
                 raise BenchError(f"The data in {member.path} were changed meanwhile: start again.")
             found, model = do(member, options)
-            return "", _files(member, found, model)
+            return "", _files(member, options, found, model)
     except BenchError as error:
         return str(error).replace(member.path, member.source), {}
     except Exception as error:  # one vehicle among thousands: the others are diagnosed all the same
         return f"The diagnosis failed with {type(error).__name__}: {str(error).partition(chr(10))[0]:.300}", {}
 
 
-def _files(member: Member, found: Diagnosis, model: PhysicsModel) -> dict[str, str]:
+def _files(member: Member, options: Options, found: Diagnosis, model: PhysicsModel) -> dict[str, str]:
     vehicle = member.vehicle if member.only else ""
-    found = replace(found, evidence=replace(found.evidence, source=member.source, vehicle=vehicle))
+    asked = Asked(options.system or "", options.model)
+    found = replace(found, evidence=replace(found.evidence, source=member.source, vehicle=vehicle, asked=asked))
     with scratch() as folder:
         return {p.name: p.read_text(encoding="utf-8") for p in together.write(folder, found, model)}

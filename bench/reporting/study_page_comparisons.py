@@ -47,6 +47,7 @@ class _Asked:
     said: Sequence[str]
     data: str
     findings: _Findings | None
+    smoke: bool
     errors: Plain | None
     """Where nothing is compared."""
 
@@ -61,6 +62,7 @@ def asked_and_found(c: Content) -> _Asked | None:
         said=[line for line in said if line.strip()],
         data=", ".join(sorted({r.summary["dataset"] for r in c.records})),
         findings=_findings(c) if c.grids else None,
+        smoke=c.smoke,
         errors=None if c.grids else _short_errors(c),
     )
 
@@ -74,7 +76,7 @@ def _findings(c: Content) -> _Findings:
         what = figures.title(leading[0]) if between else f"{figures.title(g.a)} / {figures.title(g.b)}"
         title = f"{c.duration(g.horizon)}, {what}"
         rows = [
-            (_sides(g) if between else name, [_finding(cell) for cell in cells])
+            (_sides(g) if between else name, [_finding(cell, c.smoke) for cell in cells])
             for name, cells in ([leading] if between else g.rows)
         ]
         if groups and groups[-1].title == title:
@@ -84,8 +86,9 @@ def _findings(c: Content) -> _Findings:
     return _Findings(c.grids[0].phases, groups)
 
 
-def _finding(cell: Any) -> _Finding:
-    return _Finding(report.number(cell.ratio), report.verdict_cell(cell)[1].partition(";")[0], _tone(cell))
+def _finding(cell: Any, smoke: bool) -> _Finding:
+    short = "" if smoke else report.verdict_cell(cell)[1].partition(";")[0]
+    return _Finding(report.number(cell.ratio), short, _tone(cell, smoke))
 
 
 def _leading(g: report.Grid) -> tuple[str, list[Any]]:
@@ -99,8 +102,8 @@ def _sides(g: report.Grid) -> tuple[str, str]:
     return a, b
 
 
-def _tone(cell: Any) -> str:
-    return _TONES.get(cell.verdict, "open")
+def _tone(cell: Any, smoke: bool) -> str:
+    return "open" if smoke else _TONES.get(cell.verdict, "open")
 
 
 def _short_errors(c: Content) -> Plain:
@@ -171,8 +174,8 @@ def comparisons(c: Content) -> _Comparisons | None:
                     title=f"{c.duration(horizon)}, {first}",
                     heads=[first, rows_are, *at[0].phases],
                     rows_are=rows_are,
-                    main=list(_compared(at, scale, main)),
-                    rest=list(_compared(at, scale, every - main)),
+                    main=list(_compared(at, scale, main, c.smoke)),
+                    rest=list(_compared(at, scale, every - main, c.smoke)),
                 )
             )
     return _Comparisons(
@@ -180,16 +183,16 @@ def comparisons(c: Content) -> _Comparisons | None:
         low=report.number(scale.low),
         high=report.number(scale.high),
         groups=groups,
-        sentences=report.sentences(c.records, c.pairs, c.within),
+        sentences=[] if c.smoke else report.sentences(c.records, c.pairs, c.within),
     )
 
 
-def _compared(grids: Sequence[report.Grid], scale: Scale, names: set[str]) -> Iterator[_Pair]:
+def _compared(grids: Sequence[report.Grid], scale: Scale, names: set[str], smoke: bool) -> Iterator[_Pair]:
     for g in grids:
         rows = [
             (
                 name if g.rows_are == "configuration" else figures.title(name),
-                [_ratio(cell, scale) for cell in cells],
+                [_ratio(cell, scale, smoke) for cell in cells],
             )
             for name, cells in g.rows
             if name in names
@@ -198,7 +201,7 @@ def _compared(grids: Sequence[report.Grid], scale: Scale, names: set[str]) -> It
             yield _Pair(_sides(g), rows)
 
 
-def _ratio(cell: Any, scale: Scale) -> _Ratio:
+def _ratio(cell: Any, scale: Scale, smoke: bool) -> _Ratio:
     text, note = report.verdict_cell(cell)
-    drawn = interval(cell.ratio, cell.low, cell.high, stats.ALIKE, scale, _tone(cell))
-    return _Ratio(text, note, drawn, _tone(cell))
+    drawn = interval(cell.ratio, cell.low, cell.high, stats.ALIKE, scale, _tone(cell, smoke))
+    return _Ratio(text, "" if smoke else note, drawn, _tone(cell, smoke))

@@ -86,6 +86,11 @@ class Content:
         """Quantities that are compared within each configuration."""
         return self.study.contrasts if self.study else ()
 
+    @property
+    def smoke(self) -> bool:
+        """Whether runs of a few updates try the machinery, and say nothing of what is compared."""
+        return "(smoke)" in self.title
+
     @cached_property
     def specs(self) -> list[str]:
         """Configurations, baselines last."""

@@ -34,8 +34,8 @@ class _ErrorRow:
     spec: str
     weights: str
     seeds: str
-    errors: Sequence[tuple[str, str, str]]
-    """A quantity each: RMSSE, first and last."""
+    errors: Sequence[Sequence[str]]
+    """A quantity each, a cell a column of the table."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ class _ErrorTable:
     names: Sequence[str]
     """At most `ABREAST` quantities."""
     rows: Sequence[_ErrorRow]
-    columns: tuple[str, str, str] = ("RMSSE", f"first {FIRST}", f"last {LAST}")
+    columns: Sequence[str]
+    """RMSSE and both ends of the horizon, which are one where it is short."""
 
 
 @dataclass(frozen=True)
@@ -88,13 +89,14 @@ def _error_table(c: Content, horizon: int, quantities: Sequence[str]) -> _ErrorT
                     spec=spec,
                     weights=f"{here[0].weights:,}".replace(",", "\u202f"),
                     seeds=", ".join(dict.fromkeys(map(report.sound_runs, here))),
-                    errors=[_three(found.get(q)) for q in quantities],
+                    errors=[_cells(found.get(q))[: 3 if horizon > FIRST else 2] for q in quantities],
                 )
             )
-    return _ErrorTable([f"{figures.title(q)} [{c.unit(q)}]" for q in quantities], rows)
+    ends = (f"first {FIRST}", f"last {LAST}") if horizon > FIRST else (f"all {horizon}",)
+    return _ErrorTable([f"{figures.title(q)} [{c.unit(q)}]" for q in quantities], rows, ("RMSSE", *ends))
 
 
-def _three(row: Any) -> tuple[str, str, str]:
+def _cells(row: Any) -> tuple[str, str, str]:
     if not row:
         return "", "", ""
     return report.with_interval(row), report.number(row.first), report.number(row.last)

@@ -1,14 +1,19 @@
 import gzip
+from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from registry.contracts import Channel
 from registry.core import PHYSICS
 from registry.datasets.folder.dataset import Folder, check, draft
+from registry.dynamics import constant
 from registry.errors import BenchError
+from registry.physics.state_space import Mechanical
 from registry.stated import refuse_unstated
 
 TOML = """
@@ -283,6 +288,42 @@ def test_the_signals_of_a_named_system_are_drafted(tmp_path, system, columns, si
     values = {p.name: p.value for p in PHYSICS.get(system)().parameters()} | dict.fromkeys(own, 0.25)
     assert Folder(path=str(tmp_path)).physics == values
     refuse_unstated(Folder(path=str(tmp_path)), PHYSICS.get(system))
+
+
+@dataclass(frozen=True)
+class Motor(Mechanical):
+    """A shaft that a voltage turns."""
+
+    mass: Any = constant(2e-4, "J", "kg m^2", low=1e-9)
+
+    state_channels = (Channel("angle.shaft", "rad"), Channel("angle_rate.shaft", "rad/s"))
+    input_signals = ("voltage",)
+    equation = "J dω/dt = u"
+
+    def own_force(self, state, inputs):
+        return inputs[..., :1]
+
+
+def test_columns_of_a_motor_are_known_by_name_and_unit(tmp_path):
+    """Its supply is no battery of a vehicle, and columns of a class of one's own may end in their unit."""
+    names = ["angle_deg", "speed_rpm", "current_A", "voltage_V"]
+    data = pd.DataFrame(np.random.default_rng(0).uniform(0, 1, (50, 4)), columns=names)
+    data.assign(time_s=np.arange(50) / 100).to_csv(tmp_path / "a.csv", index=False)
+    text = draft(tmp_path)
+    assert "battery" not in text and 'voltage_V = {columns = ["voltage_V"], unit = "V"}' in text
+    assert 'current_A = {columns = ["current_A"], unit = "A"}' in text
+    text = draft(tmp_path, own=Motor)
+    assert 'angle = {columns = ["angle_deg"], unit = "deg"}' in text
+    assert 'angle_rate = {columns = ["speed_rpm"], unit = "rpm"}' in text
+    assert 'input = "voltage"' in text and 'voltage = {columns = ["voltage_V"], unit = "V"}' in text
+    assert "TODO: angle" not in text and 'what is column "current_A"' in text
+
+
+def test_numbered_motors_may_be_speeds(tmp_path):
+    table().rename(columns={f"rotor{i}": f"m{i}" for i in (1, 2, 3, 4)}).to_csv(tmp_path / "a.csv", index=False)
+    text = draft(tmp_path)
+    assert 'input = "pwm"' in text
+    assert '# rotor_speed = {columns = ["m1", "m2", "m3", "m4"], unit = "rad/s"}' in text
 
 
 def test_names_of_logs_in_north_east_down_are_known(tmp_path):

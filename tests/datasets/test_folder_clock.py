@@ -68,6 +68,13 @@ def test_several_rates_in_one_log_meet_on_one_grid(tmp_path: Path) -> None:
     assert {f.kind for f in loaded.findings} == {"missing"} and "y has samples at 50 Hz" in loaded.findings[0].detail
 
 
+def test_what_lacks_samples_too_long_is_left_out_and_said(tmp_path: Path) -> None:
+    loaded = logged(tmp_path, 200, lambda d: d.assign(y=d.y.where((d.index < 100) | (d.index > 149))))
+    assert (~loaded.recordings[0].valid).sum() == 50
+    (finding,) = loaded.findings
+    assert finding.detail.endswith("none in 50 of 400 rows: 50 samples (0.25 s) far from any are left out")
+
+
 def test_the_rate_wanted_need_not_be_that_of_the_log(tmp_path: Path) -> None:
     loaded = logged(tmp_path, 200, lambda d: d, 80)
     y, valid = kept(loaded)

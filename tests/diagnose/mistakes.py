@@ -204,6 +204,15 @@ def _noise(s: Set) -> None:
         _put(log, s.drive, log[s.drive].mean() * (1 + 0.1 * np.random.default_rng(i).normal(size=log[s.drive].shape)))
 
 
+def _stated(name: str, factor: float) -> Callable[[Set], object]:
+    """A constant as it is in another unit."""
+
+    def spoil(s: Set) -> None:
+        s.physics[name] = (factor * np.asarray(s.physics[name], dtype=float)).tolist()
+
+    return spoil
+
+
 MISTAKES: dict[str, tuple[tuple[Callable[[Set], object], str, str], ...]] = {
     "quaternion order": ((_picked("attitude", [3, 0, 1, 2]), "quaternion order", "attitude"),),
     "angles": (
@@ -246,6 +255,11 @@ MISTAKES: dict[str, tuple[tuple[Callable[[Set], object], str, str], ...]] = {
     "unit of the rotors": (
         (_drive_scaled(30 / np.pi), "unit", "drive"),
         (_normalised, "input scale", "drive"),
+    ),
+    "unit of a constant": (
+        (_stated("mass", 1e3), "unit", "drive"),
+        (_stated("rotor_positions", 1e3), "unit", "drive"),
+        (_stated("thrust_coefficient", 1e3), "unit", "drive"),
     ),
     "clocks": (
         (_late("attitude", 0.03), "clock offset", "attitude"),

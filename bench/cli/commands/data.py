@@ -1,5 +1,6 @@
 """`bench data`: look at recordings, describe a folder of one's own, check it."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,7 +9,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.cli import options
-from bench.cli.names import check_dataset
+from bench.cli.diagnosing import asked
+from bench.cli.names import check_dataset, check_system
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
@@ -70,7 +72,8 @@ def init_command(folder: Path, system: str) -> None:
         raise BenchError(f"{target} cannot be written: {error.strerror}.") from error
     if NO_PHYSICS in text:
         click.echo(f"{NO_PHYSICS} No column looks like the motion of a vehicle, and no --system names another model.")
-    click.echo(f"Wrote {target}. Complete the lines marked TODO, then: bench data check {folder}")
+    check = asked(system if own else None, None).command("data check", str(folder))
+    click.echo(f"Wrote {target}. Complete the lines marked TODO, then: {check}")
 
 
 @data_command.command("import")
@@ -111,18 +114,29 @@ def import_command(files: tuple[Path, ...], folder: Path, rate: float | None, ve
         click.echo(sentence)
     todo = "TODO" in (folder / "dataset.toml").read_text(encoding="utf-8")
     complete = "Complete the lines marked TODO in its dataset.toml, then:" if todo else "Next:"
-    click.echo(f"Wrote {folder}. {complete} bench data check {folder}")
+    click.echo(f"Wrote {folder}. {complete} bench data check {shlex.quote(str(folder))}")
 
 
 @data_command.command("check")
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
-def check_command(folder: Path) -> None:
+@click.option(
+    "--system",
+    metavar="NAME|FILE.py:CLASS",
+    help="Physics model, as `bench diagnose` takes it; default: what dataset.toml names.",
+)
+def check_command(folder: Path, system: str | None) -> None:
     """Read everything that FOLDER/dataset.toml describes and say what is wrong, and what is missing.
 
     Signals are held against each other: signs, axes, units, frames, the order of the rotors and clocks. What
-    dataset.toml has wrong is named with the line that mends it; the exit code is then 2. Time on the ground is left
-    out.
+    dataset.toml has wrong (WRONG) is named with the line that mends it; the exit code is then 2, so that scripts stop.
+    Time on the ground is left out.
+
+    \b
+    bench data check flights/
+    bench data check arm/ --system mine.py:Arm   also whether the folder has what this class needs
     """
+    check_system(system)
+
     from bench.diagnose.checks.checklist import check_folder
     from bench.diagnose.logs.smoothing import stated
     from registry.core import PHYSICS
@@ -139,7 +153,11 @@ def check_command(folder: Path) -> None:
     if todo := (folder / "dataset.toml").read_text(encoding="utf-8").count("TODO"):
         click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
     stated(dataset.processing)
-    if dataset.system:
+    if system:
+        from bench.diagnose.logs.load import load
+
+        load(dataset, system)
+    elif dataset.system:
         refuse_unstated(dataset, PHYSICS.get(dataset.system))
     mistakes = check_folder(folder)
     for m in mistakes:
@@ -147,17 +165,20 @@ def check_command(folder: Path) -> None:
         for row in m.mend:
             click.echo(f"    {row}")
     if any(m.stops for m in mistakes):
-        click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: bench data check {folder}")
+        again = asked(system, None).command("data check", str(folder))
+        click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: {again}")
         raise click.exceptions.Exit(2)
-    network = f'bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}   (a network that predicts it)'
-    if dataset.system:
-        click.echo(f"Next: bench diagnose {folder}   (which physics a model of it lacks)")
+    spec = 'bench run "LSTM: 1x50 - MLP: 60x10" --dataset'
+    network = f"{spec} {shlex.quote(str(folder))}   (a network that predicts it)"
+    if system or dataset.system:
+        again = asked(system, None).command("diagnose", str(folder))
+        click.echo(f"Next: {again}   (which physics a model of it lacks)")
         click.echo(f"  or: {network}")
     else:
         drive = ", ".join(dataset.inputs) or "nothing"
         click.echo(f"No physics model: networks only. {drive} → {', '.join(dataset.predicted())}.")
         click.echo(f"Next: {network}")
-        click.echo(f"  or: bench diagnose {folder} --system mine.py:Class   (physics of your own)")
+        click.echo(f"  or: bench diagnose {shlex.quote(str(folder))} --system mine.py:Class   (physics of your own)")
 
 
 def _render(rows: list[dict[str, Any]], findings: "list[Finding]") -> None:

@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from bench.cli import fleets, options, stages
 from bench.cli.diagnosing import (
+    asked,
     check_effects,
     check_writable,
     chosen,
@@ -107,10 +108,11 @@ def compare_command(
     """
     subject, model = load(source, system, model_file)
 
-    from bench.diagnose.compare import compare
+    from bench.diagnose.compare import compare, refuse_long
     from bench.diagnose.fit import fit_parameters
     from bench.diagnose.report import phrases
 
+    refuse_long(subject, horizon)
     with announcer(options.console(), stages.COMPARE) as tick:
         say_problems(subject)
         calibrated, _ = fit_parameters(subject, subject.model, tick=tick)
@@ -134,7 +136,7 @@ def compare_command(
     print_notes(out, found.notes)
     lines = {n: {g: asdict(line) for g, line in of.items()} for n, of in found.lines.items()}
     write_json(to_json, {"dataset": subject.name, "horizon_s": found.horizon_s, "lines": lines})
-    say_next(f"bench locate {source}", "where it errs")
+    say_next(asked(system, model_file).command("locate", source), "where it errs")
 
 
 @click.command("locate")
@@ -168,7 +170,7 @@ def locate_command(source: str, system: str | None, model_file: Path | None, to_
         out.print(rows)
     print_notes(out, found.notes)
     write_json(to_json, {"dataset": subject.name, "where": [asdict(r) for r in found.regions]})
-    say_next(f"bench discover {source}", "what is missing")
+    say_next(asked(system, model_file).command("discover", source), "what is missing")
 
 
 @click.command("discover")
@@ -217,11 +219,11 @@ def discover_command(
     ]
     left = [{"axis": t.axis, "follows": t.signal} for t in found.traces]
     write_json(to_json, {"dataset": subject.name, "effects": effects, "unexplained": left})
-    start = f" --model {model_file}" if model_file else ""
+    start = asked(system, model_file)
     if found.found:
-        say_next(f"bench extend {source}{start} --add {found.found[0].id}", "add it, and see the error fall")
+        say_next(start.command("extend", source, "--add", found.found[0].id), "add it, and see the error fall")
     elif found.verdict == "unknown_effect":
-        say_next(f"bench extend {source}{start} --add learned", "describe it by terms of its own")
+        say_next(start.command("extend", source, "--add", "learned"), "describe it by terms of its own")
 
 
 @click.command("extend")
@@ -275,13 +277,13 @@ def extend_command(
     target = folder / "model.toml"
     written = write_model(target, done.model, done.effects)
     console = options.console()
-    show_extension(console, done)
+    show_extension(console, done, model_file)
     say_written(console, written)
     errors = {s.name: s.error for s in done.stages}
     write_json(to_json, {"dataset": subject.name, "error": errors, "effects": [asdict(e) for e in done.effects]})
     if not no_track:
         track_extension(subject, start, done, tracking, results, target)
-    say_next(f"bench discover {source} --model {target}", "what is still missing")
+    say_next(asked(system, target).command("discover", source), "what is still missing")
 
 
 @click.command("diagnose")
@@ -344,8 +346,8 @@ def diagnose_command(
     check_writable(folder, to_json)
     if fleets.is_fleet(source, vehicles, place, exclude):
         _refuse_ceiling(asks_network)
-        asked = fleets.fleet_options(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
-        return fleets.diagnose_fleet(source, asked, vehicles, folder, to_json=to_json, place=place)
+        wanted = fleets.fleet_options(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
+        return fleets.diagnose_fleet(source, wanted, vehicles, folder, to_json=to_json, place=place)
     given = [measured(source, system, model_file, catalogue, exclude)]
 
     from bench.diagnose.diagnose import diagnose
@@ -354,7 +356,8 @@ def diagnose_command(
         # Held by nobody else: of a thousand recordings those that are checked only can be let go then.
         subject = given[0] if asks_network else None
         found, extended = diagnose(given.pop(), tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
-    found = replace(found, evidence=replace(found.evidence, source=source))
+    again = asked(system, model_file, out, catalogue=catalogue, without=without, ignore_problem=ignore, exclude=exclude)
+    found = replace(found, evidence=replace(found.evidence, source=source, asked=again))
     say_diagnosis(found)
     _written(found, extended, folder, to_json)
     if subject is not None and found.verdict != "data_problem":

@@ -11,7 +11,7 @@ from rich.table import Table
 from bench.cli.options import console
 from bench.experiment import study
 from bench.experiment.notation import parse
-from registry.core import INITIALIZERS, PREDICTORS, REGISTRIES
+from registry.core import EFFECTS, INITIALIZERS, PHYSICS, PREDICTORS, REGISTRIES
 from registry.errors import BenchError, near
 from registry.units import SIGNALS
 
@@ -20,13 +20,23 @@ KINDS = ("predictors", "initializers", "datasets", "studies", "physics", "effect
 
 @click.command("list")
 @click.argument("kind", required=False, metavar="[" + "|".join(KINDS) + "]")
-def list_command(kind: str | None) -> None:
-    """What can be compared, one line each: everything, or one kind of it."""
+@click.option("--system", metavar="NAME", help="With effects: those that this physics model may lack, all of them.")
+def list_command(kind: str | None, system: str | None) -> None:
+    """What can be compared, one line each: everything, or one kind of it.
+
+    \b
+    bench list effects                       single terms of polynomials in one line a system
+    bench list effects --system quadrotor
+    """
     if kind is not None and kind not in KINDS:
         raise BenchError(f"There is no kind {kind!r}: {near(kind, KINDS)}")
+    if system is not None and kind != "effects":
+        raise BenchError("--system chooses among effects: bench list effects --system NAME.")
     out = console()
     for shown in [kind] if kind else KINDS:
         lines = study.titles() if shown == "studies" else REGISTRIES[shown].outline()
+        if shown == "effects":
+            lines = _together(lines) if system is None else _of(system, lines)
         table = Table(box=None, show_header=False, pad_edge=False, title=shown, title_justify="left")
         table.add_column(no_wrap=True)
         table.add_column()
@@ -35,6 +45,23 @@ def list_command(kind: str | None) -> None:
         out.print(table)
     if kind is None:
         out.print("\n`bench show NAME` explains one; `bench run STUDY` or `bench run SPEC` runs it.")
+
+
+def _together(lines: dict[str, str]) -> dict[str, str]:
+    """Effects, single terms of a system ("lorenz.dx.x2") as one line."""
+    terms: dict[str, list[str]] = {}
+    for name in (n for n in lines if "." in n):
+        terms.setdefault(name.partition(".")[0], []).append(name)
+    out = {name: about for name, about in lines.items() if "." not in name}
+    for system, names in terms.items():
+        out[f"{system}.…"] = f"{len(names)} terms such as {names[-1]}: bench list effects --system {system}"
+    return dict(sorted(out.items()))
+
+
+def _of(system: str, lines: dict[str, str]) -> dict[str, str]:
+    """Those that act in a physics model."""
+    kind = PHYSICS.get(system)
+    return {name: about for name, about in lines.items() if EFFECTS.get(name).suits(kind)}
 
 
 @click.command("show")

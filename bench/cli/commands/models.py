@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from bench.cli import options
-from bench.cli.diagnosing import check_effects, check_writable, folder_for, load, say_next, write_json
+from bench.cli.diagnosing import asked, check_effects, check_writable, folder_for, load, say_next, write_json
 from bench.cli.names import check_system
 from bench.cli.progress import announcer
 from registry.errors import BenchError
@@ -221,4 +221,4 @@ def design_command(
     page.write_page(drawn, found)
     write_json(to_json, {"dataset": found.dataset, "rows": found.to_frame().to_dict("records")})
     click.echo(f"\nWrote {target}, {drawn}")
-    say_next(f"bench diagnose {source}", "with its recordings beside the others")
+    say_next(asked(system, None).command("diagnose", source), "with its recordings beside the others")

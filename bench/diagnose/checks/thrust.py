@@ -1,8 +1,9 @@
 """Whether what is logged of the rotors carries the vehicle's weight, and moves it."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -18,6 +19,14 @@ Array = np.ndarray
 
 PER_RPM = to_si("rpm")[1] ** -2
 """Of a thrust coefficient given for revolutions a minute to one for rad/s."""
+
+
+_OTHER_UNITS = (
+    ("mass", "g", 1e-3),
+    ("thrust_coefficient", "mN s^2", 1e-3),
+    ("thrust_coefficient", "uN s^2", 1e-6),
+)
+"""Constant, a unit in which people state it, and its factor to SI."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +60,29 @@ def thrust(recorded: Recorded) -> list[Mistake]:
         absent = [n for n in ("mass", "thrust_coefficient") if n not in stated]
         detail = f"{' and '.join(absent)} are not stated in [physics]: no weight can be compared with the thrust."
         return [Mistake("not stated", reading.drive, (), detail, (), False)]
-    return _weight(recorded, forces)
+    return _weight(recorded, forces) or _arms(recorded)
+
+
+def _arms(recorded: Recorded) -> list[Mistake]:
+    """Rotors whose places are stated in mm or cm: so far out for an inertia and a mass that nothing is built so."""
+    reading, stated = recorded.reading, recorded.stated
+    if not reading.positions or not {"mass", "inertia"} <= set(stated):
+        return []
+    inertia = np.asarray(stated["inertia"], dtype=float)
+    about = np.diagonal(inertia) if inertia.ndim == 2 else inertia
+    gyration = float(np.sqrt(about[:2].mean() / float(stated["mass"])))
+    arm = float(np.mean([np.hypot(p[0], p[1]) for p in reading.positions]))
+    for unit, factor in (("mm", 1e-3), ("cm", 1e-2)):
+        if 1 / LIFTING.far < gyration / max(arm * factor, 1e-12) / LIFTING.gyration < LIFTING.far:
+            positions = tuple(tuple(float(f"{x * factor:.6g}") for x in p) for p in reading.positions)
+            after = replace(reading, positions=positions)
+            detail = (
+                f"rotors {arm:.4g} m from the axis do not go with mass and inertia, whose radius of gyration is "
+                f"{gyration:.2g} m: rotor_positions look like ones in {unit}."
+            )
+            names = tuple(f.name for f in recorded.flights)
+            return [Mistake("unit", reading.drive, names, detail, lines(reading, after), reading=after)]
+    return []
 
 
 def _force(flight: Flight, reading: Reading) -> _Force | None:
@@ -120,7 +151,9 @@ def _weight(recorded: Recorded, forces: Sequence[_Force]) -> list[Mistake]:
     what = f"the thrust that {reading.drive} gives with the stated constants is {1 / ratio:.3g} times what is needed"
     if 1 / LIFTING.far < ratio < LIFTING.far:
         what = f"{reading.drive} hardly moves the thrust with the stated pwm_gain and pwm_offset"
-    found = _unit(reading, ratio, stated) if reading.drive != "pwm" else None
+    found = _unit_of_constant(ratio, stated)
+    if found is None and reading.drive != "pwm":
+        found = _unit(reading, ratio, stated)
     if found is not None:
         said, mend, after = found
         return [Mistake("unit", reading.drive, names, f"{what}: {said}.", mend, reading=after)]
@@ -133,6 +166,18 @@ def _weight(recorded: Recorded, forces: Sequence[_Force]) -> list[Mistake]:
     columns = f'pwm = {{columns = {json.dumps(list(signal.columns))}, unit = "pwm"}}'
     renamed = () if reading.drive == "pwm" else ('input = "pwm"', columns)
     return [Mistake("input scale", reading.drive, names, detail, (*renamed, *_map_lines(gain, offset)))]
+
+
+def _unit_of_constant(ratio: float, stated: Mapping[str, Any]) -> tuple[str, tuple[str, ...], Reading | None] | None:
+    """What is said and the line, if a constant in another unit makes thrust and weight equal."""
+    for name, unit, factor in _OTHER_UNITS:
+        times = ratio * factor if name == "mass" else ratio / factor
+        if 1 / LIFTING.near < times < LIFTING.near:
+            said = (
+                f"{name} = {float(stated[name]):.4g} looks like one in {unit}; in SI it would be {1 / times:.2f} times"
+            )
+            return said, (f"{name} = {float(stated[name]) * factor:.4g}",), None
+    return None
 
 
 def _unit(reading: Reading, ratio: float, stated: object) -> tuple[str, tuple[str, ...], Reading | None] | None:

@@ -71,6 +71,19 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
     return centred(subject)
 
 
+def subject_of(source: str | Path | Dataset | Subject) -> Subject:
+    """Measurements with the nominal model of their system, read where a name or a folder is given.
+
+    Raises:
+        BenchError: it is none of these, or cannot be read.
+    """
+    if isinstance(source, Subject):
+        return source
+    if not isinstance(source, (str, Path, Dataset)):
+        raise BenchError(f"Give a folder, the name of a data set or what bench.load reads, not {source!r:.80}.")
+    return load(source)
+
+
 def starting_from(subject: Subject, path: Path) -> PhysicsModel:
     """The model in a model.toml, in place of the nominal one of what was loaded.
 

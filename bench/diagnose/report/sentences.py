@@ -1,7 +1,6 @@
 """The verdict of a diagnosis in sentences, and what each effect explains. Plain text, not escaped."""
 
 import math
-import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -112,7 +111,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         several = f"Together, one of each explains about {percent(sum(shares))}"
         found.append(f"{alone if len(shares) == 1 else several} {_FREE}.")
         found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
-        found.append(f"What would tell most within what was recorded: bench design {_source(diagnosis)}.")
+        found.append(f"What would tell most within what was recorded: {diagnosis.evidence.command('design')}.")
     if beside and (terms := [e for e in diagnosis.effects if e.learned]):
         names, gained = listed(e.name for e in terms), percent(sum(e.share_explained for e in terms))
         each = (
@@ -234,20 +233,14 @@ def change(c: Calibration) -> str:
 
 def commands(diagnosis: Diagnosis) -> list[str]:
     """What to type to repeat the diagnosis, and to add its effects one by one."""
-    source = _source(diagnosis)
-    if vehicle := diagnosis.evidence.vehicle:
-        return [f"bench diagnose {source} --vehicle {shlex.quote(vehicle)}"]
-    adds = [
-        shlex.quote(e.name) for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from
-    ]
+    of = diagnosis.evidence
+    if of.vehicle:
+        return [of.command("diagnose", "--vehicle", of.vehicle)]
+    adds = [e.name for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from]
     if diagnosis.verdict == "tie":
         adds = [i for e in diagnosis.effects[:1] for i in (e.id, *e.indistinguishable_from)]
-    told = [f"bench design {source}"] if ties(diagnosis) else []
-    return [f"bench diagnose {source}", *told, *(f"bench extend {source} --add {i}" for i in adds)]
-
-
-def _source(diagnosis: Diagnosis) -> str:
-    return shlex.quote(diagnosis.evidence.source or "DATA")
+    told = [of.command("design")] if ties(diagnosis) else []
+    return [of.command("diagnose"), *told, *(of.command("extend", "--add", i) for i in adds)]
 
 
 def acts(saving: EffectSaving) -> str:

@@ -138,6 +138,11 @@ class Lifting:
         "factor between weight and thrust from which something else is wrong than a coefficient that is 20 or 50 % off",
         Basis.JUDGED,
     )
+    gyration: float = threshold(
+        0.45,
+        "radius of gyration about x and y in arms; 0.36 to 0.50 of the vehicles whose constants come along",
+        Basis.JUDGED,
+    )
     near: float = threshold(1.8, "factor between them below which another unit is right", Basis.JUDGED)
     moves: float = threshold(
         0.05, "share of the weight by which the force must vary for inputs to be judged by it", Basis.JUDGED

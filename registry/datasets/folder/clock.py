@@ -193,14 +193,14 @@ def gridded(of: Clock, x: Array, logged: Array, late: float = 0.0, held: bool = 
     return moved, inside if late or not whole else np.ones(len(of.grid), dtype=bool)
 
 
-def clock_findings(name: str, of: Clock, logged: Mapping[str, Array], valid: Array) -> list[Finding]:
+def clock_findings(name: str, of: Clock, logged: Mapping[str, Array], near: Mapping[str, Array]) -> list[Finding]:
     """What was done to the samples of a recording.
 
     Args:
         name: of the recording.
         of: its clock.
         logged: (N,) rows that hold each signal.
-        valid: (M,) samples of the grid that all signals had samples near to.
+        near: (M,) by signal, samples of the grid that it had samples near to; the others are left out.
     """
     found: list[Finding] = []
     if len(of.t) < 3:
@@ -214,13 +214,22 @@ def clock_findings(name: str, of: Clock, logged: Mapping[str, Array], valid: Arr
         if rows.sum() < 2 or rows.all():
             continue
         rate, missing = 1 / pace(of.t[rows]).period, int((~rows).sum())
-        detail = f"{signal} has samples at {rate:.5g} Hz, and none in {missing} of {len(rows)} rows: interpolated"
-        found.append(Finding(name, "missing", missing, f"{detail} at {wanted:g} Hz"))
+        detail = f"{signal} has samples at {rate:.5g} Hz, and none in {missing} of {len(rows)} rows"
+        if left := int((~near[signal]).sum()):
+            how = f"{left} samples ({left / wanted:.3g} s) far from any are left out"
+            how += ", the others interpolated" if left < missing else ""
+        else:
+            how = f"interpolated at {wanted:g} Hz"
+        found.append(Finding(name, "missing", missing, f"{detail}: {how}"))
     gaps = np.diff(of.t)[own.gaps]
     if len(gaps):
         lost, longest = int(np.rint(gaps / own.period - 1).sum()), float(gaps.max())
         bridge = MAX_GAP * own.period
-        how = "bridged by straight lines" if valid.all() else f"bridged up to {bridge:.3g} s, left out beyond"
+        how = (
+            "bridged by straight lines"
+            if all(n.all() for n in near.values())
+            else f"bridged up to {bridge:.3g} s, left out beyond"
+        )
         detail = f"{lost} samples missing in {len(gaps)} place(s), at most {longest:.3g} s apart: {how}"
         found.append(Finding(name, "gap", lost, detail))
     return found

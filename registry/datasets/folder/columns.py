@@ -70,6 +70,8 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("battery", 'unit = "V"', (r"v_?batt?|battery|battery_voltage|pm\.vbat|voltage_v|voltage_filtered_v",)),
     ("pilot", 'unit = "1"', ("aileron", "elevator", "rudder", "collective")),
 )
+_MOVING = {"position", "velocity", "specific_force", "rotor_speed", "pwm", "pilot"}
+"""Beside attitude and body rates, signals of a vehicle, which has a battery."""
 _NUMBERED = (
     ("rotor_speed", "rpm", r"(?:rpm_?|rpm\.m)"),
     ("rotor_speed", "rad/s", "(?:rotor|omega|motor_speed)_?"),
@@ -93,7 +95,9 @@ _DRIVES = (
 )
 """What drives a system of which nothing else is known."""
 _SUFFIXES = ("l_min", "m_s", "rad_s", "deg_s", "degc", "bar", "kpa", "pa", "rpm", "hz", "kg", "mm", "deg", "rad")
-_UNITS = {"degc": "degC", "kpa": "kPa", "pa": "Pa", "hz": "Hz", "l_min": "L/min"}
+_SIGNS = ("V", "mV", "A", "mA", "N", "Nm")
+"""Units of one or two letters, which are none in small letters: "force_n" is north."""
+_UNITS = {"Nm": "N m", "degc": "degC", "kpa": "kPa", "pa": "Pa", "hz": "Hz", "l_min": "L/min"}
 
 
 @dataclass
@@ -151,6 +155,11 @@ def recognised(names: Sequence[str], wanted: Collection[str] = (), units: Mappin
             about = _in_units(f'unit = "{unit}"', numbered, units or {})
             found.signals[signal], found.columns[signal] = _entry(numbered, about), numbered
             found.left = [n for n in found.left if n not in numbered]
+    moves = driven or set(found.signals) & _MOVING
+    (supply,) = found.columns.get("battery", [""])
+    if supply and not wanted and not moves and "bat" not in supply.lower():
+        found.left += found.columns.pop("battery")  # "voltage_V" of a motor
+        del found.signals["battery"]
     return found
 
 
@@ -169,7 +178,32 @@ def of_own(names: Sequence[str], wanted: Mapping[str, Signal], units: Mapping[st
             found.signals[signal], found.columns[signal] = _entry(columns, f'unit = "{unit}"'), columns
             found.left = [n for n in found.left if n not in columns]
             break
+    _by_unit(found, wanted, units)
     return found
+
+
+def _by_unit(found: Found, wanted: Mapping[str, Signal], units: Mapping[str, str]) -> None:
+    """Take columns for signals of one axis by a name that ends in a unit, or by a unit that no other has."""
+
+    def fitting(signal: str) -> dict[str, str]:
+        told = {n: units.get(n, "") or _unit(n) for n in found.left}
+        return {n: unit for n, unit in told.items() if unit and measures(unit, wanted[signal].unit)}
+
+    def take(signal: str, column: str, unit: str) -> None:
+        found.signals[signal], found.columns[signal] = _entry([column], f'unit = "{unit}"'), [column]
+        found.left.remove(column)
+
+    single = [s for s in wanted if s not in found.signals and len(wanted[s].axes) <= 1]
+    for signal in single:
+        named = rf"(?:{_NAMED.get(signal, signal)}|{signal})_\w+"
+        for column, unit in [(n, u) for n, u in fitting(signal).items() if re.fullmatch(named, bare(n), re.IGNORECASE)][
+            :1
+        ]:
+            take(signal, column, unit)
+    for signal in (s for s in single if s not in found.signals):
+        alike = [s for s in single if s not in found.signals and measures(wanted[s].unit, wanted[signal].unit)]
+        if len(alike) == 1 and len(columns := fitting(signal)) == 1:
+            take(signal, *columns.popitem())
 
 
 def _in_units(about: str, columns: Sequence[str], units: Mapping[str, str]) -> str:
@@ -208,7 +242,8 @@ def _unit(column: str) -> str:
             return checked(in_brackets[1])
         except BenchError:
             return ""
-    suffix = next((s for s in _SUFFIXES if column.lower().endswith(f"_{s}")), "")
+    endings = (column.lower(), _SUFFIXES), (column, _SIGNS)
+    suffix = next((s for name, known in endings for s in known if name.endswith(f"_{s}")), "")
     return _UNITS.get(suffix, suffix.replace("_", "/"))
 
 

@@ -226,16 +226,16 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
     of, columns = read_columns(file, description)
     signals, name = description.signals, _name(file)
     logged = {n: _whole([columns[c] for c in s.names]) for n, s in signals.items()}
-    x, valid = {}, np.ones(len(of.grid), dtype=bool)
+    x, close = {}, {}
     for n, s in signals.items():
         values = own_units({c: columns[c][logged[n]] for c in s.names}, s)
         if not len(values):
             raise BenchError(f"{file}: {n} has no row in which all of {', '.join(s.names)} hold a number.")
         values = _attitude(file, values, s, np.flatnonzero(logged[n])) if n == "attitude" else values
         held = n in description.inputs and description.input_hold == "previous"
-        x[n], near = gridded(of, values, logged[n], s.delay, held)
-        valid &= near
-    findings = clock_findings(name, of, logged, valid)
+        x[n], close[n] = gridded(of, values, logged[n], s.delay, held)
+    valid = np.logical_and.reduce(list(close.values()))
+    findings = clock_findings(name, of, logged, close)
     if "attitude" in x:
         x["attitude"] = unit_quaternion(x["attitude"])
     x = in_frames(x, signals)

@@ -71,6 +71,11 @@ def describe(folder: Path) -> FolderDescription:
     table = _table(folder, path)
     kind = PHYSICS.get(table["system"]) if "system" in table else None
     signals = {name: signal_columns(path, name, entry, kind) for name, entry in table["signals"].items()}
+    if not signals:
+        raise BenchError(
+            f"{path} describes no signal yet: under [signals], write for each one a line such as "
+            'NAME = {columns = ["a column of the files"], unit = "m/s"}.'
+        )
     inputs = _inputs(path, table, kind, signals)
     if timed := [n for n, s in signals.items() if table["time"] in s.names]:
         raise BenchError(f"{path}: {timed[0]} is read from column {table['time']!r}, which is the time: give its own.")

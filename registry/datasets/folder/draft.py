@@ -24,6 +24,12 @@ NO_PHYSICS = "No physics model: networks only."
 COMMANDS = ("rotor_command", "pwm")
 """Signals that are held until the next one."""
 
+_ROTORS = (
+    "# TODO: pwm is what a driver is told, whole numbers such as 1000 to 2000 or 0 to 65535; where these columns are\n"
+    '# speeds of the rotors (in rad/s or rpm), write input = "rotor_speed" above and in the place of the line before:\n'
+    "# rotor_speed = {}"
+)
+
 
 @dataclass(frozen=True)
 class Known:
@@ -107,6 +113,11 @@ def _of_system(system: str, wanted: dict[str, str], found: Found, known: Known |
         "",
         "[signals]" + ("" if sure else "  # TODO: check every unit, and the frame of the velocity"),
         *(f"{signal} = {entry}" for signal, entry in found.signals.items()),
+        *(
+            _ROTORS.format(e.replace('"pwm"', '"rad/s"'))
+            for s, e in found.signals.items()
+            if s == driver == "pwm" and not sure
+        ),
         *(
             f'# TODO: {m} = {{columns = ["…"], unit = "{SIGNALS[m].unit}"}}, {wanted[m]}, if it was measured'
             for m in missing

@@ -1,0 +1,27 @@
+"""What is typed after a command that found something: the same data, system and model, as a shell runs it."""
+
+import shlex
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The options of a command that the next ones need again, as the user wrote them; empty: none was given."""
+
+    system: str = ""
+    model: str = ""
+    """The model.toml that it started from."""
+    out: str = ""
+    """The folder of what is written."""
+    own: tuple[str, ...] = ()
+    """Options that `bench diagnose` alone has, word by word."""
+
+    def command(self, name: str, source: str, *more: str) -> str:
+        """`bench NAME SOURCE` with its options and ``more`` words, as a shell runs it."""
+        model = self.model
+        if name == "design":  # it goes out from what a diagnosis wrote
+            model = f"{self.out.rstrip('/')}/model.toml" if self.out else ""
+        out = self.out if name in ("diagnose", "extend") else ""
+        given = {"--system": self.system, "--model": model, "--out": out}
+        words = [w for option, value in given.items() if value for w in (option, value)]
+        return shlex.join(["bench", *name.split(), source, *words, *(self.own if name == "diagnose" else ()), *more])
