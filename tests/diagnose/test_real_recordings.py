@@ -1,12 +1,19 @@
 """Real flights whose missing physics is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.optimize import minimize
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from bench.diagnose import diagnose, discover, extend, load
+from bench.diagnose.logs.sample import shortened
 from bench.diagnose.regression.weak import LogBatch, mean_rates
+from registry.core import EFFECTS
 from registry.datasets.crazypad import Crazypad
+from registry.datasets.nanobench import Nanobench
 
 
 @pytest.mark.data
@@ -169,3 +176,52 @@ def test_rotors_of_nanodrone_hold_against_a_moment_of_velocity_times_climb_rate(
     assert -slopes[-1] == pytest.approx(moment, rel=0.2)
     assert -own[-1] == pytest.approx(moment, rel=0.2)
     assert squares[1] < left * squares[0]
+
+
+def with_a_slow_torque(rates, turned, dt, numbers):
+    """One-step errors (L, N) of rates, and of what commands turn: ω⁺ = ω + dt (b u + d) + k₁ e, d⁺ = a d + k₂ e.
+
+    The innovations form of Ljung, System Identification, 2nd ed., section 4.2: d is a torque that nobody measured.
+    """
+    k1, k2, a = numbers
+    poles = np.array([1.0, k1 - 1 - a, a * (1 - k1) + dt * k2])
+    if np.abs(np.roots(poles)).max() > 0.999:
+        return None
+    return lfilter([1.0, -1 - a, a], poles, rates)[:, 60:], lfilter([0.0, dt, -dt * a], poles, turned)[:, 60:]
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(("axis", "of_stated"), [(0, 0.70), (1, 0.67)])
+def test_beside_a_slow_torque_the_commands_of_nanobench_turn_it_as_the_stated_inertia_says(bench_data, axis, of_stated):
+    """A controller cancels slow torques, so that commands seem to do nothing; at one step they are told apart.
+
+    The motors lag by 60 ms and thrust falls with the voltage, as the diagnosis finds; with the slope of the thrust over
+    PWM that forces tell, .66 of the stated one, .70 is an inertia 6 % below the stated one.
+    """
+    subject = load(Nanobench(gyroscope=True))
+    lag, sag = (EFFECTS.get(name) for name in ("motor_lag", "battery_sag"))
+    model = replace(subject.model, effects=(sag(slope=0.26), lag(tau_up=0.06, tau_down=0.06)))
+    still = replace(model, inertia=tuple(1e9 * j for j in model.inertia))
+
+    def series(names):
+        stack = LogBatch.of(shortened(subject.of(names), 24_000))
+        turned = (mean_rates(model, stack) - mean_rates(still, stack)).numpy()[..., 10 + axis]
+        return stack.states.numpy()[:, : turned.shape[1], 10 + axis], turned, stack.dt
+
+    def rms(numbers, commanded, of):
+        found = with_a_slow_torque(*of, numbers)
+        if found is None:
+            return np.inf, 0.0
+        seen, turned = found
+        slope = (seen * turned).sum() / (turned**2).sum() if commanded else 0.0
+        return float((seen - slope * turned).std()), float(slope)
+
+    train, held = series(subject.training), series(subject.held_out)
+    fitted = {
+        commanded: minimize(lambda n, c=commanded: rms(n, c, train)[0], [1.5, 40.0, 0.99], method="Nelder-Mead").x
+        for commanded in (False, True)
+    }
+    slope = rms(fitted[True], True, train)[1]
+    assert slope == pytest.approx(of_stated, abs=0.05)
+    seen, turned = with_a_slow_torque(*held, fitted[True])
+    assert (seen - slope * turned).std() < 0.92 * rms(fitted[False], False, held)[0]
