@@ -128,7 +128,7 @@ def test_a_set_that_was_given_up_is_not_called_taken() -> None:
     d = samples.named()
     shown = Parsed(page.render(dataclasses.replace(d, effects=d.effects[:1]))).text
     assert "Round 1: rotor drag is taken" in shown
-    assert "Round 2: rotor reaction torque is ahead, and given up later" in shown
+    assert "Round 2: rotor reaction torque is best, and dropped in a later step" in shown
 
 
 @pytest.mark.parametrize(

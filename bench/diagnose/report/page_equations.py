@@ -69,7 +69,7 @@ def equation_by_equation(d: Diagnosis) -> list[_Equation]:
 
 
 def _said(d: Diagnosis, name: str, a: Alone) -> str:
-    here = [phrases.named(e.id) for e in d.effects if e.acts_on == name or _acts(e, name)]
+    here = [phrases.named(e.name) for e in d.effects if e.acts_on == name or _acts(e, name)]
     acts = f"Named here: {phrases.listed(here)}." if here else "No effect was named here."
     left, best = a.extended**2, a.predictable**2
     if not all(map(math.isfinite, (left, best))) or not left:

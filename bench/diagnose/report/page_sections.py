@@ -182,7 +182,7 @@ def _candidates(d: Diagnosis) -> list[_Round]:
     shown = []
     for i, candidates in enumerate(rounds, start=1):
         ahead = next((c.id for c in candidates if not c.why), None)
-        end = "taken" if ahead and named.issuperset(ahead.split(" + ")) else "ahead, and given up later"
+        end = "taken" if ahead and named.issuperset(ahead.split(" + ")) else "best, and dropped in a later step"
         what = f"{phrases.named(ahead)} is {end}" if ahead else "none is taken"
         shown.append(_Round(f"Round {i}: {what}" if len(rounds) > 1 else what.capitalize(), end, candidates))
     return shown
