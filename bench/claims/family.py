@@ -89,7 +89,8 @@ def outlook(question: Question, alpha: float) -> tuple[str, int]:
     if seeds == 1 or 1 in [e.recordings for e in found]:
         return f"at least a second {'seed' if seeds == 1 else 'test recording'}: one says nothing about the next", 2
     for more in range(seeds + 1, MOST_SEEDS + 1):
-        if _settled(question._replace(seeds=max(more, question.seeds)), alpha, more / seeds, 1.0):
+        looked = max(more, question.seeds) if question.first else question.seeds
+        if _settled(question._replace(seeds=looked), alpha, more / seeds, 1.0):
             return f"about {_count(more - seeds, 'more seed')} a configuration, {more} in all", more
     for flights in _upwards(recordings, MOST_RECORDINGS):
         if _settled(question, alpha, 1.0, flights / recordings):

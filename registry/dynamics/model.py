@@ -109,6 +109,11 @@ class PhysicsModel(ABC):
         return frozenset(others if cls.__abstractmethods__ else {cls.system_name(), *others})
 
     @classmethod
+    def lacking(cls) -> str:
+        """What a class of one's own must still be given, as a sentence goes on after its name; empty: nothing."""
+        return ""
+
+    @classmethod
     def system_name(cls) -> str:
         """The registered name, or that of the class."""
         return PHYSICS.name_of(cls) if PHYSICS.knows(cls) else cls.__name__

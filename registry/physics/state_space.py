@@ -1,6 +1,7 @@
 """Systems of which an effect adds to dx/dt: any of them, and those that move by forces."""
 
 from abc import abstractmethod
+from dataclasses import fields
 from functools import cache
 from typing import Any, ClassVar
 
@@ -62,6 +63,16 @@ class Mechanical(StateSpace):
     mass: Any
 
     alike: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator")
+
+    @classmethod
+    @override
+    def lacking(cls) -> str:
+        if "mass" in {f.name for f in fields(cls)}:
+            return ""
+        return (
+            "derives from Mechanical, and so needs a constant called mass, such as "
+            'mass: Any = constant(1.0, "m", "kg"); of a shaft it is the moment of inertia, in kg m^2.'
+        )
 
     @abstractmethod
     def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 from test_import import ROTORS, bag, telemetry, ulog
 
-from bench.claims import claim, evidence
+from bench.claims import claim, gathering
 from bench.execution import engine
 from bench.experiment.config import changed, from_json, to_json
 from bench.experiment.notation import parse
@@ -289,7 +289,7 @@ def test_study_json(place: Path, results: Path, edits: list[tuple[float, bytes, 
     here.mkdir(parents=True, exist_ok=True)
     (here / "study.json").write_bytes(edited((results / "studies" / "s" / "study.json").read_bytes(), edits))
     one_sentence(lambda: list(finished_studies(place / "again")))
-    one_sentence(lambda: list(evidence.folders(place / "again")))
+    one_sentence(lambda: list(gathering.folders(place / "again")))
 
 
 @cases(250)

@@ -4,7 +4,7 @@ import importlib.util
 import sys
 import traceback
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -17,7 +17,6 @@ from bench.diagnose.logs.consistency import drives
 from registry.contracts import Channel
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
-from registry.physics.state_space import Mechanical
 from registry.regular_file import regular
 from registry.units import SIGNALS
 
@@ -59,11 +58,8 @@ def own_class(system: str) -> Any:
 def _says(where: str, kind: Any) -> None:
     """Raise where the class says of itself what cannot be."""
     name = kind.__name__
-    if issubclass(kind, Mechanical) and "mass" not in {f.name for f in fields(kind)}:
-        raise BenchError(
-            f"{where}: {name} derives from Mechanical, and so needs a constant called mass, "
-            'such as mass: Any = constant(1.0, "m", "kg"); of a shaft it is the moment of inertia, in kg m^2.'
-        )
+    if lacking := kind.lacking():
+        raise BenchError(f"{where}: {name} {lacking}")
     channels, signals = kind.state_channels, kind.input_signals
     if not isinstance(channels, tuple) or not channels or not all(isinstance(c, Channel) for c in channels):
         raise BenchError(f"{where}: {name}.state_channels must be a tuple of Channel, not {channels!r:.120}.")
