@@ -4,9 +4,9 @@ import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
+from swing import write_swing
 
 from bench.cli import cli
 from bench.cli.diagnosing import write_model
@@ -38,17 +38,7 @@ def test_the_overview_teaches_the_loop() -> None:
 def folder(tmp_path: Path) -> Path:
     """Two recordings of a swing, described by a dataset.toml."""
     data = tmp_path / "swing"
-    data.mkdir()
-    t = np.arange(400) / 100
-    for i in (1, 2):
-        x, v = np.sin(i * t), i * np.cos(i * t)
-        table = np.column_stack([t, x, v, (100 - i * i) * x + 0.5 * v])
-        np.savetxt(data / f"run_{i}.csv", table, delimiter=",", header="t,x,v,f", comments="")
-    (data / "dataset.toml").write_text(
-        'name = "swing"\nsystem = "oscillator"\nrate_hz = 100\nfiles = "*.csv"\ntime = "t"\ninput = "force"\n'
-        '[signals]\ndisplacement = {columns = ["x"], unit = "m"}\nspeed = {columns = ["v"], unit = "m/s"}\n'
-        'force = {columns = ["f"], unit = "N"}\n[physics]\nmass = 1.0\ndamping = 0.5\nstiffness = 100.0\n'
-    )
+    write_swing(data, "oscillator")
     return data
 
 

@@ -5,9 +5,9 @@ import shlex
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
+from swing import TOML, write_swing
 
 import bench as api
 from bench.cli import cli, main
@@ -24,24 +24,13 @@ from registry.physics.oscillator import Oscillator
 class Swing(Oscillator):
     """A swing."""
 '''
-TOML = (
-    'name = "swing"\nrate_hz = 100\nfiles = "*.csv"\ntime = "t"\ninput = "force"\n'
-    '[signals]\ndisplacement = {columns = ["x"], unit = "m"}\nspeed = {columns = ["v"], unit = "m/s"}\n'
-    'force = {columns = ["f"], unit = "N"}\n[physics]\nmass = 1.0\ndamping = 0.5\nstiffness = 100.0\n'
-)
 
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the recordings of a swing in "my logs", and a class for them in mine.py."""
     data = tmp_path / "my logs"
-    data.mkdir()
-    t = np.arange(400) / 100
-    for i in (1, 2):
-        x, v = np.sin(i * t), i * np.cos(i * t)
-        table = np.column_stack([t, x, v, (100 - i * i) * x + 0.5 * v])
-        np.savetxt(data / f"run_{i}.csv", table, delimiter=",", header="t,x,v,f", comments="")
-    (data / "dataset.toml").write_text(TOML)
+    write_swing(data)
     (tmp_path / "mine.py").write_text(PHYSICS)
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -196,6 +196,18 @@ def test_a_term_that_free_runs_do_not_need_is_not_added(
     assert (done and done.terms) == kept  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize(("share", "now", "kept"), [(0.01, 1.3, False), (0.01, 1.05, True), (0.2, 1.3, True)])
+def test_a_trace_that_moves_what_is_named_is_not_added(share: float, now: float, kept: bool) -> None:
+    def effect(name: str, learned: bool, share: float, value: float) -> SimpleNamespace:
+        numbers = {"k": SimpleNamespace(value=value, low=0.9, high=1.1)}
+        return SimpleNamespace(id=name, learned=learned, share_explained=share, parameters=numbers)
+
+    done = SimpleNamespace(effects=[effect("drag", False, 0.9, now), effect("learned_term", True, share, 1.0)])
+    terms, named = (LearnedTerm(signals=("speed.q",)),), [effect("drag", False, 0.9, 1.0)]
+    found = learned._pruned(done, terms, named, lambda fewer: done)  # type: ignore[arg-type]
+    assert (found is done) is kept and (found is None) is not kept
+
+
 def test_the_page_draws_its_shape_with_a_band_that_holds_the_truth(said: tuple[Subject, Diagnosis, Oscillator]) -> None:
     _, found, _ = said
     (curve,) = found.evidence.learned

@@ -95,7 +95,7 @@ def _by_rotors(recorded: Recorded, turn: Array) -> Array:
     """
     reading, found = recorded.reading, np.full(3, np.nan)
     leans, rates, given = [], [], []
-    stated = bool(reading.positions) and reading.drive == "rotor_speed" in reading.signals
+    stated = bool(reading.positions) and reading.drive == "rotor_speed" and "rotor_speed" in reading.signals
     arms = np.array([(p[1], -p[0]) for p in reading.positions]) if stated else np.empty((0, 2))
     for flight in recorded.flights:
         x = flight.signals(reading, ("attitude", "velocity", "body_rates", reading.drive))

@@ -44,9 +44,7 @@ def problems(subject: Subject, own: Mapping[str, Tensor] | None = None) -> Check
 
     ``own`` are by recording the own states (N, i) of the model's effects, where they are known.
 
-    Kinds: "not finite", "quaternion", "frozen", "clipped", "spike", "clock jump", "clock rate", "unit",
-    "scale", "swapped sign", "swapped axes", "inconsistent", "time shift". Rows are samples of the recording from 0,
-    first and last; None: all.
+    Rows are samples of the recording from 0, first and last; None: all.
     """
     found: list[DataProblem] = []
     events: list[Event] = []

@@ -180,9 +180,10 @@ def _unit_of_constant(ratio: float, stated: Mapping[str, Any]) -> tuple[str, tup
     return None
 
 
-def _unit(reading: Reading, ratio: float, stated: object) -> tuple[str, tuple[str, ...], Reading | None] | None:
+def _unit(
+    reading: Reading, ratio: float, stated: Mapping[str, Any]
+) -> tuple[str, tuple[str, ...], Reading | None] | None:
     """What is said, the lines, and the reading, if another unit makes thrust and weight equal."""
-    assert isinstance(stated, dict) or hasattr(stated, "__getitem__")
     signal = reading.signals[reading.drive]
     for unit in ("rpm", "rad/s"):
         factor = (to_si(unit)[1] / to_si(signal.unit)[1]) ** 2
@@ -190,7 +191,7 @@ def _unit(reading: Reading, ratio: float, stated: object) -> tuple[str, tuple[st
             after = reading.with_signal(reading.drive, unit=unit)
             return f"in {unit} it would be {factor / ratio:.2f} times", lines(reading, after), after
     if 1 / LIFTING.near < ratio / PER_RPM < LIFTING.near:
-        constants = [n for n in ("thrust_coefficient", "torque_coefficient") if n in stated]  # type: ignore[operator]
+        constants = [n for n in ("thrust_coefficient", "torque_coefficient") if n in stated]
         mend = tuple(f"{n} = {float(stated[n]) * PER_RPM:.4g}" for n in constants)
         said = f"a coefficient for rpm², turned into one for (rad/s)², would give {PER_RPM / ratio:.2f} times"
         return said, mend, None
