@@ -126,6 +126,10 @@ class PhysicsModel(ABC):
             return Signal(states[0].unit, tuple(c.axis for c in states))
         return cls.signals.get(name) or (SIGNALS.get(name) if name in cls.input_signals else None)
 
+    def effect_unit(self, unit: str) -> str:
+        """The SI unit in which the model counts a parameter of an effect that is declared in ``unit``."""
+        return unit
+
     def __post_init__(self) -> None:
         if self.input_hold not in ("linear", "previous"):
             raise BenchError(f"input_hold = {self.input_hold!r}: choose linear or previous.")

@@ -1,5 +1,6 @@
 """Systems of which an effect adds to dx/dt: any of them, and those that move by forces."""
 
+import re
 from abc import abstractmethod
 from dataclasses import fields
 from functools import cache
@@ -73,6 +74,12 @@ class Mechanical(StateSpace):
             "derives from Mechanical, and so needs a constant called mass, such as "
             'mass: Any = constant(1.0, "m", "kg"); of a shaft it is the moment of inertia, in kg m^2.'
         )
+
+    @override
+    def effect_unit(self, unit: str) -> str:
+        """Of what turns: torques in N m and paths in rad, where a mass on a rail has N and m."""
+        turns = any(p.name == "mass" and p.unit == "kg m^2" for p in self.parameters())
+        return re.sub(r"\b[Nm]\b", lambda of: {"N": "N m", "m": "rad"}[of[0]], unit) if turns else unit
 
     @abstractmethod
     def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:

@@ -6,6 +6,8 @@ from typing import TypeVar
 
 import numpy as np
 import torch
+from scipy.ndimage import convolve1d
+from torch import Tensor
 
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.settings import READING
@@ -47,10 +49,17 @@ def spread(some: Sequence[T], most: int) -> Sequence[T]:
     return [some[i] for i in np.linspace(0, len(some) - 1, max(1, most)).round().astype(int)]
 
 
-def shortened(logs: Sequence[Log], longest: int, stride: int = 1) -> list[Log]:
+def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = False) -> list[Log]:
     """The middle of each log, every ``stride``-th sample; all together have no more than ``longest``.
 
-    Of more logs than can have a stretch worth looking at, as many as can, evenly spread.
+    Of more logs than can have a stretch worth looking at, as many as can, evenly spread. Inputs are their means about
+    the samples that are kept: what drives a slow motion is their integral, and picked ones would keep all their noise.
+
+    Args:
+        logs: whole recordings.
+        longest: samples, of all together.
+        stride: samples to one that is kept.
+        held: whether an input holds until the next sample, so that its mean is that of the samples from there on.
     """
     samples = longest * stride
     logs = spread(logs, int(samples / (READING.stretch * max(log.rate for log in logs))))
@@ -68,7 +77,7 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1) -> list[Log]:
                 log,
                 rate=log.rate / stride,
                 states=log.states[part],
-                inputs=log.inputs[part],
+                inputs=_averaged(log.inputs, stride, held)[part],
                 valid=gaps,
                 sensed=None if log.sensed is None else log.sensed[part],
                 recording=replace(
@@ -81,6 +90,17 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1) -> list[Log]:
             )
         )
     return out
+
+
+def _averaged(inputs: Tensor, stride: int, held: bool) -> Tensor:
+    """Means (J, m) over ``stride`` sampling intervals, about each sample or from it on; at the ends of fewer."""
+    if stride == 1:
+        return inputs
+    weights = np.ones(stride) if held or stride % 2 else np.array([0.5, *np.ones(stride - 1), 0.5])
+    origin = (stride - 1) // 2 if held else 0
+    u = inputs.numpy()
+    means = convolve1d(u, weights / stride, axis=0, mode="nearest", origin=origin)
+    return torch.from_numpy(np.where(np.isfinite(means), means, u))
 
 
 def left_out(logs: Sequence[Log], looked_at: Sequence[Log]) -> tuple[str, ...]:

@@ -121,7 +121,7 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
                 low, high = max(low, least), min(high, most)
                 found.append(Entry(-1, p.name, component, p.unit, v, scale=scale, low=low, high=high, stated=b))
     for i, effect in enumerate(model.effects):
-        found += effect_entries(effect, i)
+        found += [dataclasses.replace(e, unit=model.effect_unit(e.unit)) for e in effect_entries(effect, i)]
     return found
 
 

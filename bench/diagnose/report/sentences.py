@@ -44,7 +44,9 @@ def verdict_line(
         follows: signals that it follows.
     """
     if verdict == "named":
-        return f"The model lacks {listed(named(i) for i, rivals in effects if not rivals)}."
+        tied = _tied(effects)
+        or_else = f", and either {tied[0]}" if len(tied) == 1 else ""
+        return f"The model lacks {listed(named(i) for i, rivals in effects if not rivals)}{or_else}."
     if verdict == "tie":
         tied = _tied(effects)
         if len(tied) > 1:
@@ -103,9 +105,9 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
             )
         else:
             found.append(f"{each} {percent(sum(shares))} {_FREE}{constants}.")
-        if tied := ties(diagnosis):
-            more = "One more effect acts" if len(tied) == 1 else f"{_count(tied).capitalize()} more effects act"
-            found.append(f"{more} that these recordings cannot name: {'; '.join(tied)}.")
+        if len(tied := ties(diagnosis)) > 1:
+            more = f"{_count(tied).capitalize()} more effects act that these recordings cannot name"
+            found.append(f"{more}: {'; '.join(tied)}.")
     if diagnosis.verdict == "tie":
         alone = f"Any of them explains about {percent(max(shares))}"
         several = f"Together, one of each explains about {percent(sum(shares))}"

@@ -63,6 +63,11 @@ class EquationError:
         return self.models["calibrated"] > MATTERING.near * self._best
 
     @property
+    def lost(self) -> bool:
+        """Whether functions of the measured signals would predict far better than the extended model does."""
+        return self.models["extended"] > MATTERING.lost * self.predictable
+
+    @property
     def _best(self) -> float:
         return min(self.models["extended"], self.predictable)
 

@@ -80,12 +80,24 @@ class Search:
         catalogue: Sequence[str] | None,
         tick: Callable[[str], None],
         noise: Noise | None = None,
+        memory: int = SEARCHING.memory,
     ) -> None:
-        self.subject, self.catalogue, self.tick = subject, catalogue, tick
+        """Prepare.
+
+        Args:
+            subject: model and measurements.
+            catalogue: ids of the effects to choose from; None: all.
+            tick: called with what is being done.
+            noise: default `noise.noise_of`.
+            memory: order of the autoregression that whitens what is left; 0: all rows count alike, as in ordinary least
+                squares.
+        """
+        self.subject, self.catalogue, self.tick, self.memory = subject, catalogue, tick, memory
         logs = subject.of(subject.training)
         # Where the motion is slow against the sampling, a few samples a test function are enough.
         stride = max(1, stride_of(LogBatch.of(shortened(logs, SEARCHING.longest))) // SEARCHING.fine)
-        self.stack = LogBatch.of(shortened(logs, SEARCHING.longest, stride))
+        held = subject.model.input_hold == "previous"
+        self.stack = LogBatch.of(shortened(logs, SEARCHING.longest, stride, held))
         self.notes = left_out(logs, self.stack.logs)
         self.stride = stride_of(self.stack)
         self._made: dict[tuple[int, ...], TestFunctions] = {}
@@ -164,7 +176,7 @@ class Search:
         reach = () if look.dictionary is None else look.dictionary.reach
         del look  # its columns take as much memory as the rows, and more than all that follows
         if like is None:
-            filters = noise_filters(rows, Prior.of(linear.own).loosened(linear.own))
+            filters = noise_filters(rows, Prior.of(linear.own).loosened(linear.own), self.memory)
         else:
             filters = [like.filters[like.linear.channels.index(c)] for c in linear.channels]
         white = rows.whitened(filters)
@@ -297,7 +309,7 @@ def input_noise(stack: LogBatch, drives: int, through: np.ndarray) -> np.ndarray
     return sigma
 
 
-def noise_filters(rows: Rows, prior: Prior) -> list[np.ndarray]:
+def noise_filters(rows: Rows, prior: Prior, memory: int = SEARCHING.memory) -> list[np.ndarray]:
     """Whitening filters, a channel each, of what is left when the model's numbers and the most telling columns fit.
 
     The numbers fit beside what is known of them: a free fit would give up one equation, call that noise, and believe it
@@ -307,6 +319,7 @@ def noise_filters(rows: Rows, prior: Prior) -> list[np.ndarray]:
     Args:
         rows: of the weak form; the model's numbers are the first columns.
         prior: of these.
+        memory: order of the autoregression; 0: what is left is only scaled, so that where it stays on one side counts.
     """
     spread = [
         max(float(np.concatenate([log[c][:, -1] for log in rows.parts]).std()), 1e-300) for c in range(rows.channels)
@@ -329,9 +342,17 @@ def noise_filters(rows: Rows, prior: Prior) -> list[np.ndarray]:
         )
         del grams  # as large as those of the next round
         left = rows.residuals(beta)
-        order = min(SEARCHING.memory, max(1, min(map(len, left)) // 20))
-        filters = [whitening([r[:, c] for r in left], order) for c in range(rows.channels)]
+        if memory:
+            order = min(memory, max(1, min(map(len, left)) // 20))
+            filters = [whitening([r[:, c] for r in left], order) for c in range(rows.channels)]
+        else:
+            filters = [np.array([1 / max(rms, 1e-300)]) for rms in _rms(left)]
     return filters
+
+
+def _rms(left: Sequence[np.ndarray]) -> np.ndarray:
+    """Root mean squares (channels,) of residuals (J, channels) of some logs."""
+    return np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0))
 
 
 def _telling(grams: Sequence[np.ndarray], prior: Prior) -> list[int]:

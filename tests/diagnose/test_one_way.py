@@ -1,0 +1,88 @@
+"""A shaft that turns one way in every recording: friction stands still there, and so does what varies slowly."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from torch import Tensor
+
+from bench.diagnose import discover
+from bench.diagnose.logs.sample import shortened
+from bench.diagnose.logs.subject import Subject, log_of
+from registry.contracts import Channel, Recording
+from registry.dynamics import constant, tensor
+from registry.physics.state_space import Mechanical
+from registry.units import Signal
+
+RATE, INERTIA, DAMPING = 500.0, 1.2e-4, 7e-5
+FRICTION, NOISE = 0.03, 0.02
+"""Torques [N m]: of the bearings, and of the measurement of the torque."""
+
+
+@dataclass(frozen=True)
+class Shaft(Mechanical):
+    """A shaft in bearings, driven by a measured torque."""
+
+    mass: Any = constant(INERTIA, "J", "kg m^2", low=1e-9)
+    damping: Any = constant(DAMPING, "B", "N m s/rad", low=0)
+
+    state_channels: ClassVar[tuple[Channel, ...]] = (
+        Channel("angle.shaft", "rad"),
+        Channel("angle_rate.shaft", "rad/s"),
+    )
+    input_signals: ClassVar[tuple[str, ...]] = ("torque",)
+    signals: ClassVar[dict[str, Signal]] = {"torque": Signal("N m", ("",))}
+    equation: ClassVar[str] = "J dω/dt = u − B ω"
+
+    def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """Torque less the damping (…, 1) [N m]."""
+        return inputs[..., :1] - tensor(self.damping, state).unsqueeze(-1) * state[..., 1:]
+
+
+def run(name: str, torques: tuple[float, float], rng: np.random.Generator, samples: int = 3000) -> Recording:
+    """Two steps of torque from rest; friction that wanders, a noisy torque sensor, an encoder."""
+    level, wander, rate, angle = FRICTION * (1 + 0.05 * rng.normal()), 0.0, 0.0, 0.0
+    out = np.empty((samples, 3))
+    for i in range(samples):
+        torque = torques[2 * i // samples]
+        wander += (-wander + 0.0015 * np.sqrt(2 * RATE) * rng.normal()) / RATE
+        friction = (level + wander) * np.sign(torque)
+        out[i] = angle, rate, torque + NOISE * rng.normal()
+        rate += (torque - DAMPING * rate - friction) / INERTIA / RATE
+        angle += rate / RATE
+    states = out[:, :2] + rng.normal(size=(samples, 2)) * (2e-4, 0.2)
+    return Recording(
+        name, RATE, out[:, 2:], states, (Channel("torque", "N m"),), Shaft.state_channels, np.ones(samples, dtype=bool)
+    )
+
+
+def test_friction_that_never_changes_its_sign_is_found() -> None:
+    """Whitened, what stands still in a recording counts as slow noise, and the noise of the torque hides the rest.
+
+    Eight recordings agree on it nevertheless, as ordinary least squares sees.
+    """
+    rng, model = np.random.default_rng(3), Shaft()
+    steps = [(0.05, 0.06), (-0.045, -0.055)] * 4
+    logs = tuple(log_of(run(f"run_{i}", s, rng), model, "torque") for i, s in enumerate(steps))
+    names = tuple(log.name for log in logs)
+    found = discover(Subject("shaft", model, logs, names[:6], names[6:], signals=("torque", "angle", "angle_rate")))
+    friction = next(f for f in found.found if f.id in ("coulomb_friction", "stribeck_friction"))
+    estimate = friction.estimates[0]
+    assert (estimate.value, estimate.entry.unit) == (pytest.approx(FRICTION, rel=0.1), "N m")
+    slowest = found.equations[-1]
+    assert slowest.models["extended"] < 0.2 * slowest.models["calibrated"]
+
+
+@pytest.mark.parametrize(("held", "stride"), [(False, 4), (False, 5), (True, 4), (True, 5)])
+def test_inputs_of_samples_left_out_are_averaged(held: bool, stride: int) -> None:
+    """About a kept sample where inputs are measured, from it on where they hold: as the integral has it."""
+    (log,) = (log_of(run("run", (0.05, 0.06), np.random.default_rng(1), 200), Shaft(), "torque"),)
+    (some,) = shortened([log], 10_000, stride, held)
+    u = log.inputs[:, 0].numpy()
+    at = np.arange(stride, 200 - stride, stride)
+    about = [(u[k - stride // 2 : k + stride // 2 + 1]) for k in at]
+    weights = [np.ones(len(x)) if stride % 2 else np.array([0.5, *np.ones(stride - 1), 0.5]) for x in about]
+    means = [u[k : k + stride].mean() if held else x @ w / stride for k, x, w in zip(at, about, weights, strict=True)]
+    assert some.inputs[1 : len(at) + 1, 0].numpy() == pytest.approx(np.array(means), rel=1e-12)
+    assert (some.states == log.states[::stride]).all()
