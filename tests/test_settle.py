@@ -51,6 +51,10 @@ def runs(preset: str, dataset: Dataset) -> list[RunConfig]:
     return grid(SPECS, dataset, {5: effort(2, 2)}, axes)
 
 
+def baseline(dataset: Dataset) -> list[RunConfig]:
+    return grid(("constant",), dataset, {5: effort(1, 1)}, [(c,) for c in dataset.predicted_channels()[:1]])
+
+
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Bench:
     """A command as a user types it, with a study of two small networks: exit code and everything printed."""
@@ -150,6 +154,16 @@ def test_what_was_never_run_is_not_begun(bench: Bench, here: list[Any], tmp_path
     file.write_text(json.dumps(content))
     assert bench("settle", NAME, *here)[0] == 0
     assert seeds(tmp_path / "results", "LSTM") and not seeds(tmp_path / "results", "GRU")
+
+
+def test_a_baseline_that_was_not_published_is_not_made(
+    bench: Bench, here: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    more = Study(NAME, "two", "which?", "nowhere", "toy", lambda p, d: [*runs(p, d), *baseline(d)], ())
+    monkeypatch.setattr(study, "studies", lambda: {NAME: more})
+    assert bench("settle", *here)[0] == 0
+    made = {json.loads(p.read_text())["spec"] for p in tmp_path.glob("results/runs/*/record.json")}
+    assert "linear" in made and "constant" not in made
 
 
 def test_what_was_added_before_it_was_stopped_is_not_trained_again(

@@ -163,7 +163,7 @@ def _reusable_runs(out: Console, step: Step, scope: Scope, place: Place) -> dict
     published = published_runs(step.source, scope.published)
     if not published:
         return {}
-    asked = seedless(group(step.source, 1))
+    asked = seedless(group(step.source, 1, published))
     made = engine.execute(engine.plan(asked.configs, place.runs), place.runs)
     if unchanged(made, published):
         return dict(published)

@@ -129,7 +129,7 @@ def added_runs(source: Source, results: Path) -> set[Run]:
 
 def group(source: Source, seeds: int, there: Collection[Run] = (), added: Collection[Run] = ()) -> Request:
     """The study with so many seeds of what its open claims are about, without the trainings that are there; what has no
-    seed is in it, and what was added before.
+    seed is in it where it is there too, or nothing is there, and so is what was added before.
 
     Raises:
         BenchError: its data are absent.
@@ -137,8 +137,10 @@ def group(source: Source, seeds: int, there: Collection[Run] = (), added: Collec
     asked = request(source.study, Options(source.dataset, source.preset, max([seeds, *(1 + run[-1] for run in added)])))
 
     def wanted(config: RunConfig) -> bool:
-        if not _trained(config) or any(_matches(config, run) for run in added):
+        if any(_matches(config, run) for run in added):
             return True
+        if not _trained(config):
+            return not there or any(_matches(config, run) for run in there)
         return config.seed < seeds and source.concerns(config) and not any(_matches(config, run) for run in there)
 
     title = f"{asked.title.rpartition(', ')[0]}, further seeds"

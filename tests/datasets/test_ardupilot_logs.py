@@ -2,6 +2,7 @@
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from registry.core import PHYSICS
 from registry.datasets.folder.dataset import Folder, check
+from registry.datasets.logs.formats.dataflash import read as read_messages
 from registry.datasets.logs.importing import convert
 from registry.errors import BenchError
 from registry.stated import refuse_unstated
@@ -97,6 +99,26 @@ def test_messages_become_signals_in_the_frames_of_this_project(tmp_path: Path) -
     np.testing.assert_allclose(turned.apply(np.eye(3)), [[c, 0, s], [0, 1, 0], [-s, 0, c]], atol=1e-6)
     # In the order of the motors, by SERVOn_FUNCTION: outputs 2, 1, 5, 6; share of the pulses' range.
     np.testing.assert_allclose(np.diff(r.inputs[5]), [-0.01, 0.02, 0.01], atol=1e-6)
+
+
+def test_messages_are_what_ardupilots_own_reader_finds(tmp_path: Path) -> None:
+    """Every number of every message, and the parameters."""
+    theirs = pytest.importorskip("pymavlink.DFReader")
+    (tmp_path / "flight.bin").write_bytes(dataflash(flight()))
+    found: dict[str, dict[str, list[Any]]] = {}
+    log = theirs.DFReader_binary(str(tmp_path / "flight.bin"))
+    while (message := log.recv_msg()) is not None:
+        columns = found.setdefault(message.get_type(), {name: [] for name in message.get_fieldnames()})
+        for name, values in columns.items():
+            values.append(getattr(message, name))
+    ours = read_messages(tmp_path / "flight.bin", KINDS.keys())
+    assert ours.skipped == 0 and found.keys() - {"FMT"} == {*ours.messages, "PARM"}
+    assert ours.parameters == dict(zip(found["PARM"]["Name"], found["PARM"]["Value"], strict=True))
+    for kind, columns in ours.messages.items():
+        assert list(columns) == list(found[kind])
+        for name, values in columns.items():
+            if values.dtype.kind != "S":
+                np.testing.assert_allclose(values, found[kind][name], rtol=1e-12, err_msg=f"{kind}.{name}")
 
 
 def test_frame_and_motor_controllers_say_what_they_know(tmp_path: Path) -> None:
