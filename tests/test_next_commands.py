@@ -61,6 +61,20 @@ def test_the_next_commands_have_the_options_that_they_need() -> None:
     assert [e["add"] for e in extend] == [("stribeck_friction",), ("coulomb_friction",)]
 
 
+def test_options_of_the_data_set_go_into_the_next_commands() -> None:
+    asked = Asked(settings=("gyroscope=true",))
+    for step in ("diagnose", "locate", "discover"):
+        assert parsed(asked.command(step, "nanobench"))["settings"] == ("gyroscope=true",)
+    assert "--set" not in asked.command("design", "nanobench")
+
+
+@pytest.mark.parametrize("setting", ["gyro=true", "gyroscope=maybe", "gyroscope"])
+def test_an_option_that_the_data_set_has_not_is_one_sentence(setting: str) -> None:
+    done = CliRunner().invoke(cli, ["diagnose", "nanobench", "--set", setting])
+    assert isinstance(done.exception, BenchError) or done.exit_code == 2
+    assert "gyro" in (str(done.exception) + done.output)
+
+
 def test_a_step_says_the_next_one_as_it_runs(here: Path) -> None:
     said = CliRunner().invoke(cli, ["data", "check", "my logs", "--system", "mine.py:Swing"]).output
     assert "Next: bench diagnose 'my logs' --system mine.py:Swing" in said

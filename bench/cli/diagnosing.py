@@ -14,8 +14,9 @@ from rich.table import Table
 
 from bench.cli import options
 from bench.cli.names import check_system
+from bench.cli.progress import announcer
 from bench.experiment.asked import Asked
-from bench.experiment.datasets import registered
+from bench.experiment.datasets import choose, registered
 from registry.core import DATASETS, EFFECTS
 from registry.errors import BenchError
 
@@ -30,8 +31,17 @@ if TYPE_CHECKING:
 # ------------------------------------------------------------------------------------------------- what goes in
 
 
-def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Subject, PhysicsModel | None]":
-    """The measurements with the nominal model, and the model in the file if one was given."""
+def load(
+    source: str, system: str | None, model_file: Path | None, settings: Sequence[str] = ()
+) -> "tuple[Subject, PhysicsModel | None]":
+    """The measurements with the nominal model, and the model in the file if one was given.
+
+    Args:
+        source: a folder or the name of a data set.
+        system: as `bench.diagnose.logs.load.load`.
+        model_file: a model.toml to start from.
+        settings: options of the data set, "gyroscope=true".
+    """
     _refuse_file(source)
     if not Path(source).is_dir() and source not in DATASETS.outline():
         hint = "" if Path(source).exists() else " (it does not exist)"
@@ -40,10 +50,11 @@ def load(source: str, system: str | None, model_file: Path | None) -> "tuple[Sub
             "`bench data init FOLDER` drafts a dataset.toml."
         )
     check_system(system)
+    given = options.parsed(tuple(settings))
 
     from bench.diagnose.logs.load import load, starting_from
 
-    subject = load(source, system)
+    subject = load(choose(source, given) if given else source, system)
     for sentence in subject.resampled:
         click.echo(f"note: {sentence}", err=True)
     return subject, None if model_file is None else starting_from(subject, model_file)
@@ -55,10 +66,15 @@ def _refuse_file(source: str) -> None:
 
 
 def measured(
-    source: str, system: str | None, model_file: Path | None, catalogue: Sequence[str], exclude: Sequence[str]
+    source: str,
+    system: str | None,
+    model_file: Path | None,
+    catalogue: Sequence[str],
+    exclude: Sequence[str],
+    settings: Sequence[str] = (),
 ) -> "Subject":
     """The measurements without some recordings, with the model that is diagnosed."""
-    subject, model = load(source, system, model_file)
+    subject, model = load(source, system, model_file, settings)
 
     from bench.diagnose.logs.load import excluding
     from bench.diagnose.select.catalogue import check_catalogue
@@ -245,12 +261,37 @@ def write_json(path: Path | None, what: dict[str, Any]) -> None:
         write_text(path, json.dumps(finite(what), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
-def asked(system: str | None, model_file: Path | None, out: Path | None = None, **own: Sequence[str]) -> Asked:
+def asked(
+    system: str | None,
+    model_file: Path | None,
+    out: Path | None = None,
+    settings: Sequence[str] = (),
+    **own: Sequence[str],
+) -> Asked:
     """What the next commands need again of this one; ``own``: of `bench diagnose` alone, by name of the option."""
     words = [w for name, values in own.items() for v in values for w in (f"--{name.replace('_', '-')}", v)]
-    return Asked(system or "", str(model_file or ""), str(out or ""), tuple(words))
+    return Asked(system or "", str(model_file or ""), str(out or ""), tuple(words), tuple(settings))
 
 
 def say_next(command: str, why: str) -> None:
     """Print what to type next."""
     click.echo(f"Next, {why}: {command}")
+
+
+def with_network(found: "Diagnosis", subject: "Subject", model: "PhysicsModel", horizon: float | None) -> "Diagnosis":
+    """The diagnosis with what a network leaves, which is printed; Ctrl-C leaves the one that was written."""
+    from bench.diagnose.ceiling.ceiling import ceiling, informed
+    from bench.diagnose.logs.load import excluding
+    from bench.diagnose.logs.sample import sampled
+    from bench.diagnose.report.ceiling_words import sentences
+
+    subject = sampled(excluding(subject, sorted({p.recording for p in found.data_problems})))  # what was diagnosed
+    try:
+        with announcer(options.console()) as tick:
+            asked = ceiling(subject, model, tick=tick, horizon_s=horizon)
+    except KeyboardInterrupt:
+        click.echo("\nbench: stopped. The diagnosis is written, without the network.", err=True)
+        raise click.exceptions.Exit(130) from None
+    for sentence in ("", *sentences(asked.findings)):
+        options.console().print(sentence, highlight=False, markup=False)
+    return informed(found, asked)

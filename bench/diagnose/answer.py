@@ -97,6 +97,7 @@ def _evidence(steps: Steps) -> Evidence:
         notes=_notes(steps),
         learned=steps.curves,
         flights=steps.flights,
+        obscured=discovery.obscured,
     )
 
 

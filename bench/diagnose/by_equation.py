@@ -59,3 +59,37 @@ class ConstantEstimate:
     unit: str
     determined: bool
     """Whether the recordings narrowed it to less than half the 95 % interval of what was stated."""
+
+
+@dataclass(frozen=True)
+class GivenPast:
+    """What inputs do beside a slow disturbance that its past tells, where held-out recordings confirm it."""
+
+    numbers: dict[str, tuple[float, str]]
+    """By name such as "inertia[0]" or "motor_lag.tau_up", SI: value and unit. No interval: what a controller answers
+    within a row of the regression moves them by more than their noise."""
+    saves: float
+    """Squared error of the equation, given the past, that it saves of that of the model that was fitted without."""
+    low: float
+    high: float
+    """95 % over blocks of held-out recordings."""
+    horizon_s: float
+
+
+@dataclass(frozen=True)
+class ObscuredConstant:
+    """A constant that was let go and went where no such system has it: these recordings hide it."""
+
+    constant: str
+    times: float
+    """What the recordings would make of it, of what was stated; of a vector the component that goes furthest."""
+    equation: str
+    """The one that it acts in most, such as "torques"."""
+    group: str
+    """The states that this equation moves."""
+    finer: str = ""
+    """The option of the data set with which these states are measured more finely; empty: there is none."""
+    repeats: float = 0.0
+    """Share of what the constant as stated leaves of this equation that its own past tells, if that is slow; else 0."""
+    told: GivenPast | None = None
+    """What is told of it nevertheless."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
@@ -13,6 +14,7 @@ from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.select import by_simulation
 from bench.diagnose.select.choose import accepted, select_across_views
 from bench.diagnose.select.discovery import Discovery, Found, RejectedCandidate
+from bench.diagnose.select.given_past import revealed
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import (
     Saving,
@@ -78,6 +80,7 @@ def _clearer(again: Discovery, first: Discovery) -> bool:
 
 def _discovered(search: Search, noise: Noise) -> Discovery:
     """What one way of weighing the rows finds."""
+    stated = search.subject
     view, fit, fields = _first(search)
     first, bare = view, advanced(search, view, view.subsets.fit()).model
     rounds = tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
@@ -87,7 +90,8 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
     _, calibrated = settled(search, bare, first)
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
     worthy, remarks, contradicted = _worthy(search, view, weighing)
-    named, confounders = _understood(view, worthy, len(subject.model.effects))
+    hidden_constants = revealed(search, view, worthy.fit, worthy.model, stated, weighing)
+    named, confounders = _understood(view, worthy, len(subject.model.effects), hidden_constants)
     chosen = _Choice(search, view, tuple(sorted({*worthy.dropped, *confounders})))
     found = _found(weighing, chosen, named, worthy.model, sure=not confounders)
     errors = () if weighing is None else weighing.errors(chosen.model)
@@ -109,6 +113,7 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         equations=errors,
         remarks=remarks,
         uncertainty=subject.uncertainty,
+        obscured=hidden_constants,
     )
 
 
@@ -244,10 +249,23 @@ def _worse(savings: Sequence[Saving]) -> bool:
     return all(s.high < 0 for s in savings) or any(s.harms for s in savings)
 
 
-def _understood(view: View, worthy: _Choice, known: int) -> tuple[list[int], list[int]]:
-    """Places of the effects that are what they seem, and of those that only imitate something else."""
+def _understood(
+    view: View, worthy: _Choice, known: int, hidden: Sequence[ObscuredConstant] = ()
+) -> tuple[list[int], list[int]]:
+    """Places of the effects that are what they seem, and of those that only imitate something else.
+
+    What is left of an equation in which the inputs seem to do nothing and do, beside a slow disturbance, is known.
+    """
     left = [i for i in range(known, len(view.linear.model.effects)) if i not in worthy.dropped]
     traces, total = left_over(view, worthy.dropped)
+    told = {c.group for c in hidden if c.told is not None}
+    known_channels = {
+        k for k, c in enumerate(view.linear.channels) if view.linear.model.measured_channels[c].group in told
+    }
+    first = len(view.linear.columns)
+    explained = [t for t in traces if view.reach[t.column - first] <= known_channels]
+    traces = [t for t in traces if t not in explained]
+    total -= view.floor * sum(t.gain for t in explained)
     if total <= VERIFYING.left * view.floor:
         return left, []
     kept = understood(view, left, traces, worthy.dropped)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 from bench.analysis.display import draw_curves, new_axes
+from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.flight import Flight
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.experiment.asked import Asked
@@ -90,6 +91,11 @@ class Calibration:
     low: float = math.nan
     high: float = math.nan
     """95 % interval; NaN: there is none."""
+
+    @property
+    def constants(self) -> set[str]:
+        """Names, without their components, of what it is about."""
+        return {label.partition("[")[0] for label in self.constant.split(" / ")}
 
     @property
     def moved(self) -> bool:
@@ -193,6 +199,8 @@ class Evidence:
     """What a network predicts, group by group; empty: none was asked for."""
     predictable_axes: tuple[Predictable, ...] = ()
     """The same of single channels of those that have an equation of their own."""
+    obscured: tuple[ObscuredConstant, ...] = ()
+    """Constants of which the recordings say nothing that could be believed."""
     flights: tuple[Flight, ...] = ()
     """Whole recordings, held-out ones first."""
     vehicle: str = ""

@@ -46,6 +46,11 @@ class Dataset(ABC):
     """Options of the whole of the data, where they come in sizes; studies take it for all but smoke tests."""
 
     @property
+    def finer(self) -> dict[str, str]:
+        """By signal, the option of the data set that reads it from a finer sensor, such as "gyroscope=true"."""
+        return {}
+
+    @property
     def label(self) -> str:
         """What tables and titles call the data: the registered name, unless the data have one of their own."""
         return DATASETS.name_of(type(self))

@@ -70,6 +70,11 @@ class Nanobench(Dataset):
     physics: ClassVar[dict[str, Any]] = CONSTANTS
     uncertainty: ClassVar[dict[str, float]] = UNCERTAINTY
 
+    @property
+    @override
+    def finer(self) -> dict[str, str]:
+        return {} if self.gyroscope else {"body_rates": "gyroscope=true"}
+
     @override
     def read(self) -> RecordingSet:
         files = locate(

@@ -16,11 +16,11 @@ import samples
 from rich.console import Console
 
 from bench.cli.diagnosing import show_extension
-from bench.diagnose.by_equation import ConstantEstimate
+from bench.diagnose.by_equation import ConstantEstimate, GivenPast, ObscuredConstant
 from bench.diagnose.evidence import Calibration, Stage
 from bench.diagnose.extend import shares_of
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.report import phrases, sentences, terminal_summary
+from bench.diagnose.report import page_sections, phrases, sentences, terminal_summary
 from bench.diagnose.report.phrases import gathered
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, ParameterEstimate, schema
 from bench.diagnose.select.discovery import Discovery, Found
@@ -303,6 +303,27 @@ def test_constants_are_said_to_have_moved_where_their_interval_leaves_the_stated
     assert "inertia about y" in text.partition(" Calibration also moved ratios of stated constants: ")[0]
     either = "To these recordings torque coefficient 5.0 % higher or inertia about z 4.8 % lower is the same. "
     assert either + "What is stated of the constants makes of these ratios: torque coefficient by 4.0 %" in text
+
+
+def test_a_constant_that_went_where_it_cannot_be_is_no_finding() -> None:
+    far = Calibration("inertia[1]", 1.4e-5, 1.2e-3, "kg m^2", 280.0, 5.8e-4, 1.9e-3)
+    d = replace(samples.named(), effects=())
+    hidden = ObscuredConstant("inertia", 88.0, "torques", "body_rates", finer="gyroscope=true")
+    told = GivenPast({"inertia[1]": (1.37e-5, "kg m^2")}, 0.16, 0.05, 0.28, 0.1)
+
+    def said(c: ObscuredConstant) -> str:
+        return sentences.miscalibrated(replace(d, evidence=replace(d.evidence, calibration=(far,), obscured=(c,))))
+
+    plain = said(hidden)
+    assert plain.startswith(
+        "Torques are not understood: the inertia would go to 88 times what was stated, which is not"
+    )
+    assert "With --set gyroscope=true the body rates" in plain and "Calibration moved" not in plain
+    text = said(replace(hidden, repeats=0.96, told=told))
+    assert "slow (96 % of it follows from its own past)" in text and "--set" not in text
+    assert "inertia about y: about 1.37×10⁻⁵ kg m²" in text and "falls by 16 %" in text
+    page = page_sections._constants(replace(d, evidence=replace(d.evidence, calibration=(far,), obscured=(hidden,))))
+    assert [row.change for row in page] == ["not to be believed"]
 
 
 @pytest.mark.parametrize(("taken", "told"), [(0.9, True), (0.1, False), (math.nan, False)])

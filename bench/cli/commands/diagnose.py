@@ -26,6 +26,7 @@ from bench.cli.diagnosing import (
     show_extension,
     table,
     track_extension,
+    with_network,
     write_json,
     write_model,
 )
@@ -34,7 +35,6 @@ from bench.cli.progress import announcer
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
-    from bench.diagnose.logs.subject import Subject
     from bench.diagnose.result import Diagnosis
     from registry.dynamics import PhysicsModel
 
@@ -55,6 +55,14 @@ def _shared(command: Command) -> Command:
             "--system",
             metavar="NAME|FILE.py:CLASS",
             help="Physics model: one of `bench list physics`, or your own class; default: what the data name.",
+        ),
+        click.option(
+            "--set",
+            "settings",
+            multiple=True,
+            metavar="OPTION=VALUE",
+            help="Set an option of the data set, such as gyroscope=true of nanobench; `bench show DATA` lists them. "
+            "Repeatable.",
         ),
         click.argument("source", metavar="DATA", callback=options.named),
     ):
@@ -93,7 +101,12 @@ _out = click.option(
 @_shared
 @_horizon
 def compare_command(
-    source: str, system: str | None, model_file: Path | None, horizon: float | None, to_json: Path | None
+    source: str,
+    settings: tuple[str, ...],
+    system: str | None,
+    model_file: Path | None,
+    horizon: float | None,
+    to_json: Path | None,
 ) -> None:
     """Step 1: run the model free against the measurements, beside the noise floor.
 
@@ -106,7 +119,7 @@ def compare_command(
     bench compare flights/ --model diagnosis/model.toml    is the extended model better?
     bench compare emps --horizon 0.5                       a registered data set, up to half a second
     """
-    subject, model = load(source, system, model_file)
+    subject, model = load(source, system, model_file, settings)
 
     from bench.diagnose.compare import compare, refuse_long
     from bench.diagnose.fit import fit_parameters
@@ -136,12 +149,14 @@ def compare_command(
     print_notes(out, found.notes)
     lines = {n: {g: asdict(line) for g, line in of.items()} for n, of in found.lines.items()}
     write_json(to_json, {"dataset": subject.name, "horizon_s": found.horizon_s, "lines": lines})
-    say_next(asked(system, model_file).command("locate", source), "where it errs")
+    say_next(asked(system, model_file, settings=settings).command("locate", source), "where it errs")
 
 
 @click.command("locate")
 @_shared
-def locate_command(source: str, system: str | None, model_file: Path | None, to_json: Path | None) -> None:
+def locate_command(
+    source: str, settings: tuple[str, ...], system: str | None, model_file: Path | None, to_json: Path | None
+) -> None:
     """Step 2: say in which conditions the model errs, in physical terms.
 
     Regions such as "speed > 2.8 m/s", ranked by their share of the error against their share of the time; each shows
@@ -151,7 +166,7 @@ def locate_command(source: str, system: str | None, model_file: Path | None, to_
     bench locate flights/
     bench locate flights/ --model diagnosis/model.toml     what is left, and where
     """
-    subject, model = load(source, system, model_file)
+    subject, model = load(source, system, model_file, settings)
 
     from bench.diagnose.fit import fit_parameters
     from bench.diagnose.locate import locate
@@ -170,7 +185,7 @@ def locate_command(source: str, system: str | None, model_file: Path | None, to_
         out.print(rows)
     print_notes(out, found.notes)
     write_json(to_json, {"dataset": subject.name, "where": [asdict(r) for r in found.regions]})
-    say_next(asked(system, model_file).command("discover", source), "what is missing")
+    say_next(asked(system, model_file, settings=settings).command("discover", source), "what is missing")
 
 
 @click.command("discover")
@@ -178,6 +193,7 @@ def locate_command(source: str, system: str | None, model_file: Path | None, to_
 @_choice
 def discover_command(
     source: str,
+    settings: tuple[str, ...],
     system: str | None,
     model_file: Path | None,
     to_json: Path | None,
@@ -198,7 +214,7 @@ def discover_command(
     """
     names = chosen(catalogue, without)
     check_writable(to_json)
-    subject, model = load(source, system, model_file)
+    subject, model = load(source, system, model_file, settings)
 
     from bench.diagnose.discover import discover
     from bench.diagnose.select.catalogue import check_catalogue
@@ -219,7 +235,7 @@ def discover_command(
     ]
     left = [{"axis": t.axis, "follows": t.signal} for t in found.traces]
     write_json(to_json, {"dataset": subject.name, "effects": effects, "unexplained": left})
-    start = asked(system, model_file)
+    start = asked(system, model_file, settings=settings)
     if found.found:
         say_next(start.command("extend", source, "--add", found.found[0].id), "add it, and see the error fall")
     elif found.verdict == "unknown_effect":
@@ -242,6 +258,7 @@ def discover_command(
 @click.option("--no-track", is_flag=True, help="Leave MLflow alone.")
 def extend_command(
     source: str,
+    settings: tuple[str, ...],
     system: str | None,
     model_file: Path | None,
     horizon: float | None,
@@ -265,7 +282,7 @@ def extend_command(
     bench extend flights/ --add "force_z ~ height"                          one that you suspect
     """
     check_effects(add)
-    subject, model = load(source, system, model_file)
+    subject, model = load(source, system, model_file, settings)
 
     from bench.diagnose.extend import extend
 
@@ -283,7 +300,7 @@ def extend_command(
     write_json(to_json, {"dataset": subject.name, "error": errors, "effects": [asdict(e) for e in done.effects]})
     if not no_track:
         track_extension(subject, start, done, tracking, results, target)
-    say_next(asked(system, target).command("discover", source), "what is still missing")
+    say_next(asked(system, target, settings=settings).command("discover", source), "what is still missing")
 
 
 @click.command("diagnose")
@@ -305,6 +322,7 @@ def extend_command(
 @placed
 def diagnose_command(
     source: str,
+    settings: tuple[str, ...],
     system: str | None,
     model_file: Path | None,
     horizon: float | None,
@@ -345,10 +363,10 @@ def diagnose_command(
     names, folder = chosen(catalogue, without), folder_for(source, out)
     check_writable(folder, to_json)
     if fleets.is_fleet(source, vehicles, place, exclude):
-        _refuse_ceiling(asks_network)
+        _refuse_for_fleets(asks_network, settings)
         wanted = fleets.fleet_options(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
         return fleets.diagnose_fleet(source, wanted, vehicles, folder, to_json=to_json, place=place)
-    given = [measured(source, system, model_file, catalogue, exclude)]
+    given = [measured(source, system, model_file, catalogue, exclude, settings)]
 
     from bench.diagnose.diagnose import diagnose
 
@@ -356,17 +374,19 @@ def diagnose_command(
         # Held by nobody else: of a thousand recordings those that are checked only can be let go then.
         subject = given[0] if asks_network else None
         found, extended = diagnose(given.pop(), tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
-    again = asked(system, model_file, out, catalogue=catalogue, without=without, ignore_problem=ignore, exclude=exclude)
+    own = {"catalogue": catalogue, "without": without, "ignore_problem": ignore, "exclude": exclude}
+    again = asked(system, model_file, out, settings, **own)
     found = replace(found, evidence=replace(found.evidence, source=source, asked=again))
     say_diagnosis(found)
     _written(found, extended, folder, to_json)
     if subject is not None and found.verdict != "data_problem":
-        _written(_with_network(found, subject, extended, horizon), extended, folder, to_json)
+        _written(with_network(found, subject, extended, horizon), extended, folder, to_json)
 
 
-def _refuse_ceiling(asked: bool) -> None:
-    if asked:
-        raise BenchError("--ceiling is for one vehicle: give the folder of that one.")
+def _refuse_for_fleets(ceiling: bool, settings: tuple[str, ...]) -> None:
+    for option, given in (("--ceiling", ceiling), ("--set", settings)):
+        if given:
+            raise BenchError(f"{option} is for one vehicle: give the folder of that one.")
 
 
 def _written(found: "Diagnosis", model: "PhysicsModel", folder: Path, to_json: Path | None) -> None:
@@ -377,22 +397,3 @@ def _written(found: "Diagnosis", model: "PhysicsModel", folder: Path, to_json: P
     if to_json is not None:
         found.write(to_json)
     say_written(options.console(), written)
-
-
-def _with_network(found: "Diagnosis", subject: "Subject", model: "PhysicsModel", horizon: float | None) -> "Diagnosis":
-    """The diagnosis with what a network leaves, which is printed; Ctrl-C leaves the one that was written."""
-    from bench.diagnose.ceiling.ceiling import ceiling, informed
-    from bench.diagnose.logs.load import excluding
-    from bench.diagnose.logs.sample import sampled
-    from bench.diagnose.report.ceiling_words import sentences
-
-    subject = sampled(excluding(subject, sorted({p.recording for p in found.data_problems})))  # what was diagnosed
-    try:
-        with announcer(options.console()) as tick:
-            asked = ceiling(subject, model, tick=tick, horizon_s=horizon)
-    except KeyboardInterrupt:
-        click.echo("\nbench: stopped. The diagnosis is written, without the network.", err=True)
-        raise click.exceptions.Exit(130) from None
-    for sentence in ("", *sentences(asked.findings)):
-        options.console().print(sentence, highlight=False, markup=False)
-    return informed(found, asked)

@@ -78,6 +78,8 @@ class Subject:
     """Those of them that say where samples are not as they were logged."""
     folder: Folder | None = None
     """Where they were read from, if a dataset.toml describes them."""
+    finer: dict[str, str] = field(default_factory=dict)
+    """By signal, the option of the data set that reads it from a finer sensor."""
 
     def of(self, names: Sequence[str]) -> tuple[Log, ...]:
         """The logs of these names, in order."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.diagnose.evidence import LINES, Candidate
+from bench.diagnose.evidence import LINES, Calibration, Candidate
 from bench.diagnose.report import ceiling_words, phrases, sentences
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report.page_equations import equation_by_equation
@@ -161,7 +161,7 @@ def _left(d: Diagnosis) -> _Left | None:
 
 
 def _constants(d: Diagnosis) -> list[_Constant]:
-    rows = []
+    rows, hidden = [], {c.constant for c in d.evidence.obscured}
     for c in d.evidence.calibration:
         unit, factor = phrases.shown(c.unit, c.constant, [c.nominal, c.calibrated])
         rows.append(
@@ -169,12 +169,18 @@ def _constants(d: Diagnosis) -> list[_Constant]:
                 name=phrases.named(c.constant),
                 values=[phrases.number(v * factor, 4) for v in (c.nominal, c.calibrated, c.low, c.high)],
                 unit=unit,
-                change=phrases.percent(c.calibrated / c.nominal - 1) if c.nominal else phrases.NOTHING,
+                change=_change(c, obscured=bool(hidden & c.constants)),
                 sigma=phrases.number(c.sigma, 2),
                 off=abs(c.sigma) > TELLING.constant_off,
             )
         )
     return rows
+
+
+def _change(c: Calibration, obscured: bool) -> str:
+    if obscured:
+        return "not to be believed"
+    return phrases.percent(c.calibrated / c.nominal - 1) if c.nominal else phrases.NOTHING
 
 
 def _candidates(d: Diagnosis) -> list[_Round]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from bench.diagnose.by_equation import EffectSaving
+from bench.diagnose.by_equation import EffectSaving, ObscuredConstant
 from bench.diagnose.evidence import LINES, Calibration
 from bench.diagnose.report.phrases import listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
@@ -176,7 +176,8 @@ def observed(diagnosis: Diagnosis) -> str:
 def miscalibrated(diagnosis: Diagnosis) -> str:
     """A sentence about base constants whose intervals exclude what was stated, and ratios of them that do."""
     ratios, parts, others = _moved(diagnosis)
-    found = [f"Calibration moved stated constants: {_first(others)}."] if others else []
+    found = [*map(obscured, diagnosis.evidence.obscured)]
+    found += [f"Calibration moved stated constants: {_first(others)}."] if others else []
     if ratios:
         also = " also" if others else ""
         found.append(f"Calibration{also} moved ratios of stated constants: {_first(ratios)}. {_either(ratios[0])}.")
@@ -185,12 +186,45 @@ def miscalibrated(diagnosis: Diagnosis) -> str:
     return " ".join(found)
 
 
+def obscured(c: ObscuredConstant) -> str:
+    """What is said of a constant that went where it cannot be, in place of its value."""
+    name = named(c.constant)
+    way = f"{number(c.times, 2)} times" if c.times > 1 else f"{number(c.times, 2)} of"
+    said = [
+        f"{c.equation.capitalize()} are not understood: the {name} would go to {way} what was stated, which is not to "
+        "be believed."
+    ]
+    if c.repeats:
+        said.append(
+            f"Beside the {name} as stated, what is left there is slow ({percent(c.repeats)} of it follows from its own "
+            f"past): something that nobody measured, and that the inputs cancel, hides the {name}."
+        )
+    if c.told is not None:
+        numbers = listed(f"{named(n)}: about {_plain(n, *x)}" for n, x in c.told.numbers.items())
+        said.append(
+            f"Given the moments before, the inputs do tell: {numbers}; the squared error of the next "
+            f"{c.told.horizon_s:g} s on recordings not learned from falls by {percent(c.told.saves)} so "
+            f"({percent(c.told.low)} to {percent(c.told.high)}). Free runs do not know these moments, and the model "
+            "that was fitted for them keeps the other number."
+        )
+    elif c.finer:
+        said.append(f"With --set {c.finer} the {named(c.group)} are read from a finer sensor, which may tell.")
+    return " ".join(said)
+
+
+def _plain(name: str, value: float, unit: str) -> str:
+    unit, factor = shown(unit, name, [value])
+    return united(number(value * factor), unit)
+
+
 def _moved(diagnosis: Diagnosis) -> tuple[list[Calibration], list[Calibration], list[Calibration]]:
     """What calibration moved, most first by stated uncertainties: ratios, constants within such, other constants.
 
     Recordings tell a ratio; how it is shared between its two constants follows from what is stated of each.
     """
-    moved = [c for c in diagnosis.evidence.calibration if c.moved and abs(c.sigma) >= TELLING.constant_moved]
+    hidden = {c.constant for c in diagnosis.evidence.obscured}
+    told = [c for c in diagnosis.evidence.calibration if not hidden & c.constants]
+    moved = [c for c in told if c.moved and abs(c.sigma) >= TELLING.constant_moved]
     moved.sort(key=lambda c: -abs(c.sigma))
     ratios, alone = ([c for c in moved if (" / " in c.constant) is both] for both in (True, False))
     within = {name for c in ratios for name in c.constant.split(" / ")}

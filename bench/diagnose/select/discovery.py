@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from bench.analysis.display import Displayed, draw_bars, new_axes
+from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.result import effect_frame
 from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate, Ratio, ResidualTerm
@@ -75,6 +76,8 @@ class Discovery(Displayed):
     """Sentences about what is there and is not worth a term."""
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     """Relative 1σ of constants as stated, and of those that were let go; see `select.release`."""
+    obscured: tuple[ObscuredConstant, ...] = ()
+    """Constants of which these recordings say nothing that could be believed."""
 
     @property
     def verdict(self) -> str:

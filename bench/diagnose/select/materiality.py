@@ -156,10 +156,17 @@ class Weighing:
         squared = (errors[:, at] ** 2).sum(1)
         if equation.sensed:
             squared = squared / (horizon * self.held.dt) ** 2
+        return squared, self._blocks(recording, first, horizon)
+
+    def blocks(self, left: Increments, horizon: int) -> np.ndarray:
+        """The block (W,) of each window over a horizon."""
+        _, recording, first = left.over(horizon, max(1, horizon // 4))
+        return self._blocks(recording, first, horizon)
+
+    def _blocks(self, recording: np.ndarray, first: np.ndarray, horizon: int) -> np.ndarray:
         whole = sum(map(len, self.held.logs))
         length = max(horizon, min(round(MATTERING.block / self.held.dt), whole // MATTERING.blocks))
-        block = np.unique(np.stack([recording, first // length]), axis=1, return_inverse=True)[1]
-        return squared, block
+        return np.unique(np.stack([recording, first // length]), axis=1, return_inverse=True)[1]
 
     def errors(self, extended: PhysicsModel) -> tuple[EquationError, ...]:
         """Errors of every equation at every horizon, of the nominal, the calibrated and the extended model."""

@@ -124,8 +124,9 @@ class Search:
         stated = [e for e in entries(self.subject.model, self.subject.uncertainty) if e.constant and e.name == name]
         text = ", ".join(f"{e.value:.3g}" for e in stated)
         note = (
-            f"The stated {name.replace('_', ' ')} ({text} {stated[0].unit}) was let go: these recordings contradict it "
-            "by far more than its uncertainty. What they say of it stands among the constants."
+            f"The stated {name.replace('_', ' ')} ({text} {stated[0].unit}) was let go: its equation wants it further "
+            "off than its uncertainty, and would bend what it shares with others. What became of it stands among the "
+            "constants."
         )
         uncertainty = {**self.subject.uncertainty, name: CALIBRATING.free}
         self.subject = replace(self.subject, uncertainty=uncertainty, notes=(*self.subject.notes, note))
@@ -165,7 +166,7 @@ class Search:
 
         Whitened as ``like`` is; default: by what is left.
         """
-        tests, words = self._tests(look.linear), () if look.dictionary is None else look.dictionary.terms
+        tests, words = self.tests(look.linear), () if look.dictionary is None else look.dictionary.terms
         rows, count = look.linear.project(tests, look.dictionary), len(look.linear.columns)
         noisy = [*range(count), *(count + i for i, t in enumerate(words) if t.signal in _OF_INPUT)]
         again = None
@@ -224,7 +225,7 @@ class Search:
         linear = replace(view.linear, own=own)
         return replace(view, linear=linear, subsets=Subsets(linear, view.subsets.normal, view.subsets.buried))
 
-    def _tests(self, linear: Linearization) -> TestFunctions:
+    def tests(self, linear: Linearization) -> TestFunctions:
         """The test functions of what a model moves; made once for the same channels."""
         if linear.channels not in self._made:
             filters_of = [self.smoothing_of(linear.model.measured_channels[c]) for c in linear.channels]
@@ -237,7 +238,7 @@ class Search:
         if not np.isfinite(rates).all():
             return float("inf")  # unstable at this sampling rate
         bare = replace(view.linear, rates=rates, columns=view.linear.columns[:0])
-        left = bare.project(self._tests(view.linear)).whitened(view.filters).normal()
+        left = bare.project(self.tests(view.linear)).whitened(view.filters).normal()
         now = Prior.of(entries(model, self.subject.uncertainty, self.subject.model))
         return float(left.total[-1, -1] + (now.precision * now.centre**2).sum())
 

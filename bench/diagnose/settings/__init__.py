@@ -14,7 +14,16 @@ from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading
 from bench.diagnose.settings.manoeuvre import Assuring, Composing, Designing, Limiting, Separating
 from bench.diagnose.settings.regression import Calibrating, Folding, Following, Linearising, Mapping, Waving
-from bench.diagnose.settings.select import Choosing, Growing, Mattering, Searching, Stepping, Timing, Verifying
+from bench.diagnose.settings.select import (
+    Choosing,
+    Growing,
+    Mattering,
+    Releasing,
+    Searching,
+    Stepping,
+    Timing,
+    Verifying,
+)
 from bench.diagnose.settings.simulate import Beginning, Playing, Running, Shooting, Simulating
 from bench.diagnose.settings.steps import Comparing, Deciding, Discovering, Extending, Locating, Observing, Telling
 from bench.diagnose.settings.unseen import Hiding, Unseen
@@ -44,6 +53,7 @@ HEARING = Hearing()
 UNSEEN = Unseen()
 HIDING = Hiding()
 SEARCHING = Searching()
+RELEASING = Releasing()
 TIMING = Timing()
 CHOOSING = Choosing()
 STEPPING = Stepping()

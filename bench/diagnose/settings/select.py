@@ -31,6 +31,24 @@ class Searching:
 
 
 @dataclass(frozen=True)
+class Releasing:
+    """Constants that were let go."""
+
+    slow: float = threshold(
+        3.0,
+        "density at rest of what is left of an equation, over its mean density, from which it is slow",
+        Basis.JUDGED,
+    )
+    turns: int = threshold(
+        6,
+        "times that numbers and the noise of an equation are fitted in turns beside a slow disturbance",
+        Basis.EFFORT,
+        "count",
+    )
+    remembered: int = threshold(4_000, "hops over which an autoregression's answer is summed", Basis.EFFORT, "hops")
+
+
+@dataclass(frozen=True)
 class Timing:
     """When the inputs act."""
 

@@ -123,20 +123,29 @@ class Observer:
         return torch.from_numpy(out)
 
     def _past(self, left: Increments) -> np.ndarray:
-        """z (L, N, channels, filters) at every sample; residuals that are not valid have no weight.
+        """z (L, N, channels, filters) at every sample; see `pasts`."""
+        channels = [c for e in self.equations for c in e]
+        return pasts(left, channels, self.steps, filter_half_width(self.noise.smoothing))
 
-        The filters wait for as long as the smoothing of a later measurement looks back.
-        """
-        late, channels = filter_half_width(self.noise.smoothing), [c for e in self.equations for c in e]
-        spans = OBSERVING.fastest * self.steps * OBSERVING.ratio ** np.arange(OBSERVING.filters)
-        valid = left.valid[..., None].astype(float)
-        known = np.concatenate([np.where(valid > 0, left.steps[..., channels], 0.0), valid], axis=-1)
-        known = np.concatenate([np.zeros_like(known[:, : late + 1]), known], axis=1)[:, : valid.shape[1] + 1]
-        in_time = known.swapaxes(0, 1)
-        sums = [lagged(in_time, a) for a in np.exp(-1.0 / np.maximum(1.0, spans))]
-        total = np.stack(sums, axis=-1).swapaxes(0, 1)
-        weight = total[..., -1:, :]
-        return np.divide(total[..., :-1, :], weight, out=np.zeros_like(total[..., :-1, :]), where=weight > 0)
+
+def pasts(left: Increments, channels: Sequence[int], steps: int, late: int) -> np.ndarray:
+    """z (L, N, channels, filters) at every sample; residuals that are not valid have no weight.
+
+    Args:
+        left: what a model leaves.
+        channels: of the states.
+        steps: samples of the horizon whose disturbance is to be told.
+        late: samples that the filters wait for: as long as the smoothing of a later measurement looks back.
+    """
+    spans = OBSERVING.fastest * steps * OBSERVING.ratio ** np.arange(OBSERVING.filters)
+    valid = left.valid[..., None].astype(float)
+    known = np.concatenate([np.where(valid > 0, left.steps[..., list(channels)], 0.0), valid], axis=-1)
+    known = np.concatenate([np.zeros_like(known[:, : late + 1]), known], axis=1)[:, : valid.shape[1] + 1]
+    in_time = known.swapaxes(0, 1)
+    sums = [lagged(in_time, a) for a in np.exp(-1.0 / np.maximum(1.0, spans))]
+    total = np.stack(sums, axis=-1).swapaxes(0, 1)
+    weight = total[..., -1:, :]
+    return np.divide(total[..., :-1, :], weight, out=np.zeros_like(total[..., :-1, :]), where=weight > 0)
 
 
 def _parts(steps: int) -> list[tuple[int, int]]:
