@@ -138,6 +138,30 @@ def test_a_plug_in_brings_its_own_signals() -> None:
             ["t", *(f"pose.pose.position.{a}" for a in "xyz"), *(f"pose.pose.orientation.{a}" for a in "xyzw")],
             ['position = {columns = ["pose.pose.position.x"', 'convention = "quaternion_xyzw"'],
         ),
+        (
+            [
+                "timestamp",
+                *(f"q[{i}]" for i in range(4)),
+                *(f"imu_{s}[{i}]" for s in ("gyro", "accel") for i in range(3)),
+            ],
+            ['"imu_gyro[2]"], unit = "rad/s", frame = "frd"', '"imu_accel[2]"], unit = "g", frame = "frd"'],
+        ),
+        (
+            [
+                "t",
+                *("X_mm", "Y_mm", "Z [m]", "phi_deg", "theta_deg", "psi_deg", "vx_mps", "vy_mps", "vz_mps"),
+                *("wx_dps", "wy_dps", "wz_dps", "ax_g", "ay_g", "az_g", "m1_rpm", "m2_rpm", "vbat_mV"),
+            ],
+            [
+                'position = {columns = ["X_mm", "Y_mm", "Z [m]"], unit = "m"}',
+                '["phi_deg", "theta_deg", "psi_deg"], unit = "deg", convention',
+                '["vx_mps", "vy_mps", "vz_mps"], unit = "m/s"',
+                '["wx_dps", "wy_dps", "wz_dps"], unit = "deg/s"',
+                '["ax_g", "ay_g", "az_g"], unit = "g"',
+                'rotor_speed = {columns = ["m1_rpm", "m2_rpm"], unit = "rpm"}',
+                'battery = {columns = ["vbat_mV"], unit = "mV"}',
+            ],
+        ),
     ],
 )
 def test_names_of_autopilots_are_known(columns: list[str], holds: list[str], tmp_path: Path) -> None:
@@ -148,3 +172,13 @@ def test_names_of_autopilots_are_known(columns: list[str], holds: list[str], tmp
     text = draft(tmp_path)
     for part in (*holds, "rate_hz = 250 ", *(['time_unit = "us"'] if stamped else [])):
         assert part in text
+
+
+def test_the_unit_of_an_accelerometer_is_told_by_gravity(tmp_path: Path) -> None:
+    data = pd.DataFrame(
+        {"t": 0.01 * np.arange(50), "p": 0.1, "q": 0.2, "r": 0.3, "acc.x": 0.3, "acc.y": 0.1, "acc.z": 9.8}
+    )
+    data.to_csv(tmp_path / "a.csv", index=False)
+    assert '"acc.z"], unit = "m/s^2"' in draft(tmp_path)
+    data.assign(**{"acc.z": 1.02}).to_csv(tmp_path / "a.csv", index=False)
+    assert '"acc.z"], unit = "g"' in draft(tmp_path)

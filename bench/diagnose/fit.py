@@ -14,7 +14,7 @@ from bench.diagnose.select.verify import Estimate, estimates
 from bench.diagnose.settings import EXTENDING
 from bench.diagnose.simulate.multiple_shooting import Shot, multiple_shooting
 from bench.diagnose.simulate.unmeasured import hidden
-from registry.dynamics import PhysicsModel
+from registry.dynamics import InputEffect, PhysicsModel
 
 
 def fit_parameters(
@@ -38,17 +38,31 @@ def fit_parameters(
     view, model = settled(search, model)
     found = estimates(view, view.subsets.fit())
     if not through_simulator:
-        return model, found
+        return model, between_samples(model, subject.logs[0].dt, found)
     tick("shooting")
     shot = multiple_shooting(model, subject, subject.training, tick)
     held: set[tuple[int, str]] = set()
     while turned := against(found, shot):
         held |= turned
         shot = multiple_shooting(model, subject, subject.training, tick, held)
-    if lost(found, shot):
-        return model, found
-    better = shot.after < EXTENDING.shooting_gain * shot.before
-    return (shot.model if better else model), _between(found, shot, better)
+    better = not lost(found, shot) and shot.after < EXTENDING.shooting_gain * shot.before
+    numbers = found if lost(found, shot) else _between(found, shot, better)
+    return (shot.model if better else model), between_samples(model, subject.logs[0].dt, numbers)
+
+
+def between_samples(model: PhysicsModel, dt: float, found: Sequence[Estimate]) -> list[Estimate]:
+    """Estimates with what is open between two samples of held commands.
+
+    A controller that gives commands P apart, more often than they are logged, has given them (dt − P) / 2 earlier, on
+    average, than held samples say; a lag or a delay behind them is longer by as much, up to dt / 2, than it seems.
+    """
+    if model.input_hold != "previous":
+        return list(found)
+    late = {i for i, e in enumerate(model.effects) if isinstance(e, InputEffect)}
+    return [
+        replace(x, high=min(x.high + dt / 2, x.entry.high)) if x.entry.owner in late and x.entry.unit == "s" else x
+        for x in found
+    ]
 
 
 def lost(found: Sequence[Estimate], shot: Shot) -> bool:

@@ -227,10 +227,14 @@ def test_nothing_is_not_said_to_be_noise_where_much_is_left() -> None:
     d = samples.nothing()
     assert "is at the noise floor." in sentences.explanation(d)
     left = replace(d.unexplained, share=0.9, axes=("velocity.x",), follows=())
-    said = sentences.explanation(replace(d, unexplained=left))
-    assert (
-        "more than noise and follows no measured signal" in said and "noise floor." not in said.partition("A syst")[0]
-    )
+    d = replace(d, unexplained=left, disturbance_floor={})
+    said = sentences.explanation(d)
+    assert "wind, something" in said and "noise floor." not in said.partition("A syst")[0]
+    (group, error), *_ = d.error.calibrated.items()
+    slow = replace(d, disturbance_floor={group: replace(error, rmse=error.rmse / 2)})
+    assert "wind, something that swings" in sentences.explanation(slow)
+    fast = sentences.explanation(replace(d, disturbance_floor={group: error}))
+    assert "`[processing] noise` states it" in fast and "wind, something" not in fast
 
 
 def test_every_tie_is_said_by_itself() -> None:

@@ -10,7 +10,9 @@ from scipy.ndimage import gaussian_filter1d
 from test_compare import DT, TRUE, flights, subject_of
 
 from bench.diagnose import discover
+from bench.diagnose.fit import fit_parameters
 from bench.diagnose.select.input_timing import prepared, read_at
+from registry.effects.actuation import MotorLag
 
 
 def behind_held_commands(tau: float, count: int = 3, samples: int = 2000) -> tuple[np.ndarray, np.ndarray]:
@@ -84,3 +86,20 @@ def test_reading_between_samples_is_exact_for_cubics_and_leaves_other_signals_al
         found = read_at(inputs, 1, shift)[4:-4]
         assert torch.allclose(found[:, 0], (t[4:-4] + shift) ** 3)
         assert torch.equal(found[:, 1], t[4:-4])
+
+
+def test_a_lag_behind_commands_that_were_given_more_often_than_logged_lies_within_its_interval() -> None:
+    tau, often = 0.03, 4
+    white = np.random.default_rng(5).normal(0, 100.0, (often * 2000, 3))
+    command = gaussian_filter1d(white, 3.0 * often, axis=0) * often**0.5
+    whole = np.zeros((4, 4))
+    whole[0, 1], whole[1, :3], whole[2, 2:] = 1, [-100.0, -0.5, 1.0], [-1 / tau, 1 / tau]
+    step, full = expm(whole * DT / often), np.zeros((len(command), 3, 4))
+    for k in range(1, len(command)):
+        full[k, :, :3] = (np.column_stack([full[k - 1, :, :3], command[k - 1]]) @ step.T)[:, :3]
+    states, given = full[::often, :, :2].swapaxes(0, 1), command[::often].T[..., None]
+    model = replace(TRUE, input_hold="previous", effects=(MotorLag(tau_up=0.02, tau_down=0.02),))
+    _, numbers = fit_parameters(subject_of(model, noisy(states), given), model)
+    for lag in (x for x in numbers if x.entry.name in ("tau_up", "tau_down")):
+        assert 0 < tau - lag.value < DT / 2  # (dt − P) / 2 too short
+        assert lag.low < tau < lag.high < lag.value + DT

@@ -89,12 +89,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         more = f"{count} problems were found" if count > 1 else "One problem was found"
         return [f"{more}; no effect was looked for, because a damaged signal looks like missing physics."]
     if diagnosis.verdict == "nothing":
-        found.append(
-            "What is left is more than noise and follows no measured signal: wind, something that swings, sticks or "
-            "slips, or an input that was not logged."
-            if _disturbed(diagnosis.unexplained)
-            else "The error on held-out recordings is at the noise floor."
-        )
+        found.append(_nothing_more(diagnosis))
     if diagnosis.verdict == "named":
         each = "It explains" if len(shares) == 1 else "Together they explain"
         constants = _constants_first(diagnosis)
@@ -138,6 +133,23 @@ def _constants_first(diagnosis: Diagnosis) -> str:
     """What the calibration of constants took before any effect, where that is worth a clause."""
     before = diagnosis.evidence.calibrated
     return f"; the constants, calibrated first, explain {percent(before)}" if before >= TELLING.little_left else ""
+
+
+def _nothing_more(diagnosis: Diagnosis) -> str:
+    """What the error is made of where nothing is missing: noise, a disturbance, or what is faster than one."""
+    if not _disturbed(diagnosis.unexplained):
+        return "The error on held-out recordings is at the noise floor."
+    lines = falls(diagnosis)
+    if any(f.observed for f in lines) or all(math.isnan(f.errors["disturbance"]) for f in lines):
+        return (
+            "What is left is more than noise and follows no measured signal: wind, something that swings, sticks or "
+            "slips, or an input that was not logged."
+        )
+    return (
+        "What is left follows no measured signal, and the moments before do not tell it, as they would of wind: noise, "
+        "of which sensors that filter it show too little (`[processing] noise` states it), vibration, inputs between "
+        "their samples, or something that swings."
+    )
 
 
 def _disturbed(left: Unexplained) -> bool:

@@ -18,11 +18,11 @@ _TURNED = {"attitude": _NED, "body_rates": 'frame = "frd"', "specific_force": 'f
 """Of logs whose places are north, east and down: the frames of what else they hold."""
 _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("attitude", 'unit = "1", convention = "quaternion_wxyz", frame = "ned"', tuple(rf"q\[{i}\]" for i in range(4))),
-    ("body_rates", 'unit = "rad/s", frame = "frd"', tuple(rf"(?:.*\.)?xyz\[{i}\]|gyro_rad\[{i}\]" for i in range(3))),
+    ("body_rates", 'unit = "rad/s", frame = "frd"', tuple(rf"(?:.*\.)?xyz\[{i}\]|.*gyro\w*\[{i}\]" for i in range(3))),
     (
         "specific_force",
         'unit = "m/s^2", frame = "frd"',
-        tuple(rf"accelerometer_m_s2\[{i}\]" for i in range(3)),
+        tuple(rf".*acc\w*\[{i}\]" for i in range(3)),
     ),
     ("position", f'unit = "m", {_NED}', tuple(rf"p(?:os)?_?{a[0]}|(?:pos_?)?{a}" for a in _COMPASS)),
     ("velocity", f'unit = "m/s", {_NED}', tuple(rf"v(?:el)?_?{a[0]}|v(?:el)?_?{a}" for a in _COMPASS)),
@@ -44,7 +44,7 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (
         "velocity",
         'unit = "m/s", frame = "world"',
-        tuple(rf"v[_.]?{a}|vel[_.]?{a}|stateEstimate\.v{a}|{_ROS}(?:linear|velocity)\.{a}" for a in "xyz"),
+        tuple(rf"v[_.]?{a}|vel[_.]?{a}|stateEstimate\.v{a}|{_ROS}(?:lin(?:ear)?|velocity)\.{a}" for a in "xyz"),
     ),
     ("body_rates", 'unit = "deg/s"', ("gyro\\.x", "gyro\\.y", "gyro\\.z")),
     (
@@ -57,7 +57,7 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         "body_rates",
         'unit = "rad/s"',
         tuple(
-            rf"{a}|w_?{b}|gyro?_?{b}|omega_?{b}|ang_?vel_?{b}|{_ROS}angular(?:_velocity)?\.{b}"
+            rf"{a}|w_?{b}|gyro?_?{b}|omega_?{b}|ang_?vel_?{b}|{_ROS}ang(?:ular)?(?:_velocity)?\.{b}"
             for a, b in zip("pqr", "xyz", strict=True)
         ),
     ),
@@ -73,10 +73,10 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 _MOVING = {"position", "velocity", "specific_force", "rotor_speed", "pwm", "pilot"}
 """Beside attitude and body rates, signals of a vehicle, which has a battery."""
 _NUMBERED = (
-    ("rotor_speed", "rpm", r"(?:rpm_?|rpm\.m)"),
+    ("rotor_speed", "rpm", r"(?:rpm_?|rpm\.m)|(?:esc|m|motor|rotor|w)_?(?=\d+_rpm)"),
     ("rotor_speed", "rad/s", "(?:rotor|omega|motor_speed)_?"),
     ("rotor_command", "rad/s", "(?:cmd|command|rotor_cmd|rotor_command)_?"),
-    ("pwm", "pwm", r"(?:pwm|motor|m|motor\.m)_?|pwm\.m(?=\d_pwm)|(?:output|channels)\["),
+    ("pwm", "pwm", r"(?:pwm|motor|m|motor\.m|out)_?|pwm\.m(?=\d_pwm)|(?:output|channels)\["),
 )
 _NAMED: dict[str, str] = {
     "displacement": "q|x|y|pos|position|disp|displacement",
@@ -97,6 +97,16 @@ _DRIVES = (
 _SUFFIXES = ("l_min", "m_s", "rad_s", "deg_s", "degc", "bar", "kpa", "pa", "rpm", "hz", "kg", "mm", "deg", "rad")
 _SIGNS = ("V", "mV", "A", "mA", "N", "Nm")
 """Units of one or two letters, which are none in small letters: "force_n" is north."""
+_OF_MOTION = {
+    **{u: u for u in ("m", "cm", "mm", "deg", "rad", "g", "rpm")},
+    **{u: "deg/s" for u in ("dps", "degs", "deg_s", "degps", "deg_per_s")},
+    **{u: "rad/s" for u in ("rads", "rad_s", "radps", "rad_per_s")},
+    **{u: "m/s" for u in ("ms", "mps", "m_s", "m_per_s")},
+    **{u: "m/s^2" for u in ("ms2", "mps2", "mss", "m_s2", "m_per_s2", "m_s_2")},
+    "v": "V",
+    "mv": "mV",
+}
+"""Endings of names of a vehicle's signals, where the signal can be measured so: "ax_g", "roll_deg"."""
 _UNITS = {"Nm": "N m", "degc": "degC", "kpa": "kPa", "pa": "Pa", "hz": "Hz", "l_min": "L/min"}
 
 
@@ -125,14 +135,20 @@ def recognised(names: Sequence[str], wanted: Collection[str] = (), units: Mappin
         units: of columns whose unit the file states.
     """
     found = Found(left=list(names))
+    told = {n: (units or {}).get(n, "") or _of_motion(n)[1] for n in names}
 
-    def take(pattern: str) -> str | None:
-        return next((n for n in found.left if re.fullmatch(pattern, bare(n), re.IGNORECASE)), None)
+    def take(pattern: str, about: str) -> str | None:
+        (usual,) = re.findall(r'unit = "([^"]*)"', about)
+        called = next((n for n in found.left if re.fullmatch(pattern, bare(n), re.IGNORECASE)), None)
+        return called or next(
+            (n for n in found.left if re.fullmatch(pattern, _of_motion(n)[0], re.IGNORECASE) and _fits(told[n], usual)),
+            None,
+        )
 
     px4 = any(n.startswith(("q[", "xyz[", "timestamp_sample")) for n in names)
     down = False
     for signal, about, patterns in _guesses(wanted):
-        columns = [take(p.removeprefix("-")) for p in patterns]
+        columns = [take(p.removeprefix("-"), about) for p in patterns]
         if signal not in found.signals and all(columns) and len(set(columns)) == len(columns):
             signs = ["-" * p.startswith("-") for p in patterns]
             said = (
@@ -144,15 +160,15 @@ def recognised(names: Sequence[str], wanted: Collection[str] = (), units: Mappin
             if down and signal in _TURNED and "frd" not in about and _NED not in about:
                 said = ", ".join([about.replace(', frame = "body"', ""), _TURNED[signal]])
             found.columns[signal] = [c for c in columns if c]
-            said = _in_units(said, found.columns[signal], units or {})
+            said = _in_units(said, found.columns[signal], told)
             found.signals[signal] = _entry([f"{sign}{c}" for sign, c in zip(signs, columns, strict=True)], said)
             found.left = [n for n in found.left if n not in columns]
     driven = set(found.signals) & {"attitude", "body_rates"}  # of a vehicle; elsewhere u is a name for anything
     for signal, unit, prefix in (*_NUMBERED, *([("pwm", "pwm", "u_?")] * bool(driven))):
-        pattern = re.compile(rf"(?:{prefix})\d+(?:\]|_pwm)?", re.IGNORECASE)
+        pattern = re.compile(rf"(?:{prefix})\d+(?:\]|_pwm|_rpm)?", re.IGNORECASE)
         numbered = sorted((n for n in found.left if pattern.fullmatch(n)), key=_number)
         if numbered and signal not in found.signals and (not wanted or signal in wanted):
-            about = _in_units(f'unit = "{unit}"', numbered, units or {})
+            about = _in_units(f'unit = "{unit}"', numbered, told)
             found.signals[signal], found.columns[signal] = _entry(numbered, about), numbered
             found.left = [n for n in found.left if n not in numbered]
     moves = driven or set(found.signals) & _MOVING
@@ -211,7 +227,22 @@ def _in_units(about: str, columns: Sequence[str], units: Mapping[str, str]) -> s
     (usual,) = re.findall(r'unit = "([^"]*)"', about)
     stated = {units.get(c, "") for c in columns}
     unit = stated.pop() if len(stated) == 1 else ""
-    return about.replace(f'"{usual}"', f'"{unit}"', 1) if unit and measures(unit, to_si(usual)[0]) else about
+    return about.replace(f'"{usual}"', f'"{unit}"', 1) if _fits(unit, usual) else about
+
+
+def _fits(unit: str, usual: str) -> bool:
+    """Whether what is usually in one unit can be in the other."""
+    return bool(unit) and measures(unit, to_si(usual)[0])
+
+
+def _of_motion(column: str) -> tuple[str, str]:
+    """Name without unit, and unit, of a column of a vehicle's: "ax_g", "x [mm]"."""
+    name = bare(column)
+    stem, _, ending = name.partition("_")
+    while ending and ending.lower() not in _OF_MOTION:
+        more, _, ending = ending.partition("_")
+        stem = f"{stem}_{more}"
+    return (stem, _OF_MOTION[ending.lower()]) if ending else (name, _unit(column))
 
 
 def own_signal(column: str, taken: Collection[str], unit: str = "") -> tuple[str, str]:

@@ -24,6 +24,11 @@ NO_PHYSICS = "No physics model: networks only."
 COMMANDS = ("rotor_command", "pwm")
 """Signals that are held until the next one."""
 
+_BY_SIZE = {"attitude": ('unit = "rad"', 'unit = "deg"'), "specific_force": ('unit = "g"', 'unit = "m/s^2"')}
+"""Signal → its units where values are small, and where they are large."""
+_ONE_G = 3.1
+"""What an accelerometer shows in flight is less than this in g, and more in m/s²: the geometric mean of both."""
+
 _ROTORS = (
     "# TODO: pwm is what a driver is told, whole numbers such as 1000 to 2000 or 0 to 65535; where these columns are\n"
     '# speeds of the rotors (in rad/s or rpm), write input = "rotor_speed" above and in the place of the line before:\n'
@@ -72,8 +77,8 @@ def draft(
     wanted = _signals_of(system) if system else {}
     stated = units(files[0])
     found = recognised(columns, wanted, stated)
-    if 'unit = "rad", convention = "euler' in found.signals.get("attitude", "") and not sure:
-        found.signals["attitude"] = _in_degrees(found.signals["attitude"], files[0], found.columns["attitude"])
+    for signal in set(found.signals) & set(_BY_SIZE) if not sure else ():
+        found.signals[signal] = _by_size(signal, found.signals[signal], files[0], found.columns[signal])
     if own is None and not system and set(found.signals) & {*MOTION, "pilot"}:
         system = "helicopter" if "pilot" in found.signals else "quadrotor"
         if sure and not set(found.signals) & set(PHYSICS.get(system).input_signals):
@@ -94,13 +99,17 @@ def draft(
     return "\n".join([*lines, *_of_networks(files[0], found, stated)]) + "\n"
 
 
-def _in_degrees(entry: str, file: Path, columns: Sequence[str]) -> str:
-    """The entry of Euler angles, in degrees where roll or pitch are larger than angles in radians can be."""
+def _by_size(signal: str, entry: str, file: Path, columns: Sequence[str]) -> str:
+    """The entry in the unit that the size of the values tells: angles beyond π, gravity in g or in m/s²."""
+    small, large = _BY_SIZE[signal]
     try:
-        largest = np.abs(numbers(file, columns[:2])).max()
+        values = np.abs(numbers(file, columns))
     except BenchError:
         return entry  # `bench data check` says what is wrong with it
-    return entry.replace('unit = "rad"', 'unit = "deg"') if largest > np.pi else entry
+    if signal == "attitude":
+        return entry.replace(small, large) if "euler" in entry and values[:, :2].max() > np.pi else entry
+    weighs = float(np.median(np.linalg.norm(values, axis=-1)))
+    return entry.replace(small, large) if weighs > _ONE_G else entry.replace(large, small)
 
 
 def _of_system(system: str, wanted: dict[str, str], found: Found, known: Known | None) -> list[str]:
