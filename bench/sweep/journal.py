@@ -126,6 +126,7 @@ def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
             )
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        atomic_io.clear(folder, ".")
         _mend(folder / JOURNAL)
         if not definition.is_file():
             atomic_io.write_text(definition, canonical({**sweep.definition, "command": sweep.command}))
