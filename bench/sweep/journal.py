@@ -207,6 +207,12 @@ def begun(study: optuna.Study) -> list[FrozenTrial]:
     return [t for t in study.get_trials(deepcopy=False) if t.state != TrialState.WAITING and not was_killed(t)]
 
 
+def place(study: optuna.Study, trial: FrozenTrial) -> int:
+    """The number that a trial would have if none had been killed."""
+    order = sorted(t.user_attrs.get("first", t.number) for t in begun(study))
+    return order.index(trial.user_attrs.get("first", trial.number))
+
+
 def finished(study: optuna.Study) -> list[FrozenTrial]:
     """Trials of which the end is known."""
     return [t for t in begun(study) if t.state != TrialState.RUNNING]
