@@ -17,7 +17,7 @@ from bench.diagnose.learned import curves, judged, learned
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.sample import sampled
+from bench.diagnose.logs.sample import give_back, sampled
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.regression.weak import LogBatch, own_states
@@ -76,6 +76,7 @@ def diagnose(
         return stopped(subject, named_as, checked.problems), subject.model
     tick("noise")
     source = subject = sampled(subject)
+    give_back()
     subject, noise = prepared(subject, tick=tick)
     found = discover(subject, catalogue, tick, noise)
     subject = replace(subject, uncertainty=dict(found.uncertainty) or subject.uncertainty)
