@@ -1,13 +1,16 @@
 """The long tables that a study leaves, against the records that they are made of."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 import synthetic_study
 from rich.console import Console
 
 from bench.claims.evidence import COST, FILE
+from bench.records.record import RunRecord
 from bench.reporting import study_outputs
 
 
@@ -35,3 +38,25 @@ def test_a_study_of_which_every_run_diverged_has_empty_tables(tmp_path: Path) ->
     study_outputs.write_outputs(Console(quiet=True), [lost], "s", None, "bench run s", tmp_path / "out")
     for name in (study_outputs.STEPS, FILE):
         assert pd.read_parquet(tmp_path / "out" / name).empty
+
+
+def test_whoever_is_stopped_while_a_study_is_written_leaves_its_files_as_they_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write() -> dict[str, bytes]:
+        with suppress(KeyboardInterrupt):
+            study_outputs.write_outputs(Console(quiet=True), runs, "s", None, "bench run s", tmp_path / "out")
+        return {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir()}
+
+    def stopped(records: list[RunRecord], path: Path) -> None:
+        path.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    runs = synthetic_study.study(tmp_path / "runs", {5: 2}, axes="p", recordings=2)
+    before = write()
+    runs = synthetic_study.study(tmp_path / "more", {5: 3}, axes="p", recordings=2)
+    with monkeypatch.context() as patched:
+        patched.setattr(study_outputs, "write_evidence", stopped)
+        assert write() == before
+    after = write()
+    assert after.keys() == before.keys() and all(after[name] != before[name] for name in ("study.json", FILE))

@@ -97,6 +97,7 @@ swept(Path(sys.argv[1]), toy(), 10)
     assert essence(resumed) == essence(unbroken)
     again = [t.user_attrs["again"] for t in resumed.trials if "again" in t.user_attrs]
     assert len(again) == len(set(again)) == len(resumed.trials) - 10 == 1
+    assert [sweep.place(resumed, t) for t in sweep.finished(resumed)] == [t.number for t in unbroken.trials]
     assert sorted(p.name for p in (killed / "s").iterdir()) == [sweep.JOURNAL, sweep.DEFINITION]
 
 
@@ -117,6 +118,15 @@ def test_what_cannot_be_is_a_failed_trial(tmp_path: Path) -> None:
     assert states[10].state == TrialState.COMPLETE and states[5000].state == TrialState.FAIL
     assert "shorten the horizon" in states[5000].user_attrs["problem"]
     assert len(sweep.finished(study)) == len(study.trials) == 6
+
+
+def test_what_a_kill_left_beside_a_sweep_is_removed(tmp_path: Path) -> None:
+    asked, _ = swept(tmp_path, toy("planted"), 2)
+    left = tmp_path / f".{sweep.DEFINITION}.x.draft"
+    left.mkdir()
+    (left / sweep.DEFINITION).write_text("{")
+    sweep.begin(asked, tmp_path, resume=True)
+    assert not left.exists() and (tmp_path / sweep.DEFINITION).is_file()
 
 
 def test_a_sweep_that_cannot_begin_is_one_sentence(tmp_path: Path) -> None:

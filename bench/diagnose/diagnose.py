@@ -8,7 +8,7 @@ import torch
 
 from bench.diagnose.answer import Steps, answer, stopped
 from bench.diagnose.checks.checklist import check_subject
-from bench.diagnose.checks.problems import Checked, problems, without_damaged
+from bench.diagnose.checks.problems import Checked, Known, problems, without_damaged
 from bench.diagnose.compare import compare, refuse_long
 from bench.diagnose.discover import discover
 from bench.diagnose.extend import Extension, extend, ordered, stage
@@ -17,7 +17,7 @@ from bench.diagnose.learned import curves, judged, learned
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.sample import sampled
+from bench.diagnose.logs.sample import give_back, sampled
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.regression.weak import LogBatch, own_states
@@ -76,6 +76,7 @@ def diagnose(
         return stopped(subject, named_as, checked.problems), subject.model
     tick("noise")
     source = subject = sampled(subject)
+    give_back()
     subject, noise = prepared(subject, tick=tick)
     found = discover(subject, catalogue, tick, noise)
     subject = replace(subject, uncertainty=dict(found.uncertainty) or subject.uncertainty)
@@ -105,8 +106,15 @@ class _Run:
     """Longest horizon of the comparisons [s]."""
 
 
-def _checked(subject: Subject, ignore: Sequence[str]) -> tuple[Subject, Checked, tuple[DataProblem, ...]]:
+def _checked(
+    subject: Subject, ignore: Sequence[str], known: Known | None = None
+) -> tuple[Subject, Checked, tuple[DataProblem, ...]]:
     """What is wrong with the data; how they are read comes first, since everything else follows from it.
+
+    Args:
+        subject: the model and all recordings.
+        ignore: kinds of problems that are noted and do not stop the analysis.
+        known: what recordings said each by itself, beside others that were left out since.
 
     Returns:
         The subject without few damaged recordings of many, what is wrong with the others, and what was with these.
@@ -115,11 +123,12 @@ def _checked(subject: Subject, ignore: Sequence[str]) -> tuple[Subject, Checked,
     faults = [p for p in stopping if p.kind not in ignore]
     if faults:
         return subject, Checked(tuple(faults), tuple(minor)), ()
-    found = problems(subject)
+    known = {} if known is None else known
+    found = problems(subject, known=known)
     left = tuple(p for p in found.problems if p.kind not in ignore)
     rest = None if Checked(left, ()).only_shifts else without_damaged(subject, left)
     if rest is not None:
-        subject, checked, damaged = _checked(rest, ignore)
+        subject, checked, damaged = _checked(rest, ignore, known)
         return subject, checked, (*left, *damaged)
     passed = [p for p in (*stopping, *found.problems) if p.kind in ignore]
     return subject, Checked(left, (*found.suspicions, *minor, *passed)), ()

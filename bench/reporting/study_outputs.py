@@ -66,22 +66,15 @@ def write_outputs(
 
 
 def _write(records: Sequence[RunRecord], title: str, study: Study | None, command: str, folder: Path) -> list[Path]:
-    """The files of the folder; ``study.json``, which says that the study is finished, comes last."""
-    from bench.reporting import figures, report, simulations, study_page
-
+    """The files of the folder, each whole or as it was; ``study.json``, which says that all are there, comes last."""
     folder.mkdir(parents=True, exist_ok=True)
-    pairs = tuple(matched(study.pairs, specs(records))) if study else ()
-    within = study.contrasts if study else ()
-    figures.per_step_figure(records, folder / "error_per_step.png")
-    if study is None and records[0].finished:
-        figures.box_figure(records[0], folder / "error_distribution.png")
-    text = report.to_markdown(records, pairs, title, command, "error_per_step.png", within)
-    whole = simulations.lines(records, study)
-    (folder / "table.md").write_text("\n".join([text, *whole]).rstrip() + "\n" if whole else text)
-    study_page.write(folder / REPORT, records, title, study, command)
-    write_steps(records, folder / STEPS)
-    write_evidence(records, folder / FILE)
-    files = [p for p in sorted(folder.iterdir()) if p.suffix in (".png", ".svg", ".md", ".html")]
+    with atomic_io.drafting(folder, ".outputs.") as draft:
+        _draw(records, title, study, command, draft)
+        made = sorted(draft.iterdir())
+        for file in made:
+            atomic_io.flush(file)
+            atomic_io.move(file, folder / file.name)
+    files = [folder / p.name for p in made if p.suffix in (".png", ".svg", ".md", ".html")]
     content = {
         "title": title,
         "study": study.name if study else None,
@@ -95,3 +88,20 @@ def _write(records: Sequence[RunRecord], title: str, study: Study | None, comman
     }
     atomic_io.write_text(folder / "study.json", canonical(content))
     return files
+
+
+def _draw(records: Sequence[RunRecord], title: str, study: Study | None, command: str, folder: Path) -> None:
+    """Figures, tables and page in an empty folder."""
+    from bench.reporting import figures, report, simulations, study_page
+
+    pairs = tuple(matched(study.pairs, specs(records))) if study else ()
+    within = study.contrasts if study else ()
+    figures.per_step_figure(records, folder / "error_per_step.png")
+    if study is None and records[0].finished:
+        figures.box_figure(records[0], folder / "error_distribution.png")
+    text = report.to_markdown(records, pairs, title, command, "error_per_step.png", within)
+    whole = simulations.lines(records, study)
+    (folder / "table.md").write_text("\n".join([text, *whole]).rstrip() + "\n" if whole else text)
+    study_page.write(folder / REPORT, records, title, study, command)
+    write_steps(records, folder / STEPS)
+    write_evidence(records, folder / FILE)

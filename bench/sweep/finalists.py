@@ -106,7 +106,7 @@ def write(
         "title": asked.title,
         "command": asked.command,
         "trials": len(sweep.finished(study)),
-        "best": {"trial": best.number, "params": best.params, "rmsse": best.values[0]},
+        "best": {"trial": sweep.place(study, best), "params": best.params, "rmsse": best.values[0]},
         "keys": [r.key for r in records],
         "verdicts": {
             v.part: {

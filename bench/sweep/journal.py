@@ -126,6 +126,7 @@ def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
             )
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        atomic_io.clear(folder, ".")
         _mend(folder / JOURNAL)
         if not definition.is_file():
             atomic_io.write_text(definition, canonical({**sweep.definition, "command": sweep.command}))
@@ -204,6 +205,12 @@ def was_killed(t: FrozenTrial) -> bool:
 def begun(study: optuna.Study) -> list[FrozenTrial]:
     """Trials that run or have finished, each once however often it was killed."""
     return [t for t in study.get_trials(deepcopy=False) if t.state != TrialState.WAITING and not was_killed(t)]
+
+
+def place(study: optuna.Study, trial: FrozenTrial) -> int:
+    """The number that a trial would have if none had been killed."""
+    order = sorted(t.user_attrs.get("first", t.number) for t in begun(study))
+    return order.index(trial.user_attrs.get("first", trial.number))
 
 
 def finished(study: optuna.Study) -> list[FrozenTrial]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from bench.diagnose.logs.sample import sampled, shortened
+from bench.diagnose.logs.sample import sampled, shared, shortened
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.settings import FOLDING, READING
@@ -38,6 +38,22 @@ def subject(recordings: int, samples: int) -> Subject:
     names = [x.name for x in logs]
     held_out = tuple(names[2::3])
     return Subject("many", Oscillator(), logs, tuple(n for n in names if n not in held_out), held_out)
+
+
+def test_states_that_a_recording_holds_as_they_are_take_no_memory_until_they_are_computed_with() -> None:
+    one = log("f", 40)
+    wide = np.concatenate([np.zeros((40, 1)), one.states.numpy(), np.ones((40, 2))], axis=1)
+    five = tuple(Channel(f"x.{i}", "1") for i in range(5))
+    whole = replace(
+        one, recording=replace(one.recording, outputs=wide, output_channels=five), states=one.states.clone()
+    )
+    lean = shared(whole)
+    assert np.shares_memory(lean.states.numpy(), wide) and torch.equal(lean.states, whole.states)
+    turned = replace(whole, states=-whole.states)
+    assert shared(turned) is turned
+    many = subject(30, READING.enough // 15)
+    many = replace(many, logs=tuple(replace(x, states=x.states.T.contiguous().T) for x in many.logs))
+    assert not many.logs[0].states.is_contiguous() and all(x.states.is_contiguous() for x in sampled(many).logs)
 
 
 def test_what_is_enough_stays_as_it_is() -> None:

@@ -113,14 +113,14 @@ class Site:
         return {
             name.as_posix(): path.read_bytes()
             for name, path in files.items()
-            if not UNALIKE & set(name.parts) and name.parts[0] != "mlartifacts" and not hidden(name)
+            if not UNALIKE & set(name.parts) and name.parts[0] != "mlartifacts" and not hidden(name) and not held(name)
         }
 
     def left(self) -> list[Path]:
         """Drafts of files, here and where temporary files are, and who is said to hold a lock."""
         drafts = [p for p in self.place.rglob("*") if hidden(p.relative_to(self.place))]
         drafts += [p for p in self.place.rglob("*") if p.name.endswith(("-journal", "-wal", "-shm", ".rename"))]
-        locked = [p for p in self.place.rglob(lock.FILE) if p.read_text()]
+        locked = [p for p in self.place.rglob("*") if held(p) or (p.name == lock.FILE and p.read_text())]
         return [*drafts, *locked, *self.warm.scratch.iterdir()]
 
     def made(self) -> dict[str, int]:
@@ -136,6 +136,11 @@ class Site:
         with suppress(KeyError):  # no study in it yet
             return [(t.params, t.values) for t in journal.finished(journal.load(folder))]
         return []
+
+
+def held(name: Path) -> bool:
+    """Whether a file is Optuna's lock of a journal, which it removes, and the next driver where a kill has left it."""
+    return name.name.startswith(f"{journal.JOURNAL}.lock")
 
 
 def hidden(name: Path) -> bool:

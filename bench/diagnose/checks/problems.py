@@ -39,17 +39,27 @@ class Checked(NamedTuple):
         return all(p.kind == "time shift" for p in self.problems)
 
 
-def problems(subject: Subject, own: Mapping[str, Tensor] | None = None) -> Checked:
+Known = dict[str, tuple[list[DataProblem], list[Event]]]
+"""What recordings say each by itself, by name."""
+
+
+def problems(subject: Subject, own: Mapping[str, Tensor] | None = None, known: Known | None = None) -> Checked:
     """Look for faults in every recording of ``subject``.
 
-    ``own`` are by recording the own states (N, i) of the model's effects, where they are known.
-
     Rows are samples of the recording from 0, first and last; None: all.
+
+    Args:
+        subject: model and measurements.
+        own: by recording the own states (N, i) of the model's effects, where they are known.
+        known: what recordings of this subject said before each by itself, with the same model; entered here.
     """
     found: list[DataProblem] = []
     events: list[Event] = []
+    known = {} if known is None else known
     for log in subject.logs:
-        faults, excursions = _of_log(subject.model, log)
+        if log.name not in known:
+            known[log.name] = _of_log(subject.model, log)
+        faults, excursions = known[log.name]
         found += faults
         events += excursions
     stopping, minor = standing_out(events)

@@ -1,21 +1,20 @@
 """Whether inputs and motion are filed at the same times."""
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from bench.diagnose.logs.consistency import Array, pairs, slope
+from bench.diagnose.logs.filters import savitzky_golay
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.weak import acting
 from bench.diagnose.result import DataProblem
 from bench.diagnose.settings import SHIFTING
-from registry.datasets.reading.cleaning import delay, extent, smooth, widen
+from registry.datasets.reading.cleaning import delay, extent, widen
 from registry.dynamics import PhysicsModel
-
-ENDS = SHIFTING.slow // 2
-"""Samples at either end where that is another filter, which a shifted signal meets at another place."""
 
 
 def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProblem], list[DataProblem]]:
@@ -94,14 +93,22 @@ def lag_of(model: PhysicsModel, log: Log, internal: Tensor | None = None) -> tup
     own, forced = (_rates(model, log, u, internal)[:, channels] for u in (steady, inputs))
     moving = x[:, channels]
     caused, seen = forced - own, slope(moving, False, log.dt) - own
-    bands = [
-        (smooth(a[valid], SHIFTING.smoothing) - smooth(a[valid], SHIFTING.slow))[ENDS:-ENDS]
-        for a in (caused, seen, moving)
-    ]
-    lag, how = delay(bands[0], bands[1], beside=bands[2])
+    lag, how = delay(*(_band(a[valid]) for a in (caused, seen)), beside=_band(moving[valid]))
     # A held command acts after its sample: the slope about a sample has half of it from the step before. What delays
     # and lags of the model make of it is told at the sample.
     return lag - (0.5 if model.input_hold == "previous" and not lagging else 0.0), how
+
+
+def _band(x: Array) -> Array:
+    """What is neither noise nor slow of signals (N, c), where a whole window tells (N − `SHIFTING.slow` + 1, c)."""
+    return np.stack([np.convolve(column, _weights(), "valid") for column in x.T], axis=1)
+
+
+@cache
+def _weights() -> Array:
+    """Of the samples in a window: those of a short local quadratic less those of a long one, which are symmetric."""
+    short, slow = (savitzky_golay(window, 2) for window in (SHIFTING.smoothing, SHIFTING.slow))
+    return np.asarray(np.pad(short, (len(slow) - len(short)) // 2) - slow)
 
 
 def _rates(model: PhysicsModel, log: Log, inputs: Tensor, internal: Tensor | None) -> Array:

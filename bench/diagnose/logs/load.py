@@ -9,6 +9,7 @@ from typing import Any
 from bench.diagnose.logs.differences import centred
 from bench.diagnose.logs.meant import as_meant
 from bench.diagnose.logs.own_system import own_class
+from bench.diagnose.logs.sample import shared
 from bench.diagnose.logs.smoothing import Smoothing, stated
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.settings import READING
@@ -54,10 +55,12 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
     if model is None:
         model = _nominal(dataset, kind, constants, drive, _extras(recordings[0], signals - {drive}))
     training, held_out = partition(dataset, [r.name for r in recordings])
+    many = sum(map(len, recordings)) > READING.enough  # most of them are checked only
+    logs = (log_of(r, model, drive) for r in recordings)
     subject = Subject(
         name=dataset.label,
         model=model,
-        logs=tuple(log_of(r, model, drive) for r in recordings),
+        logs=tuple(shared(log) if many else log for log in logs),
         training=training,
         held_out=held_out,
         smoothing=_smoothing(dataset, min(map(len, recordings))),

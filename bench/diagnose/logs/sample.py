@@ -1,6 +1,8 @@
 """Of many recordings a sample: what a diagnosis costs must not grow with what it does not need."""
 
+import ctypes
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
 
@@ -29,7 +31,7 @@ def sampled(subject: Subject) -> Subject:
     ]
     whole = sum(len(log) for part in parts for log in part)
     cut = min(1.0, READING.enough / whole)
-    parts = [tuple(shortened(part, int(cut * sum(map(len, part))))) for part in parts]
+    parts = [tuple(own(log) for log in shortened(part, int(cut * sum(map(len, part))))) for part in parts]
     training, held_out = (tuple(log.name for log in part) for part in parts)
     by_name = {log.name: log for part in parts for log in part}
     logs = tuple(by_name[log.name] for log in subject.logs if log.name in by_name)
@@ -40,6 +42,30 @@ def sampled(subject: Subject) -> Subject:
         f"fitted to {len(training)} and tested on {len(held_out)}. More would be slower and no surer."
     )
     return replace(subject, logs=logs, training=training, held_out=held_out, notes=(*subject.notes, note))
+
+
+def shared(log: Log) -> Log:
+    """The log with its states in the memory of the recording, where they stand there as they are.
+
+    Of a thousand recordings a third of the memory. What is computed with takes less time on a copy: see `own`.
+    """
+    outputs, states = log.recording.outputs, log.states.numpy()
+    for first in range(outputs.shape[1] - states.shape[1] + 1):
+        part = outputs[:, first : first + states.shape[1]]
+        if part.dtype == states.dtype and np.array_equal(part, states):
+            return replace(log, states=torch.from_numpy(part))
+    return log
+
+
+def own(log: Log) -> Log:
+    """The log with states of its own."""
+    return replace(log, states=log.states.contiguous())
+
+
+def give_back() -> None:
+    """Let the system have the memory of recordings that were let go; the allocator keeps it where it can (glibc)."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def spread(some: Sequence[T], most: int) -> Sequence[T]:

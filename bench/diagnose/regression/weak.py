@@ -276,6 +276,9 @@ def _solved_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: T
         path = solved(through, shape, model.internal_size, stack.states)
         if path is not None:
             return path
+    fast = models.own_step(model, middle.shape[-1], stack.dt)
+    if fast is not None:
+        return _one_by_one(fast, shape, model.internal_size, states, middle, slopes)
     narrow, own = narrowed(model), stack.states.new_zeros(*shape[:-1], model.internal_size)
 
     def rate(k: int, own: Tensor) -> Tensor:
@@ -287,6 +290,14 @@ def _solved_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: T
         own = own + stack.dt * rate(k, own + stack.dt / 2 * rate(k, own))
         one_by_one.append(own)
     return torch.stack(one_by_one, dim=-2)
+
+
+def _one_by_one(fast: models.Compiled, shape: tuple[int, ...], size: int, *given: Tensor) -> Tensor:
+    """The effects' own states (…, L, N, size) from zero, by a program for one interval; ``shape`` is (…, L, N − 1)."""
+    begin = given[0].new_zeros(1, shape[-2], size)
+    vectors = [x.reshape(math.prod(x.shape[:-3]), *x.shape[-3:]) for x in given]
+    path = fast(begin, *vectors, steps=shape[-1]).reshape(*shape, size)
+    return torch.cat([path.new_zeros(*shape[:-1], 1, size), path], dim=-2)
 
 
 def _own_step(
