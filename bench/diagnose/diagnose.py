@@ -13,7 +13,7 @@ from bench.diagnose.compare import compare, refuse_long
 from bench.diagnose.discover import discover
 from bench.diagnose.extend import Extension, extend, ordered, stage
 from bench.diagnose.fit import fit_parameters
-from bench.diagnose.learned import curves, judged, learned
+from bench.diagnose.learned import Learned, curves, judged, learned
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
@@ -75,17 +75,17 @@ def diagnose(
     if checked.problems and not checked.only_shifts:
         return stopped(subject, named_as, checked.problems), subject.model
     tick("noise")
-    source = subject = sampled(subject)
+    source = subject = filed = sampled(subject)
     give_back()
-    subject, noise = prepared(subject, tick=tick)
+    subject, noise = prepared(filed, tick=tick)
     found = discover(subject, catalogue, tick, noise)
-    subject = replace(subject, uncertainty=dict(found.uncertainty) or subject.uncertainty)
-    run = _Run(subject, noise, tick, horizon_s)
+    subject, filed = (replace(s, uncertainty=dict(found.uncertainty) or s.uncertainty) for s in (subject, filed))
+    run = _Run(subject, noise, tick, horizon_s, filed)
     tick("extend")
     found, extension, refuted = _confirmed(run, found)
     steps, terms = _concluded(run, found, extension, refuted, source=named_as, checked=checked)
     if checked.problems:
-        checked = _shifts_again(replace(subject, model=steps.extension.model), checked)
+        checked = _shifts_again(replace(steps.subject, model=steps.extension.model), checked)
         if checked.problems:
             return stopped(subject, named_as, checked.problems), subject.model
         steps = replace(steps, checked=checked)
@@ -104,6 +104,8 @@ class _Run:
     tick: Tick
     horizon_s: float | None
     """Longest horizon of the comparisons [s]."""
+    filed: Subject
+    """The measurements, with inputs as they were filed."""
 
 
 def _checked(
@@ -264,12 +266,13 @@ def _concluded(
     excess = _excess(extension)
     verdict, found = _verdict(found, excess, refuted)
     high = [group for group in excess if excess[group] > DECIDING.high_excess and not _rounding(extension, group)]
-    terms = _learned(run, found, extension, verdict) if verdict == "unknown_effect" or high else None
+    told = _learned(run, found, extension, verdict) if verdict == "unknown_effect" or high else None
+    terms, subject = (None, run.subject) if told is None else (told.extension, told.subject)
     if terms is not None:
-        extension, found = terms, judged(run.subject, run.noise, found, terms)
+        extension, found = terms, judged(subject, run.noise, found, terms)
         # What a search for effects took for nothing repeats, and can be learned.
         verdict = found.verdict if found.found else "unknown_effect"
-    steps = Steps(run.subject, source, checked, verdict=verdict, discovery=found, extension=extension, high=high)
+    steps = Steps(subject, source, checked, verdict=verdict, discovery=found, extension=extension, high=high)
     return steps, terms
 
 
@@ -317,7 +320,7 @@ def _rounding(extension: Extension, group: str) -> bool:
     return extension.last[group].rmse ** 2 <= DECIDING.least_share * nominal**2
 
 
-def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) -> Extension | None:
+def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) -> Learned | None:
     """The model with terms learned from what it leaves; None: held-out recordings confirm none."""
     return learned(
         run.subject,
@@ -327,6 +330,7 @@ def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) ->
         named=extension.effects,
         tick=run.tick,
         horizon_s=run.horizon_s,
+        filed=run.filed,
         doubtful=verdict != "unknown_effect",
         much=_left(extension) >= MATTERING.share,
     )

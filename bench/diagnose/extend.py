@@ -234,7 +234,7 @@ def _starts(
     if is_request(item):
         asked = parsed(item, model)
         if asked is None:
-            terms = learn_all_terms(subject, model, noise, tick, much=False)  # a hidden mode is asked for by name
+            terms = learn_all_terms(subject, model, noise, tick)
         elif asked.signals[0] in (SWING, RELAXATION):
             order = 2 if asked.signals[0] == SWING else 1
             terms = tuple(m for m in modes(subject, model, noise) if m.order == order and asked.axis in m.axes)

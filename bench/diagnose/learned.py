@@ -1,12 +1,12 @@
 """What a diagnosis does about an effect that no catalogue has: it is learned, added and fitted, and drawn."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bench.diagnose.extend import Extension, extend, ordered
-from bench.diagnose.learn.all_terms import learn_all_terms
+from bench.diagnose.learn.all_terms import learn_all_terms, left_by
 from bench.diagnose.learn.curve import curve
 from bench.diagnose.learn.modes.answered import answered
 from bench.diagnose.learn.waves import folded
@@ -15,12 +15,23 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.discovery import Discovery, Found
+from bench.diagnose.select.input_timing import retimed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.settings import DECIDING, EXTENDING, MATTERING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.effects.waves.periodic_term import PeriodicTerm
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What was learned."""
+
+    extension: Extension
+    """The model with the terms."""
+    subject: Subject
+    """The measurements, with inputs read when they act beside these."""
 
 
 def learned(
@@ -32,9 +43,10 @@ def learned(
     named: Sequence[NamedEffect],
     tick: Callable[[str], None],
     horizon_s: float | None,
+    filed: Subject,
     doubtful: bool,
     much: bool,
-) -> Extension | None:
+) -> Learned | None:
     """The model with the terms that held-out recordings confirm; None: there are none, or free runs do not gain.
 
     Args:
@@ -45,10 +57,15 @@ def learned(
         named: these effects as they are fitted without terms.
         tick: called with what is being done.
         horizon_s: longest horizon of the comparison [s].
+        filed: the measurements, with inputs as they were filed.
         doubtful: whether the search for effects did not say that something is left.
         much: whether free runs err so much still that it is worth a term.
     """
     terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much)
+    if any(isinstance(t, HiddenMode) for t in terms) and subject.logs is not filed.logs:
+        # A mode that nobody has added yet looks like an input that acts at another time.
+        subject = retimed(filed, replace(model, effects=(*model.effects, *terms)), noise)
+        terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much)
     if not terms:
         return None
     names = [f.id for f in found]
@@ -64,12 +81,13 @@ def learned(
 
     done = beside(names, terms)
     idle = {e.id for e in done.effects if not e.learned and _idle(e)}
-    if idle and not _beyond(done):
+    if idle and not (_beyond(done) or _beyond_given_the_past(subject, model, noise, terms, tick)):
         return None  # the terms only say in other words what a named effect says
     if idle:  # they imitated what is learned now
         names = [n for n in names if n not in idle]
         done = beside(names, terms)
-    return _pruned(done, terms, named, lambda fewer: beside(names, fewer))
+    pruned = _pruned(done, terms, named, lambda fewer: beside(names, fewer))
+    return None if pruned is None else Learned(pruned, subject)
 
 
 def _pruned(
@@ -136,6 +154,14 @@ def _beyond(done: Extension) -> bool:
     above = [g for g in before if before[g].rmse > 1.5 * floor[g].rmse]
     left = ((e[g].rmse ** 2 - floor[g].rmse ** 2 for e in (after, before)) for g in above)
     return bool(above) and all(now < EXTENDING.given_up * then for now, then in left)
+
+
+def _beyond_given_the_past(
+    subject: Subject, model: PhysicsModel, noise: Noise, terms: Sequence[Effect], tick: Callable[[str], None]
+) -> bool:
+    """The same of hidden modes: free runs do not know how these begin, the errors of rates given the past do."""
+    swinging = any(isinstance(t, HiddenMode) for t in terms)
+    return swinging and left_by(subject, model, noise, terms, tick) < EXTENDING.given_up
 
 
 def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extension) -> Discovery:

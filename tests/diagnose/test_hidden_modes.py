@@ -11,7 +11,7 @@ import torch
 from scipy.linalg import expm
 from scipy.signal import StateSpace, lsim
 
-from bench.diagnose import diagnose
+from bench.diagnose import diagnose, extend
 from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.modes.filters import Pole
@@ -128,6 +128,13 @@ def test_a_pendulum_is_said_and_the_error_falls(said: tuple[Diagnosis, Oscillato
     model_file.write(tmp_path / "model.toml", model, diagnosis.effects)
     read = model_file.read(tmp_path / "model.toml").effects
     assert [dataclasses.astuple(e)[:3] for e in read] == [dataclasses.astuple(e)[:3] for e in model.effects]
+
+
+def test_learned_terms_that_are_asked_for_hold_a_hidden_mode() -> None:
+    of = hanging.subject("pendulum", 3)
+    (effect,) = extend(of, of.model, "learned").effects
+    assert effect.id == "hidden_mode"
+    assert effect.parameters["frequency"].value == pytest.approx(hanging.frequency_of("pendulum"), rel=0.03)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,9 @@ import pytest
 
 pytest.importorskip("rotorpy")
 
+from bench.diagnose import diagnose
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.select.input_timing import prepared, retimed
 from bench.score.chains import write_folder
 from bench.score.run import Job, part, work
 from bench.score.unknown import machines, rotorcraft
@@ -19,6 +22,7 @@ from bench.score.unknown.suite import DEVELOPMENT, REPORTED, cases
 from bench.score.unknown.table import table
 from bench.score.unknown.terms import FORMS, Term
 from registry.core import EFFECTS
+from registry.effects.waves.hidden_mode import HiddenMode
 from registry.terms.shapes import SHAPES
 
 
@@ -125,3 +129,30 @@ def test_a_wall_on_an_oscillator_is_described_from_its_folder(suite: list[Unknow
 def test_poses_of_a_system_of_ones_own_are_known_by_their_rates(suite: list[UnknownCase], tmp_path: Path) -> None:
     cart = next(c for c in suite if c.system == "cart")
     assert set(measured(cart, tmp_path).model.equation_names()) == {"pace", "tilt_rate"}
+
+
+def sloshing(suite: list[UnknownCase], cache: Path) -> tuple[UnknownCase, Subject]:
+    """Tanks in which something sloshes."""
+    case = next(c for c in suite if (c.condition, c.system, c.noise) == ("slosh", "tanks", "medium"))
+    return case, measured(case, cache)
+
+
+def test_an_input_is_read_again_beside_the_mode_that_made_it_look_late(
+    suite: list[UnknownCase], tmp_path: Path
+) -> None:
+    case, tanks = sloshing(suite, tmp_path)
+    late, noise = prepared(tanks)
+    assert late.logs is not tanks.logs and " later than it is filed" in " ".join(late.notes)
+    frequency, strength, zeta = case.swing
+    gains = (0.0, -strength / (2 * np.pi * frequency) ** 2)
+    mode = HiddenMode(("upper_level.h",), ("voltage",), 2, frequency, zeta, gains)
+    assert retimed(tanks, replace(tanks.model, effects=(mode,)), noise).logs is tanks.logs
+
+
+@pytest.mark.slow
+def test_what_sloshes_is_no_transport_delay(suite: list[UnknownCase], tmp_path: Path) -> None:
+    case, tanks = sloshing(suite, tmp_path)
+    said, _ = diagnose(tanks, catalogue=[n for n in EFFECTS.names() if n not in case.catalogue_without], brief=True)
+    (effect,) = said.effects
+    assert said.verdict == "unknown_effect" and effect.id == "hidden_mode"
+    assert effect.parameters["frequency"].value == pytest.approx(case.swing[0], rel=0.03)

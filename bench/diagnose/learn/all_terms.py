@@ -48,7 +48,7 @@ def learn_all_terms(
     terms = _beside(found, _waves, subject, model, noise, tick=tick, doubtful=doubtful)
     if not much or not subject.held_out:
         return terms
-    left = _left(subject, model, noise, terms, tick)
+    left = left_by(subject, model, noise, terms, tick)
     if left < MATTERING.share:
         return terms
     tick("hidden modes")
@@ -58,7 +58,7 @@ def learn_all_terms(
     beside = _beside(swinging, _swinging, subject, model, noise, tick=tick, doubtful=doubtful)
     if not any(isinstance(t, HiddenMode) for t in beside):
         return terms
-    return beside if _left(subject, model, noise, beside, tick) < left else terms
+    return beside if left_by(subject, model, noise, beside, tick) < left else terms
 
 
 def _beside(
@@ -81,7 +81,7 @@ def _beside(
     return (*again, *terms)
 
 
-def _left(
+def left_by(
     subject: Subject, model: PhysicsModel, noise: Noise, terms: Sequence[Effect], tick: Callable[[str], None]
 ) -> float:
     """The largest share, over equations, that terms leave of the held-out squared error above the noise."""

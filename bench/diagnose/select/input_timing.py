@@ -22,7 +22,7 @@ from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
-from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
+from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates, own_states
 from bench.diagnose.select.search import Search, admissible, noise_filters, stride_of
 from bench.diagnose.settings import TIMING
 from bench.diagnose.simulate.unmeasured import hidden
@@ -76,6 +76,12 @@ def prepared(
     return subject, noise_of(subject)
 
 
+def retimed(filed: Subject, model: PhysicsModel, noise: Noise) -> Subject:
+    """Measurements whose inputs are as filed, with these read when they act beside all that ``model`` has."""
+    read, _ = prepared(replace(filed, model=model), noise)
+    return replace(read, model=filed.model)
+
+
 def drives_of(model: PhysicsModel, log: Log) -> int:
     """Channels of the driving signal among a log's inputs."""
     return log.inputs.shape[1] - len(model.extras)
@@ -123,7 +129,11 @@ def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift]:
 
 def _coarse(subject: Subject) -> float:
     """Shift by which the modelled motion agrees best with the measured one [samples]; 0: none that is clear."""
-    lags = [lag_of(subject.model, log) for log in subject.logs]
+    model, own = subject.model, dict[str, torch.Tensor]()
+    if model.internal_size:
+        with torch.no_grad():
+            own = {log.name: own_states(model, LogBatch.of([log]))[0] for log in subject.logs}
+    lags = [lag_of(model, log, own.get(log.name)) for log in subject.logs]
     clear = [-by for by, how in lags if how > TIMING.coarse]
     middle = float(np.median(clear)) if 2 * len(clear) >= len(lags) and clear else 0.0
     return middle if abs(middle) > TIMING.coarse else 0.0
@@ -228,7 +238,7 @@ def _said(subject: Subject, shift: Shift) -> str:
     signal = channels[0].group.replace("_", " ") if channels else "input"
     ms = 1e3 * subject.logs[0].dt
     by, samples = abs(shift.value) * ms, abs(shift.value)
-    when = "later" if shift.value > 0 else "earlier"
+    when = "earlier" if shift.value > 0 else "later"
     low, high = sorted(abs(x) * ms for x in (shift.low, shift.high))
     return (
         f"The {signal} acts {by:.3g} ms ({low:.3g} to {high:.3g} ms, {samples:.2f} samples) {when} than it is filed, "
