@@ -21,11 +21,11 @@ from bench.analysis.tables import POOLED, comparisons
 from bench.claims import claim as claims_file
 from bench.claims import family, judge
 from bench.claims.claim import KINDS, Claim, _build
-from bench.claims.counting import Fact
 from bench.claims.estimate import DIFFERS, NOT_RUN, OPEN, REPRODUCED, Estimate, Kind, settle
 from bench.claims.evidence import Evidence
 from bench.claims.gathering import gather, left_out
-from bench.claims.levels import _level_limits
+from bench.claims.kinds.counting import Fact
+from bench.claims.kinds.levels import _level_limits
 from bench.cli import cli
 from bench.experiment import study
 from registry.core import DATASETS

@@ -11,8 +11,8 @@ import scipy.stats
 from bench.analysis.contrast import Cell, _prior_freedom, contrast
 from bench.claims import family
 from bench.claims.estimate import ALIKE, DIFFERS, OPEN, REPRODUCED, ZONE, Estimate, decide, settle
-from bench.claims.family import outlook
-from bench.claims.tables import Row, ratio
+from bench.claims.kinds.tables import Row, ratio
+from bench.claims.outlook import outlook
 
 Rng = np.random.Generator
 

@@ -154,10 +154,10 @@ def test_a_file_in_the_place_of_its_folder(here: Path) -> None:
 def test_a_wrong_dataset_toml_ends_in_exit_code_2(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from bench.diagnose.checks.mistake import Mistake
+    from bench.diagnose.checks.description.mistake import Mistake
 
     wrong = Mistake("unit", "speed", ("run_1",), "it is in cm/s", ('speed = {columns = ["v"], unit = "cm/s"}',))
-    monkeypatch.setattr("bench.diagnose.checks.checklist.check", lambda *_: [wrong])
+    monkeypatch.setattr("bench.diagnose.checks.description.checklist.check", lambda *_: [wrong])
     monkeypatch.setattr(sys, "argv", ["bench", "data", "check", "my logs", "--system", "mine.py:Swing"])
     with pytest.raises(SystemExit) as stop:
         main()
@@ -182,7 +182,7 @@ def test_the_kinds_of_problems_are_all_known() -> None:
 
     import bench.diagnose.checks as checks
 
-    text = "\n".join(p.read_text() for p in Path(checks.__path__[0]).glob("*.py"))
+    text = "\n".join(p.read_text() for p in Path(checks.__path__[0]).rglob("*.py"))
     given = re.findall(r'(?:Mistake|Edit)\(\s*"([^"]+)"|DataProblem\([^"()]+, (?:"\w+"|[\w.]+), "([^"]+)"', text)
     assert {a or b for a, b in given} <= set(KINDS)
     assert len(given) > 15

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.claims import comparing, counting, curves, levels
-from bench.claims.counting import Fact
 from bench.claims.estimate import Kind, number
+from bench.claims.kinds import comparing, counting, curves, levels
+from bench.claims.kinds.counting import Fact
 from registry.errors import BenchError, near
 from registry.regular_file import read_toml
 

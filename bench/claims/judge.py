@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 from bench.claims import family
 from bench.claims.claim import Claim, Claims
-from bench.claims.counting import Fact
 from bench.claims.estimate import ALPHA, NOT_RUN, OPEN, Estimate, Judgement, number, settle
 from bench.claims.evidence import Evidence
+from bench.claims.kinds.counting import Fact
+from bench.claims.outlook import outlook
 from bench.experiment import study
 from registry.datasets.locate import has_files
 from registry.errors import BenchError
@@ -79,7 +80,7 @@ def judge(
         if claim.id not in rows:
             continue
         judgement = family.judged(question, alpha, len(asked))
-        needed, seeds = family.outlook(question, alpha) if judgement.verdict == OPEN else ("", 0)
+        needed, seeds = outlook(question, alpha) if judgement.verdict == OPEN else ("", 0)
         command = _command(claim, homes, found.dataset, found.preset, seeds > 0)
         trained = found.seeds_of(_compared(claim, found))
         rows[claim.id].append(

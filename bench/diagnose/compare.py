@@ -25,19 +25,17 @@ from bench.diagnose.simulate.disturbance import Observer
 from bench.diagnose.simulate.floor import filter_half_width, floor
 from bench.diagnose.simulate.free_run import (
     Group,
+    clear_starts,
     default_steps,
     errors,
     free_run,
     groups,
     margin,
     measured_windows,
-    starts,
 )
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Dataset
-from registry.datasets.reading import cleaning
 from registry.dynamics import PhysicsModel
-from registry.errors import BenchError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,12 +120,8 @@ def refuse_long(subject: Subject, horizon_s: float | None) -> None:
     if horizon_s is None:
         return
     logs = subject.of(subject.held_out)
-    if not any(len(starts(log, max(1, round(horizon_s * log.rate)), 1)) for log in logs):
-        longest = max((b - a) / log.rate for log in logs for a, b in [(0, 0), *cleaning.runs(log.valid.numpy())])
-        raise BenchError(
-            f"No recording to compare with has {horizon_s:g} s of valid samples in a row, the longest stretch "
-            f"is {longest:.3g} s: give a shorter horizon, or longer recordings."
-        )
+    if logs:
+        clear_starts(logs, max(1, round(horizon_s * logs[0].rate)), 1)
 
 
 def compare(
@@ -214,13 +208,8 @@ def free_runs(
     steps = default_steps(logs) if horizon_s is None else max(1, round(horizon_s * rate))
     clear = margin(logs, filter_half_width(noise.smoothing))
     every = max(1, sum(map(len, logs)) // COMPARING.free_runs)
-    found = [starts(log, steps + 2 * clear, every) + clear for log in logs]
+    found = clear_starts(logs, steps, every, clear)
     kept = [(log, at) for log, at in zip(logs, found, strict=True) if len(at)]
-    if not kept:
-        raise BenchError(
-            f"No recording to compare with has {steps + 2 * clear + 1} valid samples in a row: "
-            f"give a shorter horizon than {steps / rate:.3g} s, or longer recordings."
-        )
     logs = tuple(log for log, _ in kept)
     judged = groups(subject.model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
     return FreeRuns(logs, tuple(a for _, a in kept), steps, every, tuple(judged))

@@ -7,7 +7,7 @@ from pathlib import Path
 import torch
 
 from bench.diagnose.answer import Steps, answer, stopped
-from bench.diagnose.checks.checklist import check_subject
+from bench.diagnose.checks.description.checklist import check_subject
 from bench.diagnose.checks.problems import Checked, Known, problems, without_damaged
 from bench.diagnose.compare import compare, refuse_long
 from bench.diagnose.discover import discover

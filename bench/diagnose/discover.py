@@ -27,12 +27,12 @@ from bench.diagnose.select.release import contradicted
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced, next_step, settled
 from bench.diagnose.select.subset import Fit, t_value
+from bench.diagnose.select.tie import rivals
 from bench.diagnose.select.verify import (
     at_bound,
     estimates,
     left_over,
     ratios,
-    rivals,
     understood,
 )
 from bench.diagnose.settings import DISCOVERING, MATTERING, VERIFYING

@@ -24,6 +24,7 @@ from bench.diagnose.settings import LOCATING
 from bench.diagnose.simulate.floor import filter_half_width, floor
 from bench.diagnose.simulate.free_run import (
     Group,
+    clear_starts,
     default_steps,
     errors,
     free_run,
@@ -35,7 +36,6 @@ from bench.diagnose.simulate.free_run import (
 from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
-from registry.errors import BenchError
 from registry.units import display
 
 if TYPE_CHECKING:
@@ -113,7 +113,8 @@ def locate(
     steps = max(1, round(LOCATING.horizon_share * default_steps(logs)))
     judged, variance = _judged(model, logs)
     with torch.no_grad():
-        at = _starts(logs, steps, margin(logs, filter_half_width(noise.smoothing)), LOCATING.free_runs)
+        every = max(1, steps // LOCATING.overlap, sum(map(len, logs)) // LOCATING.free_runs)
+        at = clear_starts(logs, steps, every, margin(logs, filter_half_width(noise.smoothing)))
         squared = errors(free_run(model, logs, at, steps), measured_windows(logs, at, steps), judged)[:, -1].numpy()
         chance = floor(model, logs, at, steps, noise, judged)[:, :, -1].flatten(0, 1).numpy()
         diverged = 1e3 * float(squared[np.isfinite(squared)].max(initial=1.0))
@@ -138,14 +139,10 @@ def locate(
         maps = residual_maps(model, after, stack, where, noise, window=steps, regions=named)
         worst = judged[int(np.argmax(ratio.mean(0)))]
         shown = _worst(model, after, logs, worst, margin(logs, filter_half_width(noise.smoothing)))
-    notes = []
-    if not regions:
-        notes.append(
-            "The error is no larger than noise and smoothing make it."
-            if not visible.any()
-            else "The error is spread over all that the system does: no condition stands out in several recordings."
-        )
-    return Location(regions, maps, shown, steps / logs[0].rate, above, tuple(notes))
+    spread = "The error is spread over all that the system does: no condition stands out in several recordings."
+    none = spread if visible.any() else "The error is no larger than noise and smoothing make it."
+    notes = () if regions else (none,)
+    return Location(regions, maps, shown, steps / logs[0].rate, above, notes)
 
 
 def _judged(model: PhysicsModel, logs: Sequence[Log]) -> tuple[list[Group], np.ndarray]:
@@ -154,17 +151,6 @@ def _judged(model: PhysicsModel, logs: Sequence[Log]) -> tuple[list[Group], np.n
     found = [g for g in found if g.name in model.description().located] or found
     states = torch.cat([log.states[log.valid] for log in logs])
     return found, np.array([float(states[:, list(g.at)].var(0).sum()) or 1.0 for g in found])
-
-
-def _starts(logs: Sequence[Log], steps: int, clear: int, count: int) -> list[np.ndarray]:
-    every = max(1, steps // LOCATING.overlap, sum(map(len, logs)) // count)
-    at = [starts(log, steps + 2 * clear, every) + clear for log in logs]
-    if not any(map(len, at)):
-        raise BenchError(
-            f"No recording has {steps + 2 * clear + 1} valid samples in a row, which a free run of "
-            f"{steps / logs[0].rate:.3g} s needs: give longer recordings."
-        )
-    return at
 
 
 # --------------------------------------------------------------------------------------------------- the regions

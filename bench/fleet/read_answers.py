@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from bench.diagnose.report.output_folder import PAGE
 from bench.diagnose.report.phrases import gathered
-from bench.diagnose.report.together import PAGE
 from bench.diagnose.result import DataProblem
 from bench.fleet.members import Member
 from bench.fleet.result import FAILED, Answer, ErrorBetween, Number

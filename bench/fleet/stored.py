@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from bench.diagnose.report.together import FORMER, MODEL, PAGE, VALUES
+from bench.diagnose.report.output_folder import FORMER, MODEL, PAGE, VALUES
 from bench.fleet.members import Member
 from registry import atomic_io
 from registry.errors import BenchError

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from bench.diagnose.diagnose import diagnose
 from bench.diagnose.logs.load import load, starting_from
-from bench.diagnose.report import together
+from bench.diagnose.report import output_folder
 from bench.diagnose.result import Diagnosis
 from bench.diagnose.select.catalogue import check_catalogue
 from bench.experiment.asked import Asked
@@ -81,4 +81,4 @@ def _files(member: Member, options: Options, found: Diagnosis, model: PhysicsMod
     asked = Asked(options.system or "", options.model)
     found = replace(found, evidence=replace(found.evidence, source=member.source, vehicle=vehicle, asked=asked))
     with scratch() as folder:
-        return {p.name: p.read_text(encoding="utf-8") for p in together.write(folder, found, model)}
+        return {p.name: p.read_text(encoding="utf-8") for p in output_folder.write(folder, found, model)}

@@ -17,6 +17,8 @@ CHARACTER = 6.9
 """Width of a character of the drawings' text; an upper bound of the mean in the fonts of the page."""
 LINE = 14.0
 """Height of a line of text."""
+SHADES = 6
+"""Of a cloud of points, from one alone to many in one place."""
 FINEST = 1 / 2500
 """Of the height of a frame: to what a trace is rounded."""
 FAR = 40_000
@@ -184,6 +186,13 @@ class Panel:
             if math.isfinite(y):
                 across, down = self.at(x, y)
                 self.marks.append(f'<circle cx="{across:.1f}" cy="{down:.1f}" r="{radius:g}" {paint}/>')
+
+    def cloud(self, xs: Values, ys: Values) -> None:
+        """Many points, darker where there are more of them: `SHADES` paths, of which each covers a place but once."""
+        spots = [self.at(x, y) for x, y in zip(xs, ys, strict=True) if math.isfinite(y)]
+        for some in (spots[i::SHADES] for i in range(min(SHADES, len(spots)))):
+            path = "".join(f"M{across:.1f} {down:.1f}h0" for across, down in some)
+            self.marks.append(f'<path class="cloud" d="{path}"/>')
 
     def band(self, xs: Values, low: Values, high: Values, colour: str) -> None:
         """The area between two curves."""

@@ -11,9 +11,9 @@ from mistakes import MISTAKES, VEHICLES, Set, flown
 from scipy.spatial.transform import Rotation
 
 from bench.cli.commands.data import data_command
-from bench.diagnose.checks.checklist import check, check_folder, check_subject
-from bench.diagnose.checks.mistake import Mistake
-from bench.diagnose.checks.recorded import flying, of_folder
+from bench.diagnose.checks.description.checklist import check, check_folder, check_subject
+from bench.diagnose.checks.description.mistake import Mistake
+from bench.diagnose.checks.description.recorded import flying, of_folder
 from bench.diagnose.logs.load import load
 from registry.datasets.folder.dataset import Folder
 from registry.datasets.folder.dataset import check as read_folder

@@ -13,7 +13,9 @@ SECONDS = 120
 """What none of them takes."""
 
 _context = multiprocessing.get_context("forkserver")
-_context.set_forkserver_preload(["bench.execution.engine", "bench.diagnose.report.together", "bench.tracking.track"])
+_context.set_forkserver_preload(
+    ["bench.execution.engine", "bench.diagnose.report.output_folder", "bench.tracking.track"]
+)
 
 
 def started(action: Callable[..., object], *arguments: object) -> BaseProcess:

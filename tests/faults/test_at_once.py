@@ -15,7 +15,7 @@ from diagnose.samples import named
 from faults.alone import exit_code
 from faults.test_kills import dying, study
 
-from bench.diagnose.report import together
+from bench.diagnose.report import output_folder
 from bench.diagnose.result import Diagnosis
 from bench.execution import lock
 from bench.training import run
@@ -56,11 +56,11 @@ def test_three_syncs_at_once(tmp_path: Path) -> None:
 def of_one(folder: Path) -> set[str]:
     """Which diagnoses the files of a folder are of."""
     told = set()
-    for name in (together.PAGE, together.VALUES, together.MODEL):
+    for name in (output_folder.PAGE, output_folder.VALUES, output_folder.MODEL):
         if (folder / name).is_file():
             text = (folder / name).read_text()
             told |= {word for word in ("first_name", "second_name") if word in text}
-            if name == together.MODEL:
+            if name == output_folder.MODEL:
                 told.add("first_name" if "mass = 0.5 " in text else "second_name")
     return told
 
@@ -73,19 +73,19 @@ def write_until(step: int, folder: Path) -> None:
     left = [step]
     for name in ("replace", "unlink"):
         setattr(os, name, dying(getattr(os, name), left))
-    together.write(folder, made("second_name"), Quadrotor(mass=0.7))
+    output_folder.write(folder, made("second_name"), Quadrotor(mass=0.7))
 
 
 @pytest.mark.parametrize("step", range(9))
 def test_a_diagnosis_killed_at_any_step_of_writing_leaves_files_of_one(step: int, tmp_path: Path) -> None:
-    together.write(tmp_path, made("first_name"), Quadrotor(mass=0.5))
+    output_folder.write(tmp_path, made("first_name"), Quadrotor(mass=0.5))
     assert of_one(tmp_path) == {"first_name"}
     assert exit_code(write_until, step, tmp_path) in (0, -signal.SIGKILL)
     assert len(of_one(tmp_path)) <= 1
-    together.write(tmp_path, made("second_name"), Quadrotor(mass=0.7))
+    output_folder.write(tmp_path, made("second_name"), Quadrotor(mass=0.7))
     assert of_one(tmp_path) == {"second_name"}
     assert not list(tmp_path.glob(".diagnosis-*"))
-    assert json.loads((tmp_path / together.VALUES).read_text())["dataset"] == "second_name"
+    assert json.loads((tmp_path / output_folder.VALUES).read_text())["dataset"] == "second_name"
 
 
 def test_a_clock_that_is_set_back_gives_no_negative_times(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,7 @@ from faults.test_mlflow import statuses
 from faults.warm import Warm, alive
 from simulated_fleet import vehicle
 
-from bench.diagnose.report.together import MODEL, PAGE, VALUES
+from bench.diagnose.report.output_folder import MODEL, PAGE, VALUES
 from bench.execution import lock
 from bench.records import record
 from bench.sweep import journal

@@ -137,7 +137,7 @@ def check_command(folder: Path, system: str | None) -> None:
     """
     check_system(system)
 
-    from bench.diagnose.checks.checklist import check_folder
+    from bench.diagnose.checks.description.checklist import check_folder
     from bench.diagnose.logs.smoothing import stated
     from registry.core import PHYSICS
     from registry.datasets.folder.dataset import Folder, check

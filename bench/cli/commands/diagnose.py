@@ -391,7 +391,7 @@ def _refuse_for_fleets(ceiling: bool, settings: tuple[str, ...]) -> None:
 
 def _written(found: "Diagnosis", model: "PhysicsModel", folder: Path, to_json: Path | None) -> None:
     """Write page, figures and model, and say so."""
-    from bench.diagnose.report.together import write
+    from bench.diagnose.report.output_folder import write
 
     written = write(folder, found, model)
     if to_json is not None:

@@ -64,6 +64,7 @@ def _templates() -> Environment:
         estimated=_estimated,
         formula=_formula,
         gain_bar=_gain_bar,
+        legend=page_figures.legend,
         listed=phrases.listed,
         named=phrases.named,
         percent=phrases.percent,

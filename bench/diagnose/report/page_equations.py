@@ -10,10 +10,9 @@ from bench.diagnose.by_equation import EffectSaving
 from bench.diagnose.flight import AFTER, Signal
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import phrases
-from bench.diagnose.report.alone import Alone, alone
+from bench.diagnose.report.equation_errors import ShownEquation, shown_equations
 from bench.diagnose.result import Diagnosis, NamedEffect
 from bench.diagnose.settings import TELLING
-from bench.reporting.page import Drawing
 
 
 @dataclass(frozen=True)
@@ -41,14 +40,14 @@ class _Equation:
     fall: str
     said: str
     """What acts in it, and how much of its error can still be predicted."""
-    bars: Drawing
+    bars: figures.Waterfall
     savings: Sequence[_Saving]
     axes: _Axes | None
 
 
 def equation_by_equation(d: Diagnosis) -> list[_Equation]:
     """One for every equation that was judged by itself."""
-    every = alone(d)
+    every = shown_equations(d)
     if not every:
         return []
     sensed = {s.name for f in d.evidence.flights for s in f.signals if s.sensed}
@@ -60,7 +59,7 @@ def equation_by_equation(d: Diagnosis) -> list[_Equation]:
             title=a.equation.capitalize(),
             fall=f"{a.output} {phrases.number(a.nominal)} → {phrases.united(phrases.number(a.extended), a.unit)}",
             said=_said(d, name, a),
-            bars=Drawing(a.output, f"after {a.horizon}", _bars(d, name)),
+            bars=_bars(d, name, f"after {a.horizon}"),
             savings=[_saving(e, s) for e in d.effects for s in e.saves if s.equation == name],
             axes=_axes(d, d.by_equation[name].output),
         )
@@ -68,7 +67,7 @@ def equation_by_equation(d: Diagnosis) -> list[_Equation]:
     ]
 
 
-def _said(d: Diagnosis, name: str, a: Alone) -> str:
+def _said(d: Diagnosis, name: str, a: ShownEquation) -> str:
     here = [phrases.named(e.name) for e in d.effects if e.acts_on == name or _acts(e, name)]
     acts = f"Named here: {phrases.listed(here)}." if here else "No effect was named here."
     left, best = a.extended**2, a.predictable**2
@@ -86,12 +85,12 @@ def _acts(effect: NamedEffect, name: str) -> bool:
     return any(s.equation == name and (s.worth or s is effect.main) for s in effect.saves)
 
 
-def _bars(d: Diagnosis, name: str) -> Markup:
+def _bars(d: Diagnosis, name: str, note: str) -> figures.Waterfall:
     e = d.by_equation[name]
     bars = [("nominal", "nominal", e.nominal), ("calibrated", "calibrated", e.calibrated)]
     bars += [("extended", "extended", e.extended)] if d.effects else []
     bars += [("best predictor", "floor", e.predictable)]
-    return figures.waterfall(e.output, bars, e.floor, e.unit)
+    return figures.waterfall(e.output, note, bars, e.floor, e.unit)
 
 
 def _saving(effect: NamedEffect, s: EffectSaving) -> _Saving:

@@ -12,6 +12,7 @@ from markupsafe import Markup
 from bench.diagnose.flight import AFTER, RUNS, Flight, Signal, Trace
 from bench.diagnose.flight import Path as Track
 from bench.diagnose.report import phrases
+from bench.diagnose.report.page_figures import axis
 from bench.diagnose.result import Diagnosis
 from bench.reporting.drawing import Look, Panel, Scale, align, around
 
@@ -23,8 +24,6 @@ ROOM = 0.5
 """How far beyond the measured values a frame reaches for the models, as a share of their range."""
 HEATS = 5
 """Colours of a flight's path."""
-LABEL = 40
-"""Characters of a name in a drawing."""
 
 
 def script() -> str:
@@ -160,7 +159,7 @@ def _panel(
     alone = trace.channel.rpartition(".")[2].replace("_", " ")
     errors = [trace.rms[n] * factor for n in RUNS if n in trace.rms]
     error = " → ".join("diverged" if math.isnan(e) else phrases.number(e, 2) for e in errors)
-    said = f"{_short(alone)}{'' if unit == '1' else f' [{_short(unit)}]'}" + (f", rms error {error}" if errors else "")
+    said = axis(alone, unit) + (f", rms error {error}" if errors else "")
     time = Scale(0.0, seconds or 1.0)
     return Panel(time, _scale(trace, factor), "time [s]" if last else "", said, WIDE, 176 if last else 160)
 
@@ -181,10 +180,6 @@ def _ends(pieces: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float
     """The least and the greatest finite value; 0 and 1 where there is none."""
     values = np.concatenate([*(y[np.isfinite(y)] for _, y in pieces), np.empty(0)])
     return (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= LABEL else text[: LABEL - 1] + "…"
 
 
 # ----------------------------------------------------------------------------------------------------- from above

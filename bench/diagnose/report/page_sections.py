@@ -91,7 +91,7 @@ def _learned(d: Diagnosis) -> _Learned | None:
     return _Learned(drawings, single) if drawings or single else None
 
 
-def _waterfall(d: Diagnosis) -> list[Drawing]:
+def _waterfall(d: Diagnosis) -> list[figures.Waterfall]:
     stages = [s for s in d.evidence.waterfall if s.name != "floor"]
     floors = next((s.error for s in d.evidence.waterfall if s.name == "floor"), {})
     if len(stages) < 2:
@@ -105,8 +105,8 @@ def _waterfall(d: Diagnosis) -> list[Drawing]:
             for label, s in zip(labels, stages, strict=True)
         ]
         known = d.error.nominal.get(group)
-        drawn = figures.waterfall(group, bars, floors.get(group, math.nan), known.unit if known else "")
-        drawings.append(Drawing(phrases.named(group), f"after {known.horizon_s:g} s" if known else "", drawn))
+        note, unit = (f"after {known.horizon_s:g} s", known.unit) if known else ("", "")
+        drawings.append(figures.waterfall(group, note, bars, floors.get(group, math.nan), unit))
     return drawings
 
 

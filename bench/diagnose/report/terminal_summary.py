@@ -3,7 +3,7 @@
 import textwrap
 from typing import Any
 
-from bench.diagnose.report import alone, phrases, sentences
+from bench.diagnose.report import equation_errors, phrases, sentences
 from bench.diagnose.result import Diagnosis, NamedEffect
 from bench.diagnose.settings import TELLING
 
@@ -23,7 +23,7 @@ def print_summary(diagnosis: Diagnosis, console: Any) -> None:
     if diagnosis.verdict == "data_problem":
         first, last = _problems(diagnosis), _regions(diagnosis)
     else:
-        first = [*_effects(diagnosis), *_errors(diagnosis), *alone.lines(diagnosis)]
+        first = [*_effects(diagnosis), *_errors(diagnosis), *equation_errors.lines(diagnosis)]
         last = [*_regions(diagnosis), *_problems(diagnosis)]
     texts = [verdict, Text(sentences.explanation(diagnosis))]
     told = [line for text in texts for line in text.wrap(console, console.width)]

@@ -5,8 +5,7 @@ set must be better by Bayes's information criterion and on windows that were not
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -17,38 +16,14 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import Prior
 from bench.diagnose.select.discovery import Discovery, Found, RejectedCandidate
 from bench.diagnose.select.search import admissible
+from bench.diagnose.select.simulated_set import SimulatedSet, independent
 from bench.diagnose.select.subset import t_value
+from bench.diagnose.select.tie import does_as_well
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import GROWING, SIMULATING, VERIFYING
 from bench.diagnose.simulate.simulation_fit import Simulated, StartingPoint, Windows, fit, starts
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """A set of effects, fitted."""
-
-    ids: tuple[str, ...]
-    fitted: Simulated
-    subject: Subject
-    windows: Windows
-
-    @property
-    def parameters(self) -> int:
-        """Numbers of the added effects."""
-        return sum(not e.constant for e in self.fitted.where)
-
-    @cached_property
-    def held_out(self) -> np.ndarray:
-        """(W,) squared error of each window, from fits without it."""
-        count = len(self.windows.log)
-        folds = np.array_split(np.arange(count), min(GROWING.folds, count))
-        weights = np.ones((len(folds), count))
-        for row, fold in zip(weights, folds, strict=True):
-            row[fold] = 0.0
-        apart = fit(self.subject, self.windows, [self.fitted] * len(folds), weights, GROWING.first)
-        return np.concatenate([a.loss[f] for a, f in zip(apart, folds, strict=True)])
 
 
 def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[str], None]) -> Discovery:
@@ -57,7 +32,7 @@ def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[
     kinds = dict(admissible(subject, subject.model, catalogue))
     with torch.no_grad():
         tick("calibrate")
-        base = Choice((), _fit(subject, windows, [subject.model]), subject, windows)
+        base = SimulatedSet((), _fit(subject, windows, [subject.model]), subject, windows)
         fields, taken = [[base]], base
         for _ in range(GROWING.most):
             field = []
@@ -66,7 +41,7 @@ def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[
                     tick(" + ".join((*taken.ids, name)))
                     model = taken.fitted.model
                     grown = [replace(model, effects=(*model.effects, e)) for e in _points(name, model)]
-                    field.append(Choice((*taken.ids, name), _fit(subject, windows, grown), subject, windows))
+                    field.append(SimulatedSet((*taken.ids, name), _fit(subject, windows, grown), subject, windows))
             if not field:
                 break
             fields.append(_refitted(field, taken, tick))
@@ -74,7 +49,7 @@ def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[
                 break
             taken = fields[-1][0]
         field = next((f for f in fields if taken in f), [taken])
-        alike = [c for c in field if c is not taken and _alike(taken, c)]
+        alike = [c for c in field if c is not taken and does_as_well(c, taken)]
     numbers = estimates(taken.fitted, len(windows.log))
     effects = taken.fitted.model.effects[known:]
     found = []
@@ -121,17 +96,6 @@ def estimates(of: Simulated, windows: int) -> list[Estimate]:
     return [Estimate(e, e.value, *e.interval(e.value, h)) for e, h in pairs]
 
 
-def independent(of: Simulated) -> float:
-    """How many independent observations the errors of a fit are worth, by their correlation in time."""
-    total = 0.0
-    for x in of.errors.transpose(0, 2, 1).reshape(-1, of.errors.shape[1]):
-        y = x - x.mean()
-        own = np.correlate(y, y, "full")[len(y) - 1 :] / max(float(y @ y), 1e-300)
-        until = int(np.argmax(own < 0)) or len(own)
-        total += len(x) / max(1.0, 2 * float(own[:until].sum()) - 1)
-    return total
-
-
 def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> Simulated:
     """The best fit from several starting points, of which the better half goes on each time, for twice as many steps.
 
@@ -157,23 +121,23 @@ def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> 
     return best([ended(begin), ended(led)], 1)[0]
 
 
-def _refitted(field: Sequence[Choice], smaller: Choice, tick: Callable[[str], None]) -> list[Choice]:
+def _refitted(field: Sequence[SimulatedSet], smaller: SimulatedSet, tick: Callable[[str], None]) -> list[SimulatedSet]:
     """Sets of one size, the best first; it and those like it are fitted a second time before they are compared.
 
     Other numbers of a set were those of the smaller one when its search grid was tried: that may be the valley of
     another solution. The second time they are its own.
     """
-    again: dict[tuple[str, ...], Choice] = {}
+    again: dict[tuple[str, ...], SimulatedSet] = {}
     while True:
-        field = sorted((again.get(c.ids, c) for c in field), key=lambda c: _criterion(c, smaller))
-        close = [c for c in field if c.ids not in again and (c is field[0] or _alike(field[0], c))]
+        field = sorted((again.get(c.ids, c) for c in field), key=lambda c: c.criterion(smaller))
+        close = [c for c in field if c.ids not in again and (c is field[0] or does_as_well(c, field[0]))]
         if not close:
             return field
         tick(" + ".join(close[0].ids))
         again[close[0].ids] = _around(close[0])
 
 
-def _around(choice: Choice) -> Choice:
+def _around(choice: SimulatedSet) -> SimulatedSet:
     """The same effects, fitted once more from the whole search grid of each with all else as it was found."""
     model, known = choice.fitted.model, len(choice.fitted.model.effects) - len(choice.ids)
     begin = [
@@ -192,32 +156,13 @@ def _points(name: str, model: PhysicsModel) -> list[Effect]:
     return [replace(kind.typical_for(model), **values) for values in grid]
 
 
-def _criterion(c: Choice, other: Choice) -> float:
-    """Bayes's information criterion against another choice."""
-    free = independent(c.fitted)
-    gain = free * float(np.log(c.fitted.loss.sum() / other.fitted.loss.sum()))
-    return gain + (c.parameters - other.parameters) * float(np.log(free))
-
-
-def _log_gain(smaller: Choice, larger: Choice) -> np.ndarray:
-    return np.asarray(np.log(np.maximum(smaller.held_out, 1e-300) / np.maximum(larger.held_out, 1e-300)))
-
-
-def _accepted(smaller: Choice, larger: Choice) -> bool:
+def _accepted(smaller: SimulatedSet, larger: SimulatedSet) -> bool:
     """Whether the larger set is better by the criterion and on windows that were not fitted."""
-    saved = smaller.held_out.sum() > larger.held_out.sum() and t_value(_log_gain(smaller, larger)) > GROWING.sure
-    return bool(saved) and _criterion(larger, smaller) < -VERIFYING.odds
+    saved = smaller.held_out.sum() > larger.held_out.sum() and t_value(smaller.log_gain(larger)) > GROWING.sure
+    return bool(saved) and larger.criterion(smaller) < -VERIFYING.odds
 
 
-def _alike(taken: Choice, other: Choice) -> bool:
-    """Whether another set of the same size does as well, or nearly."""
-    near = _criterion(other, taken)
-    return near < VERIFYING.odds or (
-        near < GROWING.disputed * VERIFYING.odds and t_value(_log_gain(other, taken)) < GROWING.sure
-    )
-
-
-def _round(base: Choice, taken: Choice, field: Sequence[Choice]) -> tuple[RejectedCandidate, ...]:
+def _round(base: SimulatedSet, taken: SimulatedSet, field: Sequence[SimulatedSet]) -> tuple[RejectedCandidate, ...]:
     """The sets of one size, as a reader compares them."""
     before, out = base.fitted.loss, []
     for c in field[:8]:

@@ -1,4 +1,4 @@
-"""What speaks against a choice: a better neighbour, a rival that does as well, something left that it only imitates."""
+"""What speaks against a choice: a better neighbour, or something left that it only imitates. Its rivals: `tie`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,16 +9,11 @@ from scipy.special import stdtrit
 
 from bench.diagnose.regression.generic import Folds, follow
 from bench.diagnose.regression.least_squares import ridge, shifted
-from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.select.choose import accepted, within_bounds
 from bench.diagnose.select.search import View
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.settings import CHOOSING, VERIFYING
-from registry.core import EFFECTS
-
-SAME = ({"rotor_gyroscopic_torque", "rotor_reaction_torque"},)
-"""Effects that share a constant: not rivals of each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,31 +243,3 @@ def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequ
         return True
     # The terms may have found something else that is left: then the effect still has its own share beside them.
     return by_terms - by_both > VERIFYING.own_share * (bare - by_effect)
-
-
-def rivals(view: View, place: int) -> dict[str, Candidate]:
-    """Effects that would explain the data as well as the one in this place of the model, the likeliest first.
-
-    One of them makes a tie. It is as likely, within what blocks of the recordings differ; it gains most of what the
-    effect gains; and where the effect leaves nothing but noise, it does not leave plainly more.
-    """
-    subsets = view.subsets
-    current = subsets.fit()
-    own = EFFECTS.name_of(type(view.linear.model.effects[place]))
-    level = subsets.losses(current).sum(1)
-    best: dict[str, tuple[float, Candidate]] = {}
-    without = subsets.cost(subsets.fit(drop=[place]))
-    for s in subsets.starts:
-        if any({own, s.id} <= same for same in SAME):
-            continue
-        other = subsets.fit([s], drop=[place])
-        difference = subsets.losses(other).sum(1) - level
-        spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
-        margin = subsets.cost(other) - subsets.cost(current)
-        close = margin < VERIFYING.odds + CHOOSING.distinct * spread
-        replaces = without - subsets.cost(other) > VERIFYING.replaces * (without - subsets.cost(current))
-        exact = current.misfit < VERIFYING.exact * view.floor
-        misses = exact and other.misfit - view.floor > VERIFYING.loud * view.floor
-        if close and replaces and not misses and margin < best.get(s.id, (np.inf, s))[0]:
-            best[s.id] = margin, s
-    return {name: start for name, (_, start) in sorted(best.items(), key=lambda item: item[1][0])}

@@ -1,4 +1,4 @@
-"""The thresholds of the checks of how a file is read, in `bench.diagnose.checks`."""
+"""The thresholds of the checks of how a file is read, in `bench.diagnose.checks.description`."""
 
 from dataclasses import dataclass
 

@@ -13,8 +13,10 @@ from bench.diagnose.regression.weak import LogBatch, how_many, memories, narrowe
 from bench.diagnose.settings import BEGINNING, RUNNING
 from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.contracts import Channel
+from registry.datasets.reading import cleaning
 from registry.dynamics import PhysicsModel
 from registry.equations import models
+from registry.errors import BenchError
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,23 @@ def starts(log: Log, steps: int, every: int, first: int = 0) -> np.ndarray:
     at = np.arange(first, len(log) - steps, every)
     bad = np.concatenate([[0], np.cumsum(~log.valid.numpy())])
     return at[bad[at + steps + 1] == bad[at]] if len(at) else at
+
+
+def clear_starts(logs: Sequence[Log], steps: int, every: int, clear: int = 0) -> list[np.ndarray]:
+    """Of each log, the samples that free runs of ``steps`` start from, none nearer than ``clear`` to invalid ones.
+
+    Raises:
+        BenchError: no log is long enough; with the longest stretch that there is.
+    """
+    at = [starts(log, steps + 2 * clear, every) + clear for log in logs]
+    if any(map(len, at)):
+        return at
+    longest = max(((b - a) / log.rate for log in logs for a, b in cleaning.runs(log.valid.numpy())), default=0.0)
+    whole, run = ((n / logs[0].rate if logs else math.nan) for n in (steps + 2 * clear + 1, steps))
+    raise BenchError(
+        f"No recording to compare with has {whole:.3g} s of valid samples in a row, which a free run of {run:.3g} s "
+        f"needs, the longest stretch is {longest:.3g} s: give a shorter horizon, or longer recordings."
+    )
 
 
 def free_run(

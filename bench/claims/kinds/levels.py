@@ -12,7 +12,7 @@ from typing_extensions import override
 from bench.analysis import stats
 from bench.claims.estimate import ByQuantity, Estimate
 from bench.claims.evidence import Evidence
-from bench.claims.tables import errors, signals
+from bench.claims.kinds.tables import errors, signals
 from registry.errors import BenchError
 from registry.units import to_si
 

@@ -3,21 +3,16 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from bench.diagnose.checks.clocks import clocks
-from bench.diagnose.checks.conventions import conventions
-from bench.diagnose.checks.mistake import Mistake
-from bench.diagnose.checks.mounting import mounting
-from bench.diagnose.checks.recorded import Recorded, flying, of_folder, of_subject
-from bench.diagnose.checks.thrust import thrust
+from bench.diagnose.checks.description.clocks import clocks
+from bench.diagnose.checks.description.conventions import conventions
+from bench.diagnose.checks.description.mistake import Mistake
+from bench.diagnose.checks.description.mounting import mounting
+from bench.diagnose.checks.description.recorded import Recorded, flying, of_folder, of_subject
+from bench.diagnose.checks.description.sampling import slow_logs
+from bench.diagnose.checks.description.thrust import thrust
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import DataProblem
-from bench.diagnose.settings import SPIKING
 from registry.datasets.folder.dataset import Folder
-
-SLOW, SLOWER = 60.0, 20.0
-"""Rates [Hz] from which body rates are looked at, and at which a small rotorcraft always turns too fast."""
 
 
 def check(recorded: Recorded, carried: bool) -> list[Mistake]:
@@ -32,7 +27,7 @@ def check(recorded: Recorded, carried: bool) -> list[Mistake]:
     found = conventions(recorded, carried)
     if found and found[-1].reading is not None:
         recorded = replace(recorded, reading=found[-1].reading)
-    found += pace(recorded) if carried else []
+    found += slow_logs(recorded) if carried else []
     # Clocks are told apart only once signs and axes are right.
     late = clocks(recorded, carried)
     found += late or mounting(recorded)
@@ -58,24 +53,3 @@ def check_subject(subject: Subject) -> tuple[list[DataProblem], list[DataProblem
         where = m.recordings[0] if m.recordings else subject.logs[0].name
         (stopping if m.stops else minor).append(DataProblem(where, m.signal, m.kind, None, m.detail + lines))
     return stopping, minor
-
-
-def pace(recorded: Recorded) -> list[Mistake]:
-    """A log that is too slow for rotations, and what it is still good for."""
-    if recorded.rate > SLOW or "body_rates" not in recorded.reading.signals:
-        return []
-    missed = []
-    for flight in recorded.flights:
-        rates = flight.signals(recorded.reading, ("body_rates",))["body_rates"][:, :2][flight.valid]
-        between = rates[1:-1] - (rates[2:] + rates[:-2]) / 2
-        if len(between) > 10:
-            size = np.sqrt(np.mean((rates - rates.mean(axis=0)) ** 2))
-            missed.append(float(np.sqrt(np.mean(between**2)) / max(float(size), 1e-12)))
-    if not missed or (np.median(missed) < SPIKING.missed and recorded.rate > SLOWER):
-        return []
-    detail = (
-        f"{recorded.rate:g} Hz is too slow for rotations: {np.median(missed):.0%} of the body rates cannot be told "
-        "from the samples before and after. Forces can still be judged with measured attitude (drag, mass, thrust, "
-        "battery, wind), torques and motor lag cannot; log rates and rotors at 100 Hz or more for those."
-    )
-    return [Mistake("slow log", "body_rates", tuple(f.name for f in recorded.flights), detail, (), False)]

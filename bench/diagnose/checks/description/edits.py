@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 
-from bench.diagnose.checks.recorded import Reading
+from bench.diagnose.checks.description.recorded import Reading
 from bench.diagnose.settings import MENDING
 from registry.datasets.folder.signals import SignalColumns
 

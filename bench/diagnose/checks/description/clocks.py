@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.diagnose.checks.mistake import Mistake, lines
-from bench.diagnose.checks.recorded import Flight, Reading, Recorded
-from bench.diagnose.checks.relations import Signals, acceleration, boxed, felt
+from bench.diagnose.checks.description.mistake import Mistake, lines
+from bench.diagnose.checks.description.recorded import Flight, Reading, Recorded
+from bench.diagnose.checks.description.relations import Signals, acceleration, boxed, felt
 from bench.diagnose.logs.consistency import slope
 from bench.diagnose.settings import OFFSETTING
 from registry.datasets.folder.conversion import GRAVITY

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from bench.diagnose.checks.conventions import ROTORS
-from bench.diagnose.checks.mistake import Mistake, lines
-from bench.diagnose.checks.recorded import Flight, Reading, Recorded
-from bench.diagnose.checks.relations import boxed, felt, followed
+from bench.diagnose.checks.description.conventions import ROTORS
+from bench.diagnose.checks.description.mistake import Mistake, lines
+from bench.diagnose.checks.description.recorded import Flight, Reading, Recorded
+from bench.diagnose.checks.description.relations import boxed, felt, followed
 from bench.diagnose.settings import LIFTING, TURNING
 from registry.units import to_si
 

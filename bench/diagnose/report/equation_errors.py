@@ -7,7 +7,7 @@ from bench.diagnose.result import Diagnosis
 
 
 @dataclass(frozen=True)
-class Alone:
+class ShownEquation:
     """The errors of one equation in the unit in which they are shown."""
 
     equation: str
@@ -21,19 +21,19 @@ class Alone:
     floor: float
 
 
-def alone(diagnosis: Diagnosis) -> list[Alone]:
-    """One for every equation that was judged by itself."""
+def shown_equations(diagnosis: Diagnosis) -> list[ShownEquation]:
+    """Every equation that was judged by itself."""
     out = []
     for name, e in diagnosis.by_equation.items():
         unit, factor = phrases.shown(e.unit, e.output, [e.nominal, e.calibrated, e.extended])
         errors = [v * factor for v in (e.nominal, e.calibrated, e.extended, e.predictable, e.floor)]
-        out.append(Alone(phrases.named(name), phrases.named(e.output), f"{e.horizon_s:g} s", unit, *errors))
+        out.append(ShownEquation(phrases.named(name), phrases.named(e.output), f"{e.horizon_s:g} s", unit, *errors))
     return out
 
 
 def lines(diagnosis: Diagnosis) -> list[str]:
     """A line for each of several equations; the free runs say as much of a single one."""
-    every = alone(diagnosis)
+    every = shown_equations(diagnosis)
     return [
         f"  {a.equation}, all else measured: {a.output} after {a.horizon}  "
         f"{phrases.number(a.nominal)} → {phrases.united(phrases.number(a.extended), a.unit)} "

@@ -11,7 +11,7 @@ from typing_extensions import override
 
 from bench.claims.estimate import ByQuantity, Estimate, Kind
 from bench.claims.evidence import Evidence
-from bench.claims.tables import (
+from bench.claims.kinds.tables import (
     Network,
     Rows,
     Stratum,

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.diagnose.checks.edits import Edit, edits
-from bench.diagnose.checks.mistake import Mistake, lines
-from bench.diagnose.checks.recorded import Flight, Reading, Recorded, joined
-from bench.diagnose.checks.relations import CARRIED, KINEMATIC, Relation, lifting, misfit
-from bench.diagnose.checks.rotors import pace_of, torque
+from bench.diagnose.checks.description.edits import Edit, edits
+from bench.diagnose.checks.description.mistake import Mistake, lines
+from bench.diagnose.checks.description.recorded import Flight, Reading, Recorded, joined
+from bench.diagnose.checks.description.relations import CARRIED, KINEMATIC, Relation, lifting, misfit
+from bench.diagnose.checks.description.rotors import pace_of, torque
 from bench.diagnose.settings import MENDING, TRYING
 
 Array = np.ndarray

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from bench.diagnose.checks.recorded import Flight, Reading
+from bench.diagnose.checks.description.recorded import Flight, Reading
 from bench.diagnose.logs.consistency import accumulated, change, integral
 from bench.diagnose.logs.filters import lagged
 from bench.diagnose.settings import SAMPLING

@@ -7,9 +7,9 @@ thrust is along body z, and what they do about x and y shows a turn of the rates
 
 import numpy as np
 
-from bench.diagnose.checks.mistake import Mistake, lines
-from bench.diagnose.checks.recorded import Flight, Recorded
-from bench.diagnose.checks.relations import boxed, felt, kicks
+from bench.diagnose.checks.description.mistake import Mistake, lines
+from bench.diagnose.checks.description.recorded import Flight, Recorded
+from bench.diagnose.checks.description.relations import boxed, felt, kicks
 from bench.diagnose.logs.consistency import slope
 from bench.diagnose.settings import MOUNTING
 from registry.datasets.reading.rotations import rotate

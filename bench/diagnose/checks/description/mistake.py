@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 
-from bench.diagnose.checks.recorded import Reading
+from bench.diagnose.checks.description.recorded import Reading
 from registry.datasets.folder.signals import SignalColumns
 
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.diagnose.checks.recorded import Flight, Reading
-from bench.diagnose.checks.relations import Relation, Signals, calmed, followed, kicks
+from bench.diagnose.checks.description.recorded import Flight, Reading
+from bench.diagnose.checks.description.relations import Relation, Signals, calmed, followed, kicks
 from bench.diagnose.regression.least_squares import bounded
 from bench.diagnose.settings import SAMPLING, TURNING
 

@@ -12,7 +12,7 @@ from bench.analysis.contrast import Cell
 from bench.analysis.tables import FIRST, LAST
 from bench.claims.estimate import ByQuantity, Estimate, Kind
 from bench.claims.evidence import Evidence
-from bench.claims.tables import (
+from bench.claims.kinds.tables import (
     Errors,
     Network,
     Rows,

@@ -1,0 +1,31 @@
+"""Whether a log has enough samples a second for what is to be told from it."""
+
+import numpy as np
+
+from bench.diagnose.checks.description.mistake import Mistake
+from bench.diagnose.checks.description.recorded import Recorded
+from bench.diagnose.settings import SPIKING
+
+SLOW, SLOWER = 60.0, 20.0
+"""Rates [Hz] from which body rates are looked at, and at which a small rotorcraft always turns too fast."""
+
+
+def slow_logs(recorded: Recorded) -> list[Mistake]:
+    """A log that is too slow for rotations, and what it is still good for."""
+    if recorded.rate > SLOW or "body_rates" not in recorded.reading.signals:
+        return []
+    missed = []
+    for flight in recorded.flights:
+        rates = flight.signals(recorded.reading, ("body_rates",))["body_rates"][:, :2][flight.valid]
+        between = rates[1:-1] - (rates[2:] + rates[:-2]) / 2
+        if len(between) > 10:
+            size = np.sqrt(np.mean((rates - rates.mean(axis=0)) ** 2))
+            missed.append(float(np.sqrt(np.mean(between**2)) / max(float(size), 1e-12)))
+    if not missed or (np.median(missed) < SPIKING.missed and recorded.rate > SLOWER):
+        return []
+    detail = (
+        f"{recorded.rate:g} Hz is too slow for rotations: {np.median(missed):.0%} of the body rates cannot be told "
+        "from the samples before and after. Forces can still be judged with measured attitude (drag, mass, thrust, "
+        "battery, wind), torques and motor lag cannot; log rates and rotors at 100 Hz or more for those."
+    )
+    return [Mistake("slow log", "body_rates", tuple(f.name for f in recorded.flights), detail, (), False)]

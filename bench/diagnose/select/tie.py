@@ -1,0 +1,53 @@
+"""What makes a tie: which effects would explain the recordings as well as one that was found.
+
+Two kinds of evidence, and a rule for each: normal equations, where every state was measured, and sets of effects that
+were simulated, where one was not. Thresholds: `Verifying`, and `Growing` of the second, in `bench.diagnose.settings`.
+"""
+
+import numpy as np
+
+from bench.diagnose.regression.linearise import Candidate
+from bench.diagnose.select.search import View
+from bench.diagnose.select.simulated_set import SimulatedSet
+from bench.diagnose.select.subset import t_value
+from bench.diagnose.settings import CHOOSING, GROWING, VERIFYING
+from registry.core import EFFECTS
+
+SAME = ({"rotor_gyroscopic_torque", "rotor_reaction_torque"},)
+"""Effects that share a constant: not rivals of each other."""
+
+
+def rivals(view: View, place: int) -> dict[str, Candidate]:
+    """Effects that would explain the data as well as the one in this place of the model, the likeliest first.
+
+    One of them makes a tie. It is as likely, within what blocks of the recordings differ; it gains most of what the
+    effect gains; and where the effect leaves nothing but noise, it does not leave plainly more.
+    """
+    subsets = view.subsets
+    current = subsets.fit()
+    own = EFFECTS.name_of(type(view.linear.model.effects[place]))
+    level = subsets.losses(current).sum(1)
+    best: dict[str, tuple[float, Candidate]] = {}
+    without = subsets.cost(subsets.fit(drop=[place]))
+    for s in subsets.starts:
+        if any({own, s.id} <= same for same in SAME):
+            continue
+        other = subsets.fit([s], drop=[place])
+        difference = subsets.losses(other).sum(1) - level
+        spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
+        margin = subsets.cost(other) - subsets.cost(current)
+        close = margin < VERIFYING.odds + CHOOSING.distinct * spread
+        replaces = without - subsets.cost(other) > VERIFYING.replaces * (without - subsets.cost(current))
+        exact = current.misfit < VERIFYING.exact * view.floor
+        misses = exact and other.misfit - view.floor > VERIFYING.loud * view.floor
+        if close and replaces and not misses and margin < best.get(s.id, (np.inf, s))[0]:
+            best[s.id] = margin, s
+    return {name: start for name, (_, start) in sorted(best.items(), key=lambda item: item[1][0])}
+
+
+def does_as_well(other: SimulatedSet, taken: SimulatedSet) -> bool:
+    """Whether another set of the same size explains windows as well as the one taken, or nearly."""
+    margin = other.criterion(taken)
+    return margin < VERIFYING.odds or (
+        margin < GROWING.disputed * VERIFYING.odds and t_value(other.log_gain(taken)) < GROWING.sure
+    )
