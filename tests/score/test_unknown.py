@@ -40,6 +40,8 @@ def test_every_kind_is_met_at_three_levels_of_noise_and_seeds_share_nothing(suit
     assert not {c.flight_seed for c in suite} & {c.flight_seed for c in cases(REPORTED)}
     assert {c.condition for c in part(suite, 0.01)} == {*KINDS, *EMPTY}
     assert {e for c in suite for e in c.catalogue_without} <= set(EFFECTS.names())
+    of_pitch = [c for c in hidden if any(t.signals == ("body_velocity.x", "body_velocity.z") for t in c.terms)]
+    assert of_pitch and all("munk_moment" in c.catalogue_without for c in of_pitch)
 
 
 def test_forms_are_called_as_the_diagnosis_calls_them() -> None:

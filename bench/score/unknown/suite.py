@@ -160,6 +160,7 @@ WITHOUT = {
     "tanks": ("overflow", *DRIVES),
     "cart": (),
     "place_lift": ("ground_effect",),
+    "cross": ("munk_moment",),
 }
 """Effects that are taken out of the catalogue, since they are what is hidden, or nearly: by system or kind."""
 
