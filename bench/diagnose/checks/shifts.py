@@ -93,7 +93,8 @@ def lag_of(model: PhysicsModel, log: Log, internal: Tensor | None = None) -> tup
     own, forced = (_rates(model, log, u, internal)[:, channels] for u in (steady, inputs))
     moving = x[:, channels]
     caused, seen = forced - own, slope(moving, False, log.dt) - own
-    lag, how = delay(*(_band(a[valid]) for a in (caused, seen)), beside=_band(moving[valid]))
+    cause, effect, beside = (_band(a[valid]) for a in (caused, seen, moving))
+    lag, how = delay(cause, effect, beside=beside)
     # A held command acts after its sample: the slope about a sample has half of it from the step before. What delays
     # and lags of the model make of it is told at the sample.
     return lag - (0.5 if model.input_hold == "previous" and not lagging else 0.0), how
