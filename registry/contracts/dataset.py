@@ -46,7 +46,7 @@ class Dataset(ABC):
     """Options of the whole of the data, where they come in sizes; studies take it for all but smoke tests."""
 
     @property
-    def finer(self) -> dict[str, str]:
+    def finer_signals(self) -> dict[str, str]:
         """By signal, the option of the data set that reads it from a finer sensor, such as "gyroscope=true"."""
         return {}
 

@@ -72,7 +72,7 @@ class Nanobench(Dataset):
 
     @property
     @override
-    def finer(self) -> dict[str, str]:
+    def finer_signals(self) -> dict[str, str]:
         return {} if self.gyroscope else {"body_rates": "gyroscope=true"}
 
     @override

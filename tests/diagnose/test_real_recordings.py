@@ -150,7 +150,7 @@ def test_nanobench_lacks_drag_although_its_torques_hardly_follow_the_commands(be
 @pytest.mark.slow
 def test_the_gyroscope_of_nanobench_tells_its_inertia_given_the_moments_before(bench_data):
     """Stated 1.43e-5; a predictor of one sample says 6 % less, the same beside a slow torque that it learns."""
-    said, model = diagnose(Nanobench(gyroscope=True), brief=True)
+    said, _ = diagnose(Nanobench(gyroscope=True), brief=True)
     named = {e.id for e in said.effects if not e.learned}
     assert said.verdict == "named" and {"motor_lag", "battery_sag", "linear_drag"} <= named
     (hidden,) = [c for c in said.evidence.obscured if c.constant == "inertia"]

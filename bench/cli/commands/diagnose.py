@@ -344,7 +344,7 @@ def diagnose_command(
 
     \b
     bench diagnose flights/                                a folder with a dataset.toml (`bench data init` drafts it)
-    bench diagnose silverbox                               a registered data set (`bench list datasets`)
+    bench diagnose nanobench --set gyroscope=true          a registered data set, with an option of it
     bench diagnose flights/ --system mine.py:Tailsitter    your own physics
     bench diagnose flights/ --without mass --out second/   another look
     bench diagnose flights/ --ignore-problem spike --exclude flight_3
@@ -366,12 +366,10 @@ def diagnose_command(
         _refuse_for_fleets(asks_network, settings)
         wanted = fleets.fleet_options(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
         return fleets.diagnose_fleet(source, wanted, vehicles, folder, to_json=to_json, place=place)
-    given = [measured(source, system, model_file, catalogue, exclude, settings)]
-
+    given = [measured(source, system, model_file, catalogue, exclude, settings)]  # popped: not to be held
     from bench.diagnose.diagnose import diagnose
 
     with announcer(options.console(), stages.DIAGNOSE) as tick:
-        # Held by nobody else: of a thousand recordings those that are checked only can be let go then.
         subject = given[0] if asks_network else None
         found, extended = diagnose(given.pop(), tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
     own = {"catalogue": catalogue, "without": without, "ignore_problem": ignore, "exclude": exclude}

@@ -70,7 +70,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         notes=(*measured.made, *(_taken(dataset, model) if nominal and isinstance(dataset, Folder) else ())),
         resampled=measured.made,
         folder=dataset if isinstance(dataset, Folder) else None,
-        finer=dataset.finer,
+        finer=dataset.finer_signals,
     )
     return centred(subject)
 
