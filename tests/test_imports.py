@@ -16,7 +16,7 @@ from registry import outline
 from registry.core import REGISTRIES, Registry
 from registry.errors import BenchError
 
-HEAVY = ("torch", "pandas", "mlflow", "optuna", "scipy", "matplotlib", "pyarrow", "distributed")
+HEAVY = ("torch", "pandas", "mlflow", "optuna", "scipy", "matplotlib", "seaborn", "pyarrow", "distributed")
 LIST_LOADED = f"print('loaded:', *(m for m in {HEAVY} if m in sys.modules), file=sys.stderr)"
 
 

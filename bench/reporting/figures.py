@@ -6,6 +6,7 @@ from typing import Any
 
 import matplotlib
 import pandas as pd
+import seaborn as sns
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -24,6 +25,7 @@ from bench.analysis.tables import (
     whole_signals,
 )
 from bench.records.record import RunRecord
+from bench.reporting.white_grid import WHITE_GRID
 
 # Okabe and Ito's palette for all kinds of colour vision, darkest contrasts first; yellow is too pale on white
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
@@ -34,21 +36,7 @@ PANELS = 4
 BOXES = 40
 """Boxes beyond which steps are left out, evenly."""
 STYLE: Any = {
-    # a matplotlibrc in the working directory has no say: it may ask for other programs
-    **{k: v for k, v in matplotlib.rcParamsDefault.items() if k != "backend"},
-    "axes.axisbelow": True,
-    "axes.grid": True,
-    "axes.labelcolor": ".15",
-    "font.family": ["sans-serif"],
-    "font.sans-serif": ["Arial", "DejaVu Sans", "Liberation Sans", "Bitstream Vera Sans", "sans-serif"],
-    "lines.solid_capstyle": "round",
-    "patch.edgecolor": "w",
-    "patch.force_edgecolor": True,
-    "text.color": ".15",
-    "xtick.bottom": False,
-    "xtick.color": ".15",
-    "ytick.color": ".15",
-    "ytick.left": False,
+    **WHITE_GRID,
     "axes.edgecolor": "0.6",
     "axes.labelsize": 9,
     "axes.titlesize": 9.5,
@@ -214,11 +202,22 @@ def _curves(records: Sequence[RunRecord], quantity: str, horizon: int) -> tuple[
 def _draw(axes: Axes, curves: pd.DataFrame, styles: dict[str, tuple[str, tuple[float, ...], float]]) -> set[str]:
     """One panel; returns the configurations that leave it."""
     present = [s for s in styles if s in set(curves["spec"])]
-    for spec in present:
-        seeds = curves[curves["spec"] == spec].groupby("time_s")["value"].agg(["mean", "min", "max"])
-        colour, dashes, width = styles[spec]
-        axes.plot(seeds.index, seeds["mean"], color=colour, dashes=dashes or (None, None), linewidth=width)
-        axes.fill_between(seeds.index, seeds["min"], seeds["max"], color=colour, alpha=0.13, linewidth=0)
+    sns.lineplot(
+        curves,
+        x="time_s",
+        y="value",
+        hue="spec",
+        style="spec",
+        size="spec",
+        hue_order=present,
+        palette={s: styles[s][0] for s in present},
+        dashes={s: styles[s][1] or "" for s in present},
+        sizes={s: styles[s][2] for s in present},
+        errorbar=("pi", 100),
+        err_kws={"alpha": 0.13, "linewidth": 0},
+        legend=False,
+        ax=axes,
+    )
     peak = curves.groupby(["spec", "time_s"])["value"].mean().groupby("spec").max()
     networks = [s for s in present if not is_baseline(s)] or present
     top = 1.12 * float(peak[networks].max())
