@@ -30,6 +30,7 @@ from bench.diagnose.result import ByGroup, NamedEffect
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.verify import Estimate
+from bench.diagnose.settings import MATTERING
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.diagnose.summaries import parameter_estimates
 from registry.contracts import Dataset
@@ -121,7 +122,7 @@ def extend(
     chain = _Chain(*fit_parameters(subject, model, noise, tick, through_simulator=not add))
     given = () if start is None else start.effects[len(model.effects) :]
     for i, item in enumerate(add):
-        added = [given[i]] if given else _starts(subject, chain.model, item, noise, tick)
+        added = [given[i]] if given else _starts(subject, chain.model, item, noise, tick, model)
         for j, effect in enumerate(added):
             last = i == len(add) - 1 and j == len(added) - 1
             grown = replace(chain.model, effects=(*chain.model.effects, effect))
@@ -227,14 +228,18 @@ def _starts(
     item: str | Effect,
     noise: Noise,
     tick: Callable[[str], None],
+    given: PhysicsModel,
 ) -> list[Effect]:
-    """The effects that one item of `extend` adds to ``model``, with parameters from which a fit starts."""
+    """The effects that one item of `extend` adds to ``model``, with parameters from which a fit starts.
+
+    ``given`` is the model before its constants were calibrated, and before anything was added.
+    """
     if isinstance(item, Effect):
         return [item]
     if is_request(item):
         asked = parsed(item, model)
         if asked is None:
-            terms = learn_all_terms(subject, model, noise, tick)
+            terms = learn_all_terms(subject, model, noise, tick, much=_errs_much(subject, (given, model), noise))
         elif asked.signals[0] in (SWING, RELAXATION):
             order = 2 if asked.signals[0] == SWING else 1
             terms = tuple(m for m in modes(subject, model, noise) if m.order == order and asked.axis in m.axes)
@@ -247,6 +252,14 @@ def _starts(
         return list(terms)
     tick(item)
     return [_starting_point(subject, model, item, noise, tick)]
+
+
+def _errs_much(subject: Subject, models: Sequence[PhysicsModel], noise: Noise) -> bool:
+    """Whether free runs of the best of some models err so far above the noise that a hidden mode is worth a search."""
+    comparison = compare(subject, {str(i): m for i, m in enumerate(models)}, noise=noise)
+    errors = [comparison.error(str(i)) for i in range(len(models))]
+    floor = comparison.error("floor")
+    return any(min(e[g].rmse for e in errors) > MATTERING.lost * floor[g].rmse for g in floor)
 
 
 def _named(

@@ -263,6 +263,15 @@ def test_the_story_stays_short_when_there_is_much_to_say() -> None:
     assert len(told(many, width=60).splitlines()) <= TELLING.lines
 
 
+def test_sentences_give_way_to_figures() -> None:
+    """However much there is to say of constants, the effects and the falling errors are told."""
+    d = samples.named()
+    long = Calibration("_".join(["mass", *["of", "what"] * 99]), 1.0, 1.2, "kg", 9.0, 1.1, 1.3)
+    text = told(replace(d, evidence=replace(d.evidence, calibration=(long,))))
+    assert "The page says more." in " ".join(text.split()) and len(text.splitlines()) <= TELLING.lines
+    assert all(f"+ {e.name} " in text for e in d.effects) and "81.0 → 9.40 mm" in text
+
+
 @pytest.mark.parametrize("value", [0.0, 1.0, 9.995, 0.00099951, 99999.0, -2.5e-7, 1.234e-4, 123456.0, 0.1, -0.0314])
 def test_a_shown_number_is_the_number(value: float) -> None:
     text = phrases.number(value)

@@ -181,7 +181,7 @@ def test_a_term_that_free_runs_do_not_need_is_not_added(
 
     monkeypatch.setattr(learned, "learn_all_terms", lambda *_, **__: (a, b))
     monkeypatch.setattr(learned, "extend", extended)
-    given = SimpleNamespace(model=model)
+    given = SimpleNamespace(model=model, logs=())
     done = learned.learned(
         given,
         model,
@@ -192,8 +192,9 @@ def test_a_term_that_free_runs_do_not_need_is_not_added(
         horizon_s=None,
         doubtful=False,  # type: ignore[arg-type]
         much=True,
+        filed=given,
     )
-    assert (done and done.terms) == kept  # type: ignore[attr-defined]
+    assert (done and done.extension.terms) == kept  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(("share", "now", "kept"), [(0.01, 1.3, False), (0.01, 1.05, True), (0.2, 1.3, True)])

@@ -1,5 +1,6 @@
 """The diagnosis in a few lines on the terminal."""
 
+import re
 import textwrap
 from typing import Any
 
@@ -13,6 +14,8 @@ _STYLES = {"named": "cyan", "tie": "yellow", "nothing": "green", "unknown_effect
 def print_summary(diagnosis: Diagnosis, console: Any) -> None:
     """Print the verdict, the falling error, the effects and where the error is, in at most `TELLING.lines` lines.
 
+    Sentences give way to figures: what is left out of them stands on the page.
+
     Args:
         diagnosis: what was found.
         console: a rich console.
@@ -25,13 +28,26 @@ def print_summary(diagnosis: Diagnosis, console: Any) -> None:
     else:
         first = [*_effects(diagnosis), *_errors(diagnosis), *equation_errors.lines(diagnosis)]
         last = [*_regions(diagnosis), *_problems(diagnosis)]
-    texts = [verdict, Text(sentences.explanation(diagnosis))]
-    told = [line for text in texts for line in text.wrap(console, console.width)]
-    for item in [*first, *last]:
-        told += map(Text, textwrap.wrap(item, console.width, subsequent_indent=" " * 6, break_on_hyphens=False))
-    for line in told[: TELLING.lines]:
+    figures = [
+        Text(line)
+        for item in [*first, *last]
+        for line in textwrap.wrap(item, console.width, subsequent_indent=" " * 6, break_on_hyphens=False)
+    ]
+    told = list(verdict.wrap(console, console.width))
+    said = _fitting(sentences.explanation(diagnosis), console, TELLING.lines - len(told) - len(figures))
+    for line in [*told, *said, *figures][: TELLING.lines]:
         line.rstrip()
         console.print(line, highlight=False, no_wrap=True)
+
+
+def _fitting(text: str, console: Any, most: int) -> list[Any]:
+    """Lines of the first sentences of a text that fit in so many."""
+    from rich.text import Text
+
+    said = re.split(r"(?<=\.) (?=[A-Z])", text)
+    some = [" ".join([*said[:count], "The page says more."]) for count in range(len(said) - 1, 0, -1)]
+    wrapped = (list(Text(x).wrap(console, console.width)) for x in (text, *some))
+    return next((lines for lines in wrapped if len(lines) <= most), [])
 
 
 def _effects(diagnosis: Diagnosis) -> list[str]:

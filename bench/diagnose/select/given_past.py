@@ -13,7 +13,6 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from bench.diagnose.by_equation import GivenPast, ObscuredConstant
 from bench.diagnose.logs.subject import Subject
@@ -185,8 +184,9 @@ def memory(whitener: np.ndarray) -> tuple[float, float]:
     Args:
         whitener: (order + 1,) coefficients; see `least_squares.whitening`.
     """
-    impulse = np.zeros(RELEASING.remembered)
-    impulse[0] = 1.0
-    answer = lfilter([1.0], whitener, impulse)  # of one disturbance: what is left is white noise through this
+    answer = np.zeros(RELEASING.remembered)  # to one disturbance: what is left is white noise through this
+    for i in range(len(answer)):
+        past = answer[max(0, i - len(whitener) + 1) : i][::-1]
+        answer[i] = (float(i == 0) - whitener[1 : len(past) + 1] @ past) / whitener[0]
     power = float((answer**2).sum())
     return 1.0 - float(answer[0] ** 2) / power, float(answer.sum() ** 2) / power
