@@ -136,10 +136,14 @@ class _Choice:
         """With these numbers."""
         return advanced(self.search, self.view, self.fit).model
 
-    def less(self, place: int, start: Candidate | None = None) -> PhysicsModel:
-        """The model less the effect in one more place, with another one instead."""
-        fit = self.view.subsets.fit([] if start is None else [start], drop=[*self.dropped, place])
-        return advanced(self.search, self.view, fit).model
+    def less(self, place: int) -> PhysicsModel:
+        """The model less the effect in one more place."""
+        return advanced(self.search, self.view, self.view.subsets.fit(drop=[*self.dropped, place])).model
+
+    def exchanged(self, place: int, start: Candidate) -> PhysicsModel:
+        """The model with another effect in place of one, fitted until its numbers move no more, as those here do."""
+        fit = self.view.subsets.fit([start], drop=[*self.dropped, place])
+        return settled(self.search, advanced(self.search, self.view, fit).model, self.view)[1]
 
 
 def _first(search: Search) -> tuple[View, Fit, list[list[Fit]]]:
@@ -290,7 +294,7 @@ def _rivals(
     return tuple(
         name
         for name, start in candidates.items()
-        if not any(s.worth for s in weighing.savings(chosen.less(place, start), chosen.model, extended))
+        if not any(s.worth for s in weighing.savings(chosen.exchanged(place, start), chosen.model, extended))
     )
 
 
