@@ -185,4 +185,4 @@ class Telling:
     constants: int = threshold(
         2, "constants, and ratios of them, that a sentence says are off; the page has them all", Basis.SHOWN, "count"
     )
-    lines: int = threshold(20, "lines of the summary on a terminal of 100 columns, at most", Basis.SHOWN, "count")
+    lines: int = threshold(24, "lines of the summary on a terminal of 100 columns, at most", Basis.SHOWN, "count")
