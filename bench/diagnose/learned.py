@@ -62,7 +62,8 @@ def learned(
         much: whether free runs err so much still that it is worth a term.
     """
     terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much)
-    if any(isinstance(t, HiddenMode) for t in terms) and subject.logs is not filed.logs:
+    read_again = any(isinstance(t, HiddenMode) for t in terms) and subject.logs is not filed.logs
+    if read_again:
         # A mode that nobody has added yet looks like an input that acts at another time.
         subject = retimed(filed, replace(model, effects=(*model.effects, *terms)), noise)
         terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much)
@@ -81,7 +82,7 @@ def learned(
 
     done = beside(names, terms)
     idle = {e.id for e in done.effects if not e.learned and _idle(e)}
-    if idle and not (_beyond(done) or _beyond_given_the_past(subject, model, noise, terms, tick)):
+    if idle and not (_beyond(done) or (read_again and _beyond_given_the_past(subject, model, noise, terms, tick))):
         return None  # the terms only say in other words what a named effect says
     if idle:  # they imitated what is learned now
         names = [n for n in names if n not in idle]
