@@ -313,7 +313,7 @@ def _round(view: View, field: list[Fit], chosen: Fit) -> tuple[RejectedCandidate
     base = subsets.fit()
     scale = max(base.loss - view.floor, 1.0)
     base_blocks, level = subsets.losses(base).sum(1), subsets.losses(chosen).sum(1)
-    out = []
+    unit, out = view.linear.model.effect_unit, []
     for f in sorted(field, key=lambda f: -(f is chosen))[:8]:
         blocks = subsets.losses(f).sum(1)
         gains = base_blocks - blocks
@@ -321,7 +321,8 @@ def _round(view: View, field: list[Fit], chosen: Fit) -> tuple[RejectedCandidate
         share = (base.loss - f.loss) / scale
         margin, t = subsets.cost(f) - subsets.cost(chosen), t_value(blocks - level)
         text = "; ".join(
-            f"{i}: " + ", ".join(f"{p.name} = {p.value:.3g} {p.unit}" for p in e.parameters() if p.uncertainty > 0)
+            f"{i}: "
+            + ", ".join(f"{p.name} = {p.value:.3g} {unit(p.unit)}" for p in e.parameters() if p.uncertainty > 0)
             for i, e in f.effects(len(subsets.own)).items()
         )
         if f is chosen:

@@ -24,6 +24,7 @@ from bench.diagnose.select.search import admissible
 from bench.diagnose.settings import LEARNING
 from registry.contracts import Channel, Recording
 from registry.effects.learned_term import LearnedTerm
+from registry.effects.waves.hidden_mode import HiddenMode
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
 from registry.physics.quadrotor import Quadrotor
@@ -195,6 +196,44 @@ def test_a_term_that_free_runs_do_not_need_is_not_added(
         filed=given,
     )
     assert (done and done.extension.terms) == kept  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("read_again", [False, True])
+def test_a_named_effect_goes_for_a_mode_only_where_inputs_were_read_again(
+    monkeypatch: pytest.MonkeyPatch, read_again: bool
+) -> None:
+    """A delay may stand for a mode that shifted the inputs; a load that swings is named beside one."""
+    named, term = SimpleNamespace(id="load", learned=False), SimpleNamespace(id="hidden_mode", learned=True)
+    given, filed = (SimpleNamespace(model=Oscillator(), logs=(name,)) for name in "ab")
+    mode = HiddenMode(axes=("speed.q",), drivers=("speed.q",))
+
+    def extended(subject: object, base: object, asked: list[object], *_: object, **__: object) -> object:
+        return SimpleNamespace(effects=[named] * ("load" in asked) + [term])
+
+    for name, value in {
+        "learn_all_terms": lambda *_, **__: (mode,),
+        "extend": extended,
+        "ordered": lambda *_: Oscillator(),
+        "retimed": lambda *_: given,
+        "_idle": lambda e: True,
+        "_beyond": lambda done: False,
+        "_beyond_given_the_past": lambda *_: True,
+        "_pruned": lambda done, *_: done,
+    }.items():
+        monkeypatch.setattr(learned, name, value)
+    done = learned.learned(
+        given,  # type: ignore[arg-type]
+        Oscillator(),
+        None,  # type: ignore[arg-type]
+        found=[SimpleNamespace(id="load", rivals=())],  # type: ignore[list-item]
+        named=(),
+        tick=print,
+        horizon_s=None,
+        filed=filed if read_again else given,  # type: ignore[arg-type]
+        doubtful=False,
+        much=True,
+    )
+    assert (None if done is None else done.extension.effects) == ([term] if read_again else None)
 
 
 @pytest.mark.parametrize(("share", "now", "kept"), [(0.01, 1.3, False), (0.01, 1.05, True), (0.2, 1.3, True)])
