@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from bench.analysis.stats import compare, interval
+from bench.analysis.stats import compare, interval, uneven_gain
 
 EFFECT = 0.8
 
@@ -102,3 +102,26 @@ def test_an_interval_too_wide_for_a_number_is_infinite() -> None:
     a = np.exp([[0.1, 0.5], [2.0, 2.1]])
     found = compare(a, np.ones_like(a), confidence=1 - 1e-6)
     assert found.high == math.inf and 0 <= found.low < found.ratio and found.verdict == "cannot tell"
+
+
+def test_gains_of_a_few_manoeuvres_are_uneven_and_sure():
+    """One block of eight has nearly all: each gains, and only the sum's size is unsure."""
+    gains = np.array([100.0, 1.0, 1.5, 0.8, 1.2, 0.9, 1.1, 1.3])
+    assert gains.mean() - 2 * gains.std(ddof=1) / 8**0.5 < 0 < uneven_gain(gains) < 1
+    by_scipy = scipy.stats.permutation_test(
+        (gains - uneven_gain(gains, 0.9), np.zeros(8)),
+        lambda a, b: np.sum(a - b),
+        permutation_type="samples",
+        alternative="greater",
+    )
+    assert by_scipy.pvalue == pytest.approx(0.05, abs=1 / 256)
+    assert uneven_gain(gains - 1.4) < 0, "most blocks lose"
+    assert uneven_gain(gains[:5]) == -np.inf, "no five signs are rare enough"
+
+
+@pytest.mark.parametrize("count", [8, 16])
+def test_gains_without_a_mean_are_seldom_called_sure(count):
+    random = np.random.default_rng(1)
+    sure = [uneven_gain(random.standard_cauchy(count)) > 0 for _ in range(600)]
+    assert np.mean(sure) < 0.025 + 2 * (0.025 * 0.975 / 600) ** 0.5
+    assert np.mean([uneven_gain(random.normal(1.2, 1, count)) > 0 for _ in range(100)]) > 0.75

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from bench.analysis.stats import uneven_gain
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Subject
@@ -221,6 +222,8 @@ class Weighing:
             mean = float(gains.mean())
             spread = float(gains.std(ddof=1)) / len(gains) ** 0.5 if len(gains) > 1 else np.inf
             low, high = ((mean + side * MATTERING.sure * spread) / error.scale for side in (-1, 1))
+            if low <= 0 < mean:
+                low = max(low, uneven_gain(gains) / error.scale)
             ratio = float(after.mean() / max(before.mean(), 1e-300)) ** 0.5
             share = mean / error.scale
             saving = Saving(
