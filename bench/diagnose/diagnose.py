@@ -29,6 +29,8 @@ from bench.diagnose.settings import DECIDING, MATTERING
 from bench.diagnose.simulate.flights import flights
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
+from registry.effects.waves.hidden_mode import HiddenMode
+from registry.effects.waves.periodic_term import PeriodicTerm
 
 Tick = Callable[[str], None]
 
@@ -322,7 +324,7 @@ def _rounding(extension: Extension, group: str) -> bool:
 
 def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) -> Learned | None:
     """The model with terms learned from what it leaves; None: held-out recordings confirm none."""
-    return learned(
+    told = learned(
         run.subject,
         extension.model,
         run.noise,
@@ -334,6 +336,20 @@ def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) ->
         doubtful=verdict != "unknown_effect",
         much=_left(extension) >= MATTERING.share,
     )
+    return told if told is None or _relieved(extension, told.extension) else None
+
+
+def _relieved(before: Extension, after: Extension) -> bool:
+    """Whether learned terms take so much of what free runs leave above the floor that they are worth it.
+
+    Their share is told against a model without them whose numbers were not fitted to the end. What swings out of sight
+    is exempt: free runs do not know how it begins.
+    """
+    if any(isinstance(e, (HiddenMode, PeriodicTerm)) for e in after.model.effects):
+        return True
+    floor = before.comparison.error("floor")
+    pairs = ((before.last[g].rmse ** 2, e.rmse**2, floor[g].rmse ** 2) for g, e in after.last.items())
+    return any(was - now > MATTERING.share * (was - noise) for was, now, noise in pairs)
 
 
 def _left(extension: Extension) -> float:

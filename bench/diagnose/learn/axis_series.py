@@ -11,7 +11,8 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.generic import Dictionary, dictionary
 from bench.diagnose.regression.linearise import Linearization, directions
-from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
+from bench.diagnose.regression.test_functions import TestFunctions
+from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.settings import UNSEEN
 from registry.dynamics import PhysicsModel
 from registry.terms import signals as known

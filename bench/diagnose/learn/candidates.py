@@ -135,7 +135,7 @@ def with_axes(model: PhysicsModel) -> PhysicsModel:
 
 def paths(model: PhysicsModel, stack: LogBatch) -> dict[str, np.ndarray]:
     """Every signal (L, N − 1) that a term can follow, at the middle of each sampling interval."""
-    state = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
+    state = model.project(stack.between)
     before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
     inputs = before if model.input_hold == "previous" else (before + after) / 2
     with torch.no_grad():

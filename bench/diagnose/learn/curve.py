@@ -9,7 +9,8 @@ from bench.diagnose.learn.candidates import dynamic_axes, paths, with_axes
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.weak import TestFunctions, mean_rates
+from bench.diagnose.regression.test_functions import TestFunctions
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.search import Search
 from bench.diagnose.settings import SKETCHING

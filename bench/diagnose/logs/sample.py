@@ -103,9 +103,10 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = F
                 log,
                 rate=log.rate / stride,
                 states=log.states[part],
-                inputs=_averaged(log.inputs, stride, held)[part],
+                inputs=_averaged(log, stride, held)[part],
                 valid=gaps,
                 sensed=None if log.sensed is None else log.sensed[part],
+                between=None if stride == 1 else _between(log, part),
                 recording=replace(
                     log.recording,
                     rate=log.rate / stride,
@@ -118,15 +119,48 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = F
     return out
 
 
-def _averaged(inputs: Tensor, stride: int, held: bool) -> Tensor:
-    """Means (J, m) over ``stride`` sampling intervals, about each sample or from it on; at the ends of fewer."""
+def interval_means(states: Tensor, valid: Tensor) -> Tensor:
+    """Means (…, N − 1, s) of states (…, N, s) from each sample to the next, of a cubic through the four about it.
+
+    Where those are not all valid (…, N), of the two ends.
+    """
+    means = (states[..., :-1, :] + states[..., 1:, :]) / 2
+    if states.shape[-2] < 4:
+        return means
+    first, second, third, fourth = (states[..., k : states.shape[-2] - 3 + k, :] for k in range(4))
+    good = valid[..., :-3] & valid[..., 1:-2] & valid[..., 2:-1] & valid[..., 3:]
+    cubic = (13 * (second + third) - first - fourth) / 24
+    means[..., 1:-1, :] = torch.where(good[..., None], cubic, means[..., 1:-1, :])
+    return means
+
+
+def _between(log: Log, part: slice) -> Tensor:
+    """Means (J − 1, s) of the states from each sample that is kept to the next."""
+    whole = interval_means(log.states, log.valid)[part.start : part.stop]
+    kept = len(range(part.start, min(part.stop, len(log)), part.step)) - 1
+    return whole[: kept * part.step].unflatten(0, (kept, part.step)).mean(1)
+
+
+def _averaged(log: Log, stride: int, held: bool) -> Tensor:
+    """Inputs (N, m) of which every ``stride``-th stands for all: a line between two of these has their mean.
+
+    An input that holds is the mean from a sample on. Else the means about each sample, sharpened: two that overlap tell
+    the mean of twice the interval, and an eighth of their curvature is the difference, to fourth order in its length.
+    """
     if stride == 1:
-        return inputs
-    weights = np.ones(stride) if held or stride % 2 else np.array([0.5, *np.ones(stride - 1), 0.5])
+        return log.inputs
+    means = np.ones(stride) if held or stride % 2 else np.array([0.5, *np.ones(stride - 1), 0.5])
+    means = means / stride
     origin = (stride - 1) // 2 if held else 0
-    u = inputs.numpy()
-    means = convolve1d(u, weights / stride, axis=0, mode="nearest", origin=origin)
-    return torch.from_numpy(np.where(np.isfinite(means), means, u))
+    if not held:
+        sharp = np.zeros(2 * stride + 1)
+        sharp[[0, stride, -1]] = -1 / 8, 5 / 4, -1 / 8
+        means = np.convolve(means, sharp)
+    u, t, good = log.inputs.numpy(), np.arange(len(log)), log.valid.numpy()
+    if good.any() and not good.all():  # what is not valid must not reach the samples about it
+        u = np.stack([np.interp(t, t[good], column[good]) for column in u.T], axis=1)
+    out = convolve1d(u, means, axis=0, mode="nearest", origin=origin)
+    return torch.from_numpy(np.where(np.isfinite(out), out, u))
 
 
 def left_out(logs: Sequence[Log], looked_at: Sequence[Log]) -> tuple[str, ...]:

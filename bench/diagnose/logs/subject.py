@@ -34,6 +34,8 @@ class Log:
     """(s,): channels that were not measured although all that was measured depends on them."""
     sensed: Tensor | None = None
     """(N, f): the integral over time of what sensors tell of the state's rates; None: there is no such sensor."""
+    between: Tensor | None = None
+    """(N − 1, s): means of the states from each sample to the next, where others between them were left out."""
 
     @property
     def dt(self) -> float:

@@ -104,7 +104,7 @@ def dictionary(model: PhysicsModel, stack: LogBatch, channels: tuple[int, ...]) 
         stack: the recordings.
         channels: state channels that are looked at.
     """
-    state = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
+    state = model.project(stack.between)
     inputs = ((stack.inputs[:, :-1] + stack.inputs[:, 1:]) / 2).numpy()
     slopes = ((stack.inputs[:, 1:] - stack.inputs[:, :-1]) / stack.dt).numpy()
     drives, described = inputs.shape[-1] - len(model.extras), model.description()

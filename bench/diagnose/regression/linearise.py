@@ -11,7 +11,8 @@ from bench.diagnose.regression.columns import Columns, moves, response
 from bench.diagnose.regression.generic import Dictionary
 from bench.diagnose.regression.parameters import Entry, effect_entries, entries, probes, with_values
 from bench.diagnose.regression.rows import Rows
-from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
+from bench.diagnose.regression.test_functions import TestFunctions
+from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.settings import LINEARISING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel

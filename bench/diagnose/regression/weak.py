@@ -13,14 +13,14 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 import torch
-from scipy import sparse
 from torch import Tensor
 
-from bench.diagnose.logs.smoothing import Smoothing
+from bench.diagnose.logs.sample import interval_means
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.recall import RECALLED, recall
 from bench.diagnose.regression.recurrence import solved
@@ -44,6 +44,22 @@ class LogBatch:
     inputs: Tensor
     """(L, N, m)."""
     dt: float
+    finer: Tensor | None = None
+    """(L, N − 1, s): means of the states from each sample to the next, of recordings that were thinned out."""
+
+    @cached_property
+    def between(self) -> Tensor:
+        """Means (L, N − 1, s) of the states from each sample to the next, of a cubic through four samples.
+
+        The mean of the two ends errs by (ω dt)²/12 of what swings at ω, which is more than noise leaves where noise is
+        low. Beside a gap, where four samples are not at hand, it has to do.
+        """
+        if self.finer is not None:
+            return self.finer
+        valid = torch.ones(self.states.shape[:-1], dtype=torch.bool)
+        for row, log in zip(valid, self.logs, strict=False):
+            row[: len(log)] = log.valid
+        return interval_means(self.states, valid)
 
     @property
     def sensed(self) -> bool:
@@ -74,7 +90,9 @@ class LogBatch:
         if len(rates) != 1:
             raise BenchError(f"The recordings were sampled at {sorted(rates)} Hz: resample them to one rate first.")
         states, inputs = (_padded([getattr(log, what) for log in logs]) for what in ("states", "inputs"))
-        return cls(tuple(logs), states, inputs, logs[0].dt)
+        thinned = [log.between for log in logs if log.between is not None]
+        finer = _padded(thinned) if len(thinned) == len(logs) else None
+        return cls(tuple(logs), states, inputs, logs[0].dt, finer)
 
 
 def measured(logs: Sequence[Log]) -> tuple[int, ...]:
@@ -100,7 +118,6 @@ def mean_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
     The model's constants and its effects' parameters may be tensors (…, 1, 1), for many models at once.
     """
     size = stack.states.shape[-1]
-    before, after = stack.states[:, :-1], stack.states[:, 1:]
     u0, u1 = stack.inputs[:, :-1], stack.inputs[:, 1:]
     held = model.input_hold == "previous"
     if model.input_effects():
@@ -108,7 +125,7 @@ def mean_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
         middle, slopes = acting[..., 1, :], (acting[..., 2, :] - acting[..., 0, :]) / stack.dt
     else:
         middle, slopes = (u0, torch.zeros_like(u0)) if held else ((u0 + u1) / 2, (u1 - u0) / stack.dt)
-    state, many = model.project((before + after) / 2), how_many(model)
+    state, many = model.project(stack.between), how_many(model)
     path = None
     if model.internal_size:
         path = _own_path(model, stack, middle, slopes)
@@ -257,7 +274,7 @@ def _left(model: PhysicsModel, rest: PhysicsModel, stack: LogBatch) -> tuple[dic
 
 def followed(name: str, model: PhysicsModel, stack: LogBatch) -> Tensor:
     """A signal (…, L, N − 1) that a term can follow, in the middle of each interval."""
-    state = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
+    state = model.project(stack.between)
     before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
     inputs = before if model.input_hold == "previous" else (before + after) / 2
     if signals.flies(type(model)):
@@ -268,7 +285,7 @@ def followed(name: str, model: PhysicsModel, stack: LogBatch) -> Tensor:
 def _solved_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tensor) -> Tensor:
     """The effects' own states at every sample, from zero by the midpoint rule."""
     many, size = how_many(model), stack.states.shape[-1]
-    states = model.project((stack.states[:, :-1] + stack.states[:, 1:]) / 2)
+    states = model.project(stack.between)
     middle, slopes = _for_all(model, many, middle, slopes)
     shape = (*(() if many is None else (many,)), *states.shape[:-1])
     through = _own_step(model, stack, states, middle, slopes)
@@ -338,57 +355,3 @@ def narrowed(model: M) -> M:
     changes: dict[str, Any] = narrow(model)
     effects = tuple(dataclasses.replace(e, **narrow(e)) for e in model.effects)
     return dataclasses.replace(model, effects=effects, **changes)
-
-
-@dataclass(frozen=True, eq=False)
-class TestFunctions:
-    """Hann windows over the sampling intervals of each log, none of which touches an invalid sample."""
-
-    measured: tuple[sparse.csr_matrix, ...]
-    """A log: (J, N − 1), for measured increments."""
-    modelled: tuple[tuple[sparse.csr_matrix, ...], ...]
-    """A log, a channel: (J, N − 1) with the channel's smoothing, for the model's."""
-    centres: tuple[np.ndarray, ...]
-    """A log: (J,) middle of each window [samples]."""
-    stride: int
-    """Samples from one window to the next; a window spans two hops."""
-
-    @classmethod
-    def over(cls, logs: Sequence[Log], stride: int, smoothing: Sequence[Smoothing]) -> "TestFunctions":
-        """Windows every ``stride`` samples over ``logs``; ``smoothing`` of each channel that is looked at."""
-        hann = np.hanning(2 * stride + 1)
-        bump = hann[:-1] + hann[1:]
-        bump = bump / bump.sum() * stride  # windows half a span apart add up to one
-        kernels = [s.kernel() for s in smoothing]
-        half_width = max(len(k) // 2 for k in kernels)
-        measured, modelled, centres = [], [], []
-        for log in logs:
-            intervals = len(log) - 1
-            starts = np.arange(half_width, intervals - 2 * stride - half_width + 1, stride)
-            good = (log.valid[:-1] & log.valid[1:]).numpy()
-            bad = np.concatenate([[0], np.cumsum(~good)])
-            starts = (
-                starts[bad[starts + 2 * stride + half_width] == bad[starts - half_width]] if len(starts) else starts
-            )
-            measured.append(_rows(bump, starts, intervals))
-            by = {k.tobytes(): _rows(np.convolve(bump, k), starts - len(k) // 2, intervals) for k in kernels}
-            modelled.append(tuple(by[k.tobytes()] for k in kernels))
-            centres.append(starts + stride)
-        return cls(tuple(measured), tuple(modelled), tuple(centres), stride)
-
-    def increment(self, log: int, states: np.ndarray) -> np.ndarray:
-        """Weighted increments (J, channels) of measured states (N, channels) of the log of that number."""
-        out: np.ndarray = self.measured[log] @ np.diff(states, axis=0)
-        return out
-
-    def integral(self, log: int, channel: int, rates: np.ndarray, dt: float) -> np.ndarray:
-        """Weighted integrals (J, …) of rates (≥ N − 1, …) of one channel over the log of that number."""
-        rows = self.modelled[log][channel]
-        out: np.ndarray = rows @ rates[: rows.shape[1]] * dt
-        return out
-
-
-def _rows(weights: np.ndarray, starts: np.ndarray, width: int) -> sparse.csr_matrix:
-    columns = starts[:, None] + np.arange(len(weights))
-    rows = np.repeat(np.arange(len(starts)), len(weights))
-    return sparse.csr_matrix((np.tile(weights, len(starts)), (rows, columns.ravel())), shape=(len(starts), width))

@@ -22,7 +22,8 @@ from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
-from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates, own_states
+from bench.diagnose.regression.test_functions import TestFunctions
+from bench.diagnose.regression.weak import LogBatch, mean_rates, own_states
 from bench.diagnose.select.search import Search, admissible, noise_filters, stride_of
 from bench.diagnose.settings import TIMING
 from bench.diagnose.simulate.unmeasured import hidden

@@ -16,7 +16,8 @@ from bench.diagnose.regression.least_squares import Normal, regularised, whiteni
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Products, Rows
-from bench.diagnose.regression.weak import LogBatch, TestFunctions, mean_rates
+from bench.diagnose.regression.test_functions import TestFunctions
+from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.select.subset import Subsets
 from bench.diagnose.settings import CALIBRATING, CHOOSING, SEARCHING
 from bench.diagnose.simulate.unmeasured import hidden
