@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.regression import test_functions
 from bench.diagnose.regression.linearise import directions
-from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
@@ -121,7 +121,7 @@ def test_rows_of_what_is_felt_know_no_offset_of_the_sensor() -> None:
     stack = LogBatch.of(who.logs)
     linear = directions(MODEL, MODEL, {}, stack, [("linear_drag", LinearDrag), ("thrust_scale", ThrustScale)])
     felt = [i for i, c in enumerate(linear.channels) if c >= 13]
-    rows = linear.project(TestFunctions.over(stack.logs, 6, [Smoothing()] * len(linear.channels)))
+    rows = linear.project(test_functions.TestFunctions.over(stack.logs, 6, [Smoothing()] * len(linear.channels)))
     columns = [c for s in linear.starts for c in s.columns]
     x = np.concatenate([_full(log[c], rows.acting[c], rows.width) for log in rows.parts for c in felt])
     found = np.linalg.lstsq(x[:, columns], x[:, -1], rcond=None)[0]

@@ -16,10 +16,10 @@ from bench.diagnose.logs.consistency import pairs
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.manoeuvre.limits import shown
+from bench.diagnose.regression import test_functions
 from bench.diagnose.regression.conditions import conditions
 from bench.diagnose.regression.generic import dictionary
 from bench.diagnose.regression.residuals import residuals
-from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import LogBatch
 from registry.contracts import Channel
 from registry.core import EFFECTS
@@ -128,7 +128,7 @@ def hoisted(model: Winch, missing: float = 0.0) -> Subject:
 
 def residual_means(model: Winch, missing: float) -> dict[tuple[str, str], np.ndarray]:
     logs = hoisted(model, missing).logs
-    return residuals(model, LogBatch.of(logs), TestFunctions.over(logs, 10, [Smoothing()] * 2), [0, 1])
+    return residuals(model, LogBatch.of(logs), test_functions.TestFunctions.over(logs, 10, [Smoothing()] * 2), [0, 1])
 
 
 def test_a_system_that_says_nothing_is_described_by_its_states_and_inputs() -> None:

@@ -8,11 +8,11 @@ import pytest
 import torch
 from test_compare import DT, TRUE, flights, subject_of
 
+from bench.diagnose.regression import test_functions
 from bench.diagnose.regression.generic import Term
 from bench.diagnose.regression.least_squares import Normal
 from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.parameters import Entry
-from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select import verify
 from bench.diagnose.select.choose import accepted, choose, select_across_views
@@ -204,7 +204,9 @@ def test_an_uncertain_constant_does_not_stand_in_for_an_effect_that_is_taken_awa
     misfits = []
     for model in (replace(subject.model, effects=(friction,)), subject.model):
         linear = search.look(model, broad=False).linear
-        rows = linear.project(TestFunctions.over(search.stack.logs, search.stride, [search.smoothing["speed"]]))
+        rows = linear.project(
+            test_functions.TestFunctions.over(search.stack.logs, search.stride, [search.smoothing["speed"]])
+        )
         normal = rows.normal()
         misfits.append(Subsets(linear, normal).fit(drop=range(len(model.effects))).misfit)
     assert misfits[0] == pytest.approx(misfits[1], rel=1e-6)

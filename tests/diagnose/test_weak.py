@@ -9,9 +9,8 @@ from scipy.signal import savgol_filter
 
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log
-from bench.diagnose.regression import weak
+from bench.diagnose.regression import test_functions, weak
 from bench.diagnose.regression.recurrence import solved
-from bench.diagnose.regression.test_functions import TestFunctions
 from registry.effects.suspended_load import SuspendedLoad
 from registry.physics.quadrotor import Quadrotor
 
@@ -29,7 +28,7 @@ def test_the_model_is_smoothed_as_the_data_were_and_no_window_touches_an_invalid
     log = Log("wave", 1 / DT, torch.from_numpy(measured), (True,), nothing, valid, SimpleNamespace())
     left = {}
     for smoothing in (Smoothing("savgol", 21, 2), Smoothing()):
-        tests = TestFunctions.over([log], 6, [smoothing])
+        tests = test_functions.TestFunctions.over([log], 6, [smoothing])
         integral = tests.integral(0, 0, rate[:, None], DT)
         left[smoothing.kind] = np.abs(tests.increment(0, measured) - integral)[2:-2].max()
         reach = len(smoothing.kernel()) // 2 + 6
