@@ -164,8 +164,11 @@ class Evidence:
     @cached_property
     def learning(self) -> dict[str, pd.Series]:
         """Key → the validation cost (scaled units) at every update where it was looked at."""
-        rows = self.steps[self.steps["quantity"] == COST].sort_values("step", kind="stable")
-        return {str(k): r.set_index("step")["value"] for k, r in rows.groupby("key", observed=True)}
+        rows = self.steps[self.steps["quantity"] == COST].sort_values(["key", "step"], kind="stable")
+        keys, updates, costs = rows["key"].astype(str).to_numpy(), rows["step"].to_numpy(), rows["value"].to_numpy()
+        starts = np.flatnonzero(keys[1:] != keys[:-1]) + 1
+        parts = (np.split(values, starts) for values in (keys, updates, costs))
+        return {str(k[0]): pd.Series(cost, index=step) for k, step, cost in zip(*parts, strict=True) if len(k)}
 
     @cached_property
     def units(self) -> dict[str, str]:

@@ -172,8 +172,10 @@ def _assemble(source: Source, counted: Counted) -> Evidence:
     for path in dict.fromkeys(path for _, path in members):
         try:
             table = pq.read_table(path / FILE, read_dictionary=list(NAMES))
-            wanted = pa.array([run.key for run, source in members if source == path])
-            tables.append(table.filter(pc.is_in(table["key"].combine_chunks(), wanted)))
+            wanted, keys = {run.key for run, source in members if source == path}, table["key"].combine_chunks()
+            if not wanted.issuperset(keys.dictionary.to_pylist()):
+                table = table.filter(pc.is_in(keys, pa.array(sorted(wanted))))
+            tables.append(table)
         except (OSError, ValueError, KeyError, pa.ArrowException) as error:
             raise BenchError(f"{path / FILE} is damaged: run the study again.") from error
     steps = pa.concat_tables(tables).unify_dictionaries().to_pandas()
