@@ -14,8 +14,8 @@ from scipy.special import ndtr, ndtri
 from bench.experiment.seeds import MOST_SEEDS
 
 _POINTS, _FAR = 201, 8.0
-"""Of the grid on which a density is kept, an odd number; how many standard deviations it reaches to the side that is not
-spent on."""
+"""Of the grid on which a density is kept, an odd number; how many standard deviations it reaches to the side that is
+not spent on."""
 _SIMPSON = np.array([1.0, *([4.0, 2.0] * (_POINTS // 2))[:-1], 1.0]) / 3
 
 

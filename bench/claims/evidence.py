@@ -61,9 +61,14 @@ def _rounded(values: np.ndarray) -> np.ndarray:
 
 
 def write_evidence(records: Sequence[RunRecord], path: Path) -> None:
-    """Write the table, compressed."""
+    """Write the table of the records, compressed."""
+    write_table(evidence_table(records), path)
+
+
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write a table as `evidence_table` makes it, compressed."""
     pq.write_table(
-        evidence_table(records),
+        table,
         path,
         compression="zstd",
         compression_level=19,
