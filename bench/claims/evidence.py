@@ -142,6 +142,11 @@ class Evidence:
         return {spec: 1 + max(r.seed for r in runs if r.spec == spec) for spec in dict.fromkeys(r.spec for r in runs)}
 
     @cached_property
+    def laid_out(self) -> dict[Any, Any]:
+        """What claims have asked of it so far; see `kinds.tables.errors`."""
+        return {}
+
+    @cached_property
     def curves(self) -> dict[tuple[str, str, str], Curves]:
         """(key, quantity, norm) → its curves, in the unit of `units`."""
         columns = {name: self.steps[name].astype("category").cat for name in ("key", "quantity", "norm", "statistic")}

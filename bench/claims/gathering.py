@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bench.claims.evidence import FILE, NAMES, Evidence, StudyRun
@@ -173,9 +173,8 @@ def _assemble(source: Source, counted: Counted) -> Evidence:
         try:
             table = pq.read_table(path / FILE, read_dictionary=list(NAMES))
             wanted, keys = {run.key for run, source in members if source == path}, table["key"].combine_chunks()
-            if not wanted.issuperset(keys.dictionary.to_pylist()):
-                table = table.filter(pc.is_in(keys, pa.array(sorted(wanted))))
-            tables.append(table)
+            counts = np.array([key in wanted for key in keys.dictionary.to_pylist()])
+            tables.append(table if counts.all() else table.filter(pa.array(counts[keys.indices.to_numpy()])))
         except (OSError, ValueError, KeyError, pa.ArrowException) as error:
             raise BenchError(f"{path / FILE} is damaged: run the study again.") from error
     steps = pa.concat_tables(tables).unify_dictionaries().to_pandas()
