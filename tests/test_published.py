@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -96,3 +98,21 @@ def test_the_page_of_claims_follows_from_the_evidence(tmp_path: Path) -> None:
     made = markdown.render(judged(None, tmp_path, ROOT).rows, "bench check --simulate --markdown claims.md")
     pages = [[r for r in text.splitlines() if "| not run | needs " not in r] for text in (made, CLAIMS.read_text())]
     assert len(pages[0]) > 90 and pages[0] == pages[1]
+
+
+def test_no_band_was_ever_changed() -> None:
+    """Each claim has the band in every commit, and in the file as it is, that it was first written with."""
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True)
+        return done.stdout if done.returncode == 0 else ""
+
+    name = "results/paper/claims.toml"
+    commits = git("log", "--reverse", "--format=%h", "--", f":/{name}").split()
+    if not commits:
+        pytest.skip("no git history here")
+    bands: dict[str, set[str]] = {}
+    for text in (*(git("show", f"{commit}:{name}") for commit in commits), (ROOT.parent.parent / name).read_text()):
+        for claim in tomllib.loads(text)["claim"]:
+            bands.setdefault(claim["id"], set()).add(str(claim.get("accept")))
+    assert {claim: found for claim, found in bands.items() if len(found) > 1} == {}
