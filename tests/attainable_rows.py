@@ -177,7 +177,7 @@ def add(folder: Folder, line: Line) -> None:
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     options.add_argument("--published", type=Path, default=Path("results/published"))
-    options.add_argument("--kept", type=Path, default=Path("results/attainable_rows"))
+    options.add_argument("--kept", type=Path, default=Path("results/runs"))
     given = options.parse_args()
     twins = [f for f in gathering.folders(given.published) if f.runs and f.runs[0].dataset.endswith("_twin")]
     for folder in twins:
