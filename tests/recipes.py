@@ -9,7 +9,7 @@ folder --kept, so that a second call goes on.
 import argparse
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -65,6 +65,11 @@ LONGER = {"cascade": (), "hybrid": ("horizon grows 20, 42, 90, 190", "horizon gr
 windows are seen."""
 LOOKS = 20
 """Validations of a training, as the presets have them."""
+LONG = ", four times as long"
+OF_TODAY = 0.5
+"""What was wanted: at most so many times the error of today's recipe, in the same seconds."""
+OF_THE_LINE = {"cascade": 4.0, "hybrid": 1.5}
+"""And at most so many times what can be had."""
 
 
 def asked(model: str, changes: Mapping[str, str]) -> RunConfig:
@@ -142,7 +147,7 @@ def rows(model: str, kept: Path, more: bool) -> list[dict[str, Any]]:
     if more:
         best = min(made, key=lambda r: total(r, made[0]))["name"]
         for name in dict.fromkeys((made[0]["name"], best, *LONGER[model])):
-            longer = f"{name}, four times as long"
+            longer = f"{name}{LONG}"
             made.append(kept_row(kept, model, longer, INGREDIENTS[model][name], 4 * made[0]["seconds"]))
     return made
 
@@ -188,11 +193,12 @@ def table(kept: Path) -> str:
         "smoothed start.",
         "",
     ]  # fmt: skip
+    by_model = {}
     for model in SPECS:
         found = rows(model, kept, more=False)
         found += [json.loads(file.read_text()) | {"name": file.stem.partition(" - ")[2]}
-                  for file in sorted(kept.glob(f"{model} - *, four times as long.json"), reverse=True)]  # fmt: skip
-        found.append(kept_line(kept, model))
+                  for file in sorted(kept.glob(f"{model} - *{LONG}.json"), reverse=True)]  # fmt: skip
+        by_model[model] = found = [*found, kept_line(kept, model)]
         head = ["recipe", "CPU s", "updates", "velocity [m/s]", "body rates [deg/s]"]
         lines += [f"## {SPECS[model]}", "", f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
         for r in found:
@@ -203,7 +209,43 @@ def table(kept: Path) -> str:
                 cells.append(f"{first:.3g}, {whole:.3g}, {last:.3g} ({ratio:.2f})")
             lines.append(f"| {' | '.join(cells)} |")
         lines.append("")
-    return "\n".join(lines)
+    return "\n".join([*lines, *goals(by_model), ""])
+
+
+def goals(by_model: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[str]:
+    """What was wanted beside the best recipe, and what limits it; the last row of each model is the line."""
+    head = ["wanted: at most", "output", "same seconds", "four times the seconds", "what limits"]
+    lines = ["## What was wanted, and what limits it", "", f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    for title, limits, beside in (
+        ("{:.2g} times today's error", dict.fromkeys(by_model, OF_TODAY), 0),
+        ("{:.2g} times what can be had", OF_THE_LINE, -1),
+    ):
+        for model, found in by_model.items():
+            line, same = found[-1], [r for r in found[:-1] if not r["name"].endswith(LONG)]
+            long = [r for r in found[:-1] if r["name"].endswith(LONG)]
+            best = [min(made, key=lambda r: total(r, found[0])) for made in (same, long)]
+            for group in ("velocity", "body_rates"):
+                least, short, longer, unit = (r["errors"][group][1] for r in (line, *best, found[beside]))
+                limit = limits[model]
+                cells = [
+                    f"{model}: {title.format(limit)}",
+                    group.replace("_", " "),
+                    f"{short / unit:.2f}",
+                    f"{longer / unit:.2f}",
+                ]
+                lines.append(f"| {' | '.join([*cells, _limits(limit, least / unit, short / unit, longer / unit)])} |")
+    return lines
+
+
+def _limits(limit: float, least: float, short: float, longer: float) -> str:
+    """Why an error, in times what it is to be measured by, is above the limit."""
+    if least > limit:
+        return f"cannot be had: the line itself is {least:.2f}"
+    if short <= limit:
+        return "reached"
+    gained = 100 * (short - longer) / (short - least)
+    said = f"training: four times the seconds take away {gained:.0f} % of the distance to the line"
+    return said + (", which is enough" if longer <= limit else "")
 
 
 if __name__ == "__main__":

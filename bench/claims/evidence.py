@@ -61,9 +61,14 @@ def _rounded(values: np.ndarray) -> np.ndarray:
 
 
 def write_evidence(records: Sequence[RunRecord], path: Path) -> None:
-    """Write the table, compressed."""
+    """Write the table of the records, compressed."""
+    write_table(evidence_table(records), path)
+
+
+def write_table(table: pa.Table, path: Path) -> None:
+    """Write a table as `evidence_table` makes it, compressed."""
     pq.write_table(
-        evidence_table(records),
+        table,
         path,
         compression="zstd",
         compression_level=19,
@@ -137,6 +142,11 @@ class Evidence:
         return {spec: 1 + max(r.seed for r in runs if r.spec == spec) for spec in dict.fromkeys(r.spec for r in runs)}
 
     @cached_property
+    def laid_out(self) -> dict[Any, Any]:
+        """What claims have asked of it so far; see `kinds.tables.errors`."""
+        return {}
+
+    @cached_property
     def curves(self) -> dict[tuple[str, str, str], Curves]:
         """(key, quantity, norm) → its curves, in the unit of `units`."""
         columns = {name: self.steps[name].astype("category").cat for name in ("key", "quantity", "norm", "statistic")}
@@ -164,8 +174,11 @@ class Evidence:
     @cached_property
     def learning(self) -> dict[str, pd.Series]:
         """Key → the validation cost (scaled units) at every update where it was looked at."""
-        rows = self.steps[self.steps["quantity"] == COST].sort_values("step", kind="stable")
-        return {str(k): r.set_index("step")["value"] for k, r in rows.groupby("key", observed=True)}
+        rows = self.steps[self.steps["quantity"] == COST].sort_values(["key", "step"], kind="stable")
+        keys, updates, costs = rows["key"].astype(str).to_numpy(), rows["step"].to_numpy(), rows["value"].to_numpy()
+        starts = np.flatnonzero(keys[1:] != keys[:-1]) + 1
+        parts = (np.split(values, starts) for values in (keys, updates, costs))
+        return {str(k[0]): pd.Series(cost, index=step) for k, step, cost in zip(*parts, strict=True) if len(k)}
 
     @cached_property
     def units(self) -> dict[str, str]:

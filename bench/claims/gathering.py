@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bench.claims.evidence import FILE, NAMES, Evidence, StudyRun
@@ -172,8 +172,9 @@ def _assemble(source: Source, counted: Counted) -> Evidence:
     for path in dict.fromkeys(path for _, path in members):
         try:
             table = pq.read_table(path / FILE, read_dictionary=list(NAMES))
-            wanted = pa.array([run.key for run, source in members if source == path])
-            tables.append(table.filter(pc.is_in(table["key"].combine_chunks(), wanted)))
+            wanted, keys = {run.key for run, source in members if source == path}, table["key"].combine_chunks()
+            counts = np.array([key in wanted for key in keys.dictionary.to_pylist()])
+            tables.append(table if counts.all() else table.filter(pa.array(counts[keys.indices.to_numpy()])))
         except (OSError, ValueError, KeyError, pa.ArrowException) as error:
             raise BenchError(f"{path / FILE} is damaged: run the study again.") from error
     steps = pa.concat_tables(tables).unify_dictionaries().to_pandas()

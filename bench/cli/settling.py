@@ -199,7 +199,8 @@ def show_result(out: Console, steps: Sequence[Step], scope: Scope) -> None:
     for name in ("study and data", "seeds", "trainings", "time", "settled", "still open"):
         table.add_column(name, justify="left" if name == "study and data" else "right")
     for s in touched:
-        grown = f"{s.initial.seeds} → {s.source.seeds}"
+        was = {r.claim.id for r in s.initial.rows}
+        grown = f"{s.initial.seeds} → {max(r.seeds for r in s.rows if r.claim.id in was)}"
         counts = (s.trainings, clock(s.spent), len(s.settled), len(s.source.rows))
         table.add_row(escape(s.source.name), grown, *map(str, counts))
     out.print()

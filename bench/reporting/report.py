@@ -123,6 +123,17 @@ def with_interval(row: Any) -> str:
     return text if math.isnan(half) else f"{text} ± {half:.{len(text.partition('.')[2])}f}"
 
 
+def table_cells(row: Any) -> list[str]:
+    """A row of `study_table` as the Markdown table has it."""
+    size = [with_interval(row), number(row.first), number(row.last)]
+    return [named(row.output), row.spec, str(row.weights), row.unit, *size, sound_runs(row)]
+
+
+def markdown_row(cells: Sequence[str]) -> str:
+    """One line of a Markdown table."""
+    return "| " + " | ".join(cells) + " |"
+
+
 def sound_runs(row: Any) -> str:
     return f"{row.seeds} of {row.seeds + row.diverged}"
 
@@ -238,23 +249,11 @@ def to_markdown(
     table = study_table(records)
 
     def grid(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
-        return ["| " + " | ".join(r) + " |" for r in (head, ["---"] * len(head), *body)] + [""]
+        return [markdown_row(r) for r in (head, ["---"] * len(head), *body)] + [""]
 
     for horizon, rows in table.groupby("horizon", sort=False):
         head = ["output", "configuration", "weights", "unit", "RMSSE", f"first {FIRST}", f"last {LAST}", "seeds"]
-        body = [
-            [
-                named(r.output),
-                r.spec,
-                str(r.weights),
-                r.unit,
-                with_interval(r),
-                number(r.first),
-                number(r.last),
-                sound_runs(r),
-            ]
-            for r in rows.itertuples()
-        ]
+        body = [table_cells(r) for r in rows.itertuples()]
         lines += [f"## T = {horizon} steps", "", *grid(head, body)]
     lines += [HOW_TO_READ, ""]
     shown = grids(records, pairs, within)
