@@ -201,8 +201,10 @@ def test_without_motors_setpoints_drive_networks(tmp_path: Path) -> None:
     FORMATS["vehicle_rates_setpoint"] = "uint64_t timestamp;float roll;float pitch;float yaw;float[3] thrust_body;"
     LAYOUTS["vehicle_rates_setpoint"] = "<Q6f"
     rows["vehicle_rates_setpoint"] = [(20_000 * k, 0.1, 0.2, 0.3, 0, 0, -0.6) for k in range(200)]
+    rows["actuator_motors"] = [(10_000 * k, *[0.0] * 12) for k in range(400)]
     ulog(tmp_path / "flight.ulg", rows)
-    convert([tmp_path / "flight.ulg"], tmp_path / "out")
+    said = convert([tmp_path / "flight.ulg"], tmp_path / "out")
+    assert "flight: actuator_motors stood still, as of a vehicle that was not armed." in said
     (recording,) = check(tmp_path / "out").recordings
     np.testing.assert_allclose(recording.inputs, np.tile([0.6, 0.1, -0.2, -0.3], (len(recording), 1)), atol=1e-6)
     assert not Folder(str(tmp_path / "out")).system

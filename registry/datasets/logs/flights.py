@@ -50,6 +50,10 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str]] = {
 _OPEN = ("rotor_speed", "rotor_command", "pwm")
 
 
+_FREE = "where no speed was ever measured a guess, such as 1000: thrust_coefficient takes up what is wrong in it"
+"""Of a command's gain."""
+
+
 @dataclass(frozen=True)
 class _Choice:
     """What is taken from the logs."""
@@ -88,10 +92,7 @@ def write(logs: Mapping[str, Log], folder: Path, rate: float | None, known: Mapp
             tables[label] = {"t": (times(span, choice.rate) - span[0])[:, None], **x}
         notes += _notes(name, log, choice, parts)
     if not tables:
-        raise BenchError(
-            f"No file holds {SHORTEST:g} s in which all signals ({', '.join(choice.signals)}) were logged at once"
-            + (" in the air." if any(log.landed for log in logs.values()) else ".")
-        )
+        raise BenchError(_none(logs, choice))
     left = sorted({s for log in logs.values() for s in log.signals} - {*choice.signals, *SETPOINTS})
     if left:
         notes.append(f"Left out, because not every file has it or another tells more: {', '.join(left)}.")
@@ -104,6 +105,15 @@ def write(logs: Mapping[str, Log], folder: Path, rate: float | None, known: Mapp
         constants = {n: c for n, c in constants.items() if not n.startswith(("rotor_p", "rotor_d"))}
     _write(folder, tables, choice, _lines(folder, choice, driver, constants, hints))
     return notes
+
+
+def _none(logs: Mapping[str, Log], choice: _Choice) -> str:
+    """Why nothing is left of the logs."""
+    at_once = [n for n, log in logs.items() if spans({s: log.signals[s] for s in choice.signals}, choice.rate)]
+    if at_once:
+        names = ", ".join(at_once)
+        return f"{names}: no {SHORTEST:g} s in the air, by what it says of landings and motors: take logs of flights."
+    return f"No file holds {SHORTEST:g} s in which all signals ({', '.join(choice.signals)}) were logged at once."
 
 
 def _driven(log: Log, driver: str, span: Span) -> bool:
@@ -181,7 +191,8 @@ def _constants(
     found = {**(motor_map(logs) if driver == "pwm" else {}), **stated, **known}
     ratio = logs[0].torque_over_thrust if stated else 0.0
     more, hints = rotor_coefficients(lift(parts, driver, found), ratio, found)
-    return {**found, **more}, {**logs[0].hints, **hints}
+    free = {"pwm_gain": _FREE} if driver == "pwm" else {}
+    return {**found, **more}, {**free, **logs[0].hints, **hints}
 
 
 def _lines(

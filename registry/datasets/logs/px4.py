@@ -98,6 +98,9 @@ def read_ulog(file: Path) -> Log:
     add("rotor_speed", "esc_status", None if rpm is None else rpm * np.pi / 30)
     add("pwm", "actuator_motors", _commands(topics.get("actuator_motors", {}), parameters, log.notes), applied=True)
     add("pwm", "actuator_outputs", _outputs(topics.get("actuator_outputs", {}), parameters), applied=True)
+    outputs = [t for t in ("actuator_motors", "actuator_outputs") if t in topics]
+    if outputs and "pwm" not in log.signals:
+        log.notes.append(f"{' and '.join(outputs)} stood still, as of a vehicle that was not armed.")
     add("battery", "battery_status", _columns(topics.get("battery_status", {}), ("voltage_v",)))
     wanted = topics.get("vehicle_rates_setpoint", {})
     rates = _columns(wanted, ("roll", "pitch", "yaw"))

@@ -71,6 +71,8 @@ def read_bag(file: Path) -> Log:
         raise not_installed("A ROS bag", "rosbags>=0.11") from error
     log = Log()
     path = file.parent if file.suffix == ".db3" else file
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        raise BenchError(f"{path} holds no metadata.yaml beside {file.name}: `ros2 bag reindex {path}` makes it.")
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             for kind, read in READERS.items():
@@ -80,7 +82,9 @@ def read_bag(file: Path) -> Log:
     except BenchError:
         raise
     except Exception as error:  # a damaged bag makes its reader raise whatever comes
-        raise BenchError(f"{file} cannot be read as a ROS bag: {str(error) or type(error).__name__}.") from error
+        raise BenchError(
+            f"{file} cannot be read as a ROS bag: {str(error).rstrip('.') or type(error).__name__}."
+        ) from error
     return log
 
 
