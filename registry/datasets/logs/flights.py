@@ -30,8 +30,8 @@ NEARLY = 0.45
 """Share of the rate of the motors' fastest signal from which one that tells more is preferred: half, and jitter."""
 DRIVERS = ("rotor_speed", "rotor_command", "pwm")
 """What can drive a quadrotor, best first."""
-SETPOINTS = ("thrust_command", "rate_command")
-"""What drives the networks where no motor was logged."""
+SETPOINTS = ("thrust_command", "velocity_command", "rate_command")
+"""What drives the networks where no motor was logged; of a robot on wheels its velocity and turn."""
 _SLOW = ("attitude", "position", "velocity")
 _COLUMNS: dict[str, tuple[tuple[str, ...], str]] = {
     "position": (("x", "y", "z"), 'unit = "m"'),
@@ -44,6 +44,7 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str]] = {
     "pwm": (("pwm",), 'unit = "pwm"'),
     "rate_command": (("p_cmd", "q_cmd", "r_cmd"), 'unit = "rad/s", axes = ["p", "q", "r"]'),
     "thrust_command": (("thrust_cmd",), 'unit = "1"'),
+    "velocity_command": (("vx_cmd", "vy_cmd", "vz_cmd"), 'unit = "m/s", axes = ["x", "y", "z"]'),
     "battery": (("vbat",), 'unit = "V"'),
 }
 """Columns of each signal (a prefix where the count is open), and how the description has it."""
@@ -141,14 +142,15 @@ def _choose(logs: Mapping[str, Log], rate: float | None) -> _Choice:
     motors = [d for d in DRIVERS if d in common]
     best = max((min(pace, rates[d]) for d in motors), default=0.0)
     driver = next((d for d in motors if rates[d] >= NEARLY * best), "")
-    inputs = [driver] if driver else [s for s in SETPOINTS if s in common]
+    outer = {"velocity_command"} if "thrust_command" in common else set()  # the loop that made the thrust
+    inputs = [driver] if driver else [s for s in SETPOINTS if s in common - outer]
     if not inputs:
         raise BenchError(
             "The files hold no motor signal that all of them have: log esc_status, actuator_motors or actuator_outputs "
-            "(PX4), an Actuators or RCOut message (ROS), or RCOU (ArduPilot)."
+            "(PX4), an Actuators or RCOut message or cmd_vel (ROS), or RCOU (ArduPilot)."
         )
     slow = set(motors) - {driver}
-    unused = {d for d in slow if rates[d] < NEARLY * best} | (set(SETPOINTS) if driver else set())
+    unused = {d for d in slow if rates[d] < NEARLY * best} | (set(SETPOINTS) - set(inputs))
     chosen = rate or round_rate(
         min(pace, *(rates[s] for s in inputs), *(FINER * rates[s] for s in _SLOW if s in common))
     )

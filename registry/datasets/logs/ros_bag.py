@@ -40,6 +40,10 @@ def _imu(message: Any) -> Rows:
     }
 
 
+def _twist(message: Any) -> Rows:
+    return {"rate_command": _vector(message.angular), "velocity_command": _vector(message.linear)}
+
+
 def _actuators(message: Any) -> Rows:
     speeds = message.angular_velocities if hasattr(message, "angular_velocities") else message.velocity
     return {"rotor": [float(x) for x in speeds]}
@@ -53,6 +57,8 @@ READERS: dict[str, Callable[[Any], Rows]] = {
     "actuator_msgs/msg/Actuators": _actuators,
     "mavros_msgs/msg/RCOut": lambda m: {"pwm": [float(x) for x in m.channels]},
     "mavros_msgs/msg/AttitudeTarget": lambda m: {"rate_command": _vector(m.body_rate), "thrust_command": [m.thrust]},
+    "geometry_msgs/msg/TwistStamped": lambda m: _twist(m.twist),
+    "geometry_msgs/msg/Twist": _twist,
     "sensor_msgs/msg/BatteryState": lambda m: {"battery": [m.voltage]},
 }
 """By type of message, the best source of a signal first."""
