@@ -70,13 +70,13 @@ def draft(
     if not files:
         raise BenchError(f"{folder} holds no CSV, CSV.gz or Parquet file.")
     names = header(files[0])
-    time = time_column(names)
+    stated = units(files[0])
+    time = time_column(names) or next((n for n in names if stated.get(n) in SECONDS), None)
     columns = [n for n in names if n != time]
     if not columns:
         raise BenchError(f"{files[0]} has no column beside the time: log what drives the system and what it does.")
     sure = known is not None and known.sure
     wanted = _signals_of(system) if system else {}
-    stated = units(files[0])
     found = recognised(columns, wanted, stated)
     for signal in set(found.signals) & set(_BY_SIZE) if not sure else ():
         found.signals[signal] = _by_size(signal, found.signals[signal], files[0], found.columns[signal])
