@@ -201,8 +201,10 @@ def test_without_motors_setpoints_drive_networks(tmp_path: Path) -> None:
     FORMATS["vehicle_rates_setpoint"] = "uint64_t timestamp;float roll;float pitch;float yaw;float[3] thrust_body;"
     LAYOUTS["vehicle_rates_setpoint"] = "<Q6f"
     rows["vehicle_rates_setpoint"] = [(20_000 * k, 0.1, 0.2, 0.3, 0, 0, -0.6) for k in range(200)]
+    rows["actuator_motors"] = [(10_000 * k, *[0.0] * 12) for k in range(400)]
     ulog(tmp_path / "flight.ulg", rows)
-    convert([tmp_path / "flight.ulg"], tmp_path / "out")
+    said = convert([tmp_path / "flight.ulg"], tmp_path / "out")
+    assert "flight: actuator_motors stood still, as of a vehicle that was not armed." in said
     (recording,) = check(tmp_path / "out").recordings
     np.testing.assert_allclose(recording.inputs, np.tile([0.6, 0.1, -0.2, -0.3], (len(recording), 1)), atol=1e-6)
     assert not Folder(str(tmp_path / "out")).system
@@ -239,8 +241,11 @@ def test_topics_are_what_px4s_own_reader_finds(tmp_path: Path) -> None:
     assert crash.topics["battery_status"]["voltage_v"][-1] == 11.0
 
 
-def bag(path: Path, version: int, actuators: str = "mav_msgs/msg/Actuators") -> Path:
-    """Circling at 1 rad/s on a circle of 2 m, nose along the path, as ROS odometry has it: twist in the body frame."""
+def bag(path: Path, version: int, actuators: str = "mav_msgs/msg/Actuators", wheels: bool = False) -> Path:
+    """Circling at 1 rad/s on a circle of 2 m, nose along the path, as ROS odometry has it: twist in the body frame.
+
+    On ``wheels`` in place of rotors, it is told its speed and turn, without a stamp.
+    """
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
@@ -274,10 +279,14 @@ def bag(path: Path, version: int, actuators: str = "mav_msgs/msg/Actuators") -> 
     def motors(t: float) -> object:
         return kind[actuators](header(t), np.zeros(0), np.array([500.0, 510, 520, 530 + t]), np.zeros(0))
 
-    late = 0.3  # of the recorder, against the stamps
+    def wanted(t: float) -> object:
+        return kind["geometry_msgs/msg/Twist"](vector(2.0 + t, 0, 0), vector(0, 0, 1.0 - t))
+
+    late = 0.3 * (not wheels)  # of the recorder, against the stamps
+    driven = ("/cmd_vel", "geometry_msgs/msg/Twist", wanted) if wheels else ("/motor_speed", actuators, motors)
     writer = Writer1(path) if version == 1 else Writer2(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
     with writer:
-        topics = (("/odom", "nav_msgs/msg/Odometry", odometry), ("/motor_speed", actuators, motors))
+        topics = (("/odom", "nav_msgs/msg/Odometry", odometry), driven)
         for topic, type_name, build in topics:
             connection = writer.add_connection(topic, type_name, typestore=store)
             for t in np.arange(0.0, 5.0, 0.01):
@@ -299,6 +308,17 @@ def test_a_bag_is_read_with_velocities_turned_into_the_world(version: int, tmp_p
     np.testing.assert_allclose(velocity, expected, atol=1e-6)
     np.testing.assert_allclose(rates, np.tile([0, 0, 1.0], (len(t), 1)), atol=1e-9)
     np.testing.assert_allclose(np.concatenate([r.inputs for r in parts])[:, 3], 530 + t, atol=1e-6)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_robot_on_wheels_is_driven_by_the_velocity_that_it_is_told(version: int, tmp_path: Path) -> None:
+    file = bag(tmp_path / ("run.bag" if version == 1 else "run"), version, wheels=True)
+    said = convert([file], tmp_path / "out")
+    assert "velocity_command and rate_command can drive networks, no physics model" in " ".join(said)
+    parts, told = check(tmp_path / "out").recordings, np.zeros((500, 6))
+    told[:, 0], told[:, 5] = 2 + np.arange(500) / 100, 1 - np.arange(500) / 100
+    np.testing.assert_allclose(np.concatenate([r.inputs for r in parts])[:499], told[:499], atol=1e-6)
+    assert not Folder(str(tmp_path / "out")).system
 
 
 def test_a_bag_without_motors_is_driven_by_setpoints(tmp_path: Path) -> None:

@@ -89,6 +89,7 @@ def test_every_predictor_runs_on_the_invented_signals_or_says_why_not(batches: P
         "Cascade attitude",
         "attainable",  # of a simulator only
     }
+    assert rows["Cascade attitude"].startswith("Cascade attitude starts from the measured attitude, which batches")
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from registry.contracts import Composite, CostVJP, Dataset, Gradients, Predictor
 from registry.core import PREDICTORS
 from registry.errors import BenchError
 from registry.predictors.lstm import LSTM, LSTMTDL, LSTMPredictor
+from registry.predictors.parts.white_box import measured_signals
 
 
 class CascadePredictor(Composite):
@@ -180,4 +181,9 @@ class CascadeAttitude(Cascade):
 
     @override
     def signals(self, dataset: Dataset) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+        if "attitude" not in measured_signals(dataset):
+            raise BenchError(
+                f"Cascade attitude starts from the measured attitude, which {dataset.label} does not hold: "
+                "take an LSTM."
+            )
         return dataset.inputs, dataset.predicted_together(), ("attitude",)

@@ -225,7 +225,7 @@ def test_split_takes_the_last_fifth_and_needs_three(folder):
     split = Folder(path=str(folder)).split(names)
     assert (split.train, split.validation, split.test) == (tuple(names[:6]), ("r06", "r07"), ("r08", "r09"))
     assert Folder().split(["a", "b", "c"]).test == ("c",)
-    with pytest.raises(BenchError, match="1 recording"):
+    with pytest.raises(BenchError, match="one recording of fewer than 500 samples"):
         Folder().split(["a"])
 
 
@@ -244,6 +244,13 @@ def test_the_draft_of_a_plain_header_needs_no_change_but_units(folder):
     }  # fmt: skip
     with pytest.raises(BenchError, match="no CSV"):
         draft(folder / "nowhere")
+
+
+def test_a_gap_of_the_log_is_no_matter_of_the_drafted_rate(tmp_path):
+    data = table(400)
+    data.loc[len(data) // 2 :, "t"] += 0.05 * data["t"].iloc[-1]
+    data.to_csv(tmp_path / "a.csv", index=False)
+    assert "rate_hz = 100  # as a.csv has it" in draft(tmp_path)
 
 
 def test_a_helicopter_is_read_too(tmp_path):

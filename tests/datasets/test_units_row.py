@@ -41,6 +41,19 @@ def test_signals_of_ones_own_have_the_units_of_the_row(tmp_path: Path) -> None:
     assert "check every unit" not in (tmp_path / "dataset.toml").read_text()
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_files_with_commas_in_their_numbers_are_read(separator: str, tmp_path: Path) -> None:
+    """As a spreadsheet saves them where a comma is the decimal sign; the time is told by its unit."""
+    samples = "".join(f"{100 * k};{k % 3},5;7,{k % 10}\n" for k in range(40))
+    (tmp_path / "a.csv").write_text(f"Zeit;Pumpe;pH\nms;L/min;-\n{samples}".replace(";", separator))
+    text = draft(tmp_path)
+    assert 'time = "Zeit"' in text and "rate_hz = 10 " in text and 'time_unit = "ms"' in text
+    (tmp_path / "dataset.toml").write_text(text)
+    (r,) = check(tmp_path).recordings
+    np.testing.assert_allclose(r.pick(["Pumpe"])[0][:4, 0], [0.5, 1.5, 2.5, 0.5])
+    np.testing.assert_allclose(r.pick(["pH"])[0][:4, 0], [7.0, 7.1, 7.2, 7.3])
+
+
 def test_rows_are_counted_as_a_spreadsheet_does(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,x\ns,m\n0,1\n1,text\n")
     assert first_row(tmp_path / "a.csv") == 3

@@ -210,19 +210,31 @@ def test_what_a_sensor_does_all_the_time_does_not_stop_the_analysis() -> None:
     assert [p.rows for p in problems(made(logs)).problems] == [(800, 800)]
 
 
+def swinging(displacement: np.ndarray, speed: np.ndarray, force: np.ndarray, rate: float) -> list[DataProblem]:
+    """What is found wrong in a recording (N,) of an oscillator."""
+    signals, model = {"displacement": displacement[:, None], "speed": speed[:, None]}, Oscillator()
+    made = recording("swing", rate, {"force": force[:, None]}, signals, np.ones(len(force), dtype=bool))
+    one = Subject("swing", model, (log_of(made, model, "force"),), ("swing",), ("swing",))
+    return problems(one).problems
+
+
+@pytest.mark.parametrize(("seconds", "found"), [(2.0, []), (20.0, ["swapped sign"])])
+def test_the_sign_of_a_slow_drift_is_judged_where_it_lasts(seconds: float, found: list[str]) -> None:
+    """A vehicle at rest: what its estimator corrects for a moment goes against the speed that it states."""
+    t = np.arange(0, seconds, 0.02)
+    speed = 0.01 - 0.002 * t / seconds
+    assert [p.kind for p in swinging(0.02 - 0.008 * t, speed, 100 * (0.02 - 0.008 * t), 50.0)] == found
+
+
 def test_any_system_whose_state_holds_its_own_rate_is_checked() -> None:
     rng, t = np.random.default_rng(0), np.arange(3000) * 1e-3
     x = 0.1 * np.sin(9 * t) + 0.02 * np.sin(40 * t)
     v = 0.9 * np.cos(9 * t) + 0.8 * np.cos(40 * t)
     a = -8.1 * np.sin(9 * t) - 32 * np.sin(40 * t)
-    model = Oscillator()
-    force = (a + 0.5 * v + 100 * x)[:, None]
+    force = a + 0.5 * v + 100 * x
 
     def checked(displacement: np.ndarray, speed: np.ndarray) -> list[tuple[str, str, object]]:
-        signals = {"displacement": displacement[:, None], "speed": speed[:, None]}
-        made = recording("swing", 1000.0, {"force": force}, signals, np.ones(len(t), dtype=bool))
-        one = Subject("swing", model, (log_of(made, model, "force"),), ("swing",), ("swing",))
-        return [(p.signal, p.kind, p.rows) for p in problems(one).problems]
+        return [(p.signal, p.kind, p.rows) for p in swinging(displacement, speed, force, 1000.0)]
 
     noisy = x + rng.normal(0, 1e-6, len(t)), v + rng.normal(0, 1e-3, len(t))
     assert checked(*noisy) == []

@@ -168,6 +168,7 @@ def check_command(folder: Path, system: str | None) -> None:
         again = asked(system, None).command("data check", str(folder))
         click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: {again}")
         raise click.exceptions.Exit(2)
+    dataset.split(loaded.names)  # or it says that one short recording is too little
     spec = 'bench run "LSTM: 1x50 - MLP: 60x10" --dataset'
     network = f"{spec} {shlex.quote(str(folder))}   (a network that predicts it)"
     if system or dataset.system:

@@ -198,7 +198,7 @@ def predict_command(run: str, source: Path, output: Path | None, results: Path) 
 
     The input has one column a channel in SI units, named as `bench runs show RUN` lists them, at the run's sample
     rate. Its first rows, as many as the run's history, need the measured outputs too; every later row is one
-    predicted step.
+    predicted step, whose `time_s` counts from the last row of the history.
     """
     from bench.records import record
     from bench.training import predict

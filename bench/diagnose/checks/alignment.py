@@ -43,7 +43,7 @@ def alignment(
     for pair in among:
         measured, said = _windows(pair, x, log.dt, length)
         inside = _within(usable, length)
-        fit = fit_alignment(measured[inside], said[inside])
+        fit = fit_alignment(measured[inside], said[inside], length)
         if fit is None:
             sound.append(pair)
             continue
@@ -59,9 +59,9 @@ def alignment(
     return found, sound
 
 
-def fit_alignment(measured: Array, said: Array) -> Fit | None:
-    """Compare changes (K, c); windows that fit worst are left out. None: too few."""
-    if len(measured) < 20:
+def fit_alignment(measured: Array, said: Array, length: int) -> Fit | None:
+    """Compare changes (K, c) over ``length`` steps; windows that fit worst are left out. None: too few."""
+    if len(measured) < ALIGNING.apart * length:
         return None
     size = measured.std(axis=0) + said.std(axis=0) + 1e-12
     miss = np.minimum(np.abs(measured - said), np.abs(measured + said)) / size
@@ -124,7 +124,9 @@ def _blamed(log: Log, pair: Pair, axes: tuple[int, int], x: Array, modelled: Arr
         accumulated(s) for s in (np.diff(x[:, channels], axis=0), integral(modelled[:, channels], log.dt))
     )
     inside = _within(usable, length)
-    fit = fit_alignment((measured[length:] - measured[:-length])[inside], (said[length:] - said[:-length])[inside])
+    fit = fit_alignment(
+        (measured[length:] - measured[:-length])[inside], (said[length:] - said[:-length])[inside], length
+    )
     if fit is None:
         return pair.rate
     own = fit.correlation[0, 0] if i == j else min(fit.correlation[0, 0], fit.correlation[1, 1])
@@ -195,7 +197,7 @@ def _against_model(log: Log, sound: Sequence[Pair], x: Array, modelled: Array, u
         channels = list(pair.rates)
         own, said = (accumulated(s) for s in (np.diff(x[:, channels], axis=0), integral(modelled[:, channels], log.dt)))
         inside = _within(usable, length)
-        fit = fit_alignment((own[length:] - own[:-length])[inside], (said[length:] - said[:-length])[inside])
+        fit = fit_alignment((own[length:] - own[:-length])[inside], (said[length:] - said[:-length])[inside], length)
         if fit is None:
             continue
         for i, axis in enumerate(pair.axes):

@@ -185,15 +185,12 @@ def partition(dataset: Dataset, names: Sequence[str]) -> tuple[tuple[str, ...], 
     """Recordings to fit and recordings that only test: the published split where there is one.
 
     Raises:
-        BenchError: fewer than two recordings.
+        BenchError: there is one recording, too short to be cut.
     """
-    if len(names) < 2:
-        raise BenchError(
-            f"{dataset.label} holds one recording, and what is learnt from one must be tested on another: "
-            "add a recording, or cut this one into several files."
-        )
-    if not isinstance(dataset, Folder):
-        split = dataset.split(names)
+    if len(names) < 2 or not isinstance(dataset, Folder):
+        split = dataset.split(names)  # of a folder it says why there is none
+        if len(names) < 2:
+            raise BenchError(f"{dataset.label} holds one recording, and what is learnt must be tested on another.")
         return (*split.train, *split.validation), split.test
     ordered, n = sorted(names), max(1, round(len(names) * READING.held_out))
     # Spread over the session, so that neither part is all of one kind of flight or of one state of the battery.

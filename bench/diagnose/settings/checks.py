@@ -12,6 +12,13 @@ class Aligning:
     window: float = threshold(
         0.3, "time over which changes are compared: noise of single samples hardly counts then", Basis.JUDGED, "s"
     )
+    apart: int = threshold(
+        8,
+        "windows, one after the other, from which a sign or a scale is judged: over two of them every slow drift is in "
+        "line with every other",
+        Basis.JUDGED,
+        "count",
+    )
     clock_block: float = threshold(4.0, "time over which the clock is judged at once", Basis.JUDGED, "s")
     clock_error: float = threshold(0.025, "relative error of a clock's rate from which it is called one", Basis.JUDGED)
     scale: float = threshold(

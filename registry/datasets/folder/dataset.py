@@ -155,8 +155,8 @@ class Folder(Dataset):
         """
         if len(names) < 2:
             raise BenchError(
-                f"{self.path} holds {len(names)} recording(s) of fewer than {PARTS * SHORTEST} samples: add "
-                "recordings, for what is learnt from one must be tested on another."
+                f"{self.path} holds one recording of fewer than {PARTS * SHORTEST} samples, too short to be cut in "
+                "parts: add recordings, for what is learnt from one must be tested on another."
             )
         ordered, n = sorted(names), max(1, round(len(names) / 5))
         if len(names) == 2:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from registry.core import PHYSICS
+from registry.datasets.folder.clock import pace
 from registry.datasets.folder.columns import Found, bare, drives, of_own, own_signal, recognised, time_column
 from registry.datasets.folder.constants import Constant, physics_lines
 from registry.datasets.folder.description import SECONDS
@@ -69,13 +70,13 @@ def draft(
     if not files:
         raise BenchError(f"{folder} holds no CSV, CSV.gz or Parquet file.")
     names = header(files[0])
-    time = time_column(names)
+    stated = units(files[0])
+    time = time_column(names) or next((n for n in names if stated.get(n) in SECONDS), None)
     columns = [n for n in names if n != time]
     if not columns:
         raise BenchError(f"{files[0]} has no column beside the time: log what drives the system and what it does.")
     sure = known is not None and known.sure
     wanted = _signals_of(system) if system else {}
-    stated = units(files[0])
     found = recognised(columns, wanted, stated)
     for signal in set(found.signals) & set(_BY_SIZE) if not sure else ():
         found.signals[signal] = _by_size(signal, found.signals[signal], files[0], found.columns[signal])
@@ -189,7 +190,8 @@ def _of_networks(file: Path, found: Found, stated: Mapping[str, str]) -> list[st
         if 0 < len(inputs) < len(signals)
         else '# TODO: input = ["…"], the signals that drive the system, if any do',
         'input_hold = "linear"  # TODO: "previous" if the input is a command',
-        '# targets = ["…"]  what is predicted; left out, all signals beside the input',
+        '# targets = ["…"]  what is predicted; left out, '
+        + ("body_rates" if "body_rates" in signals else "all signals beside the input"),
         "",
         f"# {NO_PHYSICS} With one, `bench data init FOLDER --system NAME` drafts its constants too.",
         "[signals]" + ("" if set(found.left) <= {*stated, *other} else "  # TODO: check every unit"),
@@ -208,8 +210,8 @@ def _clock(file: Path, time: str | None, stated: Mapping[str, str]) -> list[str]
     unit = said if said in SECONDS else time_unit(time or "", period)
     rate = 1 / (period * SECONDS[unit])
     uneven = float(np.mean(np.abs(steps - period) > 0.1 * period))
-    overall = (len(t) - 1) / (t[-1] - t[0]) / SECONDS[unit]  # stamps may be rounded
-    rate = overall if abs(overall - rate) < 0.1 * rate else rate
+    mean = pace(t).period  # stamps may be rounded
+    rate = 1 / (mean * SECONDS[unit]) if abs(mean - period) < 0.1 * period else rate
     rate = round(rate) if round(rate) and abs(rate - round(rate)) < 2e-3 * rate else float(f"{rate:.6g}")
     jitter = f"  # {uneven:.0%} of the steps of {file.name} are others: put on this rate" if uneven > 0.01 else ""
     lines = [f"rate_hz = {rate:g}{jitter or f'  # as {file.name} has it'}"]

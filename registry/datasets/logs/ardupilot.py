@@ -139,7 +139,12 @@ def _landed(events: Columns) -> Series | None:
 
 
 def _frame(parameters: dict[str, float], log: Log) -> None:
-    """Put what the kind of frame says of a quadrotor's motors into ``log``."""
+    """Put what the thrust curve and the kind of frame say of a quadrotor's motors into ``log``."""
+    expo, least, most = (parameters.get(f"MOT_{k}", 0.0) for k in ("THST_EXPO", "SPIN_MIN", "SPIN_MAX"))
+    if 0 < expo <= 1 and 0 <= least < most <= 1:
+        # A share r of what a motor is told beyond the least gives thrust (1 − e) r + e r² (AP_MotorsMulticopter).
+        offset = (1 - expo) / (2 * expo) * (most - least) - least
+        log.hints["pwm_offset"] = f"{offset:.3g} × pwm_gain, as MOT_THST_EXPO, MOT_SPIN_MIN and MOT_SPIN_MAX have it"
     kind = parameters.get("FRAME_TYPE", parameters.get("FRAME", -1.0))
     if parameters.get("FRAME_CLASS", 1.0) != 1 or kind not in _FRAMES:
         return

@@ -30,8 +30,8 @@ NEARLY = 0.45
 """Share of the rate of the motors' fastest signal from which one that tells more is preferred: half, and jitter."""
 DRIVERS = ("rotor_speed", "rotor_command", "pwm")
 """What can drive a quadrotor, best first."""
-SETPOINTS = ("thrust_command", "rate_command")
-"""What drives the networks where no motor was logged."""
+SETPOINTS = ("thrust_command", "velocity_command", "rate_command")
+"""What drives the networks where no motor was logged; of a robot on wheels its velocity and turn."""
 _SLOW = ("attitude", "position", "velocity")
 _COLUMNS: dict[str, tuple[tuple[str, ...], str]] = {
     "position": (("x", "y", "z"), 'unit = "m"'),
@@ -44,10 +44,15 @@ _COLUMNS: dict[str, tuple[tuple[str, ...], str]] = {
     "pwm": (("pwm",), 'unit = "pwm"'),
     "rate_command": (("p_cmd", "q_cmd", "r_cmd"), 'unit = "rad/s", axes = ["p", "q", "r"]'),
     "thrust_command": (("thrust_cmd",), 'unit = "1"'),
+    "velocity_command": (("vx_cmd", "vy_cmd", "vz_cmd"), 'unit = "m/s", axes = ["x", "y", "z"]'),
     "battery": (("vbat",), 'unit = "V"'),
 }
 """Columns of each signal (a prefix where the count is open), and how the description has it."""
 _OPEN = ("rotor_speed", "rotor_command", "pwm")
+
+
+_FREE = "where no speed was ever measured a guess, such as 1000: thrust_coefficient takes up what is wrong in it"
+"""Of a command's gain."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +93,7 @@ def write(logs: Mapping[str, Log], folder: Path, rate: float | None, known: Mapp
             tables[label] = {"t": (times(span, choice.rate) - span[0])[:, None], **x}
         notes += _notes(name, log, choice, parts)
     if not tables:
-        raise BenchError(
-            f"No file holds {SHORTEST:g} s in which all signals ({', '.join(choice.signals)}) were logged at once"
-            + (" in the air." if any(log.landed for log in logs.values()) else ".")
-        )
+        raise BenchError(_none(logs, choice))
     left = sorted({s for log in logs.values() for s in log.signals} - {*choice.signals, *SETPOINTS})
     if left:
         notes.append(f"Left out, because not every file has it or another tells more: {', '.join(left)}.")
@@ -104,6 +106,15 @@ def write(logs: Mapping[str, Log], folder: Path, rate: float | None, known: Mapp
         constants = {n: c for n, c in constants.items() if not n.startswith(("rotor_p", "rotor_d"))}
     _write(folder, tables, choice, _lines(folder, choice, driver, constants, hints))
     return notes
+
+
+def _none(logs: Mapping[str, Log], choice: _Choice) -> str:
+    """Why nothing is left of the logs."""
+    at_once = [n for n, log in logs.items() if spans({s: log.signals[s] for s in choice.signals}, choice.rate)]
+    if at_once:
+        names = ", ".join(at_once)
+        return f"{names}: no {SHORTEST:g} s in the air, by what it says of landings and motors: take logs of flights."
+    return f"No file holds {SHORTEST:g} s in which all signals ({', '.join(choice.signals)}) were logged at once."
 
 
 def _driven(log: Log, driver: str, span: Span) -> bool:
@@ -131,14 +142,15 @@ def _choose(logs: Mapping[str, Log], rate: float | None) -> _Choice:
     motors = [d for d in DRIVERS if d in common]
     best = max((min(pace, rates[d]) for d in motors), default=0.0)
     driver = next((d for d in motors if rates[d] >= NEARLY * best), "")
-    inputs = [driver] if driver else [s for s in SETPOINTS if s in common]
+    outer = {"velocity_command"} if "thrust_command" in common else set()  # the loop that made the thrust
+    inputs = [driver] if driver else [s for s in SETPOINTS if s in common - outer]
     if not inputs:
         raise BenchError(
             "The files hold no motor signal that all of them have: log esc_status, actuator_motors or actuator_outputs "
-            "(PX4), an Actuators or RCOut message (ROS), or RCOU (ArduPilot)."
+            "(PX4), an Actuators or RCOut message or cmd_vel (ROS), or RCOU (ArduPilot)."
         )
     slow = set(motors) - {driver}
-    unused = {d for d in slow if rates[d] < NEARLY * best} | (set(SETPOINTS) if driver else set())
+    unused = {d for d in slow if rates[d] < NEARLY * best} | (set(SETPOINTS) - set(inputs))
     chosen = rate or round_rate(
         min(pace, *(rates[s] for s in inputs), *(FINER * rates[s] for s in _SLOW if s in common))
     )
@@ -181,7 +193,8 @@ def _constants(
     found = {**(motor_map(logs) if driver == "pwm" else {}), **stated, **known}
     ratio = logs[0].torque_over_thrust if stated else 0.0
     more, hints = rotor_coefficients(lift(parts, driver, found), ratio, found)
-    return {**found, **more}, {**logs[0].hints, **hints}
+    free = {"pwm_gain": _FREE} if driver == "pwm" else {}
+    return {**found, **more}, {**free, **logs[0].hints, **hints}
 
 
 def _lines(

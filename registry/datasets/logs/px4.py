@@ -110,11 +110,21 @@ def read_ulog(file: Path) -> Log:
     if "landed" in landed:
         down = np.any([np.asarray(landed[f], dtype=bool) for f in _ON_GROUND if f in landed], axis=0)
         log.landed = steps(1e-6 * np.asarray(landed["timestamp"], dtype=float), 1.0 * down[:, None], "landed")
-    if found.dropped:
-        log.notes.append(f"{found.dropped:.2g} s are missing here and there: the memory card was too slow.")
-    if not found.whole:
-        log.notes.append("the file is cut short: read up to its last message.")
+    log.notes += _remarks(found, "pwm" in log.signals)
     return log
+
+
+def _remarks(found: ulog.ULog, driven: bool) -> list[str]:
+    """What a user should know of the file; ``driven``: its motors were told something."""
+    notes = []
+    outputs = [t for t in ("actuator_motors", "actuator_outputs") if t in found.topics]
+    if outputs and not driven:
+        notes.append(f"{' and '.join(outputs)} stood still, as of a vehicle that was not armed.")
+    if found.dropped:
+        notes.append(f"{found.dropped:.2g} s are missing here and there: the memory card was too slow.")
+    if not found.whole:
+        notes.append("the file is cut short: read up to its last message.")
+    return notes
 
 
 def _rotors(parameters: Parameters, log: Log) -> None:

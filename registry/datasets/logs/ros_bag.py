@@ -40,6 +40,10 @@ def _imu(message: Any) -> Rows:
     }
 
 
+def _twist(message: Any) -> Rows:
+    return {"rate_command": _vector(message.angular), "velocity_command": _vector(message.linear)}
+
+
 def _actuators(message: Any) -> Rows:
     speeds = message.angular_velocities if hasattr(message, "angular_velocities") else message.velocity
     return {"rotor": [float(x) for x in speeds]}
@@ -53,6 +57,8 @@ READERS: dict[str, Callable[[Any], Rows]] = {
     "actuator_msgs/msg/Actuators": _actuators,
     "mavros_msgs/msg/RCOut": lambda m: {"pwm": [float(x) for x in m.channels]},
     "mavros_msgs/msg/AttitudeTarget": lambda m: {"rate_command": _vector(m.body_rate), "thrust_command": [m.thrust]},
+    "geometry_msgs/msg/TwistStamped": lambda m: _twist(m.twist),
+    "geometry_msgs/msg/Twist": _twist,
     "sensor_msgs/msg/BatteryState": lambda m: {"battery": [m.voltage]},
 }
 """By type of message, the best source of a signal first."""
@@ -71,6 +77,8 @@ def read_bag(file: Path) -> Log:
         raise not_installed("A ROS bag", "rosbags>=0.11") from error
     log = Log()
     path = file.parent if file.suffix == ".db3" else file
+    if path.is_dir() and not (path / "metadata.yaml").is_file():
+        raise BenchError(f"{path} holds no metadata.yaml beside {file.name}: `ros2 bag reindex {path}` makes it.")
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             for kind, read in READERS.items():
@@ -80,7 +88,9 @@ def read_bag(file: Path) -> Log:
     except BenchError:
         raise
     except Exception as error:  # a damaged bag makes its reader raise whatever comes
-        raise BenchError(f"{file} cannot be read as a ROS bag: {str(error) or type(error).__name__}.") from error
+        raise BenchError(
+            f"{file} cannot be read as a ROS bag: {str(error).rstrip('.') or type(error).__name__}."
+        ) from error
     return log
 
 

@@ -149,6 +149,8 @@ def _parquet(file: Path, rows: int | None) -> pd.DataFrame:
 
 def _csv(file: Path, rows: int | None) -> pd.DataFrame:
     options: dict[str, Any] = {"encoding": "utf-8", "skip_blank_lines": False, "skipinitialspace": True}
+    if (separator := _separator(_two_lines(file))) != ",":
+        options |= {"sep": separator, "decimal": ","}  # as where commas are in numbers
     first = pd.read_csv(file, **options, header=None, nrows=1, dtype=str, keep_default_na=False)
     _refuse_twice(file, [str(name) for name in first.iloc[0]])
     skipped = [1] if rows != 0 and units(file) else None
@@ -165,13 +167,27 @@ def _two_rows(file: Path) -> list[list[str]]:
     """The cells of the first two lines of a CSV file; none where they cannot be options."""
     if file.name.endswith(".parquet"):
         return [[], []]
+    lines = _two_lines(file)
     try:
-        with gzip.open(file, "rb") if file.name.endswith(".gz") else file.open("rb") as stream:
-            lines = [stream.readline(LONGEST_LINE).decode("utf-8-sig") for _ in range(2)]
-        rows = list(csv.reader(lines, skipinitialspace=True))
-    except (OSError, ValueError, EOFError, zlib.error, csv.Error):
+        rows = list(csv.reader(lines, skipinitialspace=True, delimiter=_separator(lines)))
+    except csv.Error:
         return [[], []]
     return rows if len(rows) == 2 else [[], []]
+
+
+def _two_lines(file: Path) -> list[str]:
+    """The first two lines of a CSV file; none where they are no text."""
+    try:
+        with gzip.open(file, "rb") if file.name.endswith(".gz") else file.open("rb") as stream:
+            return [stream.readline(LONGEST_LINE).decode("utf-8-sig") for _ in range(2)]
+    except (OSError, ValueError, EOFError, zlib.error):
+        return []
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """What stands between columns: a semicolon or tab where the header has no comma."""
+    head = lines[0] if lines else ""
+    return next((s for s in ";\t" if s in head and "," not in head), ",")
 
 
 def _refuse_twice(file: Path, names: Sequence[str]) -> None:
