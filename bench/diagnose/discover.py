@@ -294,7 +294,7 @@ def _rivals(
     return tuple(
         name
         for name, start in candidates.items()
-        if not any(s.worth for s in weighing.savings(chosen.exchanged(place, start), chosen.model, extended))
+        if not weighing.refutes(chosen.exchanged(place, start), chosen.model, extended)
     )
 
 

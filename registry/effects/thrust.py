@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
+import torch
 from torch import Tensor
 
 from registry.core import EFFECTS
@@ -34,10 +35,9 @@ class ThrustScale(ThrustEffect):
         return (1 + tensor(self.eps, motion.thrust)).unsqueeze(-1)
 
 
-@EFFECTS.register("unequal_rotors")
 @dataclass(frozen=True)
-class UnequalRotors(ThrustEffect):
-    """Each rotor lifts more, or less, than the common coefficient says; such as one with a chipped blade."""
+class _RotorByRotor(ThrustEffect):
+    """A factor on the thrust of each rotor."""
 
     eps_1: Any = constant(0.0, "relative error of rotor 1", "1", low=-0.5, high=0.5, typical=0.05, source=_MAGNITUDE)
     eps_2: Any = constant(0.0, "relative error of rotor 2", "1", low=-0.5, high=0.5, typical=-0.05, source=_MAGNITUDE)
@@ -47,13 +47,8 @@ class UnequalRotors(ThrustEffect):
     eps_6: Any = constant(None, "relative error of rotor 6", "1", low=-0.5, high=0.5, source=_MAGNITUDE)
     eps_7: Any = constant(None, "relative error of rotor 7", "1", low=-0.5, high=0.5, source=_MAGNITUDE)
     eps_8: Any = constant(None, "relative error of rotor 8", "1", low=-0.5, high=0.5, source=_MAGNITUDE)
-    equation: ClassVar[str] = "k_f,i = k_f (1 + ε_i), in force and torque"
     needs: ClassVar[tuple[str, ...]] = ("body_rates", "velocity", "attitude")
     systems: ClassVar[tuple[str, ...]] = ("quadrotor",)
-    manoeuvre: ClassVar[str] = (
-        "give doublets in roll, pitch and yaw at high and at low thrust, so that each rotor speeds up while others "
-        "slow down: what follows the speed of one rotor is neither a displaced centre of gravity nor a constant torque"
-    )
 
     def parameters(self) -> list[Parameter]:
         """One a rotor, in order."""
@@ -78,6 +73,39 @@ class UnequalRotors(ThrustEffect):
     @property
     def _errors(self) -> list[Any]:
         return [e for f in fields(self) if (e := getattr(self, f.name)) is not None]
+
+
+@EFFECTS.register("unequal_rotors")
+@dataclass(frozen=True)
+class UnequalRotors(_RotorByRotor):
+    """Each rotor lifts more, or less, than the common coefficient says, and is as hard to turn as it says."""
+
+    equation: ClassVar[str] = "k_f,i = k_f (1 + ε_i), in force and torque r × T; s k_m ω² as it is"
+    manoeuvre: ClassVar[str] = (
+        "give doublets in roll, pitch and yaw at high and at low thrust, so that each rotor speeds up while others "
+        "slow down: what follows the speed of one rotor is neither a displaced centre of gravity nor a constant torque"
+    )
+
+
+@EFFECTS.register("worn_rotors")
+@dataclass(frozen=True)
+class WornRotors(_RotorByRotor, LoadEffect):
+    """Each rotor lifts and drags more, or less, than the common coefficients say; such as one with a chipped blade."""
+
+    equation: ClassVar[str] = "k_f,i = k_f (1 + ε_i) and k_m,i = k_m (1 + ε_i)"
+    manoeuvre: ClassVar[str] = (
+        "climb and descend hard without turning in yaw, then give doublets about all axes: a rotor that lost part of "
+        "its blade turns the vehicle in yaw as it loses thrust, and more so the faster it runs, a constant torque does "
+        "not"
+    )
+
+    def load(self, motion: Motion) -> tuple[Tensor, Tensor]:
+        """No force; what is missing of the reaction torque (…, 3) [N m], body frame."""
+        speed = motion.inputs
+        signs, size = tensor(motion.model.rotor_directions, speed), tensor(motion.model.torque_coefficient, speed)
+        yaw = (signs * size.unsqueeze(-1) * vector(self._errors, speed) * speed * speed).sum(-1)
+        torque = yaw.unsqueeze(-1) * tensor((0.0, 0.0, 1.0), speed)
+        return torch.zeros_like(torque), torque
 
 
 def _rotors(model: Any) -> int:

@@ -1,12 +1,15 @@
 """What an accelerometer tells of the forces: its model against its definition, and drag in closed form."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from bench.diagnose.learn.axis_series import axis_series
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of
@@ -15,6 +18,7 @@ from bench.diagnose.regression.linearise import directions
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
+from bench.diagnose.simulate.floor import measure
 from registry.contracts import Channel, Recording
 from registry.effects.air import LinearDrag
 from registry.effects.thrust import ThrustScale
@@ -90,6 +94,17 @@ def test_a_sensor_with_a_clock_of_its_own_is_read_when_it_felt(late: float) -> N
         assert seen.sensed.numpy()[3:-3] == pytest.approx(path[3:-3], abs=1e-3)
 
 
+def test_without_a_velocity_only_the_axes_of_the_torques_are_searched_for_what_swings() -> None:
+    """Gyroscope and accelerometer alone, as a flight controller logs them: what forces leave has no rate to show in."""
+    whole = [flight(i) for i in range(2)]
+    kept = [i for i, c in enumerate(whole[0].output_channels) if c.group in ("body_rates", "specific_force")]
+    seen = [
+        replace(r, outputs=r.outputs[:, kept], output_channels=tuple(r.output_channels[i] for i in kept)) for r in whole
+    ]
+    who = Subject("seen", MODEL, tuple(log_of(r, MODEL, "rotor_speed") for r in seen), ("flight0",), ("flight1",))
+    assert {series.axis for series in axis_series(who, MODEL, noise_of(who))} == {f"torque_{a}" for a in "xyz"}
+
+
 def test_drag_shows_in_what_is_felt_whatever_the_offset_of_the_sensor() -> None:
     who = subject()
     weighing = Weighing(who, noise_of(who), MODEL)
@@ -140,3 +155,12 @@ def test_an_equation_that_is_lost_speaks_against_what_another_gains() -> None:
     assert Saving("forces", 0.5, -50.0, -60.0, -40.0, True, ratio=10.0).harms
     assert not Saving("forces", 0.5, -1.0, -1.5, -0.5, False, ratio=1.05).harms
     assert not Saving("forces", 0.5, -50.0, -120.0, 20.0, True, ratio=10.0).harms
+
+
+def test_a_model_that_diverges_says_nothing_on_the_terminal() -> None:
+    """The floor of a free run that has left all bounds is no number, and no warning of numpy's."""
+    noise = noise_of(subject())
+    states = torch.full((1, 40, 13), 1e300, dtype=torch.float64)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        measure(states * 1e300, noise, MODEL.state_channels, 1 / RATE, np.random.default_rng(0))

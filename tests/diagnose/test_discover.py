@@ -166,6 +166,17 @@ def test_two_effects_of_a_flight_are_found_with_their_parameters(cache):
         assert error < 1.2 * answer.error["floor"][group] < 0.2 * answer.error["nominal"][group]
 
 
+@pytest.mark.parametrize("effect", ["worn_rotors", "unequal_rotors"])
+def test_a_chipped_blade_is_one_effect_in_thrust_and_yaw(effect, cache):
+    """It loses thrust and drag; where only thrust is lost, that is told from it."""
+    hidden = {effect: {"eps_1": 0.0, "eps_2": 0.0, "eps_3": -0.13, "eps_4": 0.0}}
+    case = flights.Case("chipped", effects=hidden, recordings=4, seconds=12.0, flight_seed=81)
+    answer = diagnosed(case, cache)
+    assert (answer.verdict, list(answer.named)) == ("named", [effect])
+    found = {name: value for name, (value, *_) in answer.named[effect].items()}
+    assert found["eps_3"] - found["eps_1"] == pytest.approx(-0.13, rel=0.1)
+
+
 def test_a_flight_without_a_hidden_effect_gets_none(cache):
     case = flights.Case("none", recordings=4, seconds=12.0, condition="nothing", style="gentle", flight_seed=78)
     answer = diagnosed(case, cache)

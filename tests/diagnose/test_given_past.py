@@ -50,9 +50,10 @@ def of(states: np.ndarray, force: np.ndarray) -> Subject:
     return replace(whole, training=whole.training[:5], held_out=whole.held_out[5:], finer={"speed": "laser=true"})
 
 
-def told_of(subject: Subject, mass: float, judged: bool = True) -> tuple[ObscuredConstant, ...]:
+def told_of(subject: Subject, mass: float, judged: bool = True, memory: int = 8) -> tuple[ObscuredConstant, ...]:
     """What is told where a fit has let the mass go there."""
-    search, other = Search(subject, [], lambda what: None), replace(subject.model, mass=mass)
+    search = Search(subject, [], lambda what: None, memory=memory)
+    other = replace(subject.model, mass=mass)
     assert search.let_go("mass")
     view = search.views(search.own(other))[-1]
     stays = replace(view.subsets.fit(), beta=np.zeros(len(view.linear.own)))
@@ -69,6 +70,11 @@ def test_a_mass_that_a_controller_hides_is_told_given_the_past(shaken: float, of
     assert found.told is not None and found.told.low > 0
     value, unit = found.told.numbers["mass"]
     assert value == pytest.approx(1.0, abs=off) and unit == "kg"
+
+
+def test_a_hidden_constant_is_told_where_all_rows_counted_alike() -> None:
+    (found,) = told_of(of(*held_in_place(shaken=4.0)), 20.0, memory=0)
+    assert found.constant == "mass" and found.times == pytest.approx(20.0)
 
 
 def test_nothing_is_told_given_the_past_without_recordings_that_confirm_it() -> None:

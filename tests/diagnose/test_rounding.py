@@ -1,5 +1,6 @@
 """No answer hangs on the last digits: of copies of one signal the same is chosen, and numbers stay as they are."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -41,3 +42,12 @@ def test_numbers_of_emps_move_no_more_than_its_recordings(bench_data):
         for s in (subject, replace(subject, logs=logs))
     )
     assert len(before) == 3 and after == pytest.approx(before, rel=1e-7)
+
+
+def test_a_number_of_which_noise_leaves_less_than_nothing_is_passed_over_in_silence():
+    """Its column, with the noise of the inputs taken off, has a negative square; what is kept is never divided by."""
+    gram = np.diag([-1e9, 4.0, 9.0])
+    gram[1, 2] = gram[2, 1] = 5.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert [c for c, _ in follow(Folds.of([gram, gram], [0]), 1, 2)] == [1]

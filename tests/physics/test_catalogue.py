@@ -15,7 +15,7 @@ K_F, K_M, RADIUS, RHO, G = 9.9865e-6, 1.5978e-7, 0.127, 1.2, 9.81
 MASS, INERTIA, GROUND = 1.0, (0.01, 0.012, 0.02), 0.05
 BATTERY, TIME = 3.5, 40.0
 
-SCALING = ("thrust_scale", "unequal_rotors", "battery_sag", "vortex_ring_state")
+SCALING = ("thrust_scale", "unequal_rotors", "worn_rotors", "battery_sag", "vortex_ring_state")
 AIR = ("rotor_drag", "linear_drag", "parasitic_drag", "translational_lift", "inflow_thrust_loss", "ground_effect")
 TURNING = ("blade_flapping", "rotor_gyroscopic_torque", "rotor_reaction_torque", "cog_offset", "rotational_damping")
 OTHER = (
@@ -46,6 +46,10 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
         thrust = thrust * (1 + e["eps"])
     if e := p("unequal_rotors"):
         thrust = thrust * [1 + e[f"eps_{i}"] for i in (1, 2, 3, 4)]
+    drag = K_M * speeds**2
+    if e := p("worn_rotors"):
+        left = np.array([1 + e[f"eps_{i}"] for i in (1, 2, 3, 4)])
+        thrust, drag = thrust * left, drag * left
     if e := p("battery_sag"):
         thrust = thrust * (1 + e["slope"] * (BATTERY - e["reference"]) if battery else 1 - e["rate"] * TIME)
     if e := p("vortex_ring_state"):
@@ -53,7 +57,7 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
         thrust = thrust * (1 - e["a"] * x * np.exp(-(((x - 1) / 0.35) ** 2)))
 
     hub = [t * e3 for t in thrust]  # force at each hub
-    force, torque = np.zeros(3), K_M * (SPIN * speeds**2).sum() * e3
+    force, torque = np.zeros(3), (SPIN * drag).sum() * e3
     for i in range(4):
         if e := p("rotor_drag"):
             hub[i] = hub[i] - e["k_d"] * speeds[i] * (v_hub[i] * [1, 1, 0])
@@ -135,7 +139,7 @@ def both(chosen, seed, wind=(0.0, 0.0), battery=True):
 
 def test_the_catalogue_is_complete():
     quadrotor = {n for n in EFFECTS.names() if not EFFECTS.get(n).systems or "quadrotor" in EFFECTS.get(n).systems}
-    assert {*IDS, *ELSEWHERE} <= quadrotor and len({*IDS, *ELSEWHERE}) == 25
+    assert {*IDS, *ELSEWHERE} <= quadrotor and len({*IDS, *ELSEWHERE}) == 26
 
 
 @pytest.mark.parametrize("name", IDS)

@@ -21,7 +21,7 @@ from registry.effects.mass import CogOffset, InertiaProducts, Mass
 from registry.effects.polynomial import Monomial
 from registry.effects.rotor import GroundEffect, RotorDrag, RotorGyroscopicTorque, RotorReactionTorque
 from registry.effects.suspended_load import SuspendedLoad
-from registry.effects.thrust import BatterySag, RotorMisalignment, ThrustScale, UnequalRotors
+from registry.effects.thrust import BatterySag, RotorMisalignment, ThrustScale, UnequalRotors, WornRotors
 from registry.effects.torque import RotationalDamping, TorqueBias, TorqueScale
 from registry.errors import BenchError
 from registry.model_file import read
@@ -95,6 +95,10 @@ class TestThrustScale(EffectConformance):
 
 class TestUnequalRotors(EffectConformance):
     effect = UnequalRotors
+
+
+class TestWornRotors(EffectConformance):
+    effect = WornRotors
 
 
 class TestBatterySag(EffectConformance):

@@ -88,7 +88,8 @@ def axis_series(subject: Subject, model: PhysicsModel, noise: Noise) -> list[Axi
     signals = np.stack(list(paths(model, stack).values()), axis=-1)
     windows = _Windows(stack, tests, linear, driven=driven, signals=signals, kept=kept, words=words, own=own)
     units = known.axes_of(type(model))
-    return [found for axis, j in places.items() if (found := windows.along(axis, units[axis], j)).stretches]
+    found = [windows.along(axis, units[axis], j) for axis, j in places.items()]
+    return [series for series in found if series is not None and series.stretches]
 
 
 def _beginning(log: Log, share: float) -> Log:
@@ -115,10 +116,12 @@ class _Windows:
     own: Sequence[int]
     """Columns of the model's numbers."""
 
-    def along(self, axis: str, unit: str, column: int) -> AxisSeries:
-        """Along the axis of which ``column`` is a unit."""
+    def along(self, axis: str, unit: str, column: int) -> AxisSeries | None:
+        """Along the axis of which ``column`` is a unit; None: it moves no state that was measured."""
         direction = self.linear.columns[column][..., self.kept]
         moved = [k for k in range(len(self.kept)) if np.abs(direction[..., k]).max() > 0]
+        if not moved:
+            return None
         stretches: list[Stretch] = []
         for i in range(len(self.stack.logs)):
             if len(self.tests.centres[i]) > 1:

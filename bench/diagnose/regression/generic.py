@@ -209,7 +209,7 @@ def follow(folds: Folds, first: int, most: int = 8, allowed: Sequence[int] | Non
         cross = total[chosen]
         left = tail - tail[chosen] @ inverse @ cross  # what each column shares with the residual that is left
         power = np.diag(total) - np.einsum("ij,ik,kj->j", cross, inverse, cross, optimize=True)
-        free = power > 1e-6 * np.abs(np.diag(total))  # of a column that is nothing but rounding it may be below 0
+        free = power > 1e-6 * np.abs(np.diag(total))  # noise that was taken off may leave less than nothing
         gain = np.where(free, left**2 / np.where(free, power, 1.0), 0.0)
         gain[:first] = gain[-1] = 0.0
         if allowed is not None:

@@ -126,7 +126,7 @@ def _matched(view: View, linear: Linearization) -> list[np.ndarray]:
 def _in_turns(search: Search, linear: Linearization, filters: list[np.ndarray], group: str) -> list[np.ndarray]:
     """Whitening filters, those of the equation fitted in turns with the numbers."""
     rows = linear.project(search.tests(linear))
-    order = len(filters[0]) - 1
+    order = max(1, len(filters[0]) - 1)  # rows that all counted alike have no past
     ours = [k for k, c in enumerate(linear.channels) if linear.model.measured_channels[c].group == group]
     difference = np.zeros(order + 1)
     difference[:2] = 1.0, -1.0

@@ -16,6 +16,7 @@ from scipy.ndimage import convolve1d
 
 from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.rate_timing import rates_in_time
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import equilibrium
@@ -44,8 +45,8 @@ def prepared(
 ) -> tuple[Subject, Noise]:
     """The subject with its inputs read when they act, with a note that says so, and the noise of it; once only.
 
-    Nothing is shifted where the inputs are commands (they act when they are given), where some state is not measured,
-    or where no shift can be told.
+    Rates are read when they were what they say first (`logs.rate_timing`). No input is shifted where the inputs are
+    commands (they act when they are given), where some state is not measured, or where no shift can be told.
 
     Args:
         subject: model and measurements.
@@ -55,7 +56,8 @@ def prepared(
     noise = noise or noise_of(subject)
     if subject.timed:
         return subject, noise
-    subject = replace(subject, timed=True)
+    filed = subject.logs
+    subject = rates_in_time(replace(subject, timed=True))
     drives = drives_of(subject.model, subject.logs[0])
     known = entries(subject.model, subject.uncertainty)
     if not (known and drives and subject.training) or subject.model.input_hold == "previous" or hidden(subject.logs):
@@ -74,7 +76,9 @@ def prepared(
     if logs is subject.logs:
         return subject, noise
     subject = replace(subject, logs=logs, notes=tuple(notes))
-    return subject, noise_of(subject)
+    # A rate that is read between its samples is smoother than what was measured.
+    measured = (replace(log, states=was.states) for log, was in zip(logs, filed, strict=True))
+    return subject, noise_of(replace(subject, logs=tuple(measured)))
 
 
 def retimed(filed: Subject, model: PhysicsModel, noise: Noise) -> Subject:

@@ -233,6 +233,23 @@ class Weighing:
                 out.append(saving)
         return tuple(out)
 
+    def refutes(self, other: PhysicsModel, full: PhysicsModel, extended: PhysicsModel) -> bool:
+        """Whether ``full`` surely saves what is worth a term where ``other`` errs more than noise makes it err.
+
+        A stronger motor passes on more of the noise of its inputs, and is no worse for that.
+        """
+        worse = [s for s in self.savings(other, full, extended) if s.worth]
+        if not worse:
+            return False
+        by_name, errors = {e.name: e for e in self.equations}, self.increments(other)
+        chance = noise_increments(other, self.held, self.noise)
+        for s in worse:
+            where = by_name[s.equation], s.axis, round(s.horizon_s / self.held.dt)
+            level, floor = (float(self.squares(x, *where)[0].mean()) for x in (errors, chance))
+            if level > MATTERING.near**2 * floor:
+                return True
+        return False
+
     def _unpredictable(self, model: PhysicsModel) -> dict[tuple[Equation, str, int], float]:
         """By equation, axis and horizon: share of what a model leaves that no function of the signals explains.
 

@@ -72,6 +72,13 @@ class Timing:
         9_000, "samples that are looked at; more would make it slower and hardly surer", Basis.EFFORT, "samples"
     )
     steps: int = threshold(3, "Gauss–Newton steps to the shift", Basis.EFFORT, "count")
+    window: float = threshold(
+        0.1, "time over which a rate is held against the signal whose derivative it is", Basis.JUDGED, "s"
+    )
+    within_window: float = threshold(0.25, "largest shift of a rate, as a share of this window", Basis.ROUNDING)
+    blocks: int = threshold(
+        8, "parts of a recording whose spread tells how well its shift is known", Basis.CONVENTION, "count"
+    )
     probe: float = threshold(1e-3, "step of the one-sided difference in the shift", Basis.ROUNDING, "samples")
     prior: float = threshold(3.0, "1σ of the effects that are fitted beside the shift, in typical values", Basis.JUDGED)
 

@@ -53,6 +53,7 @@ def filter_half_width(smoothing: Smoothing) -> int:
     return max(len(impulse_response(smoothing, d)) // 2 for d in (False, smoothing.derived))
 
 
+@np.errstate(invalid="ignore")  # of a model that diverged
 def measure(
     states: Tensor, noise: Noise, channels: Sequence[Channel], dt: float, generator: np.random.Generator
 ) -> Tensor:

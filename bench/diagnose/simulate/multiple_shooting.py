@@ -31,6 +31,7 @@ class Shot:
     """(P, P) of the free numbers, from blocks of windows."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a model that diverges costs infinitely much, and is not taken
 def multiple_shooting(
     model: PhysicsModel,
     subject: Subject,

@@ -46,6 +46,7 @@ _OWN = (
     "torque_scale",
     "unequal_rotors",
     "vortex_ring_state",
+    "worn_rotors",
 )
 KNOWN = frozenset((*_ROTORPY, *_CARRIED, *_OWN))
 """All effects that a flight may have; `position_force` and `gusts` are in nobody's catalogue."""
@@ -90,6 +91,8 @@ class HiddenMultirotor(Rotorcraft):
         if e := effects.get("cog_offset"):
             self.arms = self.arms - np.array([e["x"], e["y"], 0.0])[:, None, None]
         self.effects, self.around, self.charge = effects, around, charge
+        worn = effects.get("worn_rotors", {})
+        self._worn = np.array([[worn.get(f"eps_{i}", 0.0)] for i in (1, 2, 3, 4)])
         self.own_states = 4 if "suspended_load" in effects else 0
         self._hover_power = 4 * (self.mass * self.g / 4 / self.k_eta) ** 1.5
 
@@ -107,6 +110,7 @@ class HiddenMultirotor(Rotorcraft):
         thrust, has = super().thrust(now), self.effects
         if e := has.get("unequal_rotors"):
             thrust = thrust * (1 + np.array([[e[f"eps_{i}"]] for i in (1, 2, 3, 4)]))
+        thrust = thrust * (1 + self._worn)
         if e := has.get("battery_sag"):
             sag = (
                 e["slope"] * (self.voltage(now.t, now.speed) - self.around.reference_voltage)
@@ -129,6 +133,7 @@ class HiddenMultirotor(Rotorcraft):
     def wrench(self, now: Moment) -> tuple[Array, Array]:
         """Force (3, B) [N] and torque (3, B) [N m], body frame."""
         force, torque = super().wrench(now)
+        torque[2] += (self.signs * self.k_m * self._worn * now.speed**2).sum(0)
         has, rates = self.effects, now.state[10:13]
         if e := has.get("linear_drag"):
             force -= np.array([[e["d_x"]], [e["d_y"]], [e["d_z"]]]) * now.air
