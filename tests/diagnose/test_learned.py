@@ -1,5 +1,6 @@
 """Terms that no catalogue has, on measurements whose truth is written down here and shares no code with the effects."""
 
+import importlib
 import json
 import re
 from collections.abc import Callable
@@ -382,3 +383,17 @@ def test_a_moment_that_goes_with_the_square_of_the_speed_is_found_in_flights(mon
 )
 def test_a_term_is_named_as_one_asks_for_it(signals: tuple[str, ...], shape: str, name: str) -> None:
     assert LearnedShape("speed.q", signals, shape, "", "").name == name
+
+
+@pytest.mark.parametrize(("now", "worth"), [(2.0, False), (1.99, False), (1.6, True), (1.0, True)])
+def test_terms_that_leave_free_runs_as_they_were_are_not_told(now: float, worth: bool) -> None:
+    """Error 2 above a floor of 1 without terms; their own shares are told of a model that was not fitted to the end."""
+
+    def extension(error: float) -> SimpleNamespace:
+        comparison = SimpleNamespace(error=lambda name: {"speed": SimpleNamespace(rmse=1.0)})
+        return SimpleNamespace(
+            last={"speed": SimpleNamespace(rmse=error)}, comparison=comparison, model=Oscillator(effects=())
+        )
+
+    step = importlib.import_module("bench.diagnose.diagnose")
+    assert step._relieved(extension(2.0), extension(now)) is worth
