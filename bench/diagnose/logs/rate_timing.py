@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from scipy.interpolate import CubicSpline
 
 from bench.diagnose.logs.consistency import Pair, pairs
 from bench.diagnose.logs.subject import Log, Subject
@@ -72,6 +71,8 @@ def shift_of(log: Log, pair: Pair) -> float:
 
 def _read(log: Log, pair: Pair, shift: float) -> Log:
     """The log with the rate of a pair read ``shift`` samples later."""
+    from scipy.interpolate import CubicSpline  # slow to import, and seldom needed
+
     states, at = log.states.clone(), np.arange(len(log), dtype=float)
     later = np.clip(at + shift, 0, len(log) - 1)
     places = list(pair.rates)

@@ -13,14 +13,12 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from bench.diagnose.logs.sample import interval_means
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.recall import RECALLED, recall
 from bench.diagnose.regression.recurrence import solved
@@ -47,19 +45,10 @@ class LogBatch:
     finer: Tensor | None = None
     """(L, N − 1, s): means of the states from each sample to the next, of recordings that were thinned out."""
 
-    @cached_property
+    @property
     def between(self) -> Tensor:
-        """Means (L, N − 1, s) of the states from each sample to the next, of a cubic through four samples.
-
-        The mean of the two ends errs by (ω dt)²/12 of what swings at ω, which is more than noise leaves where noise is
-        low. Beside a gap, where four samples are not at hand, it has to do.
-        """
-        if self.finer is not None:
-            return self.finer
-        valid = torch.ones(self.states.shape[:-1], dtype=torch.bool)
-        for row, log in zip(valid, self.logs, strict=False):
-            row[: len(log)] = log.valid
-        return interval_means(self.states, valid)
+        """Means (L, N − 1, s) of the states from each sample to the next: of the two, or of all that were left out."""
+        return (self.states[:, :-1] + self.states[:, 1:]) / 2 if self.finer is None else self.finer
 
     @property
     def sensed(self) -> bool:

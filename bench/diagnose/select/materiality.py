@@ -239,10 +239,8 @@ class Weighing:
         A stronger motor passes on more of the noise of its inputs, and is no worse for that.
         """
         worse = [s for s in self.savings(other, full, extended) if s.worth]
-        if not worse:
-            return False
         by_name, errors = {e.name: e for e in self.equations}, self.increments(other)
-        chance = noise_increments(other, self.held, self.noise)
+        chance = noise_increments(other, self.held, self.noise) if worse else errors
         for s in worse:
             where = by_name[s.equation], s.axis, round(s.horizon_s / self.held.dt)
             level, floor = (float(self.squares(x, *where)[0].mean()) for x in (errors, chance))

@@ -78,10 +78,10 @@ class CoulombFriction(ForceEffect):
 @EFFECTS.register("stribeck_friction")
 @dataclass(frozen=True)
 class StribeckFriction(ForceEffect):
-    """Dry friction that is larger at the lowest speeds than beyond them, never smaller."""
+    """Dry friction that is larger at the lowest speeds (F_s) than beyond them (F_c)."""
 
     f_c: Any = constant(0.0, "F_c: beyond the lowest speeds", "N", low=0, high=1e3, typical=20.0, source=_EMPS)
-    rise: Any = constant(0.0, "F_s − F_c: more than that at the lowest speeds", "N", low=0, high=1e3, typical=10.0)
+    f_s: Any = constant(0.0, "F_s: at the lowest speeds", "N", low=0, high=1e3, typical=30.0)
     v_s: Any = constant(
         0.01, "v_s: speed over which one gives way to the other", "m/s", low=1e-4, high=10, typical=0.01
     )
@@ -92,8 +92,8 @@ class StribeckFriction(ForceEffect):
 
     @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        f_c, rise, v_s = (scaled(p, speed) for p in (self.f_c, self.rise, self.v_s))
-        return -(f_c + rise * torch.exp(-((speed / v_s) ** 2))) * sign(speed)
+        f_c, f_s, v_s = (scaled(p, speed) for p in (self.f_c, self.f_s, self.v_s))
+        return -(f_c + (f_s - f_c) * torch.exp(-((speed / v_s) ** 2))) * sign(speed)
 
 
 @EFFECTS.register("offset_force")
