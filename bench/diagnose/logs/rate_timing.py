@@ -31,7 +31,7 @@ def rates_in_time(subject: Subject) -> Subject:
             _read(log, pair, d) if abs(d) >= TIMING.negligible else log for log, d in zip(logs, shifts, strict=True)
         ]
         notes.append(_said(pair, 1e3 * shifts / logs[0].rate))
-    return replace(subject, logs=tuple(logs), notes=tuple(notes))
+    return subject if len(notes) == len(subject.notes) else replace(subject, logs=tuple(logs), notes=tuple(notes))
 
 
 def shift_of(log: Log, pair: Pair) -> float:
