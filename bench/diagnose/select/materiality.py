@@ -212,12 +212,10 @@ class Weighing:
         rest was fitted beside the effect, the calibrated model stands for it. Of an axis only what is worth a term.
         """
         out = []
-        by_name = {e.name: e for e in self.equations}
         for error in self.by_axis(extended):
-            where = by_name[error.equation], error.axis, round(error.horizon_s / self.held.dt)
-            others = (self.squares(self.increments(m), *where) for m in (without, self.calibrated))
+            others = (self._at(error, self.increments(m)) for m in (without, self.calibrated))
             before, block = min(others, key=lambda found: float(found[0].mean()))
-            after, _ = self.squares(self.increments(full), *where)
+            after, _ = self._at(error, self.increments(full))
             gains = np.bincount(block, before - after) / np.maximum(np.bincount(block), 1)
             mean = float(gains.mean())
             spread = float(gains.std(ddof=1)) / len(gains) ** 0.5 if len(gains) > 1 else np.inf
@@ -239,14 +237,16 @@ class Weighing:
         A stronger motor passes on more of the noise of its inputs, and is no worse for that.
         """
         worse = [s for s in self.savings(other, full, extended) if s.worth]
-        by_name, errors = {e.name: e for e in self.equations}, self.increments(other)
-        chance = noise_increments(other, self.held, self.noise) if worse else errors
-        for s in worse:
-            where = by_name[s.equation], s.axis, round(s.horizon_s / self.held.dt)
-            level, floor = (float(self.squares(x, *where)[0].mean()) for x in (errors, chance))
-            if level > MATTERING.near**2 * floor:
-                return True
-        return False
+        if not worse:
+            return False
+        errors, chance = self.increments(other), noise_increments(other, self.held, self.noise)
+        means = ((self._at(s, errors)[0].mean(), self._at(s, chance)[0].mean()) for s in worse)
+        return any(level > MATTERING.near**2 * floor for level, floor in means)
+
+    def _at(self, place: EquationError | Saving, left: Increments) -> tuple[np.ndarray, np.ndarray]:
+        """`squares` of the equation, along the axis and over the horizon of an error or a saving."""
+        (equation,) = (e for e in self.equations if e.name == place.equation)
+        return self.squares(left, equation, place.axis, round(place.horizon_s / self.held.dt))
 
     def _unpredictable(self, model: PhysicsModel) -> dict[tuple[Equation, str, int], float]:
         """By equation, axis and horizon: share of what a model leaves that no function of the signals explains.
