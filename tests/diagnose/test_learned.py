@@ -386,14 +386,21 @@ def test_a_term_is_named_as_one_asks_for_it(signals: tuple[str, ...], shape: str
 
 
 @pytest.mark.parametrize(("now", "worth"), [(2.0, False), (1.99, False), (1.6, True), (1.0, True)])
-def test_terms_that_leave_free_runs_as_they_were_are_not_told(now: float, worth: bool) -> None:
+def test_terms_that_leave_free_runs_as_they_were_are_not_told(
+    monkeypatch: pytest.MonkeyPatch, now: float, worth: bool
+) -> None:
     """Error 2 above a floor of 1 without terms; their own shares are told of a model that was not fitted to the end."""
 
     def extension(error: float) -> SimpleNamespace:
         comparison = SimpleNamespace(error=lambda name: {"speed": SimpleNamespace(rmse=1.0)})
         return SimpleNamespace(
-            last={"speed": SimpleNamespace(rmse=error)}, comparison=comparison, model=Oscillator(effects=())
+            last={"speed": SimpleNamespace(rmse=error)}, comparison=comparison, model=Oscillator(effects=()), effects=()
         )
 
     step = importlib.import_module("bench.diagnose.diagnose")
     assert step._relieved(extension(2.0), extension(now)) is worth
+    told = SimpleNamespace(extension=extension(now))
+    monkeypatch.setattr(step, "learned", lambda *_, **__: told)
+    run = SimpleNamespace(subject=None, noise=None, tick=print, horizon_s=None, filed=None)
+    given = step._learned(run, SimpleNamespace(found=()), extension(2.0), "unknown_effect")
+    assert (given is told) is worth and (given is None) is not worth
