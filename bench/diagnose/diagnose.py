@@ -17,6 +17,7 @@ from bench.diagnose.learned import Learned, curves, judged, learned
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.parts import in_parts
 from bench.diagnose.logs.sample import give_back, sampled
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
@@ -77,7 +78,7 @@ def diagnose(
     if checked.problems and not checked.only_shifts:
         return stopped(subject, named_as, checked.problems), subject.model
     tick("noise")
-    source = subject = filed = sampled(subject)
+    source = subject = filed = in_parts(sampled(subject))
     give_back()
     subject, noise = prepared(filed, tick=tick)
     found = discover(subject, catalogue, tick, noise)

@@ -9,6 +9,7 @@ from typing import Any
 from bench.diagnose.logs.differences import centred
 from bench.diagnose.logs.meant import as_meant
 from bench.diagnose.logs.own_system import own_class
+from bench.diagnose.logs.parts import thirds
 from bench.diagnose.logs.sample import shared
 from bench.diagnose.logs.smoothing import Smoothing, stated
 from bench.diagnose.logs.subject import Subject, log_of
@@ -192,10 +193,7 @@ def partition(dataset: Dataset, names: Sequence[str]) -> tuple[tuple[str, ...], 
         if len(names) < 2:
             raise BenchError(f"{dataset.label} holds one recording, and what is learnt must be tested on another.")
         return (*split.train, *split.validation), split.test
-    ordered, n = sorted(names), max(1, round(len(names) * READING.held_out))
-    # Spread over the session, so that neither part is all of one kind of flight or of one state of the battery.
-    test = {ordered[round((i + 0.5) * len(ordered) / n - 0.5)] for i in range(n)}
-    return tuple(x for x in ordered if x not in test), tuple(x for x in ordered if x in test)
+    return thirds(names)
 
 
 def physics_class(system: str) -> Any:

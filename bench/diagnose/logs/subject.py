@@ -74,6 +74,8 @@ class Subject:
     """Signals that were measured in every recording."""
     timed: bool = False
     """Whether the inputs are read at the times at which they act; see `select.input_timing`."""
+    parted: bool = False
+    """Whether it is settled which parts are learnt from; see `logs.parts`."""
     notes: tuple[str, ...] = ()
     """What was done to the measurements, in sentences."""
     resampled: tuple[str, ...] = ()

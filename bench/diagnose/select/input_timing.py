@@ -16,6 +16,7 @@ from scipy.ndimage import convolve1d
 
 from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.parts import in_parts
 from bench.diagnose.logs.rate_timing import rates_in_time
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Log, Subject
@@ -56,6 +57,7 @@ def prepared(
     noise = noise or noise_of(subject)
     if subject.timed:
         return subject, noise
+    subject = in_parts(subject)
     filed = subject.logs
     subject = rates_in_time(replace(subject, timed=True))
     drives = drives_of(subject.model, subject.logs[0])

@@ -24,6 +24,23 @@ class Reading:
         Basis.JUDGED,
     )
     held_out: float = threshold(1 / 3, "share of the recordings that only test", Basis.CONVENTION)
+    whole: int = threshold(
+        6,
+        "recordings of which whole ones are held out, two of six: of fewer, one alone may show what acts, and each is "
+        "cut in parts",
+        Basis.JUDGED,
+        "count",
+    )
+    fewest_parts: int = threshold(
+        3, "parts of a recording: one tests, and others lie on both sides of it", Basis.JUDGED, "count"
+    )
+    most_parts: int = threshold(5, "parts of a recording, at most: as of a single one", Basis.CONVENTION, "count")
+    part: float = threshold(
+        10.0, "shortest part: two blocks of rows, and what a whitening filter remembers twice", Basis.JUDGED, "s"
+    )
+    part_samples: int = threshold(
+        500, "samples of a part, at least: of slow logs ten seconds are few", Basis.JUDGED, "samples"
+    )
     enough: int = threshold(
         180_000,
         "samples that are diagnosed: of more, some recordings are, and all are checked",
