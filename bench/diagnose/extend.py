@@ -129,6 +129,9 @@ def extend(
             whole = start if last and start is not None else grown
             chain.append(*fit_parameters(subject, whole, noise, tick, through_simulator=last))
     comparison = compare(subject, chain.lines(), noise=noise, horizon_s=horizon_s)
+    if _errs_more_on_the_way(subject, chain, comparison):
+        chain.models = _better_on_the_way(subject, chain, len(model.effects), noise)
+        comparison = compare(subject, chain.lines(), noise=noise, horizon_s=horizon_s)
     lines = {
         i: told(subject, chain.model, noise, i)
         for i, e in enumerate(chain.model.effects)
@@ -165,6 +168,30 @@ class _Chain:
         if len(names) > 1:
             names[-1] = "extended"
         return dict(zip(names, self.models, strict=True))
+
+
+def _errs_more_on_the_way(subject: Subject, chain: _Chain, comparison: Comparison) -> bool:
+    """Whether free runs are worse with an effect more, before all are there."""
+    scale = _scales(subject, comparison)
+    squared = [pooled(comparison.error(n), scale) for n in chain.lines()]
+    return any(b > a for a, b in pairwise(squared[:-1]))
+
+
+def _better_on_the_way(subject: Subject, chain: _Chain, known: int, noise: Noise) -> list[PhysicsModel]:
+    """The models of ``chain``; one on the way is the last one without what is added later where free runs are better.
+
+    The weak form fits a model that lacks something to what is between two samples, which a free run may not survive.
+    Chosen on the recordings that are learnt from.
+    """
+    last, out = chain.model, list(chain.models)
+    cut = {i: replace(last, effects=last.effects[: known + i]) for i in range(1, len(out) - 1)}
+    both = {f"weak {i}": out[i] for i in cut} | {f"cut {i}": m for i, m in cut.items()}
+    comparison = compare(subject, both, names=subject.training, noise=noise)
+    scale = _scales(subject, comparison)
+    for i, model in cut.items():
+        if pooled(comparison.error(f"cut {i}"), scale) < pooled(comparison.error(f"weak {i}"), scale):
+            out[i] = model
+    return out
 
 
 def _check_added(subject: Subject, model: PhysicsModel, add: Sequence[str | Effect]) -> None:
