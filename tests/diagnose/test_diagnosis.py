@@ -226,6 +226,9 @@ def test_the_story_has_a_line_for_each_of_several_equations() -> None:
 def test_nothing_is_not_said_to_be_noise_where_much_is_left() -> None:
     d = samples.nothing()
     assert "is at the noise floor." in sentences.explanation(d)
+    worse = {g: replace(e, rmse=2.5 * e.rmse) for g, e in d.noise_floor.items()}
+    said = sentences.explanation(replace(d, error=replace(d.error, calibrated=worse)))
+    assert "is 2.5 times the noise floor at most" in said
     left = replace(d.unexplained, share=0.9, axes=("velocity.x",), follows=())
     d = replace(d, unexplained=left, disturbance_floor={})
     said = sentences.explanation(d)

@@ -8,7 +8,7 @@ from bench.diagnose.by_equation import EffectSaving, ObscuredConstant
 from bench.diagnose.evidence import LINES, Calibration
 from bench.diagnose.report.phrases import listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
-from bench.diagnose.settings import TELLING
+from bench.diagnose.settings import MATTERING, TELLING
 
 _FREE = "of the squared error of free runs above the noise floor"
 
@@ -138,7 +138,13 @@ def _constants_first(diagnosis: Diagnosis) -> str:
 def _nothing_more(diagnosis: Diagnosis) -> str:
     """What the error is made of where nothing is missing: noise, a disturbance, or what is faster than one."""
     if not _disturbed(diagnosis.unexplained):
-        return "The error on held-out recordings is at the noise floor."
+        times = max((f.over_noise for f in falls(diagnosis)), default=1.0)
+        if times <= MATTERING.near:
+            return "The error on held-out recordings is at the noise floor."
+        return (
+            f"The error on held-out recordings is {number(times, 2)} times the noise floor at most; what is left is "
+            "not worth a term."
+        )
     lines = falls(diagnosis)
     if any(f.observed for f in lines) or all(math.isnan(f.errors["disturbance"]) for f in lines):
         return (
@@ -324,6 +330,12 @@ class Fall:
     """By model, in the order of `LINES`, in ``unit``; NaN: there is none; infinite: the free run diverged."""
     after: str
     """The model that the diagnosis ends with: "extended", or "calibrated" where no effect was added."""
+
+    @property
+    def over_noise(self) -> float:
+        """The error that the diagnosis ends with, over that of noise alone; 1 where either is not known."""
+        ratio = self.errors[self.after] / (self.errors["floor"] or math.nan)
+        return 1.0 if math.isnan(ratio) else ratio
 
     @property
     def observed(self) -> bool:
