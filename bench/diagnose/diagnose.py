@@ -82,7 +82,8 @@ def diagnose(
     give_back()
     subject, noise = prepared(filed, tick=tick)
     found = discover(subject, catalogue, tick, noise)
-    subject, filed = (replace(s, uncertainty=dict(found.uncertainty) or s.uncertainty) for s in (subject, filed))
+    known = dict(found.uncertainty) or subject.uncertainty
+    subject, filed = (replace(s, uncertainty=known, memory=found.memory) for s in (subject, filed))
     run = _Run(subject, noise, tick, horizon_s, filed)
     tick("extend")
     found, extension, refuted = _confirmed(run, found)

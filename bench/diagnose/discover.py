@@ -113,6 +113,7 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         equations=errors,
         remarks=remarks,
         uncertainty=subject.uncertainty,
+        memory=search.memory,
         obscured=hidden_constants,
     )
 

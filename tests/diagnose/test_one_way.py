@@ -1,13 +1,14 @@
 """A shaft that turns one way in every recording: friction stands still there, and so does what varies slowly."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from torch import Tensor
 
-from bench.diagnose import discover
+from bench.diagnose import diagnose, discover
+from bench.diagnose.fit import fit_parameters
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Subject, log_of
 from registry.contracts import Channel, Recording
@@ -66,12 +67,21 @@ def test_friction_that_never_changes_its_sign_is_found() -> None:
     steps = [(0.05, 0.06), (-0.045, -0.055)] * 4
     logs = tuple(log_of(run(f"run_{i}", s, rng), model, "torque") for i, s in enumerate(steps))
     names = tuple(log.name for log in logs)
-    found = discover(Subject("shaft", model, logs, names[:6], names[6:], signals=("torque", "angle", "angle_rate")))
+    subject = Subject("shaft", model, logs, names[:6], names[6:], signals=("torque", "angle", "angle_rate"))
+    found = discover(subject)
     friction = next(f for f in found.found if f.id in ("coulomb_friction", "stribeck_friction"))
     estimate = friction.estimates[0]
     assert (estimate.value, estimate.entry.unit) == (pytest.approx(FRICTION, rel=0.1), "N m")
     slowest = found.equations[-1]
     assert slowest.models["extended"] < 0.2 * slowest.models["calibrated"]
+    # Numbers are fitted as they were found; whitened rows would have another friction.
+    again = [fit_parameters(replace(subject, memory=m), found.model, through_simulator=False) for m in (0, None)]
+    as_found, whitened = (next(x for x in numbers if x.entry.label == "f_c") for _, numbers in again)
+    assert as_found.value == pytest.approx(estimate.value, rel=0.01)
+    assert abs(whitened.value - FRICTION) > 5 * abs(as_found.value - FRICTION)
+    told, _ = diagnose(subject, brief=True)
+    number = next(e for e in told.effects if e.id == friction.id).parameters["f_c"]
+    assert number.high - number.low < 0.2 * FRICTION
 
 
 @pytest.mark.parametrize(("held", "stride"), [(False, 4), (False, 5), (True, 4), (True, 5)])

@@ -76,6 +76,8 @@ class Subject:
     """Whether the inputs are read at the times at which they act; see `select.input_timing`."""
     parted: bool = False
     """Whether it is settled which parts are learnt from; see `logs.parts`."""
+    memory: int | None = None
+    """Order of the autoregression that whitens what a model leaves, where a search settled it; 0: none."""
     notes: tuple[str, ...] = ()
     """What was done to the measurements, in sentences."""
     resampled: tuple[str, ...] = ()

@@ -76,6 +76,8 @@ class Discovery(Displayed):
     """Sentences about what is there and is not worth a term."""
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     """Relative 1σ of constants as stated, and of those that were let go; see `select.release`."""
+    memory: int | None = None
+    """Order of the autoregression that whitened the rows; see `select.search`."""
     obscured: tuple[ObscuredConstant, ...] = ()
     """Constants of which these recordings say nothing that could be believed."""
 

@@ -81,7 +81,7 @@ class Search:
         catalogue: Sequence[str] | None,
         tick: Callable[[str], None],
         noise: Noise | None = None,
-        memory: int = SEARCHING.memory,
+        memory: int | None = None,
     ) -> None:
         """Prepare.
 
@@ -91,9 +91,10 @@ class Search:
             tick: called with what is being done.
             noise: default `noise.noise_of`.
             memory: order of the autoregression that whitens what is left; 0: all rows count alike, as in ordinary least
-                squares.
+                squares; default: as the subject says, else `SEARCHING.memory`.
         """
-        self.subject, self.catalogue, self.tick, self.memory = subject, catalogue, tick, memory
+        self.subject, self.catalogue, self.tick = subject, catalogue, tick
+        self.memory = next(m for m in (memory, subject.memory, SEARCHING.memory) if m is not None)
         logs = subject.of(subject.training)
         # Where the motion is slow against the sampling, a few samples a test function are enough.
         stride = max(1, stride_of(LogBatch.of(shortened(logs, SEARCHING.longest))) // SEARCHING.fine)
