@@ -13,7 +13,7 @@ from bench.diagnose.compare import compare, refuse_long
 from bench.diagnose.discover import discover
 from bench.diagnose.extend import Extension, extend, ordered, stage
 from bench.diagnose.fit import fit_parameters
-from bench.diagnose.learned import Learned, curves, judged, learned
+from bench.diagnose.learned import Learned, curves, judged, learned, likened
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
@@ -273,6 +273,7 @@ def _concluded(
     told = _learned(run, found, extension, verdict) if verdict == "unknown_effect" or high else None
     terms, subject = (None, run.subject) if told is None else (told.extension, told.subject)
     if terms is not None:
+        terms = likened(subject, run.noise, terms)
         extension, found = terms, judged(subject, run.noise, found, terms)
         # What a search for effects took for nothing repeats, and can be learned.
         verdict = found.verdict if found.found else "unknown_effect"

@@ -13,13 +13,19 @@ from bench.diagnose.learn.waves import folded
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.linearise import Linearization
+from bench.diagnose.regression.lookalike import known_as, nearest
+from bench.diagnose.report import phrases
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.input_timing import retimed
 from bench.diagnose.select.materiality import Weighing
+from bench.diagnose.select.search import Search
 from bench.diagnose.settings import DECIDING, EXTENDING, MATTERING
+from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
+from registry.effects.learned_term import LearnedTerm
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.effects.waves.periodic_term import PeriodicTerm
 
@@ -176,6 +182,32 @@ def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extensio
     if not found.equations:
         return found
     return replace(found, equations=Weighing(subject, noise, found.calibrated).errors(extension.model))
+
+
+def likened(subject: Subject, noise: Noise, extension: Extension) -> Extension:
+    """The extension whose learned functions of signals say what they are most like."""
+    model = extension.model
+    first = len(model.effects) - len(extension.effects)
+    if hidden(subject.logs) or not any(isinstance(e, LearnedTerm) for e in model.effects[first:]):
+        return extension
+    linear = Search(subject, None, lambda what: None, noise).look(model, broad=False).linear
+    effects = tuple(
+        _likened(e, linear, first + i) if isinstance(model.effects[first + i], LearnedTerm) else e
+        for i, e in enumerate(extension.effects)
+    )
+    return replace(extension, effects=effects)
+
+
+def _likened(effect: NamedEffect, linear: Linearization, place: int) -> NamedEffect:
+    term, like = linear.model.effects[place], nearest(linear, place)
+    assert effect.term is not None and isinstance(term, LearnedTerm)
+    told = replace(effect.term, known_as=known_as(term, linear.model))
+    if like is None:
+        return replace(effect, term=told)
+    told = replace(told, nearest=like.effects, likeness=like.share)
+    first = like.effects[0]
+    manoeuvre = f"To tell it from {phrases.named(first)}: {EFFECTS.get(first).manoeuvre}."
+    return replace(effect, term=told, separate_by=manoeuvre)
 
 
 def curves(subject: Subject, noise: Noise, extension: Extension) -> tuple[LearnedCurve, ...]:

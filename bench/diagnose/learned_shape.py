@@ -22,6 +22,12 @@ class LearnedShape:
     """As text, such as "k x"."""
     described: str
     """All of it in a line, such as "world force x = f(position x), linear, k = −0.31 N/m (−0.32 to −0.30)"."""
+    nearest: tuple[str, ...] = ()
+    """Ids of the effects of the catalogue that come nearest to it; empty: none comes near."""
+    likeness: float = 0.0
+    """Share of the squared rates that the term makes of the recordings that the first would make too, 0 to 1."""
+    known_as: str = ""
+    """What has such a shape elsewhere, such as "a spring"; empty: nothing that is well known."""
 
     @property
     def name(self) -> str:

@@ -18,11 +18,12 @@ from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.regression.lookalike import known_as, nearest
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.catalogue import check_catalogue
 from bench.diagnose.select.input_timing import prepared
-from bench.diagnose.select.search import admissible
+from bench.diagnose.select.search import Search, admissible
 from bench.diagnose.settings import LEARNING
 from registry.contracts import Channel, Recording
 from registry.effects.learned_term import LearnedTerm
@@ -30,6 +31,7 @@ from registry.effects.waves.hidden_mode import HiddenMode
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
 from registry.physics.quadrotor import Quadrotor
+from registry.terms.shapes import SHAPES
 
 Force = Callable[[float, float], float]
 FREQUENCIES = (0.3, 0.8, 1.4, 1.9, 2.6)
@@ -158,6 +160,35 @@ def test_a_diagnosis_adds_it_and_the_error_falls_to_the_floor(said: tuple[Subjec
     jsonschema.Draft202012Validator(schema()).validate(values)
     assert values["effects"][0]["learned"] is True and values["effects"][0]["term"]["signals"] == ["speed.q"]
     assert found.unexplained.axes == ("d speed.q/dt",)
+
+
+def test_it_says_what_it_looks_like(said: tuple[Subject, Diagnosis, Oscillator]) -> None:
+    """The catalogue at hand lacked the drag; the whole one has it, and nothing else does as much of it."""
+    of, found, model = said
+    (term,) = (e.term for e in found.effects)
+    assert term is not None and (term.nearest, term.known_as) == (("quadratic_drag",), "drag at high speed")
+    assert term.likeness == pytest.approx(1, abs=1e-6)
+    text = sentences.explanation(found)
+    assert "looks like quadratic drag, which would do 100 % of it; elsewhere such a shape is drag at high" in text
+    assert "To tell it from quadratic drag: " in text
+    odd = replace(model, effects=(LearnedTerm("speed.q", ("speed.q",), "sine", (1.0, 20.0)),))
+    assert nearest(Search(of, None, lambda what: None).look(odd, broad=False).linear, 0) is None
+
+
+@pytest.mark.parametrize(
+    ("axis", "signal", "shape", "said"),
+    [
+        ("world_force_x", "position.x", "linear", "a spring"),
+        ("world_force_z", "height", "above", "a wall or an end stop"),
+        ("world_force_x", "position.y", "linear", ""),
+        ("torque_x", "body_rates.p", "linear", "viscous friction or slow drag"),
+        ("force_z", "rotor_speed.1", "linear", ""),
+        ("force_z", "airspeed", "square", ""),
+    ],
+)
+def test_a_shape_is_known_where_it_acts_along_what_it_follows(axis: str, signal: str, shape: str, said: str) -> None:
+    count = len(SHAPES[shape].parameters)
+    assert known_as(LearnedTerm(axis, (signal,), shape, (1.0,) * count), Quadrotor()) == said
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from bench.diagnose.by_equation import EffectSaving, ObscuredConstant
 from bench.diagnose.evidence import LINES, Calibration
+from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.report.phrases import listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
 from bench.diagnose.settings import MATTERING, TELLING
@@ -107,7 +108,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         alone = f"Any of them explains about {percent(max(shares))}"
         several = f"Together, one of each explains about {percent(sum(shares))}"
         found.append(f"{alone if len(shares) == 1 else several} {_FREE}.")
-        found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by)
+        found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by and not e.learned)
         found.append(f"What would tell most within what was recorded: {diagnosis.evidence.command('design')}.")
     if beside and (terms := [e for e in diagnosis.effects if e.learned]):
         names, gained = listed(e.name for e in terms), percent(sum(e.share_explained for e in terms))
@@ -126,7 +127,24 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         size = f"It makes {percent(share)} {_FREE}, and n" if share > 0 else "N"
         found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
     left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
-    return [*filter(None, (" ".join(found), left, miscalibrated(diagnosis)))]
+    return [*filter(None, (" ".join(found), alike(diagnosis), left, miscalibrated(diagnosis)))]
+
+
+def _nearest(term: LearnedShape) -> str:
+    return listed(map(named, term.nearest), "or")
+
+
+def alike(diagnosis: Diagnosis) -> str:
+    """What the learned terms are like, and what would tell them from it; empty: nothing that is known."""
+    out = []
+    for e in diagnosis.effects:
+        if e.term is None or not (e.term.nearest or e.term.known_as):
+            continue
+        near = f" {names}, which would do {percent(e.term.likeness)} of it" if (names := _nearest(e.term)) else ""
+        known = f" {e.term.known_as}" if e.term.known_as else ""
+        like = "; elsewhere such a shape is".join(filter(None, (near, known)))
+        out.append(f"{e.term.name} looks like{like}. {e.separate_by}".strip())
+    return " ".join(out)
 
 
 def _constants_first(diagnosis: Diagnosis) -> str:

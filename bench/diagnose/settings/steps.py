@@ -182,6 +182,16 @@ class Telling:
         "error with a disturbance observer, relative to that without, from which a reader need not know it",
         Basis.SHOWN,
     )
+    alike: float = threshold(
+        0.5,
+        "share of what a learned term does that an effect of the catalogue would do too, from which it is said to look "
+        "like it",
+        Basis.SHOWN,
+    )
+    as_near: float = threshold(
+        0.02, "share by which another effect may do less and be said to look like the term as well", Basis.SHOWN
+    )
+    nearest: int = threshold(3, "effects that a term is said to look like, at most", Basis.SHOWN, "count")
     constants: int = threshold(
         2, "constants, and ratios of them, that a sentence says are off; the page has them all", Basis.SHOWN, "count"
     )
