@@ -20,6 +20,10 @@ MEASURED = ("single", "pair", "triple", "tie")
 """Conditions in which errors are asked for, and not the verdict alone."""
 
 
+_MEANT = {"body_velocity": "velocity", "airspeed": "velocity", "height": "position"}
+"""What was measured, of signals of learned terms that are computed from it."""
+
+
 @dataclass(frozen=True)
 class Answer:
     """What was said of a case."""
@@ -81,7 +85,7 @@ def answer(case: Case, said: Diagnosis, faults: Any, seconds: float, exact: ByGr
         verdict=said.verdict,
         named={e.id: {n: (p.value, p.low, p.high) for n, p in e.parameters.items()} for e in named},
         rivals={e.id: e.indistinguishable_from for e in named},
-        follows=said.unexplained.follows,
+        follows=_followed(said),
         error={**lines, "floor": plain(said.noise_floor), "true": plain(exact)},
         problems=tuple((p.recording, p.signal, p.kind, p.rows, p.detail) for p in said.data_problems),
         faults=tuple((f"flight_{f.recording + 1}", f.signal, f.kind, (f.rows[0], f.rows[1] - 1)) for f in faults),
@@ -89,6 +93,13 @@ def answer(case: Case, said: Diagnosis, faults: Any, seconds: float, exact: ByGr
         seconds=seconds,
         constants={c.constant: (c.nominal, c.calibrated, c.low, c.high) for c in said.evidence.calibration},
     )
+
+
+def _followed(said: Diagnosis) -> tuple[str, ...]:
+    """What an effect that no catalogue has follows: signals of what is left, and of the terms learned in its place."""
+    of_terms = (s for e in said.effects if e.term is not None for s in e.term.signals)
+    known = (_MEANT.get(s.partition(".")[0], s) for s in of_terms)
+    return tuple(dict.fromkeys((*said.unexplained.follows, *known)))
 
 
 def to_json(one: Answer) -> dict[str, Any]:

@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 pytest.importorskip("rotorpy")
 
+from bench.score.attempt import _followed
 from bench.score.case import Case, changed_constants
 from bench.score.judge import Judged
 from bench.score.show import markdown
@@ -284,3 +286,11 @@ def test_alternatives_are_counted_on_the_same_cases() -> None:
     lines = {x.text: x.met for x in dict(counted.sections)["Against the alternatives"]}
     assert lines["exact set, single effects"] is False and lines["false names"] is False
     assert lines["held-out error above the floor, median left"] is True
+
+
+def test_a_term_says_what_an_unknown_effect_follows() -> None:
+    """Once it is learned nothing may be left that follows anything."""
+    terms = [SimpleNamespace(term=SimpleNamespace(signals=s)) for s in (("body_velocity.z", "height"), ("thrust",))]
+    effects = [SimpleNamespace(term=None), *terms]
+    said = SimpleNamespace(unexplained=SimpleNamespace(follows=("position",)), effects=effects)
+    assert _followed(said) == ("position", "velocity", "thrust")  # type: ignore[arg-type]
