@@ -118,7 +118,7 @@ def folder_for(source: str, out: Path | None) -> Path:
 # ------------------------------------------------------------------------------------------------ what comes out
 
 
-def say_problems(subject: "Subject") -> None:
+def print_problems(subject: "Subject") -> None:
     """Say what is wrong with the data before a step that would take it for physics."""
     from bench.diagnose.checks.problems import problems
     from bench.diagnose.report.phrases import gathered
@@ -147,17 +147,17 @@ def write_model(target: Path, model: "PhysicsModel", effects: "Sequence[NamedEff
     return [target, former]
 
 
-def say_diagnosis(found: "Diagnosis") -> None:
+def print_diagnosis(found: "Diagnosis") -> None:
     """Print the summary, and how to go on although the data have a problem."""
     from bench.diagnose.report import terminal_summary
 
     terminal_summary.print_summary(found, options.console())
     if found.verdict == "data_problem":
         again = [w for k in dict.fromkeys(p.kind for p in found.data_problems) for w in ("--ignore-problem", k)]
-        say_next(found.evidence.command("diagnose", *again), "if that is no fault (or --exclude RECORDING)")
+        print_next(found.evidence.command("diagnose", *again), "if that is no fault (or --exclude RECORDING)")
 
 
-def say_written(console: Any, written: Sequence[Path]) -> None:
+def print_written(console: Any, written: Sequence[Path]) -> None:
     """Name the files, and what a former model is called now."""
     former = " (the model that was there)" if written[-1].name == "model.previous.toml" else ""
     console.print(f"\nWrote {', '.join(map(str, written))}{former}", highlight=False, markup=False, soft_wrap=True)
@@ -273,7 +273,7 @@ def asked(
     return Asked(system or "", str(model_file or ""), str(out or ""), tuple(words), tuple(settings))
 
 
-def say_next(command: str, why: str) -> None:
+def print_next(command: str, why: str) -> None:
     """Print what to type next."""
     click.echo(f"Next, {why}: {command}")
 
