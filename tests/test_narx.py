@@ -95,12 +95,13 @@ def test_training_in_a_group_changes_no_bit(mode: str, batch: int) -> None:
     check_group(models, [(10, 4), (10, 1), (40, 4), (40, 1)], batch, 1e-6)
 
 
-def test_notation_has_a_size_and_no_initializer() -> None:
-    predictor, initializer = parse("NARX: 2x30")
+@pytest.mark.parametrize("spec", ["NARX: 2x30", "TCN: 2x30"])
+def test_notation_has_a_size_and_no_initializer(spec: str) -> None:
+    predictor, initializer = parse(spec)
     assert (predictor.layers, predictor.hidden, initializer) == (2, 30, None)
-    assert write(predictor, None) == "NARX: 2x30"
+    assert write(predictor, None) == spec
     with pytest.raises(BenchError, match="no states to initialize"):
-        parse("NARX: 2x30 - Washout: 10")
+        parse(f"{spec} - Washout: 10")
 
 
 def test_weight_count() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import oracle
 import pytest
 import torch
-from networks import Called, Trained, check_group, check_slopes, close, noise, vivid, weights
+from networks import Called, Trained, check_group, check_pieces, check_slopes, close, noise, vivid, weights
 from torch import Tensor
 from torch.func import functional_call
 
@@ -95,12 +95,7 @@ def test_a_horizon_in_two_pieces_is_the_horizon(case: Case) -> None:
     predictor = case.build()
     u, state, y = noise(2, 30, case.n_inputs, seed=3), noise(2, predictor.layout.size, seed=4), noise(2, 30, 2, seed=5)
     for feedback in (None, y):
-        parts = (None, None) if feedback is None else (y[:, :13], y[:, 13:])
-        whole, end = predictor.rollout(u, state, feedback)
-        first, middle = predictor.rollout(u[:, :13], state, parts[0])
-        second, last = predictor.rollout(u[:, 13:], middle, parts[1])
-        torch.testing.assert_close(torch.cat([first, second], dim=1), whole, rtol=1e-12, atol=1e-12)
-        torch.testing.assert_close(last, end, rtol=1e-12, atol=1e-12)
+        check_pieces(predictor, u, state, feedback, 13)
 
 
 @over(TWO_LAYERS)

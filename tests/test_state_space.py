@@ -7,7 +7,7 @@ import oracle
 import pytest
 import torch
 from conftest import Toy
-from networks import Called, check_slopes, close, noise, vivid, weights
+from networks import Called, check_pieces, check_slopes, close, noise, vivid, weights
 
 from bench.execution import engine
 from bench.experiment.config import RunConfig, Training
@@ -184,11 +184,7 @@ def test_the_encoder_is_a_network_beside_a_linear_map(name: str) -> None:
 def test_a_horizon_in_two_pieces_is_the_horizon(name: str) -> None:
     predictor = built(name)
     u, state = noise(2, 30, 3, seed=3), 0.3 * noise(2, predictor.layout.size, seed=4)
-    whole, end = predictor.rollout(u, state)
-    first, middle = predictor.rollout(u[:, :13], state)
-    second, last = predictor.rollout(u[:, 13:], middle)
-    torch.testing.assert_close(torch.cat([first, second], 1), whole, rtol=1e-10, atol=1e-10)
-    torch.testing.assert_close(last, end, rtol=1e-10, atol=1e-10)
+    check_pieces(predictor, u, state, cut=13)
 
 
 @over
