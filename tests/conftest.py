@@ -133,3 +133,9 @@ def typed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     yield run
     log.handlers[:] = handlers
     log.setLevel(level)
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty folder for simulated flights."""
+    return tmp_path_factory.mktemp("flights")

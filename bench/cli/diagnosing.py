@@ -1,7 +1,6 @@
 """What the diagnosing commands share: measurements and models in, tables, files and MLflow runs out."""
 
 import json
-import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -91,15 +90,6 @@ def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None
     return [n for n in (catalogue or EFFECTS.outline()) if n not in without]
 
 
-def check_writable(*targets: Path | None) -> None:
-    """Raise `BenchError` where a file or folder could not be made, before the work shows it."""
-    for target in targets:
-        if target is not None:
-            there = next(p for p in (target, *target.absolute().parents) if p.exists())
-            if (there != target and not there.is_dir()) or not os.access(there, os.W_OK):
-                raise BenchError(f"{target} cannot be written: {there} is no folder that you may write to.")
-
-
 def check_effects(names: Sequence[str]) -> None:
     """Raise `BenchError` where the catalogue has no effect of such a name; what asks to learn a term is none."""
     for name in names:
@@ -108,11 +98,16 @@ def check_effects(names: Sequence[str]) -> None:
 
 
 def folder_for(source: str, out: Path | None) -> Path:
-    """Where files are written: ``out``, or beside the data."""
+    """Where files are written: ``out``, or beside the data.
+
+    Raises:
+        BenchError: nothing can be written there.
+    """
     if out is not None:
         return out
     _refuse_file(source)
-    return Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
+    beside = Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
+    return options.Output(folder=True).convert(beside, None, None)
 
 
 # ------------------------------------------------------------------------------------------------ what comes out

@@ -12,7 +12,6 @@ from bench.cli import fleets, options, stages
 from bench.cli.diagnosing import (
     asked,
     check_effects,
-    check_writable,
     chosen,
     folder_for,
     load,
@@ -213,7 +212,6 @@ def discover_command(
     bench discover flights/ --catalogue rotor_drag --catalogue linear_drag
     """
     names = chosen(catalogue, without)
-    check_writable(to_json)
     subject, model = load(source, system, model_file, settings)
 
     from bench.diagnose.discover import discover
@@ -287,7 +285,6 @@ def extend_command(
     from bench.diagnose.extend import extend
 
     start, folder = model or subject.model, folder_for(source, out)
-    check_writable(folder, to_json)
     with announcer(options.console()) as tick:
         print_problems(subject)
         done = extend(subject, start, add, tick, horizon_s=horizon)
@@ -361,7 +358,6 @@ def diagnose_command(
     bench diagnose fleet/ --vehicle N7 --vehicle N9        these two only
     """
     names, folder = chosen(catalogue, without), folder_for(source, out)
-    check_writable(folder, to_json)
     if fleets.is_fleet(source, vehicles, execution, exclude):
         _refuse_for_fleets(asks_network, settings)
         wanted = fleets.fleet_options(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from bench.cli import options
-from bench.cli.diagnosing import asked, check_effects, check_writable, folder_for, load, print_next, write_json
+from bench.cli.diagnosing import asked, check_effects, folder_for, load, print_next, write_json
 from bench.cli.names import check_system
 from bench.cli.progress import announcer
 from registry.errors import BenchError
@@ -194,7 +194,6 @@ def design_command(
     check_effects(between)
     folder = folder_for(source, None)
     target = output or folder / "design.csv"
-    check_writable(target.parent, to_json)
     file = model_file or folder / "model.toml"
     if not file.is_file() and (model_file is not None or not between):
         raise BenchError(f"There is no {file}: `bench diagnose {source}` writes it, and designs go out from it.")
