@@ -1,8 +1,7 @@
-"""Each effect: the public conformance tests, and a number computed by hand."""
+"""Effects against numbers computed by hand."""
 
 import itertools
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,18 +10,14 @@ import pytest
 import torch
 
 from bench.diagnose.report import model_file
-from registry.conformance import EffectConformance
 from registry.core import EFFECTS
 from registry.dynamics import InputEffect
 from registry.effects.actuation import InputDelay, MotorLag
-from registry.effects.air import LinearDrag, ParasiticDrag, Wind
-from registry.effects.blade import BladeFlapping, InflowThrustLoss, TranslationalLift, VortexRingState
-from registry.effects.mass import CogOffset, InertiaProducts, Mass
-from registry.effects.polynomial import Monomial
+from registry.effects.air import LinearDrag, Wind
+from registry.effects.mass import CogOffset
 from registry.effects.rotor import GroundEffect, RotorDrag, RotorGyroscopicTorque, RotorReactionTorque
 from registry.effects.suspended_load import SuspendedLoad
-from registry.effects.thrust import BatterySag, RotorMisalignment, ThrustScale, UnequalRotors, WornRotors
-from registry.effects.torque import RotationalDamping, TorqueBias, TorqueScale
+from registry.effects.thrust import BatterySag, RotorMisalignment, UnequalRotors
 from registry.errors import BenchError
 from registry.model_file import read
 from registry.physics.quadrotor import Quadrotor
@@ -31,129 +26,9 @@ from registry.units import exponents
 F64 = torch.float64
 
 
-class TestRotorDrag(EffectConformance):
-    effect = RotorDrag
-
-
-class TestGroundEffect(EffectConformance):
-    effect = GroundEffect
-
-
-class TestRotorGyroscopicTorque(EffectConformance):
-    effect = RotorGyroscopicTorque
-
-
-class TestRotorReactionTorque(EffectConformance):
-    effect = RotorReactionTorque
-
-
-class TestLinearDrag(EffectConformance):
-    effect = LinearDrag
-
-
-class TestWind(EffectConformance):
-    effect = Wind
-    others = (LinearDrag(0.4, 0.4, 0.4),)
-
-
-class TestMotorLag(EffectConformance):
-    effect = MotorLag
-
-
-class TestInputDelay(EffectConformance):
-    effect = InputDelay
-
-
-class TestParasiticDrag(EffectConformance):
-    effect = ParasiticDrag
-
-
-class TestBladeFlapping(EffectConformance):
-    effect = BladeFlapping
-
-
-class TestTranslationalLift(EffectConformance):
-    effect = TranslationalLift
-
-
-class TestInflowThrustLoss(EffectConformance):
-    effect = InflowThrustLoss
-
-
-class TestVortexRingState(EffectConformance):
-    effect = VortexRingState
-
-    def trajectory(self):
-        state, inputs = super().trajectory()
-        state[5] = -5.0  # a climb, as the others fly it, does not show it
-        return state, inputs
-
-
-class TestThrustScale(EffectConformance):
-    effect = ThrustScale
-
-
-class TestUnequalRotors(EffectConformance):
-    effect = UnequalRotors
-
-
-class TestWornRotors(EffectConformance):
-    effect = WornRotors
-
-
-class TestBatterySag(EffectConformance):
-    effect = BatterySag
-    extras = ("time", "battery")
-
-
-class TestBatterySagWithTimeAlone(EffectConformance):
-    effect = BatterySag
-    extras = ("time",)
-
-
-class TestRotorMisalignment(EffectConformance):
-    effect = RotorMisalignment
-
-
-class TestMass(EffectConformance):
-    effect = Mass
-
-
-class TestInertiaProducts(EffectConformance):
-    effect = InertiaProducts
-
-
-class TestCogOffset(EffectConformance):
-    effect = CogOffset
-
-
-class TestRotationalDamping(EffectConformance):
-    effect = RotationalDamping
-
-
-class TestTorqueScale(EffectConformance):
-    effect = TorqueScale
-
-
-class TestTorqueBias(EffectConformance):
-    effect = TorqueBias
-
-
-class TestSuspendedLoad(EffectConformance):
-    effect = SuspendedLoad
-
-
 def of_the_quadrotor():
     of_it = [e for e in map(EFFECTS.get, EFFECTS.names()) if not e.systems or "quadrotor" in e.systems]
     return [e for e in of_it if not e.learned]  # what was learned is data, of any system: see test_learned_term.py
-
-
-def test_every_effect_has_a_conformance_test_in_this_folder():
-    """Found in the text of the files, so that a new effect brings a file of its own and edits none."""
-    text = "\n".join(p.read_text() for p in Path(__file__).parent.glob("test_*.py"))
-    proven = set(re.findall(r"^    effect = (\w+)$|^Test\w+ = conformance\((\w+)", text, re.M))
-    catalogue = [e for e in map(EFFECTS.get, EFFECTS.names()) if not (e.learned or issubclass(e, Monomial))]
-    assert {e.__name__ for e in catalogue} <= {name for pair in proven for name in pair}
 
 
 @pytest.mark.parametrize("effect", of_the_quadrotor(), ids=EFFECTS.name_of)
