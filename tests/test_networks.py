@@ -7,7 +7,7 @@ import numpy as np
 import oracle
 import pytest
 import torch
-from networks import Called, Trained, check_group, check_pieces, check_slopes, close, noise, vivid, weights
+from networks import Called, Trained, check_group, check_slopes, close, noise, vivid, weights
 from torch import Tensor
 from torch.func import functional_call
 
@@ -88,14 +88,6 @@ def test_layout_counts_buffers_hidden_and_cell_states(case: Case) -> None:
         case.layers * HIDDEN,
         cells,
     )
-
-
-@over(TWO_LAYERS)
-def test_a_horizon_in_two_pieces_is_the_horizon(case: Case) -> None:
-    predictor = case.build()
-    u, state, y = noise(2, 30, case.n_inputs, seed=3), noise(2, predictor.layout.size, seed=4), noise(2, 30, 2, seed=5)
-    for feedback in (None, y):
-        check_pieces(predictor, u, state, feedback, 13)
 
 
 @over(TWO_LAYERS)
@@ -240,9 +232,8 @@ def small(name: str, dropout: float = 0.0) -> Predictor:
 
 @pytest.mark.parametrize("name", ["LSTM", "LSTM TDL", "MLFC"])
 @pytest.mark.parametrize("measured", [False, True], ids=["own", "measured"])
-@pytest.mark.parametrize("dropout", [0.0, 0.4])
-def test_rollout_gradient_is_the_finite_difference(name: str, measured: bool, dropout: float) -> None:
-    predictor = small(name, dropout).train()
+def test_rollout_gradient_with_dropout_is_the_finite_difference(name: str, measured: bool) -> None:
+    predictor = small(name, 0.4).train()
     feedback = noise(2, 4, 1, seed=5) if measured else None  # data: needs no gradient
     u, state = noise(2, 4, 2, seed=3).requires_grad_(), noise(2, predictor.layout.size, seed=4).requires_grad_()
 

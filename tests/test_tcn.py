@@ -4,7 +4,7 @@ import numpy as np
 import oracle
 import pytest
 import torch
-from networks import Called, check_pieces, check_slopes, close, noise, vivid, weights
+from networks import close, noise, vivid, weights
 
 from registry import PREDICTORS
 from registry.contracts import Predictor, Problem
@@ -66,16 +66,6 @@ def test_runs_follow_the_equations(layers: int, m: int, kernel: int, n: int, mea
     sequence = torch.cat([past_y, y if measured else torch.from_numpy(want)], 1)
     if tau > predictor.history:
         close(end, predictor.init_buffers(torch.cat([past_u, u], 1), sequence))
-    for cut in (1, 7):
-        check_pieces(predictor, u, state, feedback, cut)
-
-
-@pytest.mark.parametrize("mode", ["parallel", "series-parallel"])
-def test_gradients_are_the_finite_differences(mode: str) -> None:
-    predictor = built(2, 2, 2, 1, hidden=2, mode=mode)
-    u, y = noise(2, 4, 2, seed=1).requires_grad_(), noise(2, 4, 1, seed=2)
-    state = noise(2, predictor.layout.size, seed=4).requires_grad_()
-    check_slopes(Called(predictor, lambda *data: (predictor.training_rollout(*data),)), u, y, state)
 
 
 def test_series_parallel_training_looks_at_one_step_predictions() -> None:
