@@ -1,6 +1,8 @@
 """A small data set of a known system, registered as a plug-in would register its own."""
 
+import logging
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,10 +10,15 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from bench.claims.manifest import entered
+from bench.cli import cli, main
 from registry.contracts import Channel, Dataset, Recording, RecordingSet, Split
 from registry.core import DATASETS, option
+
+Typed = Callable[..., tuple[int, str, str]]
+"""A command with its arguments → exit code, stdout, stderr."""
 
 
 @DATASETS.register("toy")
@@ -91,3 +98,44 @@ def bench_data() -> Path:
     if not os.environ.get("BENCH_DATA") or not folder.is_dir():
         pytest.skip("BENCH_DATA names no folder of real recordings")
     return folder
+
+
+def command(*arguments: object) -> str:
+    """What `bench` with these arguments prints.
+
+    Raises:
+        Exception: what the command raises, a `BenchError` where it refuses.
+    """
+    done = CliRunner().invoke(cli, list(map(str, arguments)))
+    if done.exception is not None:
+        raise done.exception
+    return done.output
+
+
+@pytest.fixture
+def typed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Typed]:
+    """`bench` as a user types it, in this process."""
+    log = logging.getLogger("registry")
+    handlers, level = list(log.handlers), log.level
+    for name in ("OMP_NUM_THREADS", "PYTHONSAFEPATH"):
+        monkeypatch.setenv(name, "1")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["bench", *map(str, arguments)])
+        capsys.readouterr()
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        return code, *capsys.readouterr()
+
+    yield run
+    log.handlers[:] = handlers
+    log.setLevel(level)
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty folder for simulated flights."""
+    return tmp_path_factory.mktemp("flights")

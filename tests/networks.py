@@ -37,6 +37,18 @@ def close(actual: Tensor, expected: np.ndarray | Tensor, rtol: float = 1e-12) ->
     np.testing.assert_allclose(actual.detach().numpy(), expected, rtol=rtol, atol=1e-12)
 
 
+def check_pieces(
+    predictor: Predictor, u: Tensor, state: Tensor, feedback: Tensor | None = None, cut: int = 5, atol: float = 1e-10
+) -> None:
+    """A horizon in two pieces is the horizon; ``atol``: of the state after it, which may be large."""
+    whole, end = predictor.rollout(u, state, feedback)
+    fed = (None, None) if feedback is None else (feedback[:, :cut], feedback[:, cut:])
+    first, middle = predictor.rollout(u[:, :cut], state, fed[0])
+    second, last = predictor.rollout(u[:, cut:], middle, fed[1])
+    torch.testing.assert_close(torch.cat([first, second], 1), whole, rtol=1e-10, atol=1e-10)
+    torch.testing.assert_close(last, end, rtol=1e-10, atol=atol)
+
+
 class Called(nn.Module):
     """A function of the data alone, its network a part of it, so that weights can be set from outside."""
 

@@ -129,7 +129,7 @@ KEY = "0" * 32
         (_changed_json("record.json", spec="x" * 1000), "spec"),
         (_changed_json("record.json", horizon="40"), "horizon"),
         (_changed_json("record.json", metrics={"rmsse": float("nan")}), "metrics"),
-        (_changed_json("record.json", surprise=1), "nobody knows"),
+        (_changed_json("record.json", surprise=1), "unknown key, 'surprise'"),
         (_changed_json("provenance.json", started_ms=10**30), "started_ms"),
         (_replaced("curve.parquet", b"PAR1"), "not the file that was recorded"),
         (_replaced("record.json", b"\x00" * (5 << 20)), "larger than 4 MiB"),

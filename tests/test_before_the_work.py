@@ -1,13 +1,12 @@
 """What would end a command after its work, or never, ends it before: outputs, empty names, caches, compilers."""
 
 import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from conftest import Typed
 
-from bench.cli import main
 from bench.tracking.server import connected
 from registry.cache import cache_folder
 from registry.errors import BenchError
@@ -30,15 +29,12 @@ OUTPUTS = [
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+def bench(typed: Typed) -> Callable[..., str]:
     """The command in this process; what it says where it ends with exit code 2."""
 
     def run(*arguments: str | Path) -> str:
-        monkeypatch.setattr(sys, "argv", ["bench", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        said = capsys.readouterr().err
-        assert stop.value.code == 2 and len(said.splitlines()) <= 2, said
+        code, _, said = typed(*arguments)
+        assert code == 2 and len(said.splitlines()) <= 2, said
         return said
 
     return run

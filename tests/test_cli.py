@@ -1,19 +1,15 @@
 """Commands as a user types them: what they print, and one sentence and exit code 2 for every mistake."""
 
-import logging
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import Typed
 
-from bench.cli import main
 from bench.records import record
-
-Answer = Callable[..., tuple[int, str, str]]
 
 
 def bench(*args: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -28,30 +24,13 @@ def bench(*args: str, cwd: Path, **environment: str) -> subprocess.CompletedProc
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Iterator[Answer]:
-    """`bench` with arguments, typed in ``tmp_path`` and answered in this process: exit code, stdout and stderr."""
-    log = logging.getLogger("registry")
-    handlers, level = list(log.handlers), log.level
-    for name in ("OMP_NUM_THREADS", "PYTHONSAFEPATH"):
-        monkeypatch.setenv(name, "1")
+def here(typed: Typed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Typed:
+    """`bench`, typed in ``tmp_path``."""
     monkeypatch.chdir(tmp_path)
-
-    def typed(*args: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["bench", *args])
-        capfd.readouterr()
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        return code, *capfd.readouterr()
-
-    yield typed
-    log.handlers[:] = handlers
-    log.setLevel(level)
+    return typed
 
 
-def test_every_entry_is_listed_and_explained(here: Answer) -> None:
+def test_every_entry_is_listed_and_explained(here: Typed) -> None:
     listed = here("list")[1]
     for name in ("LSTM TDL", "MLFC", "linear", "Washout", "RNN", "nanodrone", "pelican_twin", "washout_vs_mlp"):
         assert name in listed
@@ -98,7 +77,7 @@ def test_every_entry_is_listed_and_explained(here: Answer) -> None:
     ],
 )
 def test_a_mistake_is_one_sentence(
-    command: tuple[str, ...], says: str, tmp_path: Path, here: Answer, monkeypatch: pytest.MonkeyPatch
+    command: tuple[str, ...], says: str, tmp_path: Path, here: Typed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("")
     before = sorted(tmp_path.rglob("*"))
@@ -117,7 +96,7 @@ def _cache(tmp_path: Path, command: tuple[str, ...]) -> str:
     return str(tmp_path / "cache") if "--dataset" in command else real
 
 
-def test_one_configuration_from_data_to_prediction(tmp_path: Path, here: Answer) -> None:
+def test_one_configuration_from_data_to_prediction(tmp_path: Path, here: Typed) -> None:
     done = bench(
         "run", "MLFC: 1x8 - MLP: 9x10", "-T", "5", "--set", "training.updates=20", "--set", "test_stride=100",
         "--no-track", cwd=tmp_path,
@@ -143,7 +122,7 @@ def test_one_configuration_from_data_to_prediction(tmp_path: Path, here: Answer)
     assert "3 already recorded, 0 to do" in " ".join(again.split())
 
 
-def test_an_altered_record_is_found_and_pruned(tmp_path: Path, here: Answer) -> None:
+def test_an_altered_record_is_found_and_pruned(tmp_path: Path, here: Typed) -> None:
     here("run", "constant", "-T", "5", "--set", "test_stride=100", "--no-track")
     run = next(record.all_records(tmp_path / "results" / "runs"))
     (run.folder / "steps.parquet").write_bytes(b"broken")

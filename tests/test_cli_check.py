@@ -14,31 +14,24 @@ from typing import Any
 import numpy as np
 import pytest
 import synthetic_study
+from conftest import Typed
 from scipy.special import stdtrit
 from synthetic_evidence import concluded
 from test_native import kernel
 
 from bench.claims import published as regression
-from bench.cli import main
 
 Bench = Callable[..., tuple[int, str]]
 WHERE = Path("washout_vs_mlp/helicopter_twin/study.json")
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Bench:
-    """The command as a user types it: exit code and everything printed."""
+def bench(typed: Typed) -> Bench:
+    """`bench check`: exit code and everything printed."""
 
     def run(*arguments: Any) -> tuple[int, str]:
-        monkeypatch.setattr(sys, "argv", ["bench", "check", *map(str, arguments)])
-        capsys.readouterr()
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        printed = capsys.readouterr()
-        return code, printed.out + printed.err
+        code, out, error = typed("check", *arguments)
+        return code, out + error
 
     return run
 

@@ -181,7 +181,7 @@ def test_a_worker_of_another_kind_is_refused(fleet: Path) -> None:
 
     todo = planned(fleet)
     member = todo.todo[0]
-    with pytest.raises(BenchError, match="would make other answers: its cpu differs"):
+    with pytest.raises(BenchError, match="would give other results: its cpu differs"):
         work(known_fleet.read, member, todo.options, todo.keys[member.id], {**environment(), "cpu": "other"})
     said, files = work(known_fleet.read, member, todo.options, "0" * 32, dict(environment()))
     assert "changed meanwhile" in said and not files

@@ -4,7 +4,7 @@ import numpy as np
 import oracle
 import pytest
 import torch
-from networks import Called, Trained, check_group, check_slopes, close, noise, vivid, weights
+from networks import Trained, check_slopes, close, noise, vivid, weights
 from torch import nn
 
 from registry import INITIALIZERS, PREDICTORS
@@ -51,10 +51,6 @@ def test_rollout_and_final_state_follow_the_equations(layers: int, m: int, n: in
     close(outputs, want[0])
     close(end, want[1])
     close(predictor.readout(end, u[:, -1]), want[0][:, -1])
-    first, middle = predictor.rollout(u[:, :5], state, None if feedback is None else feedback[:, :5])
-    second, last = predictor.rollout(u[:, 5:], middle, None if feedback is None else feedback[:, 5:])
-    close(torch.cat([first, second], 1), want[0])
-    close(last, want[1])
 
 
 def test_layers_are_those_of_torch_where_nothing_is_fed_back() -> None:
@@ -81,24 +77,6 @@ def test_gradient_is_the_finite_difference(how: str, options: dict[str, int]) ->
     initializer = INITIALIZERS.get(how)(history=4, **options).build(predictor, predictor.problem)
     u_past, u = noise(2, 4, 2, seed=1).requires_grad_(), noise(2, 4, 2, seed=3).requires_grad_()
     check_slopes(vivid(Trained(predictor, initializer)), u_past, noise(2, 4, 1, seed=2), u, noise(2, 4, 1, seed=4))
-
-
-@pytest.mark.parametrize("measured", [False, True], ids=["own", "measured"])
-def test_gradient_of_the_run_is_the_finite_difference(measured: bool) -> None:
-    predictor = built(2, 2, 1, hidden=2)
-    u, state = noise(2, 4, 2, seed=3).requires_grad_(), noise(2, predictor.layout.size, seed=4).requires_grad_()
-    check_slopes(Called(predictor, predictor.rollout), u, state, noise(2, 4, 1, seed=5) if measured else None)
-
-
-@pytest.mark.parametrize(("layers", "how", "batch"), [(1, "MLP", 64), (2, "Washout", 7), (2, "RNN", 64)])
-def test_training_in_a_group_changes_no_bit(layers: int, how: str, batch: int) -> None:
-    models = []
-    for seed in range(3):
-        torch.manual_seed(seed)
-        predictor = PREDICTORS.get("GRU")(layers=layers, hidden=50).build(Problem.plain(4, 1, 40, TAU))
-        initializer = INITIALIZERS.get(how)(history=TAU).build(predictor, predictor.problem)
-        models.append(Trained(predictor, initializer))
-    check_group(models, [(TAU, 4), (TAU, 1), (40, 4), (40, 1)], batch, 1e-6)
 
 
 def test_weight_count_and_biases() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import oracle
 import pytest
 import torch
-from networks import Called, check_slopes, leaves, noise, vivid
+from networks import Called, check_pieces, check_slopes, leaves, noise, vivid
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.func import functional_call
@@ -101,11 +101,7 @@ def test_a_model_file_brings_effects_whose_memory_is_that_of_the_history(tmp_pat
             behind = tau * (two - one) / 0.005
             lagging = two - behind + (lagging - one + behind) * np.exp(-0.005 / tau)
     np.testing.assert_allclose(state[:, -4:], lagging, rtol=1e-10)
-    whole, end = predictor.rollout(scaled_u, state)
-    first, middle = predictor.rollout(scaled_u[:, :5], state)
-    second, last = predictor.rollout(scaled_u[:, 5:], middle)
-    torch.testing.assert_close(torch.cat([first, second], 1), whole)
-    torch.testing.assert_close(last, end)
+    check_pieces(predictor, scaled_u, state, atol=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -276,12 +272,7 @@ def test_a_horizon_in_two_pieces_is_the_horizon(tmp_path: Path, entry: str, effe
     u_past, y_past, u = scaled(predictor, *windows())
     state, y = initialized(predictor, u_past, y_past), noise(WINDOWS, HORIZON, 6, seed=9)
     for feedback in (None, y):
-        parts = (None, None) if feedback is None else (y[:, :5], y[:, 5:])
-        whole, end = predictor.rollout(u, state, feedback)
-        first, middle = predictor.rollout(u[:, :5], state, parts[0])
-        second, last = predictor.rollout(u[:, 5:], middle, parts[1])
-        torch.testing.assert_close(torch.cat([first, second], 1), whole, rtol=1e-10, atol=1e-10)
-        torch.testing.assert_close(last, end, rtol=1e-10, atol=1e-7)
+        check_pieces(predictor, u, state, feedback, atol=1e-7)
 
 
 def test_what_the_output_model_says_is_added_or_stands_alone_or_is_left_out() -> None:

@@ -1,34 +1,23 @@
 """Names that a terminal library reads as markup: of data, recordings, columns, folders, studies."""
 
 import json
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
-import pytest
+from conftest import Typed
 from faults.test_foreign_code import SMALL, SPEC, TOML, spring
 from rich.console import Console
 
-from bench.cli import main, progress
+from bench.cli import progress
 
 NAME = "[/] [bold]x[/b] [red"
 
 
-@pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    def run(*arguments: str | Path) -> str:
-        monkeypatch.setattr(sys, "argv", ["bench", *map(str, arguments)])
-        try:
-            main()
-        except SystemExit as stop:
-            assert stop.code in (0, 2), arguments
-        printed = capsys.readouterr()
-        return printed.out + printed.err
+def test_markup_in_every_name_is_printed_as_it_is(tmp_path: Path, typed: Typed) -> None:
+    def bench(*arguments: str | Path) -> str:
+        code, out, error = typed(*arguments)
+        assert code in (0, 2), arguments
+        return out + error
 
-    return run
-
-
-def test_markup_in_every_name_is_printed_as_it_is(tmp_path: Path, bench: Callable[..., str]) -> None:
     folder, results = tmp_path / NAME.replace("/", "|"), tmp_path / "[|red]results[red]"
     folder.mkdir()
     spring(folder)

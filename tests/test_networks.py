@@ -91,19 +91,6 @@ def test_layout_counts_buffers_hidden_and_cell_states(case: Case) -> None:
 
 
 @over(TWO_LAYERS)
-def test_a_horizon_in_two_pieces_is_the_horizon(case: Case) -> None:
-    predictor = case.build()
-    u, state, y = noise(2, 30, case.n_inputs, seed=3), noise(2, predictor.layout.size, seed=4), noise(2, 30, 2, seed=5)
-    for feedback in (None, y):
-        parts = (None, None) if feedback is None else (y[:, :13], y[:, 13:])
-        whole, end = predictor.rollout(u, state, feedback)
-        first, middle = predictor.rollout(u[:, :13], state, parts[0])
-        second, last = predictor.rollout(u[:, 13:], middle, parts[1])
-        torch.testing.assert_close(torch.cat([first, second], dim=1), whole, rtol=1e-12, atol=1e-12)
-        torch.testing.assert_close(last, end, rtol=1e-12, atol=1e-12)
-
-
-@over(TWO_LAYERS)
 def test_strides_and_gradient_recording_change_nothing(case: Case) -> None:
     predictor = case.build()
     u = noise(12, 3, case.n_inputs, seed=3).transpose(0, 1)
@@ -245,9 +232,8 @@ def small(name: str, dropout: float = 0.0) -> Predictor:
 
 @pytest.mark.parametrize("name", ["LSTM", "LSTM TDL", "MLFC"])
 @pytest.mark.parametrize("measured", [False, True], ids=["own", "measured"])
-@pytest.mark.parametrize("dropout", [0.0, 0.4])
-def test_rollout_gradient_is_the_finite_difference(name: str, measured: bool, dropout: float) -> None:
-    predictor = small(name, dropout).train()
+def test_rollout_gradient_with_dropout_is_the_finite_difference(name: str, measured: bool) -> None:
+    predictor = small(name, 0.4).train()
     feedback = noise(2, 4, 1, seed=5) if measured else None  # data: needs no gradient
     u, state = noise(2, 4, 2, seed=3).requires_grad_(), noise(2, predictor.layout.size, seed=4).requires_grad_()
 

@@ -2,15 +2,15 @@
 
 import io
 import shlex
-import sys
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from conftest import Typed
 from swing import TOML, write_swing
 
 import bench as api
-from bench.cli import cli, main
+from bench.cli import cli
 from bench.diagnose.evidence import Evidence
 from bench.diagnose.logs.load import load
 from bench.diagnose.report.sentences import commands
@@ -151,18 +151,13 @@ def test_a_file_in_the_place_of_its_folder(here: Path) -> None:
         assert str(done.exception) == "my logs/run_1.csv is a file: give the folder that holds it, my logs."
 
 
-def test_a_wrong_dataset_toml_ends_in_exit_code_2(
-    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_dataset_toml_ends_in_exit_code_2(here: Path, monkeypatch: pytest.MonkeyPatch, typed: Typed) -> None:
     from bench.diagnose.checks.description.mistake import Mistake
 
     wrong = Mistake("unit", "speed", ("run_1",), "it is in cm/s", ('speed = {columns = ["v"], unit = "cm/s"}',))
     monkeypatch.setattr("bench.diagnose.checks.description.checklist.check", lambda *_: [wrong])
-    monkeypatch.setattr(sys, "argv", ["bench", "data", "check", "my logs", "--system", "mine.py:Swing"])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert stop.value.code == 2
-    assert "then: bench data check 'my logs' --system mine.py:Swing" in capsys.readouterr().out
+    code, out, _ = typed("data", "check", "my logs", "--system", "mine.py:Swing")
+    assert code == 2 and "then: bench data check 'my logs' --system mine.py:Swing" in out
 
 
 def test_steps_take_a_name_or_a_folder_and_one_id(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:

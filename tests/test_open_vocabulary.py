@@ -6,9 +6,8 @@ import matrix
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from conftest import command as bench
 
-from bench.cli import cli
 from bench.records import record
 from registry.contracts import Channel
 from registry.datasets.folder.dataset import Folder
@@ -16,13 +15,6 @@ from registry.datasets.folder.draft import draft
 from registry.datasets.signals import recording
 from registry.errors import BenchError
 from registry.units import Signal, conversion
-
-
-def bench(*arguments: object) -> str:
-    done = CliRunner().invoke(cli, [str(a) for a in arguments])
-    if done.exception is not None:
-        raise done.exception
-    return done.output
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from conftest import Typed
+from conftest import command as bench
 
-from bench.cli import cli
 from bench.diagnose import load
 from registry.core import DATASETS, PHYSICS
 from registry.dynamics import constant
@@ -45,18 +45,6 @@ def hover(folder: Path, without: tuple[str, ...] = ()) -> Path:
     lines += ["[physics]", *(f"{n} = {v}" for n, v in CONSTANTS.items() if n not in without)]
     (folder / "dataset.toml").write_text("\n".join(lines))
     return folder
-
-
-def bench(*arguments: object) -> str:
-    """What a command prints.
-
-    Raises:
-        BenchError: what it refuses.
-    """
-    done = CliRunner().invoke(cli, [str(a) for a in arguments])
-    if done.exception is not None:
-        raise done.exception
-    return done.output
 
 
 def test_a_position_that_nothing_looks_at_need_not_be_measured(tmp_path: Path) -> None:
@@ -117,14 +105,14 @@ def test_what_is_left_to_the_default_is_said(tmp_path: Path) -> None:
     assert note == "Not stated, and assumed where an effect looks at it: rotor radius = 0.127 m."
 
 
-def test_a_draft_is_not_diagnosed(tmp_path: Path) -> None:
+def test_a_draft_is_not_diagnosed(tmp_path: Path, typed: Typed) -> None:
     folder = hover(tmp_path / "flights")
     (folder / "dataset.toml").unlink()
     bench("data", "init", folder)
     with pytest.raises(BenchError, match="does not state mass"):
         bench("diagnose", folder)
-    done = CliRunner().invoke(cli, ["data", "check", str(folder)])
-    assert "dataset.toml still says TODO" in done.output and "does not state mass" in str(done.exception)
+    code, said, refused = typed("data", "check", folder)
+    assert code == 2 and "dataset.toml still says TODO" in said and "does not state mass" in refused
 
 
 def test_constants_of_a_registered_data_set_are_its_own() -> None:

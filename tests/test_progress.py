@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from bench.cli import progress, stages
-from bench.cli.stages import DIAGNOSE, EARLY, Course
+from bench.cli.stages import DIAGNOSE, EARLY, StageProgress
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 @pytest.mark.parametrize("pace", [0.5, 3.0])
 def test_stages_that_take_what_they_cost_tell_the_time_left(clock: list[float], pace: float) -> None:
-    course, total = Course(DIAGNOSE), sum(seconds for seconds, _ in DIAGNOSE.values())
+    course, total = StageProgress(DIAGNOSE), sum(seconds for seconds, _ in DIAGNOSE.values())
     course.begin("read")
     assert not course.share
     assert course.left is None
@@ -35,7 +35,7 @@ def test_stages_that_take_what_they_cost_tell_the_time_left(clock: list[float], 
 
 
 def test_a_stage_that_takes_long_does_not_pass_its_end(clock: list[float]) -> None:
-    course = Course({"first": (1.0, 1), "second": (1.0, 1), "third": (2.0, 1)})
+    course = StageProgress({"first": (1.0, 1), "second": (1.0, 1), "third": (2.0, 1)})
     course.begin("first")
     clock[0] += 1
     course.begin("second")
@@ -47,7 +47,7 @@ def test_a_stage_that_takes_long_does_not_pass_its_end(clock: list[float]) -> No
 
 
 def test_the_bar_does_not_go_back(clock: list[float]) -> None:
-    course = Course({"first": (1.0, 1), "second": (8.0, 4)})
+    course = StageProgress({"first": (1.0, 1), "second": (8.0, 4)})
     course.begin("first")
     clock[0] += 1
     course.begin("second")
@@ -58,12 +58,12 @@ def test_the_bar_does_not_go_back(clock: list[float]) -> None:
 
 
 def test_nothing_is_said_of_what_nobody_foresees(clock: list[float]) -> None:
-    course = Course(DIAGNOSE)
+    course = StageProgress(DIAGNOSE)
     course.begin("noise")
     clock[0] += 1
     course.begin("learned terms")
     assert course.share is course.left is None
-    assert Course({}).left is None
+    assert StageProgress({}).left is None
 
 
 @pytest.mark.parametrize("terminal", [True, False])

@@ -2,16 +2,15 @@
 
 import json
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import Typed
 
 from bench.api.check import published_folder
 from bench.claims.gathering import gather
-from bench.cli import main
 from bench.execution import estimate
 from bench.experiment import study
 from bench.experiment.config import RunConfig
@@ -56,7 +55,7 @@ def baseline(dataset: Dataset) -> list[RunConfig]:
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Bench:
+def bench(monkeypatch: pytest.MonkeyPatch, typed: Typed) -> Bench:
     """A command as a user types it, with a study of two small networks: exit code and everything printed."""
     made = Study(NAME, "two", "which?", "nowhere", "toy", runs, ())
     monkeypatch.setattr(study, "studies", lambda: {NAME: made})
@@ -64,15 +63,8 @@ def bench(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     monkeypatch.setattr(study, "default_datasets", lambda: {NAME: "toy"})
 
     def run(*arguments: Any) -> tuple[int, str]:
-        monkeypatch.setattr(sys, "argv", ["bench", *map(str, arguments)])
-        capsys.readouterr()
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        printed = capsys.readouterr()
-        return code, " ".join((printed.out + printed.err).split())
+        code, out, error = typed(*arguments)
+        return code, " ".join((out + error).split())
 
     return run
 

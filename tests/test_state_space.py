@@ -7,7 +7,7 @@ import oracle
 import pytest
 import torch
 from conftest import Toy
-from networks import Called, check_slopes, close, noise, vivid, weights
+from networks import close, noise, vivid, weights
 
 from bench.execution import engine
 from bench.experiment.config import RunConfig, Training
@@ -178,24 +178,6 @@ def test_the_encoder_is_a_network_beside_a_linear_map(name: str) -> None:
 
 
 # ----------------------------------------------------------------------------------------------------- contracts
-
-
-@over
-def test_a_horizon_in_two_pieces_is_the_horizon(name: str) -> None:
-    predictor = built(name)
-    u, state = noise(2, 30, 3, seed=3), 0.3 * noise(2, predictor.layout.size, seed=4)
-    whole, end = predictor.rollout(u, state)
-    first, middle = predictor.rollout(u[:, :13], state)
-    second, last = predictor.rollout(u[:, 13:], middle)
-    torch.testing.assert_close(torch.cat([first, second], 1), whole, rtol=1e-10, atol=1e-10)
-    torch.testing.assert_close(last, end, rtol=1e-10, atol=1e-10)
-
-
-@over
-def test_gradients_are_the_finite_differences(name: str) -> None:
-    predictor = built(name, 2, 1)
-    u, state = noise(2, 5, 2, seed=3).requires_grad_(), noise(2, predictor.layout.size, seed=4).requires_grad_()
-    check_slopes(Called(predictor, predictor.rollout), u, state)
 
 
 @pytest.mark.parametrize("name", ["LRU", "SUBNET"])

@@ -4,12 +4,10 @@ import numpy as np
 import oracle
 import pytest
 import torch
-from networks import Called, check_slopes, close, noise, vivid, weights
+from networks import close, noise, vivid, weights
 
-from bench.experiment.notation import parse, write
 from registry import PREDICTORS
 from registry.contracts import Predictor, Problem
-from registry.errors import BenchError
 
 SHAPES = [(1, 3, 2, 2), (2, 3, 2, 2), (3, 2, 3, 1), (2, 0, 2, 1)]
 
@@ -68,20 +66,6 @@ def test_runs_follow_the_equations(layers: int, m: int, kernel: int, n: int, mea
     sequence = torch.cat([past_y, y if measured else torch.from_numpy(want)], 1)
     if tau > predictor.history:
         close(end, predictor.init_buffers(torch.cat([past_u, u], 1), sequence))
-    for cut in (1, 7):
-        pieces = (None, None) if feedback is None else (feedback[:, :cut], feedback[:, cut:])
-        first, middle = predictor.rollout(u[:, :cut], state, pieces[0])
-        second, last = predictor.rollout(u[:, cut:], middle, pieces[1])
-        close(torch.cat([first, second], 1), want)
-        close(last, end.detach())
-
-
-@pytest.mark.parametrize("mode", ["parallel", "series-parallel"])
-def test_gradients_are_the_finite_differences(mode: str) -> None:
-    predictor = built(2, 2, 2, 1, hidden=2, mode=mode)
-    u, y = noise(2, 4, 2, seed=1).requires_grad_(), noise(2, 4, 1, seed=2)
-    state = noise(2, predictor.layout.size, seed=4).requires_grad_()
-    check_slopes(Called(predictor, lambda *data: (predictor.training_rollout(*data),)), u, y, state)
 
 
 def test_series_parallel_training_looks_at_one_step_predictions() -> None:
@@ -90,11 +74,3 @@ def test_series_parallel_training_looks_at_one_step_predictions() -> None:
     assert torch.equal(predictor.training_rollout(u, y, state), predictor.rollout(u, state, y)[0])
     assert torch.equal(free.training_rollout(u, y, state), free.rollout(u, state)[0])
     assert not torch.allclose(free.training_rollout(u, y, state), predictor.training_rollout(u, y, state))
-
-
-def test_notation_has_a_size_and_no_initializer() -> None:
-    predictor, initializer = parse("TCN: 4x30")
-    assert (predictor.layers, predictor.hidden, initializer) == (4, 30, None)
-    assert write(predictor, None) == "TCN: 4x30"
-    with pytest.raises(BenchError, match="no states to initialize"):
-        parse("TCN: 4x30 - MLP: 9x10")

@@ -96,7 +96,7 @@ def main() -> None:
     """Entry point: a user's mistake is one sentence and exit code 2, Ctrl-C is exit code 130."""
     one_thread_by_default()
     os.environ["PYTHONSAFEPATH"] = "1"  # no child imports what lies in the working directory
-    _speak()
+    _log_to_stderr()
     try:
         code = cli.main(standalone_mode=False)  # that of `click.exceptions.Exit`, which is not raised again
         if isinstance(code, int) and code:
@@ -117,7 +117,7 @@ def main() -> None:
         sys.exit(141)
 
 
-def _speak() -> None:
+def _log_to_stderr() -> None:
     """What the registry logs, such as that it is simulating, goes to stderr."""
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("%(message)s"))

@@ -4,16 +4,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from bench.cli.execution_options import Execution
 from bench.cli.job import Job
-from bench.cli.place import Place
 from bench.cli.progress import clock
 from bench.execution.engine import Plan
 from bench.execution.estimate import seconds
 
 
-def estimate(out: Console, jobs: list[tuple[Job, Plan]], place: Place) -> None:
+def estimate(out: Console, jobs: list[tuple[Job, Plan]], execution: Execution) -> None:
     """Print a row a study, or a row a kind of run where there is one study; nothing is trained to the end."""
-    workers = place.processes
+    workers = execution.processes
     table = Table(title="what it would cost: updates timed on this machine", title_justify="left")
     table.add_column("configuration" if len(jobs) == 1 else "study", max_width=48)
     for name in ("runs", "recorded", "updates", "time on one core"):

@@ -1,7 +1,6 @@
 """What the diagnosing commands share: measurements and models in, tables, files and MLflow runs out."""
 
 import json
-import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -91,15 +90,6 @@ def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None
     return [n for n in (catalogue or EFFECTS.outline()) if n not in without]
 
 
-def check_writable(*targets: Path | None) -> None:
-    """Raise `BenchError` where a file or folder could not be made, before the work shows it."""
-    for target in targets:
-        if target is not None:
-            there = next(p for p in (target, *target.absolute().parents) if p.exists())
-            if (there != target and not there.is_dir()) or not os.access(there, os.W_OK):
-                raise BenchError(f"{target} cannot be written: {there} is no folder that you may write to.")
-
-
 def check_effects(names: Sequence[str]) -> None:
     """Raise `BenchError` where the catalogue has no effect of such a name; what asks to learn a term is none."""
     for name in names:
@@ -108,17 +98,22 @@ def check_effects(names: Sequence[str]) -> None:
 
 
 def folder_for(source: str, out: Path | None) -> Path:
-    """Where files are written: ``out``, or beside the data."""
+    """Where files are written: ``out``, or beside the data.
+
+    Raises:
+        BenchError: nothing can be written there.
+    """
     if out is not None:
         return out
     _refuse_file(source)
-    return Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
+    beside = Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
+    return options.Output(folder=True).convert(beside, None, None)
 
 
 # ------------------------------------------------------------------------------------------------ what comes out
 
 
-def say_problems(subject: "Subject") -> None:
+def print_problems(subject: "Subject") -> None:
     """Say what is wrong with the data before a step that would take it for physics."""
     from bench.diagnose.checks.problems import problems
     from bench.diagnose.report.phrases import gathered
@@ -147,17 +142,17 @@ def write_model(target: Path, model: "PhysicsModel", effects: "Sequence[NamedEff
     return [target, former]
 
 
-def say_diagnosis(found: "Diagnosis") -> None:
+def print_diagnosis(found: "Diagnosis") -> None:
     """Print the summary, and how to go on although the data have a problem."""
     from bench.diagnose.report import terminal_summary
 
     terminal_summary.print_summary(found, options.console())
     if found.verdict == "data_problem":
         again = [w for k in dict.fromkeys(p.kind for p in found.data_problems) for w in ("--ignore-problem", k)]
-        say_next(found.evidence.command("diagnose", *again), "if that is no fault (or --exclude RECORDING)")
+        print_next(found.evidence.command("diagnose", *again), "if that is no fault (or --exclude RECORDING)")
 
 
-def say_written(console: Any, written: Sequence[Path]) -> None:
+def print_written(console: Any, written: Sequence[Path]) -> None:
     """Name the files, and what a former model is called now."""
     former = " (the model that was there)" if written[-1].name == "model.previous.toml" else ""
     console.print(f"\nWrote {', '.join(map(str, written))}{former}", highlight=False, markup=False, soft_wrap=True)
@@ -273,7 +268,7 @@ def asked(
     return Asked(system or "", str(model_file or ""), str(out or ""), tuple(words), tuple(settings))
 
 
-def say_next(command: str, why: str) -> None:
+def print_next(command: str, why: str) -> None:
     """Print what to type next."""
     click.echo(f"Next, {why}: {command}")
 

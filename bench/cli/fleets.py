@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from bench.cli import options
+from bench.cli.execution_options import Execution, portable
 from bench.cli.names import check_system
-from bench.cli.place import Place, portable
 from bench.cli.progress import announcer, clock, meter
 from bench.experiment.datasets import registered
 from registry.core import EFFECTS
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from bench.fleet.stored import Stored
 
 
-def is_fleet(source: str, vehicles: Sequence[str], place: Place, exclude: Sequence[str]) -> bool:
+def is_fleet(source: str, vehicles: Sequence[str], execution: Execution, exclude: Sequence[str]) -> bool:
     """Whether a name means a folder of several vehicles.
 
     Raises:
@@ -39,7 +39,7 @@ def is_fleet(source: str, vehicles: Sequence[str], place: Place, exclude: Sequen
         several = members.is_fleet(source)
     if several and exclude:
         raise BenchError("--exclude names a recording of one data set, not of a fleet: take its file away.")
-    if not several and (vehicles or place.workers or place.cluster):
+    if not several and (vehicles or execution.workers or execution.cluster):
         raise BenchError(f"{source} is no fleet: --vehicle, --workers and --cluster are for several vehicles.")
     return several
 
@@ -68,7 +68,7 @@ def fleet_options(
 
 
 def diagnose_fleet(
-    source: str, chosen: "Options", vehicles: Sequence[str], folder: Path, to_json: Path | None, place: Place
+    source: str, chosen: "Options", vehicles: Sequence[str], folder: Path, to_json: Path | None, execution: Execution
 ) -> None:
     """Diagnose what is not kept yet, write the fleet's page, print the summary.
 
@@ -84,7 +84,7 @@ def diagnose_fleet(
     from bench.fleet.members import members
 
     out, fleet = options.console(), members(source, tuple(vehicles))
-    with lock.held(folder, f"the fleet {source}"), mirroring(place, f"fleet: {fleet.name}", None) as mirror:
+    with lock.held(folder, f"the fleet {source}"), mirroring(execution, f"fleet: {fleet.name}", None) as mirror:
         stored.tidy(folder)
         with announcer(out) as tick:
             todo = plan(fleet, chosen, folder, lambda m: tick(f"look at {m.id}"))
@@ -92,7 +92,7 @@ def diagnose_fleet(
             click.echo(f"note: {note}", err=True)
         ready, counts = list(todo.done.values()), (len(fleet.members), len(todo.done), len(todo.todo))
         out.print("[bold]{}[/]: {} vehicles, {} already diagnosed, {} to do.".format(escape(fleet.name), *counts))
-        _carry_out(out, todo, place, lambda answer: mirror.vehicles([answer.folder]) if mirror else None)
+        _carry_out(out, todo, execution, lambda answer: mirror.vehicles([answer.folder]) if mirror else None)
         command = shlex.join(["bench", *portable(sys.argv[1:])])
         found = conclude(todo, command)
         if to_json is not None:
@@ -105,7 +105,7 @@ def diagnose_fleet(
         )
         if mirror:
             mirror.vehicles(answer.folder for answer in ready)
-            _say_mirrored(mirror.finish(), fleet.name)
+            _print_mirrored(mirror.finish(), fleet.name)
     if todo.problems:
         name, sentence = next(iter(todo.problems.items()))
         raise BenchError(
@@ -113,12 +113,12 @@ def diagnose_fleet(
         )
 
 
-def _carry_out(out: Console, todo: "Plan", place: Place, log: "Callable[[Stored], None]") -> None:
+def _carry_out(out: Console, todo: "Plan", execution: Execution, log: "Callable[[Stored], None]") -> None:
     from bench.fleet.fleet import execute
 
     if not todo.todo:
         return
-    left, workers = len(todo.todo), place.processes
+    left, workers = len(todo.todo), execution.processes
     with meter(out, sum(todo.sizes.values()) or 1.0, left, "vehicles") as progress:
 
         def finished(member: "Member", answer: "Stored | None") -> None:
@@ -127,12 +127,12 @@ def _carry_out(out: Console, todo: "Plan", place: Place, log: "Callable[[Stored]
             if answer is not None:
                 log(answer)
 
-        execute(todo, workers, place.cluster, lambda m: progress.start(m.id), finished)
-    by = f"on {place.cluster}" if place.cluster else f"with {min(workers, left)} process(es)"
+        execute(todo, workers, execution.cluster, lambda m: progress.start(m.id), finished)
+    by = f"on {execution.cluster}" if execution.cluster else f"with {min(workers, left)} process(es)"
     out.print(f"{left} vehicles in {clock(time.monotonic() - progress.started)} {escape(by)}.")
 
 
-def _say_mirrored(missing: int, name: str) -> None:
+def _print_mirrored(missing: int, name: str) -> None:
     if missing:
         click.echo(f"{missing} vehicles are not in MLflow yet: the same command logs them.")
     else:

@@ -11,7 +11,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from bench.cli.place import Place, portable
+from bench.cli.execution_options import Execution, portable
 from bench.cli.progress import clock, meter
 from bench.execution import engine, lock
 from bench.experiment.config import RunConfig
@@ -39,7 +39,7 @@ class Job:
         return self.asked.configs
 
 
-def say(out: Console, job: Job, todo: engine.Plan) -> int:
+def print_plan(out: Console, job: Job, todo: engine.Plan) -> int:
     """One line about what there is to do; returns the number of runs to do."""
     for sentence in todo.damaged:
         click.echo(f"bench: {sentence}", err=True)
@@ -50,14 +50,14 @@ def say(out: Console, job: Job, todo: engine.Plan) -> int:
     return models
 
 
-def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place, tables: bool = True) -> None:
+def carry_out(out: Console, job: Job, todo: engine.Plan, execution: Execution, tables: bool = True) -> None:
     """Train what is missing, then print the table and write figures; one driver at a time.
 
     Args:
         out: where it is said.
         job: what was asked for.
         todo: its plan.
-        place: where results go and who makes them.
+        execution: where results go, and what carries the work out.
         tables: print the table, and where the files are.
 
     Raises:
@@ -66,32 +66,36 @@ def carry_out(out: Console, job: Job, todo: engine.Plan, place: Place, tables: b
     from bench.records.finished import slug
     from bench.reporting import study_outputs
 
-    folder = place.results / "studies" / slug(job.title)
+    folder = execution.results / "studies" / slug(job.title)
     with (
         lock.held(folder, job.title),
-        mirroring(place, job.title, job.asked.target if job.asked.study else None) as mirror,
+        mirroring(execution, job.title, job.asked.target if job.asked.study else None) as mirror,
     ):
-        todo = engine.unrecorded(todo, place.runs)
-        models = say(out, job, todo)
-        workers = place.workers or min(os.cpu_count() or 1, max(1, sum(t.updates > 200 for t in todo.tasks)))
+        todo = engine.unrecorded(todo, execution.runs)
+        models = print_plan(out, job, todo)
+        workers = execution.workers or min(os.cpu_count() or 1, max(1, sum(t.updates > 200 for t in todo.tasks)))
         started = time.monotonic()
-        records = train_missing(out, todo, place, workers, lambda r: mirror.add([r.folder]) if mirror else None)
+        records = train_missing(out, todo, execution, workers, lambda r: mirror.add([r.folder]) if mirror else None)
         if models:
-            by = f"on {place.cluster}" if place.cluster else f"with {workers} process(es)"
+            by = f"on {execution.cluster}" if execution.cluster else f"with {workers} process(es)"
             out.print(f"{models} runs in {clock(time.monotonic() - started)} {escape(by)}.")
         if mirror:
-            mirror.add(place.runs / key for key in todo.done)
+            mirror.add(execution.runs / key for key in todo.done)
         command = shlex.join(["bench", *portable(job.command)])
         shown = out if tables else Console(quiet=True)
         files = study_outputs.write_outputs(shown, records, job.title, job.asked.study, command, folder)
         shown.print(f"Figure and tables: {escape(str(folder))}")
         if mirror:
             mirror.attach(files)
-            browse(shown, mirror.finish(), job.title, place)
+            browse(shown, mirror.finish(), job.title, execution)
 
 
 def train_missing(
-    out: Console, todo: engine.Plan, place: Place, workers: int, finished: Callable[[RunRecord], None] = lambda r: None
+    out: Console,
+    todo: engine.Plan,
+    execution: Execution,
+    workers: int,
+    finished: Callable[[RunRecord], None] = lambda r: None,
 ) -> list[RunRecord]:
     """Carry out a plan beside a bar; gives the records in its order, and each that is new to ``finished``."""
     with meter(out, sum(t.cost for t in todo.tasks) or 1.0, sum(len(t.configs) for t in todo.tasks)) as progress:
@@ -102,22 +106,22 @@ def train_missing(
 
         return engine.execute(
             todo,
-            place.runs,
+            execution.runs,
             workers,
             tick=progress.tick,
             finished=recorded,
             starting=lambda t: progress.start(t.name),
-            cluster=place.cluster,
+            cluster=execution.cluster,
         )
 
 
 @contextmanager
-def mirroring(place: Place, title: str, name: str | None) -> Iterator[Mirroring | None]:
+def mirroring(execution: Execution, title: str, name: str | None) -> Iterator[Mirroring | None]:
     """MLflow beside a study or sweep, gone with it; None where it is to be left alone."""
-    if place.no_track:
+    if execution.no_track:
         yield None
         return
-    uri = place.tracking or f"sqlite:///{place.results.resolve() / 'mlflow.db'}"
+    uri = execution.tracking or f"sqlite:///{execution.results.resolve() / 'mlflow.db'}"
     mirror = Mirroring(uri, title, name, lambda s: click.echo(f"bench: {s}", err=True))
     try:
         yield mirror
@@ -125,10 +129,10 @@ def mirroring(place: Place, title: str, name: str | None) -> Iterator[Mirroring 
         mirror.stop()
 
 
-def browse(out: Console, missing: int, title: str, place: Place) -> None:
+def browse(out: Console, missing: int, title: str, execution: Execution) -> None:
     """Where to look next."""
-    tracking = ["--tracking", place.tracking] if place.tracking else []
-    where = escape(shlex.join(["--results", str(place.results), *tracking]))
+    tracking = ["--tracking", execution.tracking] if execution.tracking else []
+    where = escape(shlex.join(["--results", str(execution.results), *tracking]))
     if missing:
         out.print(f"{missing} runs are not in MLflow yet: [bold]bench sync {where}[/] logs them.")
     else:

@@ -107,7 +107,7 @@ assignments = click.option(
 )
 
 
-def _filled(otherwise: str) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
+def _refuse_empty(otherwise: str) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
     """As a callback: refuse an empty text."""
 
     def look(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
@@ -118,18 +118,18 @@ def _filled(otherwise: str) -> Callable[[click.Context, click.Parameter, str | N
     return look
 
 
-named = _filled("it is empty: give a name or a folder.")
+not_empty = _refuse_empty("it is empty: give a name or a folder.")
 """An empty name would mean the default or the working directory."""
 dataset = click.option(
     "--dataset",
     metavar="NAME",
-    callback=named,
+    callback=not_empty,
     help="A registered data set (`bench list datasets`), or a folder that holds a dataset.toml.",
 )
 outputs = click.option(
     "--outputs",
     metavar="SIGNALS",
-    callback=_filled("it names no signal."),
+    callback=_refuse_empty("it names no signal."),
     help="What to predict, such as body_rates,velocity or body_rates.p.",
 )
 horizon = click.option(

@@ -22,7 +22,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from bench.cli.stages import Course, Stages
+from bench.cli.stages import StageProgress, Stages
 
 EVERY = 20.0
 """Seconds between two lines where there is no terminal."""
@@ -123,41 +123,38 @@ def announcer(console: Console, stages: Stages | None = None) -> Iterator[Callab
 
         yield line
         return
-    course = Course(stages or {})
-    columns = SpinnerColumn(), _Share(course), TimeElapsedColumn(), _Left(course), TextColumn("[dim]{task.description}")
+    progress = StageProgress(stages or {})
+    done, left = _DrawnColumn(lambda: _bar(progress.share)), _DrawnColumn(lambda: _time_left(progress.left))
+    columns = SpinnerColumn(), done, TimeElapsedColumn(), left, TextColumn("[dim]{task.description}")
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("reading", total=None)
 
         def say(what: str) -> None:
-            course.begin(what)
+            progress.begin(what)
             bar.update(task, description=escape(what))
 
         yield say
 
 
-class _Share(ProgressColumn):
-    """A bar of the share of a course that is done; nothing where nobody knows."""
+class _DrawnColumn(ProgressColumn):
+    """What a function gives each time that the line is drawn."""
 
-    def __init__(self, course: Course) -> None:
+    def __init__(self, draw: Callable[[], RenderableType]) -> None:
         super().__init__()
-        self.course = course
+        self.draw = draw
 
     def render(self, task: Task) -> RenderableType:
-        share = self.course.share
-        if share is None:
-            return Text()
-        bar = Table.grid(padding=(0, 1))
-        bar.add_row(ProgressBar(1.0, share, 30), f"{share:>3.0%}")
-        return bar
+        return self.draw()
 
 
-class _Left(ProgressColumn):
-    """The time that a course has left."""
+def _bar(share: float | None) -> RenderableType:
+    """A bar of the share that is done; nothing where it is not known."""
+    if share is None:
+        return Text()
+    bar = Table.grid(padding=(0, 1))
+    bar.add_row(ProgressBar(1.0, share, 30), f"{share:>3.0%}")
+    return bar
 
-    def __init__(self, course: Course) -> None:
-        super().__init__()
-        self.course = course
 
-    def render(self, task: Task) -> Text:
-        left = self.course.left
-        return Text("" if left is None else f"about {clock(left)} left")
+def _time_left(seconds: float | None) -> RenderableType:
+    return Text("" if seconds is None else f"about {clock(seconds)} left")

@@ -1,6 +1,5 @@
 """`bench settle` on its way: the plan, seeds added one by one, and what they settled."""
 
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -11,8 +10,8 @@ from rich.table import Table
 
 from bench.claims.estimate import OPEN, number
 from bench.claims.judge import Row
+from bench.cli.execution_options import Execution
 from bench.cli.job import Job, carry_out
-from bench.cli.place import Place
 from bench.cli.progress import clock
 from bench.execution import engine, estimate
 from bench.execution.engine import Plan
@@ -51,7 +50,7 @@ class Step:
         return self.seconds * max((r.needed - self.source.seeds for r in self.reachable(max_seeds)), default=0)
 
 
-def plan(out: Console, scope: Scope, place: Place) -> list[Step]:
+def plan(out: Console, scope: Scope, execution: Execution) -> list[Step]:
     """Every source with open claims, what is soonest settled first; a few updates of every model are timed."""
     steps = []
     with out.status("timing a few updates of every kind of model"):
@@ -60,23 +59,19 @@ def plan(out: Console, scope: Scope, place: Place) -> list[Step]:
             if source.within(scope.max_seeds):
                 try:
                     asked = group(source, source.seeds + 1, published_runs(source, scope.published))
-                    step.seconds = _expected(engine.plan(asked.configs, place.runs), place)
+                    step.seconds = _expected(engine.plan(asked.configs, execution.runs), execution)
                 except BenchError as error:
                     step.stopped = str(error).rstrip(".")
             steps.append(step)
     return sorted(steps, key=lambda s: (not s.reachable(scope.max_seeds), s.left(scope.max_seeds)))
 
 
-def _expected(todo: Plan, place: Place) -> float:
+def _expected(todo: Plan, execution: Execution) -> float:
     """Seconds of all processes together."""
-    return sum(estimate.seconds(todo.tasks)) / min(_processes(place), max(1, len(todo.tasks)))
+    return sum(estimate.seconds(todo.tasks)) / min(execution.processes, max(1, len(todo.tasks)))
 
 
-def _processes(place: Place) -> int:
-    return place.workers or os.cpu_count() or 1
-
-
-def show_plan(out: Console, steps: Sequence[Step], scope: Scope, place: Place) -> None:
+def show_plan(out: Console, steps: Sequence[Step], scope: Scope, execution: Execution) -> None:
     """A row an open claim: where, how many seeds there are, what would settle it, how long that takes."""
     table = Table(box=None, header_style="bold", pad_edge=False)
     for name, justify in (("claim", "left"), ("study and data", "left"), ("seeds", "right")):
@@ -95,7 +90,7 @@ def show_plan(out: Console, steps: Sequence[Step], scope: Scope, place: Place) -
     total = clock(sum(s.left(scope.max_seeds) for s in steps))
     out.print(
         f"\n{count} open claim{'s' if count != 1 else ''}; more seeds are expected to settle {reachable} of them"
-        + (f", in about {total} with {_processes(place)} process(es)." if reachable else "."),
+        + (f", in about {total} with {execution.processes} process(es)." if reachable else "."),
         highlight=False,
     )
     if reachable:
@@ -107,15 +102,15 @@ def show_plan(out: Console, steps: Sequence[Step], scope: Scope, place: Place) -
         )
 
 
-def settle(out: Console, steps: Sequence[Step], scope: Scope, place: Place, budget: float) -> None:
+def settle(out: Console, steps: Sequence[Step], scope: Scope, execution: Execution, budget: float) -> None:
     """Add seeds, one more of every configuration that open claims are about at a time, and judge again after each.
 
     Args:
         out: where it is said.
         steps: from `plan`; they say afterwards what was added.
         scope: what is to be settled.
-        place: where results go and who makes them.
-        budget: seconds; a group of trainings that is not expected to end within it is not initial.
+        execution: where results go, and what carries the work out.
+        budget: seconds; a group of trainings that is not expected to end within it is not begun.
 
     Raises:
         BenchError: the budget is too small for anything, or what `carry_out` raises.
@@ -123,7 +118,7 @@ def settle(out: Console, steps: Sequence[Step], scope: Scope, place: Place, budg
     deadline = time.monotonic() + budget
     for step in steps:
         if step.reachable(scope.max_seeds):
-            _settle(out, step, scope, place, deadline)
+            _settle(out, step, scope, execution, deadline)
     waiting = [s for s in steps if s.reachable(scope.max_seeds)]
     if waiting and not any(s.rows for s in steps):
         raise BenchError(
@@ -132,14 +127,14 @@ def settle(out: Console, steps: Sequence[Step], scope: Scope, place: Place, budg
         )
 
 
-def _settle(out: Console, step: Step, scope: Scope, place: Place, deadline: float) -> None:
+def _settle(out: Console, step: Step, scope: Scope, execution: Execution, deadline: float) -> None:
     """Add seeds one by one, until the claims of a source are settled, no more are expected to be, or time is over."""
-    there = _reusable_runs(out, step, scope, place)
+    there = _reusable_runs(out, step, scope, execution)
     while step.reachable(scope.max_seeds):
         started, seeds = time.monotonic(), step.source.seeds + 1
-        asked = group(step.source, seeds, there, added_runs(step.source, place.results))
-        todo = engine.plan(asked.configs, place.runs)
-        step.seconds = _expected(todo, place)
+        asked = group(step.source, seeds, there, added_runs(step.source, execution.results))
+        todo = engine.plan(asked.configs, execution.runs)
+        step.seconds = _expected(todo, execution)
         if started + step.seconds > deadline:
             return
         left = clock(deadline - started)
@@ -148,7 +143,7 @@ def _settle(out: Console, step: Step, scope: Scope, place: Place, deadline: floa
             "are left.",
             highlight=False,
         )
-        carry_out(out, Job(asked, step.source.command(asked)), todo, place, tables=False)
+        carry_out(out, Job(asked, step.source.command(asked)), todo, execution, tables=False)
         step.trainings += sum(len(t.configs) for t in todo.tasks)
         step.spent += time.monotonic() - started
         open_before = {r.claim.id for r in step.source.rows}
@@ -158,13 +153,13 @@ def _settle(out: Console, step: Step, scope: Scope, place: Place, deadline: floa
                 out.print(f"  {_verdict_line(row)}", highlight=False)
 
 
-def _reusable_runs(out: Console, step: Step, scope: Scope, place: Place) -> dict[Run, object]:
+def _reusable_runs(out: Console, step: Step, scope: Scope, execution: Execution) -> dict[Run, object]:
     """The published runs, if baselines made here have their errors; else none, and every seed is trained."""
     published = published_runs(step.source, scope.published)
     if not published:
         return {}
     asked = seedless(group(step.source, 1, published))
-    made = engine.execute(engine.plan(asked.configs, place.runs), place.runs)
+    made = engine.execute(engine.plan(asked.configs, execution.runs), execution.runs)
     if unchanged(made, published):
         return dict(published)
     out.print(

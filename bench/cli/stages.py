@@ -27,7 +27,7 @@ UNFORESEEN = ("calibrate", "learned terms", "what swings")
 
 
 @dataclass
-class Course:
+class StageProgress:
     """Where the work is on its way through the stages."""
 
     stages: Stages
@@ -58,7 +58,7 @@ class Course:
 
     @property
     def share(self) -> float | None:
-        """Of the work that is done; None: nobody knows. Between two things that are said it goes on at the pace so far.
+        """Of the work that is done; None: unknown. Between two things that are said it goes on at the pace so far.
 
         It does not pass the end of a stage before the next one begins, and never goes back.
         """
@@ -74,6 +74,6 @@ class Course:
 
     @property
     def left(self) -> float | None:
-        """Seconds left at the pace so far; None: nobody knows yet."""
+        """Seconds left at the pace so far; None: not known yet."""
         share = self.share
         return self.elapsed * (1 / share - 1) if share and share >= EARLY else None

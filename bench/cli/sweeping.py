@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from bench.cli.execution_options import Execution
 from bench.cli.job import browse, mirroring, train_missing
-from bench.cli.place import Place
 from bench.cli.progress import clock, meter
 from bench.execution import engine, lock
 from bench.execution.estimate import per_update
@@ -30,16 +30,17 @@ from bench.tracking.mirroring import Mirroring
 from registry.errors import BenchError
 
 
-def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: bool, place: Place) -> None:
+def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: bool, execution: Execution) -> None:
     """Search, train the finalists, write the report, say what came out; one driver at a time.
 
     Raises:
         BenchError: another driver is at this sweep, its folder cannot be written, or workers die.
     """
-    with lock.held(folder, sweep.title), mirroring(place, sweep.title, folder.name) as mirror:
+    with lock.held(folder, sweep.title), mirroring(execution, sweep.title, folder.name) as mirror:
         study = sweeps.begin(sweep, folder, resume)
         before = sweeps.finished(study)
-        out.print(f"[bold]{escape(sweep.title)}[/]: {trials} trials, {len(before)} finished, {escape(_where(place))}.")
+        where = escape(_where(execution))
+        out.print(f"[bold]{escape(sweep.title)}[/]: {trials} trials, {len(before)} finished, {where}.")
         out.print(_searched(sweep), highlight=False, markup=False)
         if mirror:
             mirror.trials(sweep.configs, before)
@@ -57,44 +58,46 @@ def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: boo
                 study,
                 folder,
                 trials=trials,
-                workers=place.processes,
+                workers=execution.processes,
                 tick=progress.tick,
                 ended=ended,
-                cluster=place.cluster,
+                cluster=execution.cluster,
             )
             spent = time.monotonic() - progress.started
         if len(before) < trials:
             out.print(f"{trials - len(before)} trials in {clock(spent)}; {_best_so_far(study)}.", highlight=False)
-        _conclude(out, sweep, study, folder, place, mirror)
+        _conclude(out, sweep, study, folder, execution, mirror)
 
 
-def _where(place: Place) -> str:
-    return f"on {place.cluster}" if place.cluster else f"{place.processes} process(es)"
+def _where(execution: Execution) -> str:
+    return f"on {execution.cluster}" if execution.cluster else f"{execution.processes} process(es)"
 
 
 def _conclude(
-    out: Console, sweep: Sweep, study: optuna.Study, folder: Path, place: Place, mirror: Mirroring | None
+    out: Console, sweep: Sweep, study: optuna.Study, folder: Path, execution: Execution, mirror: Mirroring | None
 ) -> None:
     """Train the best and the default configuration from fresh seeds, compare them, write it down."""
 
     def train(configs: list[RunConfig]) -> list[RunRecord]:
         several = len({c.seed for c in configs}) < len(configs)
         who = "The best and the default" if several else "The best, which is the default,"
-        return _train(out, who, configs, place, mirror)
+        return _train(out, who, configs, execution, mirror)
 
     done = train_finalists(sweep, study, folder, train)
     _summary(out, sweep, study, done.verdicts, folder)
     if mirror:
         mirror.attach([folder / sweeps.REPORT])
-        browse(out, mirror.finish(), sweep.title, place)
+        browse(out, mirror.finish(), sweep.title, execution)
 
 
-def _train(out: Console, who: str, configs: list[RunConfig], place: Place, mirror: Mirroring | None) -> list[RunRecord]:
+def _train(
+    out: Console, who: str, configs: list[RunConfig], execution: Execution, mirror: Mirroring | None
+) -> list[RunRecord]:
     """The finalists' records, in the order of their configurations."""
-    todo = engine.plan(configs, place.runs)
+    todo = engine.plan(configs, execution.runs)
     models = sum(len(t.configs) for t in todo.tasks)
     out.print(f"{who} from {len({c.seed for c in configs})} fresh seeds: {models} to train.", highlight=False)
-    records = train_missing(out, todo, place, place.processes)
+    records = train_missing(out, todo, execution, execution.processes)
     if mirror:
         mirror.add([r.folder for r in records])
     return records
@@ -134,11 +137,11 @@ def _summary(
     out.print(f"Report: {folder / sweeps.REPORT}", highlight=False, markup=False)
 
 
-def estimate(out: Console, sweep: Sweep, trials: int, place: Place) -> None:
+def estimate(out: Console, sweep: Sweep, trials: int, execution: Execution) -> None:
     """What the sweep would cost here, were no trial stopped early."""
     out.print(_searched(sweep), highlight=False, markup=False)
-    workers = place.processes
-    together = 1 if place.cluster else min(trials_at_once(sweep), math.ceil(trials / workers))
+    workers = execution.processes
+    together = 1 if execution.cluster else min(trials_at_once(sweep), math.ceil(trials / workers))
     largest = configured(sweep.configs, {path: _last(values) for path, values in sweep.space.items()})
     with out.status("timing a few updates"):
         times = [

@@ -128,7 +128,7 @@ def refuse_others(configs: Sequence[RunConfig], keys: Sequence[str]) -> None:
     if [key_of(c) for c in configs] != list(keys):
         processor = environment(configs[0])["cpu"]
         raise BenchError(
-            f"The worker on {platform.node()} would make other records: its torch, processor ({processor}), "
+            f"The worker on {platform.node()} would give other results: its torch, processor ({processor}), "
             "data or this package differ from the driver's; run the driver on a machine like it."
         )
 

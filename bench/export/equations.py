@@ -1,4 +1,4 @@
-"""What is written down of a physics model: its rates, and how inputs and effects with a memory act over a time step."""
+"""What is exported of a physics model: its rates, and how inputs and effects with a memory act over a time step."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -69,10 +69,10 @@ def equations(model: PhysicsModel, dt: float) -> Equations:
         dt: step [s]; what delays and lags remember depends on it.
 
     Raises:
-        BenchError: it does something that cannot be written down.
+        BenchError: it does something that cannot be exported.
     """
     if any(isinstance(e, LearnedTerm) and e.shape == SPLINE for e in model.effects):
-        raise BenchError("A learned term that is a spline cannot be written down; one that is a formula can.")
+        raise BenchError("A learned term that is a spline cannot be exported; one that is a formula can.")
     model = _without_unused_extras(model)
     proper = len(model.state_channels)
     body, width = proper + model.internal_size, model.driving_channels + len(model.extras)

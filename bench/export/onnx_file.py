@@ -115,7 +115,7 @@ def write(path: Path, record: RunRecord) -> float:
         the largest difference there, in units of the outputs' deviation in the training data.
 
     Raises:
-        BenchError: ONNX is not installed, the run has no model, it cannot be written down, or not there.
+        BenchError: ONNX is not installed, the run has no model, it cannot be exported, or there is no such file.
     """
     onnxruntime = _installed()
     model = load_model(record)
@@ -127,8 +127,8 @@ def write(path: Path, record: RunRecord) -> float:
         apart = _difference(onnxruntime, draft, model, record)
         if not apart <= LIMIT:
             raise BenchError(
-                f"{path} is not written: it would be {apart:.1g} of the outputs' deviation off `bench predict`; "
-                f"{record.summary['spec']} remembers what is not in its state, or runs away."
+                f"{path} is not written: it is off `bench predict` by {apart:.1g} standard deviations: "
+                f"{record.summary['spec']} keeps memory outside its state, or its free run is unstable."
             )
     return apart
 

@@ -102,7 +102,7 @@ def execute(
         do: the diagnosis of one vehicle; must be importable by name.
 
     Raises:
-        BenchError: the folder cannot be written, workers die again and again, or would make other answers.
+        BenchError: the folder cannot be written, workers die again and again, or would give other results.
     """
     same = dict(environment())
 

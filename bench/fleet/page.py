@@ -3,11 +3,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
-
-from jinja2 import Environment
 
 from bench.diagnose.report import phrases
 from bench.fleet import page_figures as figures
@@ -206,17 +203,12 @@ SECTIONS = (
 """Title, macro of ``fleet_sections.html.j2``, and what that is given."""
 
 
-@lru_cache(maxsize=1)
-def _templates() -> Environment:
-    return page.templates(Path(__file__).with_name("templates"))
-
-
 def render(found: FleetDiagnosis, command: str) -> str:
     """The page as text; ``command``: what to type to repeat it."""
     verdicts = {a.verdict for a in found.answers}
     tone = next((v for v in ("named", "tie", "unknown_effect", "nothing") if v in verdicts), "data_problem")
     return page.render(
-        _templates(),
+        page.templates(Path(__file__).with_name("templates")),
         "fleet.html.j2",
         f"Fleet {found.name}",
         [Section(title, part, content(found)) for title, part, content in SECTIONS],

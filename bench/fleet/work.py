@@ -55,12 +55,12 @@ def work(do: Diagnose, member: Member, options: Options, key: str, same: dict[st
         same: the driver's `environment`, of which the answer is a function.
 
     Raises:
-        BenchError: this machine would make other answers than the driver's.
+        BenchError: this machine would give other results than the driver's.
     """
     if dict(environment()) != same:
         other = ", ".join(n for n in same if environment().get(n) != same[n])
         raise BenchError(
-            f"The worker on {platform.node()} would make other answers: its {other} differs from the driver's; run the "
+            f"The worker on {platform.node()} would give other results: its {other} differs from the driver's; run the "
             "driver on a machine like it, with the same packages."
         )
     torch.set_num_threads(1)

@@ -86,10 +86,10 @@ def _fields(content: Mapping[str, Any], wanted: Mapping[str, Callable[[Any], boo
         if name not in content:
             raise BenchError(f"{where} has no {name}.")
         if not fits(content[name]):
-            raise BenchError(f"{where}: {name} = {repr(content[name])[:60]} cannot be.")
+            raise BenchError(f"{where}: {name} = {repr(content[name])[:60]} is not valid.")
     extra = sorted(set(content) - set(wanted))
     if extra:
-        raise BenchError(f"{where} has {extra[0][:60]!r}, which nobody knows.")
+        raise BenchError(f"{where} has an unknown key, {extra[0][:60]!r}.")
 
 
 def _configuration(content: Any, where: str, depth: int = 4) -> None:

@@ -44,6 +44,7 @@ class Section:
         return self.title.lower().replace(" ", "-")
 
 
+@lru_cache
 def templates(folder: Path, **filters: Callable[..., Any]) -> Environment:
     """The templates in a folder beside the shared ones; everything is escaped but `Markup`.
 
@@ -63,7 +64,6 @@ def templates(folder: Path, **filters: Callable[..., Any]) -> Environment:
     return found
 
 
-@lru_cache(maxsize=1)
 def shared() -> Environment:
     """The templates of this room."""
     return templates(SHARED)

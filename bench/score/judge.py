@@ -248,7 +248,7 @@ class Judged:
         return self.answered and (condition != "tie" or verdict == "tie")
 
     @property
-    def told(self) -> str:
+    def answer_line(self) -> str:
         """The answer in one line."""
         if self.verdict == "error":
             return f"error: {' '.join(self.said['notes'])}"
@@ -268,7 +268,7 @@ class Judged:
         return list(self.said.get("problems", ()))
 
     @property
-    def asked(self) -> str:
+    def truth_line(self) -> str:
         """The truth in one line."""
         if self.case.condition in ("corrupted", "shifted"):
             faults = [f"{f[0]} {f[1]} {f[2]} rows {f[3][0]}–{f[3][1]}" for f in self.said.get("faults", ())]

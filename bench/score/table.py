@@ -97,7 +97,7 @@ def table(cases: Sequence[Case], found: Mapping[tuple[str, str], Mapping[str, An
     )
     # Where no effect makes enough of the error to be asked for, only a wrong name is a failure.
     wrong = [j for j in judged if not (j.right or (j in hidden and not j.names_wrongly))]
-    failures = [(j.case.id, j.asked, j.told) for j in wrong]
+    failures = [(j.case.id, j.truth_line, j.answer_line) for j in wrong]
     failures += [(name, "alternatives", said[FAILED]) for name, said in others.items() if said and FAILED in said]
     without = sum(j.case.condition in ("nothing", "gusts") for j, _ in paired)
     with_effect = sum(bool(j.required) for j, _ in paired)

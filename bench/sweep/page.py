@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment
 
 from bench.analysis import stats, tables
 from bench.reporting import figures, page, report
@@ -127,15 +125,10 @@ SECTIONS = (
 """Title, macro of ``sweep_sections.html.j2``, and what that is given."""
 
 
-@lru_cache(maxsize=1)
-def _templates() -> Environment:
-    return page.templates(Path(__file__).with_name("templates"))
-
-
 def render(c: Content) -> str:
     """The page as text."""
     return page.render(
-        _templates(),
+        page.templates(Path(__file__).with_name("templates")),
         "sweep.html.j2",
         c.sweep.title,
         [Section(title, part, content(c)) for title, part, content in SECTIONS],

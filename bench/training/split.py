@@ -84,7 +84,7 @@ def _split(
     for a, b in (("train", "validation"), ("train", "test"), ("validation", "test")):
         twice = sorted(set(parts[a]) & set(parts[b]))
         if twice:
-            raise BenchError(f"Recording {twice[0]} is asked for in both {a} and {b}: give it one side.")
+            raise BenchError(f"Recording {twice[0]} is named in both {a} and {b}: name it in one of them.")
     refuse_overlap(loaded.recordings, parts)
     return Split(train, validation, test)
 
@@ -123,5 +123,5 @@ def refuse_overlap(recordings: Sequence[Recording], parts: dict[str, tuple[str, 
                 other = max(counts, key=counts.__getitem__)
                 raise BenchError(
                     f"Recordings {other} ({first}) and {name} ({second}) share {OVERLAP} or more samples: "
-                    "put both on one side of the split."
+                    "put both into the same part of the split."
                 )

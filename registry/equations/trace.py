@@ -122,10 +122,10 @@ class _Player:
         if name in _ELEMENTWISE:
             return self.each(_ELEMENTWISE[name], *args)
         if name in _BRANCHES:
-            raise BenchError("The model cannot be written down: it branches on values.")
+            raise BenchError("The model cannot be exported: it branches on values.")
         if name not in _ACTIONS:
             raise BenchError(
-                f"The model uses {name!r} of torch, which export cannot write down; say it with operations such as "
+                f"The model uses {name!r} of torch, which export does not support: use operations such as "
                 "sums, products, where and clamp."
             )
         return _ACTIONS[name](self, *args, **kwargs)
@@ -202,7 +202,7 @@ def _sum(p: _Player, a: Array, dims: Sequence[int] | None = None, keepdim: bool 
 
 def _norm(p: _Player, a: Array, order: float = 2, dims: Any = None, keepdim: bool = False, **_: Any) -> Array:
     if order != 2:
-        raise BenchError(f"The model uses a norm of order {order}, which export cannot write down; use 2.")
+        raise BenchError(f"The model uses a norm of order {order}, which export does not support: use 2.")
     return p.each("sqrt", _sum(p, p.each("multiply", a, a), dims, keepdim))
 
 
@@ -251,7 +251,7 @@ def _index(p: _Player, a: Array, at: Sequence[Any]) -> Array:
     places = []
     for i in at:
         if i is not None and any(isinstance(v, Node) for v in i.reshape(-1)):
-            raise BenchError("The model looks values up at computed places, which export cannot write down.")
+            raise BenchError("The model indexes by computed values, which export does not support.")
         places.append(slice(None) if i is None else i.astype(float).astype(int))
     return a[tuple(places)].copy()
 

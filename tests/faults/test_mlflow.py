@@ -21,8 +21,8 @@ from sqlalchemy import event
 from sqlalchemy.engine import Engine
 from synthetic_records import synthetic_record
 
+from bench.cli.execution_options import Execution
 from bench.cli.job import browse
-from bench.cli.place import Place
 from bench.tracking import mirroring, track
 from bench.tracking.mirroring import Mirroring
 
@@ -67,8 +67,8 @@ def test_a_dead_server_is_said_once(address: str, says: str, tmp_path: Path) -> 
 
 def test_the_way_to_what_is_missing_names_the_server() -> None:
     out = Console(file=io.StringIO(), width=200)
-    browse(out, 2, "t", Place(Path("a b"), "http://127.0.0.1:5001", False, None))
-    browse(out, 0, "t", Place(Path("r"), None, False, None))
+    browse(out, 2, "t", Execution(Path("a b"), "http://127.0.0.1:5001", False, None))
+    browse(out, 0, "t", Execution(Path("r"), None, False, None))
     missing, whole = out.file.getvalue().splitlines()  # type: ignore[attr-defined]
     assert "bench sync --results 'a b' --tracking http://127.0.0.1:5001 logs" in missing
     assert "bench ui --results r (opens" in whole

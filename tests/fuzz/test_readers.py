@@ -4,7 +4,7 @@ import io
 import json
 import shutil
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,70 +52,8 @@ def folder(place: Path) -> Path:
     here = place / "folder"
     here.mkdir()
     (here / "dataset.toml").write_text(TOML, encoding="utf-8")
-    table().to_csv(here / "a.csv", index=False)
     return here
 
-
-@cases(300)
-@given(edits=EDITS)
-def test_csv(folder: Path, edits: list[tuple[float, bytes, int]]) -> None:
-    (folder / "dataset.toml").write_text(TOML, encoding="utf-8")
-    (folder / "a.csv").write_bytes(edited(table().to_csv(index=False).encode(), edits))
-    one_sentence(lambda: check_folder(folder))
-    one_sentence(lambda: read_table(folder / "a.csv"))
-
-
-@cases(100)
-@given(edits=EDITS)
-def test_csv_with_units(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
-    here = place / "units"
-    here.mkdir(exist_ok=True)
-    samples = "".join(f"{10 * k},{k},{k % 3}\n" for k in range(30))
-    (here / "a.csv").write_bytes(edited(f"time,pump,level\nms,L/min,mm\n{samples}".encode(), edits))
-
-    def drafted() -> None:
-        (here / "dataset.toml").write_text(draft(here), encoding="utf-8")
-        check_folder(here)
-
-    one_sentence(drafted)
-
-
-@cases(200)
-@given(cells=st.dictionaries(st.tuples(st.integers(0, 19), st.integers(0, 16)), st.sampled_from(WORDS), max_size=5))
-def test_csv_of_words(folder: Path, cells: dict[tuple[int, int], str]) -> None:
-    (folder / "dataset.toml").write_text(TOML, encoding="utf-8")
-    data = table().astype(object)
-    for at, word in cells.items():
-        data.iloc[at] = word
-    data.to_csv(folder / "a.csv", index=False)
-    one_sentence(lambda: check_folder(folder))
-
-
-@cases(250)
-@given(edits=EDITS)
-def test_parquet(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
-    here = place / "parquet"
-    if not here.is_dir():
-        here.mkdir()
-        table().to_parquet(here / "whole")
-        (here / "dataset.toml").write_text(TOML.replace("*.csv", "*.parquet"), encoding="utf-8")
-    (here / "a.parquet").write_bytes(edited((here / "whole").read_bytes(), edits))
-    one_sentence(lambda: check_folder(here))
-
-
-@cases(250)
-@given(edits=EDITS)
-def test_dataset_toml(folder: Path, edits: list[tuple[float, bytes, int]]) -> None:
-    table().to_csv(folder / "a.csv", index=False)
-    (folder / "dataset.toml").write_bytes(edited(TOML.encode(), edits))
-    one_sentence(lambda: check_folder(folder))
-
-
-VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(WORDS) | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
-    max_leaves=6,
-)
 
 MODEL = """system = "quadrotor"
 [physics]
@@ -127,13 +65,119 @@ k_d = 8.9e-5
 """
 
 
-@cases(200)
+def as_parquet(path: Path) -> None:
+    table().to_parquet(path)
+
+
+def cells(path: Path) -> None:
+    made = np.empty((2, 1), object)
+    for i in range(2):
+        made[i, 0] = {"Motors": np.ones((5, 4))}
+    scipy.io.savemat(path, {"flights": made})
+
+
+def cells_of_v73(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        refs = file.create_dataset("flights", (2, 1), dtype=h5py.ref_dtype)
+        for i in range(2):
+            group = file.create_group(f"#refs#/{i}")
+            group["Motors"] = np.ones((4, 5))
+            refs[i, 0] = group.ref
+
+
+def matrices(path: Path) -> None:
+    scipy.io.savemat(path, {"u": np.ones((1, 40)), "y": np.ones((40, 1))}, do_compression=True)
+
+
+def text(content: str) -> Callable[[Path], object]:
+    return lambda path: path.write_text(content, encoding="utf-8")
+
+
+def drafted(path: Path) -> None:
+    (path.parent / "dataset.toml").write_text(draft(path.parent), encoding="utf-8")
+    check_folder(path.parent)
+
+
+def imported(path: Path) -> None:
+    """As a log, into a folder that is read as a user's next command does."""
+    out = path.parent / "imported"
+    shutil.rmtree(out, ignore_errors=True)
+    convert([path], out)
+    check_folder(out)
+
+
+def folder_of(path: Path) -> None:
+    check_folder(path.parent)
+
+
+def motors_of(path: Path) -> None:
+    read_cell_structs(path, ["Motors"])
+
+
+CSV, UNITS = table().to_csv(index=False), "".join(f"{10 * k},{k},{k % 3}\n" for k in range(30))
+BLOCK = "".join(f"{10 * k},{k},{k % 7},{k / 9}\n" for k in range(300))
+FILES: dict[str, tuple[str, Callable[[Path], object], Sequence[Callable[[Path], object]]]] = {
+    "csv": ("a.csv", text(CSV), (folder_of, read_table)),
+    "csv with units": ("b.csv", text(f"time,pump,level\nms,L/min,mm\n{UNITS}"), (drafted,)),
+    "parquet": ("a.parquet", as_parquet, (folder_of,)),
+    "description": ("dataset.toml", text(TOML), (folder_of,)),
+    "model": ("model.toml", text(MODEL), (model_file.read, lambda path: model_file.read(path, "quadrotor"))),
+    "cells": ("a.mat", cells, (motors_of,)),
+    "cells of 7.3": ("a.mat", cells_of_v73, (motors_of,)),
+    "matrices": ("a.mat", matrices, (lambda path: read_v5(path, ["u", "y"]),)),
+    "crazyflie 1": ("log00", lambda path: path.write_bytes(crazyflie_log(1)), (imported,)),
+    "crazyflie 2": ("log00", lambda path: path.write_bytes(crazyflie_log(2)), (imported,)),
+    "cfclient": ("block.csv", text(f"Timestamp,gyro.x,gyro.y,gyro.z\n{BLOCK}"), (imported,)),
+    "px4": ("flight.ulg", lambda path: ulog(path, telemetry(rate=20), ROTORS), (imported,)),
+    "ros": ("run.bag", lambda path: bag(path, 1), (imported,)),
+    "ardupilot": ("12.bin", lambda path: path.write_bytes(dataflash(flight())), (imported,)),
+    **{f"matlab {v}": ("a.mat", lambda path, v=v: save(path, v, TANK), (imported,)) for v in ("5", "7", "7.3")},
+}
+"""File, what makes it whole, and what reads it."""
+BESIDE = {"csv": {"dataset.toml": TOML}, "parquet": {"dataset.toml": TOML.replace("*.csv", "*.parquet")}}
+BESIDE["description"] = {"a.csv": CSV}
+
+
+@pytest.fixture(scope="module", params=FILES)
+def file(request: pytest.FixtureRequest, place: Path) -> tuple[Path, bytes, Sequence[Callable[[Path], object]]]:
+    """A file in a folder of its own, its content when it is whole, and its readers, which take it then."""
+    name, make, readers = FILES[request.param]
+    path = place / request.param / name
+    path.parent.mkdir()
+    for other, content in BESIDE.get(request.param, {}).items():
+        (path.parent / other).write_text(content, encoding="utf-8")
+    make(path)
+    for read in readers if request.param != "cfclient" else ():  # which does not tell what drives it
+        read(path)
+    return path, path.read_bytes(), readers
+
+
+@cases(150)
 @given(edits=EDITS)
-def test_model_toml(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
-    path = place / "model.toml"
-    path.write_bytes(edited(MODEL.encode(), edits))
-    one_sentence(lambda: model_file.read(path))
-    one_sentence(lambda: model_file.read(path, "quadrotor"))
+def test_a_file_with_other_bytes(
+    file: tuple[Path, bytes, Sequence[Callable[[Path], object]]], edits: list[tuple[float, bytes, int]]
+) -> None:
+    path, whole, readers = file
+    path.write_bytes(edited(whole, edits))
+    for read in readers:
+        one_sentence(lambda read=read: read(path))
+
+
+@cases(200)
+@given(cells=st.dictionaries(st.tuples(st.integers(0, 19), st.integers(0, 16)), st.sampled_from(WORDS), max_size=5))
+def test_csv_of_words(folder: Path, cells: dict[tuple[int, int], str]) -> None:
+    data = table().astype(object)
+    for at, word in cells.items():
+        data.iloc[at] = word
+    data.to_csv(folder / "a.csv", index=False)
+    one_sentence(lambda: check_folder(folder))
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(WORDS) | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
 
 
 @cases(150)
@@ -143,42 +187,6 @@ def test_claims_toml(place: Path, edits: list[tuple[float, bytes, int]], first: 
     kept = "[[claim]]".join(["", *parts[1 + first : 4 + first]])
     path.write_bytes(edited(kept.encode(), edits))
     one_sentence(lambda: claim.read(path))
-
-
-def _cells(path: Path, v73: bool) -> None:
-    if v73:
-        with h5py.File(path, "w") as file:
-            refs = file.create_dataset("flights", (2, 1), dtype=h5py.ref_dtype)
-            for i in range(2):
-                group = file.create_group(f"#refs#/{i}")
-                group["Motors"] = np.ones((4, 5))
-                refs[i, 0] = group.ref
-        return
-    cells = np.empty((2, 1), object)
-    for i in range(2):
-        cells[i, 0] = {"Motors": np.ones((5, 4))}
-    scipy.io.savemat(path, {"flights": cells})
-
-
-@cases(250)
-@given(edits=EDITS, v73=st.booleans())
-def test_mat_of_cells(place: Path, edits: list[tuple[float, bytes, int]], v73: bool) -> None:
-    whole, path = place / f"whole{v73}.mat", place / "cells.mat"
-    if not whole.exists():
-        _cells(whole, v73)
-        assert len(read_cell_structs(whole, ["Motors"])) == 2
-    path.write_bytes(edited(whole.read_bytes(), edits))
-    one_sentence(lambda: read_cell_structs(path, ["Motors"]))
-
-
-@cases(150)
-@given(edits=EDITS)
-def test_mat_of_matrices(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
-    whole, path = place / "whole5.mat", place / "matrices.mat"
-    if not whole.exists():
-        scipy.io.savemat(whole, {"u": np.ones((1, 40)), "y": np.ones((40, 1))}, do_compression=True)
-    path.write_bytes(edited(whole.read_bytes(), edits))
-    one_sentence(lambda: read_v5(path, ["u", "y"]))
 
 
 SPEC_PARTS = [
@@ -318,60 +326,3 @@ def test_zip_of_wrong_values(place: Path, results: Path, name: str, key: int, va
                 content = json.dumps(plain).encode()
             wrong.writestr(info, content)
     one_sentence(lambda: archive.read(path, place / "imported2"))
-
-
-def _import(place: Path, name: str, content: bytes) -> None:
-    """The content as a log of that name, imported into a folder that is read as a user's next command does."""
-    out = place / "imported_log"
-    shutil.rmtree(out, ignore_errors=True)
-    (place / name).write_bytes(content)
-
-    def all_of_it() -> None:
-        convert([place / name], out)
-        check_folder(out)
-
-    one_sentence(all_of_it)
-
-
-@cases(200)
-@given(edits=EDITS, version=st.sampled_from([1, 2]))
-def test_crazyflie_log(place: Path, edits: list[tuple[float, bytes, int]], version: int) -> None:
-    _import(place, "log00", edited(crazyflie_log(version), edits))
-
-
-@cases(100)
-@given(edits=EDITS)
-def test_cfclient_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
-    rows = "".join(f"{10 * k},{k},{k % 7},{k / 9}\n" for k in range(300))
-    _import(place, "block.csv", edited(f"Timestamp,gyro.x,gyro.y,gyro.z\n{rows}".encode(), edits))
-
-
-@cases(200)
-@given(edits=EDITS)
-def test_px4_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
-    if not (place / "whole.ulg").exists():
-        ulog(place / "whole.ulg", telemetry(rate=20, seconds=4.0), ROTORS)
-    _import(place, "flight.ulg", edited((place / "whole.ulg").read_bytes(), edits))
-
-
-@cases(100)
-@given(edits=EDITS)
-def test_ros_bag(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
-    if not (place / "whole.bag").exists():
-        bag(place / "whole.bag", 1)
-    _import(place, "run.bag", edited((place / "whole.bag").read_bytes(), edits))
-
-
-@cases(200)
-@given(edits=EDITS)
-def test_ardupilot_log(place: Path, edits: list[tuple[float, bytes, int]]) -> None:
-    _import(place, "12.bin", edited(dataflash(flight()), edits))
-
-
-@cases(150)
-@given(edits=EDITS, version=st.sampled_from(["5", "7", "7.3"]))
-def test_matlab_log(place: Path, edits: list[tuple[float, bytes, int]], version: str) -> None:
-    whole = place / f"log{version}.mat"
-    if not whole.exists():
-        save(whole, version, TANK)
-    _import(place, "log.mat", edited(whole.read_bytes(), edits))

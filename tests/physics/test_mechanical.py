@@ -1,4 +1,4 @@
-"""Systems that do not fly, and their effects: the public conformance tests, and solutions known in closed form."""
+"""Systems that do not fly, and their effects, against solutions known in closed form."""
 
 import itertools
 import math
@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-from registry.conformance import EffectConformance
 from registry.core import EFFECTS
 from registry.effects.mechanics.friction import (
     STICKING,
@@ -33,34 +32,7 @@ from registry.physics.van_der_pol import VanDerPol
 F64 = torch.float64
 
 
-def conformance(effect, **more):
-    """A test class of an effect."""
-    return type(f"Of{effect.__name__}", (EffectConformance,), {"effect": effect, "visible_after": 8, **more})
-
-
-TestViscousFriction = conformance(ViscousFriction)
-TestCoulombFriction = conformance(CoulombFriction)
-TestStribeckFriction = conformance(StribeckFriction)
-TestOffsetForce = conformance(OffsetForce)
-TestQuadraticDrag = conformance(QuadraticDrag)
-TestCubicStiffness = conformance(CubicStiffness)
-TestCogging = conformance(Cogging)
-TestJointElasticity = conformance(JointElasticity)
-TestBacklash = conformance(Backlash)
-TestDeadZone = conformance(DeadZone)
-TestSaturation = conformance(Saturation)
-TestBoucWen = conformance(BoucWen, dt=1e-3)
-TestOverflow = conformance(Overflow, dt=4.0)
-TestTransportDelay = conformance(TransportDelay, dt=4.0)
-
 POLYNOMIALS = [e for e in map(EFFECTS.get, EFFECTS.names()) if issubclass(e, Monomial)]
-OF_POLYNOMIALS = [conformance(e, visible_after=2) for e in POLYNOMIALS]
-
-
-@pytest.mark.parametrize("case", OF_POLYNOMIALS, ids=[EFFECTS.name_of(e) for e in POLYNOMIALS])
-def test_polynomial_terms_conform(case):
-    for name in (n for n in dir(case) if n.startswith("test_")):
-        getattr(case(), name)()
 
 
 def test_every_polynomial_term_is_there_once():

@@ -28,11 +28,6 @@ DRAG = ChainCase(
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("flights")
-
-
-@pytest.fixture(scope="module")
 def flown(cache: Path) -> tuple[Subject, Linearization]:
     who = measured(DRAG, cache)
     stack = LogBatch.of(who.of(who.training))

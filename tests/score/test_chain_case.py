@@ -28,11 +28,6 @@ CLEAN = Logging(100, "capture", "low", "even", 0.1, 0.0, True, False)
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("flights")
-
-
-@pytest.fixture(scope="module")
 def flown() -> tuple[flight.Truth, Body]:
     craft, rng = AIRFRAMES["racer"], np.random.default_rng(3)
     manner, seconds = paths.MANNERS["aggressive"], flight.BEFORE + 6

@@ -38,11 +38,6 @@ DRAG = {"rotor_drag": {"k_d": 1.19e-4}}
 AROUND = hidden.Surroundings(rotor_radius=0.1)
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("flights")
-
-
 def _states(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
     state = rng.normal(size=(13, count))
     state[2] = rng.uniform(0.5, 2, count)

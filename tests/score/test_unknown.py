@@ -123,7 +123,7 @@ def test_the_table_counts_what_is_asked() -> None:
 def test_a_wall_on_an_oscillator_is_described_from_its_folder(suite: list[UnknownCase], tmp_path: Path) -> None:
     wall = next(c for c in suite if c.id.endswith("wall-06-oscillator-medium"))
     answer = work(Job(wall, "diagnosis"), tmp_path)
-    assert judged(wall, answer).right, judged(wall, answer).told
+    assert judged(wall, answer).right, judged(wall, answer).answer_line
     write_folder(wall, tmp_path / "folder", tmp_path)
     assert (tmp_path / "folder" / "dataset.toml").is_file()
 

@@ -232,38 +232,26 @@ def _plain(rows: Sequence[Any], held: Sequence[Any]) -> dict[str, Any]:
     def plain(value: float | None) -> float | None:
         return value if value is not None and math.isfinite(value) else None
 
+    def picked(of: Any, *names: str) -> dict[str, Any]:
+        return {name: getattr(of, name) for name in names}
+
     return {
         "claims": [
             {
-                "id": r.claim.id,
-                "text": r.claim.text,
-                "source": r.claim.source,
-                "scope": r.claim.scope,
-                "published": r.claim.published,
-                "unit": r.claim.unit,
+                **picked(r.claim, "id", "text", "source", "scope", "published", "unit"),
                 "accept": [plain(x) for x in r.claim.accept],
                 "note": r.claim.note,
-                "dataset": r.dataset,
-                "label": r.label,
-                "verdict": r.judgement.verdict,
-                "slight": r.judgement.slight,
+                **picked(r, "dataset", "label"),
+                **picked(r.judgement, "verdict", "slight"),
                 "here": plain(r.judgement.value),
                 "interval": [plain(r.judgement.low), plain(r.judgement.high)],
                 "basis": r.judgement.basis,
-                "beside": r.beside,
-                "outlook": r.outlook,
-                "command": r.command,
+                **picked(r, "beside", "outlook", "command"),
             }
             for r in rows
         ],
         "published": [
-            {
-                "name": h.name,
-                "published": plain(h.published),
-                "here": plain(h.here),
-                "band": h.band,
-                "holds": h.holds,
-            }
+            {"name": h.name, "published": plain(h.published), "here": plain(h.here), **picked(h, "band", "holds")}
             for h in held
         ],
     }

@@ -12,16 +12,15 @@ from bench.cli import fleets, options, stages
 from bench.cli.diagnosing import (
     asked,
     check_effects,
-    check_writable,
     chosen,
     folder_for,
     load,
     measured,
+    print_diagnosis,
+    print_next,
     print_notes,
-    say_diagnosis,
-    say_next,
-    say_problems,
-    say_written,
+    print_problems,
+    print_written,
     show_discovery,
     show_extension,
     table,
@@ -30,7 +29,7 @@ from bench.cli.diagnosing import (
     write_json,
     write_model,
 )
-from bench.cli.place import Place, placed
+from bench.cli.execution_options import Execution, execution_options
 from bench.cli.progress import announcer
 from registry.errors import BenchError
 
@@ -64,7 +63,7 @@ def _shared(command: Command) -> Command:
             help="Set an option of the data set, such as gyroscope=true of nanobench; `bench show DATA` lists them. "
             "Repeatable.",
         ),
-        click.argument("source", metavar="DATA", callback=options.named),
+        click.argument("source", metavar="DATA", callback=options.not_empty),
     ):
         command = decorate(command)
     return command
@@ -127,7 +126,7 @@ def compare_command(
 
     refuse_long(subject, horizon)
     with announcer(options.console(), stages.COMPARE) as tick:
-        say_problems(subject)
+        print_problems(subject)
         calibrated, _ = fit_parameters(subject, subject.model, tick=tick)
         models = {"calibrated": calibrated}
         if model is not None:
@@ -149,7 +148,7 @@ def compare_command(
     print_notes(out, found.notes)
     lines = {n: {g: asdict(line) for g, line in of.items()} for n, of in found.lines.items()}
     write_json(to_json, {"dataset": subject.name, "horizon_s": found.horizon_s, "lines": lines})
-    say_next(asked(system, model_file, settings=settings).command("locate", source), "where it errs")
+    print_next(asked(system, model_file, settings=settings).command("locate", source), "where it errs")
 
 
 @click.command("locate")
@@ -172,7 +171,7 @@ def locate_command(
     from bench.diagnose.locate import locate
 
     with announcer(options.console(), stages.LOCATE) as tick:
-        say_problems(subject)
+        print_problems(subject)
         if model is None:
             model, _ = fit_parameters(subject, subject.model, tick=tick)
         tick("locate")
@@ -185,7 +184,7 @@ def locate_command(
         out.print(rows)
     print_notes(out, found.notes)
     write_json(to_json, {"dataset": subject.name, "where": [asdict(r) for r in found.regions]})
-    say_next(asked(system, model_file, settings=settings).command("discover", source), "what is missing")
+    print_next(asked(system, model_file, settings=settings).command("discover", source), "what is missing")
 
 
 @click.command("discover")
@@ -213,7 +212,6 @@ def discover_command(
     bench discover flights/ --catalogue rotor_drag --catalogue linear_drag
     """
     names = chosen(catalogue, without)
-    check_writable(to_json)
     subject, model = load(source, system, model_file, settings)
 
     from bench.diagnose.discover import discover
@@ -222,7 +220,7 @@ def discover_command(
 
     check_catalogue(subject, model or subject.model, catalogue)
     with announcer(options.console(), stages.DISCOVER) as tick:
-        say_problems(subject)
+        print_problems(subject)
         found = discover(subject if model is None else replace(subject, model=model), names, tick)
     show_discovery(options.console(), found)
     effects = [
@@ -237,9 +235,9 @@ def discover_command(
     write_json(to_json, {"dataset": subject.name, "effects": effects, "unexplained": left})
     start = asked(system, model_file, settings=settings)
     if found.found:
-        say_next(start.command("extend", source, "--add", found.found[0].id), "add it, and see the error fall")
+        print_next(start.command("extend", source, "--add", found.found[0].id), "add it, and see the error fall")
     elif found.verdict == "unknown_effect":
-        say_next(start.command("extend", source, "--add", "learned"), "describe it by terms of its own")
+        print_next(start.command("extend", source, "--add", "learned"), "describe it by terms of its own")
 
 
 @click.command("extend")
@@ -287,20 +285,19 @@ def extend_command(
     from bench.diagnose.extend import extend
 
     start, folder = model or subject.model, folder_for(source, out)
-    check_writable(folder, to_json)
     with announcer(options.console()) as tick:
-        say_problems(subject)
+        print_problems(subject)
         done = extend(subject, start, add, tick, horizon_s=horizon)
     target = folder / "model.toml"
     written = write_model(target, done.model, done.effects)
     console = options.console()
     show_extension(console, done, model_file)
-    say_written(console, written)
+    print_written(console, written)
     errors = {s.name: s.error for s in done.stages}
     write_json(to_json, {"dataset": subject.name, "error": errors, "effects": [asdict(e) for e in done.effects]})
     if not no_track:
         track_extension(subject, start, done, tracking, results, target)
-    say_next(asked(system, target, settings=settings).command("discover", source), "what is still missing")
+    print_next(asked(system, target, settings=settings).command("discover", source), "what is still missing")
 
 
 @click.command("diagnose")
@@ -319,7 +316,7 @@ def extend_command(
     help="Then ask a network how much is left to find: 2 to 5 minutes more. Seeds 0, 1 and 2, so the same each time.",
 )
 @_out
-@placed
+@execution_options
 def diagnose_command(
     source: str,
     settings: tuple[str, ...],
@@ -334,7 +331,7 @@ def diagnose_command(
     vehicles: tuple[str, ...],
     asks_network: bool,
     out: Path | None,
-    place: Place,
+    execution: Execution,
 ) -> None:
     """All four steps: compare, locate, discover, extend; a summary here, a page and a model to keep.
 
@@ -361,11 +358,10 @@ def diagnose_command(
     bench diagnose fleet/ --vehicle N7 --vehicle N9        these two only
     """
     names, folder = chosen(catalogue, without), folder_for(source, out)
-    check_writable(folder, to_json)
-    if fleets.is_fleet(source, vehicles, place, exclude):
+    if fleets.is_fleet(source, vehicles, execution, exclude):
         _refuse_for_fleets(asks_network, settings)
         wanted = fleets.fleet_options(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
-        return fleets.diagnose_fleet(source, wanted, vehicles, folder, to_json=to_json, place=place)
+        return fleets.diagnose_fleet(source, wanted, vehicles, folder, to_json=to_json, execution=execution)
     given = [measured(source, system, model_file, catalogue, exclude, settings)]  # popped: not to be held
     from bench.diagnose.diagnose import diagnose
 
@@ -375,7 +371,7 @@ def diagnose_command(
     own = {"catalogue": catalogue, "without": without, "ignore_problem": ignore, "exclude": exclude}
     again = asked(system, model_file, out, settings, **own)
     found = replace(found, evidence=replace(found.evidence, source=source, asked=again))
-    say_diagnosis(found)
+    print_diagnosis(found)
     _written(found, extended, folder, to_json)
     if subject is not None and found.verdict != "data_problem":
         _written(with_network(found, subject, extended, horizon), extended, folder, to_json)
@@ -394,4 +390,4 @@ def _written(found: "Diagnosis", model: "PhysicsModel", folder: Path, to_json: P
     written = write(folder, found, model)
     if to_json is not None:
         found.write(to_json)
-    say_written(options.console(), written)
+    print_written(options.console(), written)

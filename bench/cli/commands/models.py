@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from bench.cli import options
-from bench.cli.diagnosing import asked, check_effects, check_writable, folder_for, load, say_next, write_json
+from bench.cli.diagnosing import asked, check_effects, folder_for, load, print_next, write_json
 from bench.cli.names import check_system
 from bench.cli.progress import announcer
 from registry.errors import BenchError
@@ -15,7 +15,7 @@ ENDINGS = {"numpy": ".py", "casadi": ".casadi", "onnx": ".onnx"}
 
 
 @click.command("export-model")
-@click.argument("model", metavar="MODEL.toml|KEY", callback=options.named)
+@click.argument("model", metavar="MODEL.toml|KEY", callback=options.not_empty)
 @click.option("--to", "target", type=click.Choice(list(ENDINGS)), required=True, help="What will read it.")
 @click.option("--out", type=options.Output(made=True), help="The file; default: as MODEL.toml, beside it, or as KEY.")
 @click.option(
@@ -130,7 +130,7 @@ def parse_limits(given: tuple[str, ...]) -> dict[str, tuple[float, float, float 
 
 
 @click.command("design")
-@click.argument("source", metavar="DATA", callback=options.named)
+@click.argument("source", metavar="DATA", callback=options.not_empty)
 @click.option(
     "--seconds",
     type=options.Positive(1e6),
@@ -194,7 +194,6 @@ def design_command(
     check_effects(between)
     folder = folder_for(source, None)
     target = output or folder / "design.csv"
-    check_writable(target.parent, to_json)
     file = model_file or folder / "model.toml"
     if not file.is_file() and (model_file is not None or not between):
         raise BenchError(f"There is no {file}: `bench diagnose {source}` writes it, and designs go out from it.")
@@ -221,4 +220,4 @@ def design_command(
     page.write_page(drawn, found)
     write_json(to_json, {"dataset": found.dataset, "rows": found.to_frame().to_dict("records")})
     click.echo(f"\nWrote {target}, {drawn}")
-    say_next(asked(system, None).command("diagnose", source), "with its recordings beside the others")
+    print_next(asked(system, None).command("diagnose", source), "with its recordings beside the others")

@@ -7,8 +7,8 @@ import click
 from rich.markup import escape
 
 from bench.cli import options
+from bench.cli.execution_options import Execution, execution_options
 from bench.cli.names import check_dataset, check_request
-from bench.cli.place import Place, placed
 from bench.experiment import study
 from bench.experiment.seeds import MOST_SEEDS
 from registry.errors import BenchError
@@ -39,7 +39,7 @@ ALL = "all"
 )
 @click.option("--only", multiple=True, metavar="PATTERN", help="Of a study, only configurations like this one.")
 @options.assignments
-@placed
+@execution_options
 @click.option("--dry-run", is_flag=True, help="Say what would be run and how long it would take; train nothing.")
 @click.pass_context
 def run_command(
@@ -53,7 +53,7 @@ def run_command(
     physics: str | None,
     only: tuple[str, ...],
     assignments: tuple[str, ...],
-    place: Place,
+    execution: Execution,
     dry_run: bool,
 ) -> None:
     """Run a STUDY of the paper (`bench list studies`), one configuration SPEC, or all studies.
@@ -92,21 +92,21 @@ def run_command(
             made = Job(request(name, asked), [name if a == ALL else a for a in sys.argv[1:]])
             for sentence in remarks(made.configs[0]):
                 out.print(escape(sentence), highlight=False)
-            planned.append((made, engine.plan(made.configs, place.runs)))
+            planned.append((made, engine.plan(made.configs, execution.runs)))
         except BenchError as error:
             if target != ALL:
                 raise
             out.print(f"{escape(name)} is left out: {escape(str(error))}")
     if dry_run:
-        estimate(out, planned, place)
+        estimate(out, planned, execution)
         return
     for made, todo in planned:
-        carry_out(out, made, todo, place)
+        carry_out(out, made, todo, execution)
 
 
 @click.command("settle")
 @click.argument("target", metavar="[STUDY|CLAIM]", required=False)
-@click.option("--dataset", metavar="NAME", callback=options.named, help="Only claims on this data set.")
+@click.option("--dataset", metavar="NAME", callback=options.not_empty, help="Only claims on this data set.")
 @click.option(
     "--budget",
     type=options.Duration(),
@@ -128,7 +128,7 @@ def run_command(
 @click.option(
     "--published", type=click.Path(path_type=Path, file_okay=False), help="Default: the checkout's results/published."
 )
-@placed
+@execution_options
 @click.option("--dry-run", is_flag=True, help="Say what is open, what would settle it and how long; train nothing.")
 def settle_command(
     target: str | None,
@@ -137,7 +137,7 @@ def settle_command(
     most: int,
     file: Path | None,
     published: Path | None,
-    place: Place,
+    execution: Execution,
     dry_run: bool,
 ) -> None:
     """Train more seeds of a study until its open claims have a verdict, or the budget is gone.
@@ -163,15 +163,15 @@ def settle_command(
 
     check_dataset(dataset)
     refuse_spoilt(published)
-    wanted = Scope(place.results, published_folder(published), file, target, dataset, most)
+    wanted = Scope(execution.results, published_folder(published), file, target, dataset, most)
     wanted.check()
     out = options.console()
-    steps = plan(out, wanted, place)
+    steps = plan(out, wanted, execution)
     if not steps:
         out.print("Nothing is open: every claim that was asked for has its verdict.")
         return
-    show_plan(out, steps, wanted, place)
+    show_plan(out, steps, wanted, execution)
     if dry_run or not any(s.reachable(most) for s in steps):
         return
-    settle(out, steps, wanted, place, budget)
+    settle(out, steps, wanted, execution, budget)
     show_result(out, steps, wanted)

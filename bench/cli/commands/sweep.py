@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from bench.cli import options
+from bench.cli.execution_options import Execution, execution_options, portable
 from bench.cli.names import check_request
-from bench.cli.place import Place, placed, portable
 from bench.experiment import study
 from registry.errors import BenchError
 
@@ -40,7 +40,7 @@ from registry.errors import BenchError
 @click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the proposals.")
 @click.option("--name", help="Of the sweep's folder, `<results>/sweeps/NAME`; default: made of what is searched.")
 @click.option("--resume", is_flag=True, help="Go on with a sweep that was stopped or killed, or add trials to it.")
-@placed
+@execution_options
 @click.option("--dry-run", is_flag=True, help="Say what would be searched and how long it would take; train nothing.")
 @click.pass_context
 def sweep_command(
@@ -57,7 +57,7 @@ def sweep_command(
     seed: int,
     name: str | None,
     resume: bool,
-    place: Place,
+    execution: Execution,
     dry_run: bool,
 ) -> None:
     """Search the options of a SPEC, or the configurations of a STUDY, for the smallest error on the validation part.
@@ -93,12 +93,12 @@ def sweep_command(
     out = options.console()
     asked = Options(dataset, preset, None, *by_owner(changes, horizon, outputs))
     sweep = request(target, asked, searches, objectives, seed, shlex.join(["bench", *portable(sys.argv[1:])]))
-    folder = _folder(place.results, name, sweep.title, resume)
+    folder = _folder(execution.results, name, sweep.title, resume)
     if dry_run:
-        estimate(out, sweep, trials, place)
+        estimate(out, sweep, trials, execution)
         return
     try:
-        carry_out(out, sweep, folder, trials, resume, place)
+        carry_out(out, sweep, folder, trials, resume, execution)
     except KeyboardInterrupt:
         again = shlex.join(["bench", *(a for a in sys.argv[1:] if a != "--resume"), "--resume"])
         click.echo(f"\nbench: stopped. Every finished trial is kept; go on with {again}", err=True)

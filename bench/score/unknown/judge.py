@@ -139,11 +139,11 @@ class JudgedUnknown(Judged):
         return self.place and self.form and self.remaining <= MOST
 
     @property
-    def told(self) -> str:
+    def answer_line(self) -> str:
         """The answer in one line."""
         left = self.remaining
         words = [
-            super().told,
+            super().answer_line,
             *(f"{t['axis']} ~ {' * '.join(t['signals']) or '1'}: {t['shape']}" + self._often(t) for t in self.learned),
         ]
         return "; ".join(words) + ("" if math.isinf(left) or not self.hidden else f" ({100 * left:.0f} % left)")
@@ -153,7 +153,7 @@ class JudgedUnknown(Judged):
         return "" if term["frequency"] is None else f" at {term['frequency']:.4g} Hz"
 
     @property
-    def asked(self) -> str:
+    def truth_line(self) -> str:
         """The truth in one line."""
         case = self.asked_case
         if not self.hidden:

@@ -42,7 +42,7 @@ def table(cases: Sequence[Case], found: Mapping[tuple[str, str], Mapping[str, An
         sections=tuple((title, lines) for title, lines in sections if lines),
         methods=(),
         compared=(0, 0),
-        failures=tuple((j.case.id, j.asked, j.told) for j in judged if not j.right),
+        failures=tuple((j.case.id, j.truth_line, j.answer_line) for j in judged if not j.right),
         leftovers=tuple((j.case.id, j.remaining, math.nan) for j in hidden if not j.remaining <= MOST),
         title=TITLE,
         near=MOST,

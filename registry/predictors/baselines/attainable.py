@@ -29,7 +29,7 @@ class AttainablePredictor(Predictor):
         super().__init__(problem)
         flight = known(problem.truth, 1 / problem.rate)
         if flight is None:
-            raise BenchError("Nobody knows how these recordings came about: `attainable` is for simulated flights.")
+            raise BenchError("`attainable` needs the simulator that made the recordings: it is for simulated flights.")
         self.flight, self.history = flight, problem.history
         seen = (*problem.outputs, *problem.context)
         odd = {c.group for c in problem.outputs} - set(flight.told)

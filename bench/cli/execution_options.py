@@ -1,4 +1,4 @@
-"""Where results go and who makes them: what every command that trains has in common."""
+"""Options of every command that trains: where results go, in how many processes or on which cluster."""
 
 import os
 from collections.abc import Callable
@@ -12,8 +12,8 @@ from registry.errors import BenchError
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where results go and who makes them."""
+class Execution:
+    """Where results go, and what carries the work out."""
 
     results: Path
     tracking: str | None
@@ -41,8 +41,8 @@ class Place:
         return self.results / "runs"
 
 
-def placed(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of a `Place`, and the place as its argument ``place``."""
+def execution_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command these options, gathered in its argument ``execution``."""
 
     @wraps(command)
     def gathered(
@@ -54,7 +54,7 @@ def placed(command: Callable[..., None]) -> Callable[..., None]:
         cluster: str | None,
         **others: Any,
     ) -> None:
-        command(*args, place=Place(results, tracking, no_track, workers, cluster), **others)
+        command(*args, execution=Execution(results, tracking, no_track, workers, cluster), **others)
 
     for add in (options.no_track, options.tracking, options.results, options.cluster, options.workers):
         gathered = add(gathered)

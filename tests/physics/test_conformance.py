@@ -1,0 +1,43 @@
+"""Every effect of the catalogue by the public conformance tests: a new one is proven as soon as it is registered."""
+
+from typing import Any
+
+import pytest
+
+from registry.conformance import EffectConformance
+from registry.core import EFFECTS
+from registry.effects.air import LinearDrag
+from registry.effects.polynomial import Monomial
+
+TESTS = [name for name in dir(EffectConformance) if name.startswith("test_")]
+SINKING = (0.1, -0.2, 0.35, 1.5, -0.8, -5.0, 0.1, -0.05, 0.2, 0.97, 0.6, -0.7, 0.5)
+"""State of a vehicle in its own wake."""
+MORE: dict[str, dict[str, Any]] = {
+    "battery_sag": {"extras": ("time", "battery")},
+    "battery_sag, time alone": {"extras": ("time",)},
+    "bouc_wen": {"dt": 1e-3},
+    "overflow": {"dt": 4.0},
+    "transport_delay": {"dt": 4.0},
+    "vortex_ring_state": {"start": SINKING},
+    "wind": {"others": (LinearDrag(0.4, 0.4, 0.4),)},
+}
+"""What shows an effect where the conformance tests' own state and steps do not."""
+
+
+def steps(name: str) -> int:
+    """Within which a typical effect shows."""
+    kind = EFFECTS.get(name)
+    if issubclass(kind, Monomial):
+        return 2
+    return 8 if kind.systems and "quadrotor" not in kind.systems else 5
+
+
+CATALOGUE = [n for n in EFFECTS.names() if not EFFECTS.get(n).learned]  # what was learned: test_learned_term.py
+
+
+@pytest.mark.parametrize("case", [*CATALOGUE, *(n for n in MORE if n not in CATALOGUE)])
+@pytest.mark.parametrize("test", TESTS)
+def test_it_conforms(case: str, test: str) -> None:
+    name = case.partition(",")[0]
+    given = {"effect": EFFECTS.get(name), "visible_after": steps(name), **MORE.get(case, {})}
+    getattr(type(name, (EffectConformance,), given)(), test)()
