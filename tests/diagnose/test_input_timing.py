@@ -63,6 +63,42 @@ def test_inputs_that_are_linear_between_samples_are_left_as_they_are() -> None:
     assert not any("acts" in n for n in timed.notes)
 
 
+def stepped(fine: int, late: int = 0, count: int = 3, samples: int = 2000) -> tuple[np.ndarray, np.ndarray]:
+    """States and held forces of the oscillator as a simulator files them that moves by the new rate, ``fine`` steps a
+    sample; forces act ``late`` of these steps late."""
+    rng, h = np.random.default_rng(5), DT / fine
+    force = np.repeat(rng.normal(0, 100.0, (count, samples // 20)), 20, axis=1)
+    states = np.zeros((count, samples, 2))
+    x, v = np.zeros(count), np.zeros(count)
+    for k in range(samples * fine):
+        if k % fine == 0:
+            states[:, k // fine] = np.column_stack([x, v])
+        v = v + h * (force[:, max(0, k - late) // fine] - 0.5 * v - 100 * x)
+        x = x + h * v
+    return states, force[..., None]
+
+
+def test_held_commands_act_earlier_than_filed_where_all_else_is_filed_late() -> None:
+    """The rate is that of half a step before, on which a command acts at once."""
+    subject = subject_of(replace(TRUE, input_hold="previous"), *stepped(fine=10))
+    subject = replace(
+        subject, logs=tuple(replace(g, states=torch.from_numpy(noisy(g.states.numpy()))) for g in subject.logs)
+    )
+    timed, _ = prepared(subject)
+    note = next(n for n in timed.notes if "acts" in n)
+    assert "earlier than it is filed" in note
+    assert float(note.split("(")[1].split(" ms, ")[1].split(" ")[0]) == pytest.approx(0.05, abs=0.011)
+    first, read = subject.logs[0].inputs[:, 0], timed.logs[0].inputs[:, 0]
+    share = ((read - first)[19] / (first[20] - first[19])).item()  # of the sample before a step
+    assert share == pytest.approx(0.05, abs=0.011) and torch.equal(read[:19], first[:19])
+
+
+def test_held_commands_that_act_late_are_left_to_a_delay() -> None:
+    subject = subject_of(replace(TRUE, input_hold="previous"), *stepped(fine=10, late=6))
+    timed, _ = prepared(subject)
+    assert all(torch.equal(a.inputs, b.inputs) for a, b in zip(subject.logs, timed.logs, strict=True))
+
+
 def test_a_shift_that_cross_correlation_suggests_is_read_only_where_the_regression_tells_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

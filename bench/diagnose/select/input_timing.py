@@ -46,8 +46,10 @@ def prepared(
 ) -> tuple[Subject, Noise]:
     """The subject with its inputs read when they act, with a note that says so, and the noise of it; once only.
 
-    Rates are read when they were what they say first (`logs.rate_timing`). No input is shifted where the inputs are
-    commands (they act when they are given), where some state is not measured, or where no shift can be told.
+    Rates are read when they were what they say first (`logs.rate_timing`). No input is shifted where some state is not
+    measured, or where no shift can be told. Commands act when they are given, or later, which a lag or a delay says;
+    earlier by a fraction of a sample where all else is filed late, as by a simulator that files the state before a step
+    beside the rate after half of it. The clocks of vehicles are checked by themselves.
 
     Args:
         subject: model and measurements.
@@ -62,13 +64,15 @@ def prepared(
     subject = rates_in_time(replace(subject, timed=True))
     drives = drives_of(subject.model, subject.logs[0])
     known = entries(subject.model, subject.uncertainty)
-    if not (known and drives and subject.training) or subject.model.input_hold == "previous" or hidden(subject.logs):
+    vehicle = subject.model.description().turning
+    if not (known and drives and subject.training) or (is_held(subject) and vehicle) or hidden(subject.logs):
         return subject, noise
     tick("input timing")
     inputs, sensed = _shifts(subject, noise)
     logs, notes = subject.logs, list(subject.notes)
     if abs(inputs.value) >= TIMING.negligible:
-        logs = tuple(replace(log, inputs=read_at(log.inputs, drives, inputs.value)) for log in logs)
+        held = is_held(subject)
+        logs = tuple(replace(log, inputs=read_at(log.inputs, drives, inputs.value, held)) for log in logs)
         notes.append(_said(subject, inputs))
     if abs(sensed.value) >= TIMING.negligible:
         paths = (log.sensed for log in logs)
@@ -94,16 +98,28 @@ def drives_of(model: PhysicsModel, log: Log) -> int:
     return log.inputs.shape[1] - len(model.extras)
 
 
-def read_at(inputs: torch.Tensor, drives: int, shift: float) -> torch.Tensor:
-    """Inputs (N, m) of which the first ``drives`` are read ``shift`` samples later, by cubic interpolation."""
+def is_held(subject: Subject) -> bool:
+    """Whether the inputs are commands that hold until the next sample."""
+    return subject.model.input_hold == "previous"
+
+
+def read_at(inputs: torch.Tensor, drives: int, shift: float, held: bool = False) -> torch.Tensor:
+    """Inputs (N, m) of which the first ``drives`` are read ``shift`` samples later, by cubic interpolation.
+
+    Of what is ``held`` until the next sample the mean over a sample is read: a part of this one and of the next.
+    """
     whole = int(np.floor(shift))
     x, n = shift - whole, len(inputs)
-    weights = [
-        -x * (x - 1) * (x - 2) / 6,
-        (x + 1) * (x - 1) * (x - 2) / 2,
-        -(x + 1) * x * (x - 2) / 2,
-        (x + 1) * x * (x - 1) / 6,
-    ]
+    weights = (
+        [0.0, 1 - x, x, 0.0]
+        if held
+        else [
+            -x * (x - 1) * (x - 2) / 6,
+            (x + 1) * (x - 1) * (x - 2) / 2,
+            -(x + 1) * x * (x - 2) / 2,
+            (x + 1) * x * (x - 1) / 6,
+        ]
+    )
     at = torch.arange(n)
     out = inputs.clone()
     out[:, :drives] = sum(
@@ -114,8 +130,10 @@ def read_at(inputs: torch.Tensor, drives: int, shift: float) -> torch.Tensor:
 
 def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift]:
     """The shifts of the inputs and of the sensors that all recordings share; zero where they are not significant."""
-    instant, nothing = subject.model.drive_acts_at_once, Shift(0.0, 0.0, 0.0)
+    held, nothing = is_held(subject), Shift(0.0, 0.0, 0.0)
+    instant = subject.model.drive_acts_at_once and not held
     widest = np.array([np.inf if instant else TIMING.within_sample, np.inf])
+    latest = np.array([0.0 if held else -widest[0], -widest[1]])
     start = np.array([_coarse(subject) if instant else 0.0, 0.0])
     fit = _Regression(subject, noise, start[0])
     value, error = start, np.full(2, np.inf)
@@ -123,7 +141,7 @@ def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift]:
         step, error = fit.step(value)
         if not np.isfinite([step, error]).all():
             return nothing, nothing  # nothing moves by which a shift could be told
-        value = np.clip(value + np.clip(step, -1, 1), -widest, widest)
+        value = np.clip(value + np.clip(step, -1, 1), latest, widest)
         if (np.abs(step) < TIMING.negligible).all():
             break
     told = np.abs(value) >= TIMING.significant * error
@@ -151,7 +169,7 @@ class _Regression:
 
     def __init__(self, subject: Subject, noise: Noise, shift: float) -> None:
         """Linearise the model and every effect of the catalogue where inputs are read ``shift`` samples later."""
-        self.model, self.drives = subject.model, drives_of(subject.model, subject.logs[0])
+        self.model, self.drives, self.held = subject.model, drives_of(subject.model, subject.logs[0]), is_held(subject)
         self.stack = LogBatch.of(shortened(subject.of(subject.training), TIMING.longest))
         search = Search(subject, (), lambda name: None, noise)
         candidates = [(name, kind) for name, kind in admissible(subject, self.model, None) if not kind.screen]
@@ -170,7 +188,7 @@ class _Regression:
     def read(self, shift: float, noisy: bool = False) -> LogBatch:
         """The recordings with their inputs read ``shift`` samples later, once more with noise or not."""
         inputs = self.stack.inputs + self.drawn if noisy else self.stack.inputs
-        return replace(self.stack, inputs=torch.stack([read_at(u, self.drives, shift) for u in inputs]))
+        return replace(self.stack, inputs=torch.stack([read_at(u, self.drives, shift, self.held) for u in inputs]))
 
     def step(self, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gauss–Newton step (2,) of the shifts of inputs and sensors, and its standard errors [samples].
