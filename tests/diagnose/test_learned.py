@@ -14,7 +14,7 @@ import pytest
 
 from bench.diagnose import compare, diagnose, extend, learned
 from bench.diagnose.fit import fit_parameters
-from bench.diagnose.learn.learn import learn
+from bench.diagnose.learn.learn import _Seen, learn
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.logs.subject import Subject, log_of
@@ -112,6 +112,19 @@ def test_the_formula_of_what_is_hidden_is_found(shape: str) -> None:
     ((axis, signals, found, values),) = terms_of(subject(force))
     assert (axis, set(signals), found) == ("speed.q", set(follows), shape)
     np.testing.assert_allclose(values, true, rtol=0.1)  # a start: simulation fits it
+
+
+def test_two_functions_of_one_signal_become_one() -> None:
+    """Of a stiff stop a product with a constant factor stood beside the function of the place: 4738 and −4739."""
+    place, product = (("displacement.q",), ("speed.q", "displacement.q"))
+    splines = [SimpleNamespace(pair=SimpleNamespace(signals=s)) for s in (place, product)]
+
+    def as_formulas(some: list[SimpleNamespace]) -> tuple[SimpleNamespace, ...]:
+        return tuple(SimpleNamespace(axis="speed.q", signals=place, alone=len(some) == 1) for _ in some)
+
+    seen = SimpleNamespace(as_formulas=as_formulas)
+    kept, terms = _Seen.as_distinct_formulas(seen, splines)  # type: ignore[arg-type]
+    assert kept == splines[:1] and [t.alone for t in terms] == [True]  # type: ignore[attr-defined]
 
 
 def test_a_product_is_found_where_neither_signal_matters_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -76,13 +76,13 @@ def learn(
         if not splines:
             return ()
         tick("formulas")
-        terms = seen.as_formulas(splines)
+        splines, terms = seen.as_distinct_formulas(splines)
         if only is not None:
             return terms
         kept = worthy(subject, noise, search, model, terms, doubtful)
         while 0 < len(kept) < len(terms):  # what a term looks like depends on what stands beside it
             splines = [s for s, t in zip(splines, terms, strict=True) if any(t is k for k in kept)]
-            terms = seen.as_formulas(splines)
+            splines, terms = seen.as_distinct_formulas(splines)
             kept = worthy(subject, noise, search, model, terms, doubtful)
         return kept
 
@@ -162,6 +162,20 @@ class _Seen:
             splines = [s for s in splines if s.pair not in later]
             offered = [p for p in offered if p not in later]
         return splines
+
+    def as_distinct_formulas(self, splines: list[Spline]) -> tuple[list[Spline], tuple[LearnedTerm, ...]]:
+        """Splines, and each as a formula, without those that turn out to say the same as another one.
+
+        A product of which the first factor is constant is a function of the second; beside another function of that the
+        two would share one force between them, and may grow without bound.
+        """
+        while True:
+            terms = self.as_formulas(splines)
+            said = [(t.axis, t.signals) for t in terms]
+            again = {i for i, s in enumerate(splines) if s.pair.signals != said[i][1] and said.count(said[i]) > 1}
+            if not again:
+                return splines, terms
+            splines = [s for i, s in enumerate(splines) if i not in again]
 
     def as_formulas(self, splines: Sequence[Spline]) -> tuple[LearnedTerm, ...]:
         """Every spline as the simplest formula that is not worse, or as it is."""
