@@ -155,7 +155,7 @@ def _root(unit: str) -> str:
     return str(_units().Quantity(1.0, unit).to_root_units().units)
 
 
-def exponents(unit: str) -> dict[str, int]:
+def exponents(unit: str) -> dict[str, float]:
     """The SI symbols of a compound unit and their powers: "N m s^2", "kg/rad", "1/s".
 
     Raises:
@@ -168,14 +168,14 @@ def exponents(unit: str) -> dict[str, int]:
     return powers_of(unit)
 
 
-def powers_of(product: str) -> dict[str, int]:
+def powers_of(product: str) -> dict[str, float]:
     """The names in a product of powers, such as "N m s^2" or "force/displacement^3", and how often each is in it."""
-    found: dict[str, int] = {}
+    found: dict[str, float] = {}
     for place, part in enumerate(product.split("/")):
         for factor in part.split():
             name, _, power = factor.partition("^")
             if name != "1":
-                found[name] = found.get(name, 0) + (-1 if place else 1) * int(power or 1)
+                found[name] = found.get(name, 0) + (-1 if place else 1) * float(power or 1)
     return found
 
 
