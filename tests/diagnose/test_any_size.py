@@ -1,7 +1,8 @@
 """What is hidden in a machine is found whatever its size, the unit of its drive and the units it is counted in."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 from torch import Tensor
 
 from bench.diagnose import discover
+from bench.diagnose.report import model_file
 from registry.contracts import Channel
 from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import constant, tensor
@@ -103,11 +105,13 @@ def swing(seed: int) -> tuple[Array, Array]:
     return u, seen + rng.normal(size=seen.shape) * 2e-3 * seen.std(0)
 
 
-def test_a_system_of_ones_own_has_the_effects_of_the_drive_in_the_unit_of_its_drive() -> None:
+def test_a_system_of_ones_own_has_the_effects_of_the_drive_in_the_unit_of_its_drive(tmp_path: Path) -> None:
     arm = recorded(Arm(), [swing(seed) for seed in range(4)], Channel("torque", "N m"))
     (found,) = discover(arm, ["saturation", "dead_zone", "backlash", "coulomb_friction", "cubic_stiffness"]).found
     assert (found.id, found.estimates[0].entry.unit) == ("saturation", "1/N m")
     assert 1 / found.estimates[0].value == pytest.approx(1.2, rel=0.01)
+    model_file.write(tmp_path / "model.toml", replace(Arm(), effects=(found.effect,)))
+    assert "1/N m: 1/U" in (tmp_path / "model.toml").read_text()
 
 
 def test_what_flies_or_has_no_drive_has_none_of_them() -> None:
