@@ -12,6 +12,7 @@ from torch import Tensor
 
 from bench.diagnose import discover
 from bench.diagnose.report import model_file
+from bench.diagnose.select.search import admissible, drive_is_noisy
 from registry.contracts import Channel
 from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import constant, tensor
@@ -120,3 +121,18 @@ def test_what_flies_or_has_no_drive_has_none_of_them() -> None:
         driven = name in ("mass_on_rail", "oscillator", "tanks")
         for effect in ("dead_zone", "saturation", "backlash"):
             assert EFFECTS.get(effect).suits(kind) is driven, (effect, name)
+
+
+def test_a_drive_that_a_noisy_sensor_measured_is_what_acts() -> None:
+    """Of a command, held over a step, noise is no sensor's; and steps are no noise."""
+    clean = cart(lambda u: u)
+    assert not drive_is_noisy(clean)
+    rng = np.random.default_rng(0)
+    noise = [torch.from_numpy(5.0 * rng.normal(size=log.inputs.shape)) for log in clean.logs]
+    noisy = [replace(log, inputs=log.inputs + x) for log, x in zip(clean.logs, noise, strict=True)]
+    measured = replace(clean, logs=tuple(noisy))
+    assert drive_is_noisy(measured)
+    assert not drive_is_noisy(replace(measured, model=replace(clean.model, input_hold="previous")))
+    steps = [replace(log, inputs=(log.inputs / 8.0).round()) for log in clean.logs]
+    assert not drive_is_noisy(replace(clean, logs=tuple(steps)))
+    assert not {"dead_zone", "saturation", "backlash"} & {n for n, _ in admissible(measured, clean.model, None)}
