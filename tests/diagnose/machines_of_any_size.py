@@ -38,7 +38,7 @@ def backlash(u: Array) -> Array:
     return out
 
 
-def recording(seed: int, drive: Callable[[Array], Array], loop: bool) -> tuple[Array, Array]:
+def recording(seed: int, drive: Callable[[Array], Array], loop: bool, noise: float) -> tuple[Array, Array]:
     """Drive (N,) [N], straight between samples, and state (N, 2) [m], [m/s] of a cart, by Heun's method."""
     rng = np.random.default_rng(seed)
     t = np.arange(SAMPLES) / RATE
@@ -58,16 +58,16 @@ def recording(seed: int, drive: Callable[[Array], Array], loop: bool) -> tuple[A
         slope = rate(x, before)
         x = x + h / 2 * (slope + rate(x + h * slope, after))
     path = np.array([*out, x])[::FINE, :2]
-    return u, path + rng.normal(size=path.shape) * 2e-3 * path.std(0)
+    return u, path + rng.normal(size=path.shape) * noise * path.std(0)
 
 
 def cart(
-    drive: Callable[[Array], Array], loop: bool = False, length: float = 1.0, force: float = 1.0, measured: int = 2
+    drive: Callable[[Array], Array], loop: bool = False, length: float = 1.0, force: float = 1.0, noise: float = 2e-3
 ) -> Subject:
     """Four recordings, the last one held out, with lengths and forces counted in units of 1/length m and 1/force N."""
     model = Oscillator(*(c * force / length for c in (MASS, DAMPING, STIFFNESS)))
-    runs = [recording(seed, drive, loop) for seed in range(4)]
-    return recorded(model, [(force * u, length * x[:, :measured]) for u, x in runs], Channel("force", "N"))
+    runs = [recording(seed, drive, loop, noise) for seed in range(4)]
+    return recorded(model, [(force * u, length * x) for u, x in runs], Channel("force", "N"))
 
 
 def recorded(model: PhysicsModel, runs: list[tuple[Array, Array]], drive: Channel, **more: Any) -> Subject:

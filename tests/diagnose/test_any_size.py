@@ -1,5 +1,6 @@
 """What is hidden in a machine is found whatever its size, the unit of its drive and the units it is counted in."""
 
+import sys
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -10,8 +11,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from bench.diagnose import discover
+from bench.diagnose import diagnose, discover
+from bench.diagnose.logs.noise import Noise, noise_of
+from bench.diagnose.logs.subject import Subject
 from bench.diagnose.report import model_file
+from bench.diagnose.select.input_timing import read_at
 from bench.diagnose.select.search import admissible, drive_is_noisy
 from registry.contracts import Channel
 from registry.core import EFFECTS, PHYSICS
@@ -136,3 +140,19 @@ def test_a_drive_that_a_noisy_sensor_measured_is_what_acts() -> None:
     steps = [replace(log, inputs=(log.inputs / 8.0).round()) for log in clean.logs]
     assert not drive_is_noisy(replace(clean, logs=tuple(steps)))
     assert not {"dead_zone", "saturation", "backlash"} & {n for n, _ in admissible(measured, clean.model, None)}
+
+
+def test_a_shift_that_only_play_made_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The shift is told before play is looked for, which looks late; of the two readings the better one is kept."""
+    given = cart(backlash)
+
+    def late(subject: Subject, **_: Any) -> tuple[Subject, Noise]:
+        logs = tuple(replace(log, inputs=read_at(log.inputs, 1, -0.5)) for log in subject.logs)
+        return replace(subject, logs=logs, timed=True, notes=("read late",)), noise_of(subject)
+
+    names = ["backlash", "coulomb_friction"]
+    monkeypatch.setattr(sys.modules["bench.diagnose.diagnose"], "prepared", late)
+    said, _ = diagnose(given, catalogue=names, brief=True)
+    (found,) = said.effects
+    assert found.id == "backlash" and found.parameters["width"].value == pytest.approx(3.0, rel=0.005)
+    assert "read late" not in said.evidence.notes
