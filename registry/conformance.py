@@ -7,14 +7,15 @@ class TestMyEffect(EffectConformance):
 """
 
 import dataclasses
+import math
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
 
 from registry.core import EFFECTS, PHYSICS
-from registry.dynamics import Effect, InputEffect, PhysicsModel
-from registry.units import SIGNALS, exponents
+from registry.dynamics import Effect, InputEffect, PhysicsModel, in_measure
+from registry.units import SIGNALS, exponents, powers_of
 
 _STARTS = {
     "mass_on_rail": (0.013, 0.12),
@@ -88,7 +89,8 @@ class EffectConformance:
         assert all(EFFECTS.get(name) for name in effect.requires) and all(PHYSICS.get(name) for name in effect.systems)
         for name, values in effect.screen.items():
             p = next(p for p in neutral.parameters() if p.name == name)
-            assert values and all(_within(v, p.low, p.high) for v in values), f"screen: {name} out of its bounds"
+            assert values, f"screen: no values of {name}"
+            assert p.measure or all(_within(v, p.low, p.high) for v in values), f"screen: {name} out of its bounds"
 
     def test_parameters_are_described(self) -> None:
         """Each with a unit of SI and an explanation; neutral and typical value within the bounds."""
@@ -110,6 +112,33 @@ class EffectConformance:
     def test_typical_shows(self) -> None:
         """Typical values change the motion."""
         assert (self.final(self.effect.typical()) - self.final()).abs().max() > 1e-6
+
+    def test_units_do_not_matter(self) -> None:
+        """The same machine counted in other units of length, mass and voltage moves alike, and its measures go along.
+
+        A number with a unit that is written into the equation, not a parameter, is right for machines of one size only.
+        """
+        model, effect, (state, inputs) = self.model(), self.effect.typical(), self.trajectory()
+        counted = [{p.name: _times(p.value, _factor(p.unit)) for p in model.parameters()}]
+        for e in (effect, *self.others):
+            counted.append({p.name: _times(p.value, _factor(model.effect_unit(p.unit))) for p in e.parameters()})
+        drive = type(model).signal(model.input_signals[0]) if model.input_signals else None
+        driven = [_factor(drive.unit if drive else "1")] * model.driving_channels
+        beside = [_factor(SIGNALS[name].unit) if name in SIGNALS else 1.0 for name in self.extras]
+        by_state = torch.tensor([_factor(c.unit) for c in model.state_channels], dtype=torch.float64)
+        other_state, other_inputs = state * by_state, inputs * torch.tensor([*driven, *beside], dtype=torch.float64)
+        effects = [dataclasses.replace(e, **of) for e, of in zip((effect, *self.others), counted[1:], strict=True)]
+        other = dataclasses.replace(model, effects=tuple(effects), **counted[0])
+        found = other.simulate(other_state, other_inputs, self.dt)[-1] / by_state
+        torch.testing.assert_close(found, self.final(effect), rtol=1e-8, atol=1e-10)
+        before, after = (
+            {n: float(x.abs().max()) for n, x in m.followed(s, u).items()}
+            for m, s, u in ((model, state, inputs), (other, other_state, other_inputs))
+        )
+        for p in (p for p in effect.parameters() if p.measure):
+            assert set(powers_of(p.measure)) <= set(before), f"measure: {p.name} is measured in a signal nobody has"
+            ratio = in_measure(p, after) / in_measure(p, before)
+            assert abs(ratio / _factor(model.effect_unit(p.unit)) - 1) < 1e-9, f"measure: {p.name} has another unit"
 
     def test_batches(self) -> None:
         """A batch of states, and of parameters, gives what its elements give alone."""
@@ -155,6 +184,20 @@ class EffectConformance:
         self.final(self.effect(**neutral)).sum().backward()
         for name, value in neutral.items():
             assert value.grad is None or value.grad.isfinite(), f"{name} has no gradient at its neutral value"
+
+
+_COUNTED = {"m": 0.01, "kg": 30.0, "N": 0.3, "V": 7.0}
+"""How many of them a unit is, counted in others: of length, mass and voltage."""
+
+
+def _factor(unit: str) -> float:
+    """What values in a unit are multiplied by where it is counted in other ones."""
+    return math.prod(_COUNTED.get(symbol, 1.0) ** power for symbol, power in powers_of(unit).items())
+
+
+def _times(value: Any, factor: float) -> Any:
+    """A number or a nested tuple of numbers, multiplied."""
+    return tuple(_times(v, factor) for v in value) if isinstance(value, tuple) else value * factor
 
 
 def _within(value: float, low: float | None, high: float | None) -> bool:

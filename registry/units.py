@@ -155,20 +155,27 @@ def _root(unit: str) -> str:
     return str(_units().Quantity(1.0, unit).to_root_units().units)
 
 
-def exponents(unit: str) -> dict[str, int]:
+def exponents(unit: str) -> dict[str, float]:
     """The SI symbols of a compound unit and their powers: "N m s^2", "kg/rad", "1/s".
 
     Raises:
         BenchError: a symbol that is not in the table, or not of SI, or a power that is not a whole number.
     """
-    found: dict[str, int] = {}
-    for place, part in enumerate(unit.split("/")):
-        for factor in part.split() or [""]:
-            symbol, caret, power = factor.partition("^")
-            if to_si(symbol)[0] != symbol or not (power.isdecimal() if caret else not power):
-                raise BenchError(f"The unit {unit!r} must be of SI, such as N m s^2 or kg/rad, not {factor!r}.")
-            if symbol != "1":
-                found[symbol] = found.get(symbol, 0) + (-1 if place else 1) * int(power or 1)
+    for factor in (factor for part in unit.split("/") for factor in part.split() or [""]):
+        symbol, caret, power = factor.partition("^")
+        if to_si(symbol)[0] != symbol or not (power.isdecimal() if caret else not power):
+            raise BenchError(f"The unit {unit!r} must be of SI, such as N m s^2 or kg/rad, not {factor!r}.")
+    return powers_of(unit)
+
+
+def powers_of(product: str) -> dict[str, float]:
+    """The names in a product of powers, such as "N m s^2" or "force/displacement^3", and how often each is in it."""
+    found: dict[str, float] = {}
+    for place, part in enumerate(product.split("/")):
+        for factor in part.split():
+            name, _, power = factor.partition("^")
+            if name != "1":
+                found[name] = found.get(name, 0) + (-1 if place else 1) * float(power or 1)
     return found
 
 

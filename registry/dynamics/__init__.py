@@ -20,7 +20,18 @@ from registry.dynamics.effects import (
     WindEffect,
 )
 from registry.dynamics.model import PhysicsModel, runge_kutta, unsuited
-from registry.dynamics.parameters import Parameter, constant, cross, joined, tensor, total, turned, turned_back, vector
+from registry.dynamics.parameters import (
+    Parameter,
+    constant,
+    cross,
+    in_measure,
+    joined,
+    tensor,
+    total,
+    turned,
+    turned_back,
+    vector,
+)
 from registry.dynamics.pilot import Pilot, SetPoint
 from registry.dynamics.rotations import quaternion_rate, rotation_matrix
 
@@ -46,6 +57,7 @@ __all__ = [
     "WindEffect",
     "constant",
     "cross",
+    "in_measure",
     "joined",
     "per_second",
     "quaternion_rate",

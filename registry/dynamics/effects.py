@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Self
 import torch
 from torch import Tensor
 
-from registry.dynamics.parameters import Parameter, cross, parameters_of, tensor
+from registry.dynamics.parameters import Parameter, cross, in_measure, parameters_of, tensor
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,10 @@ class Effect(ABC):
     systems: ClassVar[tuple[str, ...]] = ()
     """Physics models the effect fits; empty: all."""
     screen: ClassVar[dict[str, tuple[float, ...]]] = {}
-    """Of parameters that the effect is not linear in: values from which a search for them starts."""
+    """Of parameters that the effect is not linear in: values from which a search for them starts.
+
+    Of a parameter that has a measure (`constant`), shares of that: so that it is found in a machine of any size.
+    """
     manoeuvre: ClassVar[str] = ""
     """What to do so that the effect shows and can be told from others, as a phrase that follows "to see it, "."""
     internal_size: ClassVar[int] = 0
@@ -116,6 +119,22 @@ class Effect(ABC):
             medians: of the signals that the model has as `PhysicsModel.extras`, by name, SI.
         """
         return cls.neutral()
+
+    @classmethod
+    def grid(cls, sizes: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+        """`screen` in the units of the parameters, where signals were as large as ``sizes``; see `in_measure`."""
+        own = {p.name: in_measure(p, sizes) for p in parameters_of(cls()) if p.measure}
+        return {name: tuple(own.get(name, 1.0) * v for v in values) for name, values in cls.screen.items()}
+
+    def sized(self, sizes: Mapping[str, float], fitted: bool = True) -> Self:
+        """With the parameters that have a share at that share of what was recorded.
+
+        Args:
+            sizes: how large signals became, as for `in_measure`.
+            fitted: whether those that are fitted are put there too.
+        """
+        changed = [p for p in self.parameters() if p.share is not None and (fitted or p.uncertainty == 0)]
+        return replace(self, **{p.name: float(p.share or 0.0) * in_measure(p, sizes) for p in changed})
 
     @classmethod
     def typical(cls) -> Self:

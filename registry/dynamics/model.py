@@ -95,6 +95,8 @@ class PhysicsModel(ABC):
     """Relative 1σ of constants as vehicles of this kind have them where nobody says how well they are known."""
     needs_pilot: ClassVar[bool] = False
     """Whether it would fall, or run away, if somebody drove it open loop."""
+    through_actuator: ClassVar[bool] = False
+    """Whether what drives it passes an amplifier, a valve or gears, worn or at their limit (`DriveEffect`)."""
     broadcasts: ClassVar[bool] = False
     """Whether `derivative` takes states, inputs and constants of different leading dimensions, and broadcasts them."""
     alike: ClassVar[tuple[str, ...]]
@@ -182,6 +184,18 @@ class PhysicsModel(ABC):
             None where only `derivative` tells.
         """
         return None
+
+    def followed(self, state: Tensor, inputs: Tensor) -> dict[str, Tensor]:
+        """Signals (…, n) that parameters of effects are measured in (`constant`), by name, SI: input and states.
+
+        Args:
+            state: (…, s) the state proper.
+            inputs: (…, m) driving signal and extras.
+        """
+        driving = inputs[..., : inputs.shape[-1] - len(self.extras)]
+        groups = [c.group for c in self.state_channels]
+        own = {g: state[..., [i for i, of in enumerate(groups) if of == g]] for g in dict.fromkeys(groups)}
+        return own | ({"input": driving} if driving.shape[-1] else {})
 
     def input_effects(self) -> list[InputEffect]:
         """The effects between the given input and the acting one, in order."""

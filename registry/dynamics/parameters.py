@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -13,6 +14,7 @@ import torch
 from torch import Tensor
 
 from registry.core import option
+from registry.units import powers_of
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,10 @@ class Parameter:
     """Of an effect: a value met on real vehicles."""
     source: str
     about: str
+    measure: str = ""
+    """Of an effect: the sizes of signals that it is measured in; see `constant`."""
+    share: float | None = None
+    """Of an effect: a value met in practice, in this measure."""
 
 
 def constant(
@@ -44,6 +50,8 @@ def constant(
     source: str = "",
     uncertainty: float = 0.02,
     typical: Any = None,
+    measure: str = "",
+    share: float | None = None,
 ) -> Any:
     """A dataclass field for a physical constant; of an effect, ``value`` is the neutral one.
 
@@ -56,9 +64,15 @@ def constant(
         source: where the value comes from.
         uncertainty: relative, 1σ.
         typical: of an effect, a value met on real vehicles.
+        measure: of an effect, what the parameter is measured in whatever the machine's size: a product of signals that
+            `PhysicsModel.followed` names, such as "speed", "1/input", "force/displacement^3". Its values in
+            `Effect.screen` are shares of how large these became in the recordings.
+        share: a value met in practice, in this measure: where a search for it starts, and what it stays at where it is
+            not fitted (``uncertainty=0``).
     """
     base = option(value, about, unit=unit, low=low, high=high, source=source)
-    return field(default=value, metadata={**base.metadata, "uncertainty": uncertainty, "typical": typical})
+    own = {"uncertainty": uncertainty, "typical": typical, "measure": measure, "share": share}
+    return field(default=value, metadata={**base.metadata, **own})
 
 
 def parameters_of(entry: Any) -> Iterator[Parameter]:
@@ -79,7 +93,23 @@ def parameters_of(entry: Any) -> Iterator[Parameter]:
                 typical=typical,
                 source=m["source"],
                 about=m["help"],
+                measure=m["measure"],
+                share=m["share"],
             )
+
+
+def in_measure(p: Parameter, sizes: Mapping[str, float]) -> float:
+    """What a share of 1 is of a parameter that has a measure, in its unit; 1 of another.
+
+    Args:
+        p: of an effect.
+        sizes: how large signals became in recordings, by name, SI. Where one is missing, or never moved, it is what
+            makes the typical value.
+    """
+    powers = powers_of(p.measure)
+    if all(sizes.get(name) for name in powers):
+        return math.prod(sizes[name] ** power for name, power in powers.items())
+    return abs(p.typical or 1.0) / (p.share or 1.0)
 
 
 def tensor(value: Any, like: Tensor) -> Tensor:

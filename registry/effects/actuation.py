@@ -8,12 +8,27 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.core import EFFECTS
 from registry.dynamics import InputEffect, constant, tensor
 
 LONGEST_DELAY = 0.2
 """Upper bound of a delay [s]: it sets the length of the memory."""
+
+
+class DriveEffect(InputEffect):
+    """A nonlinearity between the given input and the one that acts, in any system that is driven through an actuator.
+
+    Several channels share its parameters, whose unit is that of the input.
+    """
+
+    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator", "tanks")
+
+    @classmethod
+    @override
+    def suits(cls, kind: Any) -> bool:
+        return bool(kind.input_signals) and kind.through_actuator
 
 
 @EFFECTS.register("motor_lag")

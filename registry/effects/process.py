@@ -10,8 +10,8 @@ from torch import Tensor
 from typing_extensions import override
 
 from registry.core import EFFECTS
-from registry.dynamics import InputEffect, RateEffect, constant, tensor
-from registry.effects.actuation import InputDelay
+from registry.dynamics import RateEffect, constant, tensor
+from registry.effects.actuation import DriveEffect, InputDelay
 from registry.effects.mechanics.friction import scaled
 
 LONGEST_LINE = 60.0
@@ -24,8 +24,8 @@ class Overflow(RateEffect):
     """Both tanks overflow at their rims; a part of what leaves the upper one falls into the lower."""
 
     k: Any = constant(0.0, "k: outflow over the height above the rim", "1/s", low=0, high=0.6, typical=0.2)
-    upper_rim: Any = constant(10.0, "H_1", "V", low=0, high=100, typical=8.0)
-    lower_rim: Any = constant(10.0, "H_2", "V", low=0, high=100, typical=9.0)
+    upper_rim: Any = constant(10.0, "H_1", "V", low=0, typical=8.0, measure="level", share=1.0)
+    lower_rim: Any = constant(10.0, "H_2", "V", low=0, typical=9.0, measure="level", share=0.95)
     share: Any = constant(
         0.5, "c: part of the upper overflow that falls into the lower tank", "1", low=0, high=1, typical=0.5
     )
@@ -33,8 +33,8 @@ class Overflow(RateEffect):
     needs: ClassVar[tuple[str, ...]] = ("level",)
     systems: ClassVar[tuple[str, ...]] = ("tanks",)
     screen: ClassVar[dict[str, tuple[float, ...]]] = {
-        "upper_rim": (5.0, 10.0, 20.0),
-        "lower_rim": (9.0, 9.8),
+        "upper_rim": (0.5, 1.0, 2.0),
+        "lower_rim": (0.9, 0.98),
         "share": (0.2, 0.8),
     }
     manoeuvre: ClassVar[str] = "pump until both tanks overflow for a while, and let them run empty"
@@ -65,10 +65,8 @@ class TransportDelay(InputDelay):
         return inputs * (math.ceil(LONGEST_LINE / dt - 1e-9) + 1)
 
 
-class StaticInputEffect(InputEffect):
+class StaticInputEffect(DriveEffect):
     """An effect on the drive that has no memory."""
-
-    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "tanks")
 
     def memory_size(self, inputs: int, dt: float) -> int:
         """None."""
@@ -92,9 +90,9 @@ class StaticInputEffect(InputEffect):
 class DeadZone(StaticInputEffect):
     """The drive does nothing until it exceeds a threshold, as of a valve with overlap."""
 
-    width: Any = constant(0.0, "w: threshold", "V", low=0, high=10, typical=0.3)
+    width: Any = constant(0.0, "w: threshold", "V", low=0, typical=0.3, measure="input", share=0.1)
     equation: ClassVar[str] = "u → u − w sign u where |u| > w, else 0"
-    screen: ClassVar[dict[str, tuple[float, ...]]] = {"width": (0.05, 0.2, 0.5, 1.0)}
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"width": (0.03, 0.1, 0.2, 0.4)}
     manoeuvre: ClassVar[str] = "drive with small amplitude about zero, and with large"
 
     @override
@@ -108,9 +106,9 @@ class DeadZone(StaticInputEffect):
 class Saturation(StaticInputEffect):
     """The drive goes no further than a limit, as of an amplifier. The parameter is one over the limit."""
 
-    inverse: Any = constant(0.0, "1/U: one over the limit", "1/V", low=0, high=10, typical=0.4)
+    inverse: Any = constant(0.0, "1/U: one over the limit", "1/V", low=0, typical=0.4, measure="1/input", share=1.5)
     equation: ClassVar[str] = "u → max(−U, min(U, u))"
-    screen: ClassVar[dict[str, tuple[float, ...]]] = {"inverse": (0.1, 0.2, 0.4, 0.8)}
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"inverse": (1.1, 1.4, 2.0, 3.5)}
     manoeuvre: ClassVar[str] = "drive with amplitudes up to the largest that is allowed"
 
     @override

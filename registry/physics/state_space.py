@@ -11,14 +11,27 @@ from torch import Tensor
 from typing_extensions import override
 
 from registry.dynamics import ModelEffect, PhysicsModel, RateEffect, tensor
+from registry.terms.unit_algebra import product
+from registry.units import exponents
 
 
 class StateSpace(PhysicsModel):
     """dx/dt = own rate + what the effects add."""
 
+    through_actuator: ClassVar[bool] = True
+
     @abstractmethod
     def own_rate(self, state: Tensor, inputs: Tensor) -> Tensor:
         """dx/dt (…, s) without effects, at the state proper (…, s) and the driving inputs (…, m)."""
+
+    @override
+    def effect_unit(self, unit: str) -> str:
+        """In volts are what stands for the drive, whatever its unit is: 1/V is 1/N of a force."""
+        drive = next(iter(type(self).input_signals), "")
+        its = type(self).signal(drive)
+        if its is None or not re.search(r"\bV\b", unit):
+            return unit
+        return product(*((its.unit if symbol == "V" else symbol, power) for symbol, power in exponents(unit).items()))
 
     @override
     def equation_names(self) -> dict[str, str]:
@@ -79,7 +92,8 @@ class Mechanical(StateSpace):
     def effect_unit(self, unit: str) -> str:
         """Of what turns: torques in N m and paths in rad, where a mass on a rail has N and m."""
         turns = any(p.name == "mass" and p.unit == "kg m^2" for p in self.parameters())
-        return re.sub(r"\b[Nm]\b", lambda of: {"N": "N m", "m": "rad"}[of[0]], unit) if turns else unit
+        turned = re.sub(r"\b[Nm]\b", lambda of: {"N": "N m", "m": "rad"}[of[0]], unit) if turns else unit
+        return super().effect_unit(turned)
 
     @abstractmethod
     def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:
@@ -97,6 +111,14 @@ class Mechanical(StateSpace):
         """Velocity (…, n) [m/s] along the path."""
         size = len(self.state_channels)
         return state[..., size // 2 : size] * self.lever(state).unsqueeze(-1)
+
+    @override
+    def followed(self, state: Tensor, inputs: Tensor) -> dict[str, Tensor]:
+        """See `PhysicsModel.followed`; path and speed in metres, and the force of the model itself [N]."""
+        all_of = super().followed(state, inputs)
+        driving = all_of.get("input", inputs[..., :0])
+        own = {"displacement": self.displacement(state), "speed": self.speed(state)}
+        return all_of | own | {"force": self.own_force(state, driving)}
 
     def push(self, force: Tensor) -> Tensor:
         """What forces (…, n) [N] along the path add to dx/dt (…, 2n)."""

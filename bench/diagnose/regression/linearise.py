@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 import numpy as np
 import torch
@@ -11,6 +10,7 @@ from bench.diagnose.regression.columns import Columns, moves, response
 from bench.diagnose.regression.generic import Dictionary
 from bench.diagnose.regression.parameters import Entry, effect_entries, entries, probes, with_values
 from bench.diagnose.regression.rows import Rows
+from bench.diagnose.regression.starting_points import StartingPoints
 from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.settings import LINEARISING
@@ -146,9 +146,10 @@ def directions(
     more, reduced = _without(model, dependants, at, constants, stack, first=len(own))
     columns += more
     starts: list[Candidate] = []
+    points = StartingPoints.of(model, stack.states, stack.inputs)
     for name, kind in candidates:
         tick(name)
-        starts += _starts(model, name, kind, at, wide=wide, stack=stack, columns=columns)
+        starts += _starts(points, name, kind, at, wide=wide, stack=stack, columns=columns)
     channels = tuple(i for i in stack.measured if any(i in c for c in columns))
     return Linearization(
         model=model,
@@ -208,7 +209,7 @@ def _without(
 
 
 def _starts(
-    model: PhysicsModel,
+    points: StartingPoints,
     name: str,
     kind: type[Effect],
     at: np.ndarray,
@@ -219,7 +220,7 @@ def _starts(
     """An effect linearised about every value of its search grid; what it makes of the rates goes to ``columns``.
 
     Args:
-        model: to which it is added.
+        points: in the model to which it is added.
         name: its id.
         kind: of effect.
         at: rates of the model itself.
@@ -228,10 +229,11 @@ def _starts(
         columns: of the model and of effects before.
     """
     starts, offset = [], bool(kind.screen)
-    for effect, where, x, steps in _probed(model, kind, at, stack):
+    model = points.model
+    for effect, where, x, steps in _probed(points, kind, at, stack):
         first, width = len(columns), len(where) + offset
         columns += [response(x[0], at, stack.measured)] * offset + _slopes(x[1:], x[0], steps, stack)
-        reach = [_reach(kind, e) for e in where]
+        reach = [points.reach(kind, e) for e in where]
         low = (*[1.0] * offset, *(r[0] - e.value for r, e in zip(reach, where, strict=True)))
         high = (*[1.0] * offset, *(r[1] - e.value for r, e in zip(reach, where, strict=True)))
         instead = {}
@@ -245,31 +247,31 @@ def _starts(
 
 
 def _probed(
-    model: PhysicsModel, kind: type[Effect], at: np.ndarray, stack: LogBatch
+    points: StartingPoints, kind: type[Effect], at: np.ndarray, stack: LogBatch
 ) -> Iterator[tuple[Effect, list[Entry], np.ndarray, np.ndarray]]:
     """Starting points of an effect, their numbers, rates (P + 1, L, N − 1, s) there and after steps (P,), and these.
 
     Args:
-        model: to which the effect is added.
+        points: in the model to which the effect is added.
         kind: of effect.
         at: rates of the model itself.
         stack: the recordings.
     """
-    points = _starting_points(kind, model, stack)
-    fitted = [effect_entries(effect, len(model.effects)) for effect in points]
+    model, begun = points.model, points.neutral(kind)
+    fitted = [effect_entries(effect, len(model.effects), points.sizes) for effect in begun]
     probed = [probes(where) for where in fitted]
-    extended = replace(model, effects=(*model.effects, points[0]))
+    extended = replace(model, effects=(*model.effects, begun[0]))
     plain = not kind.screen  # then the first probe is the model itself
     limit = LINEARISING.unstable * (float(np.abs(at).max()) or 1.0)
     each = len(fitted[0]) + 1
     some = max(1, -(-LINEARISING.together // each))
-    for first in range(0, len(points), some):
+    for first in range(0, len(begun), some):
         part = slice(first, first + some)
         together = torch.cat([values[plain:] for values, _ in probed[part]])
         found = mean_rates(with_values(extended, fitted[0], together), stack).numpy()
         if plain:
             found = np.concatenate([at[None], found])
-        for i, (effect, where, (_, steps)) in enumerate(zip(points[part], fitted[part], probed[part], strict=True)):
+        for i, (effect, where, (_, steps)) in enumerate(zip(begun[part], fitted[part], probed[part], strict=True)):
             x = found[i * each : (i + 1) * each]
             if x.max() <= limit and x.min() >= -limit:  # else it is unstable at this sampling rate
                 yield effect, where, x, steps
@@ -287,21 +289,3 @@ def _dependants(model: PhysicsModel, place: int) -> frozenset[int]:
     """The places of effects that need the one in this place, and have no other that would do."""
     rest = {EFFECTS.name_of(type(e)) for j, e in enumerate(model.effects) if j != place} | set(model.provides)
     return frozenset(j for j, e in enumerate(model.effects) if j != place and e.requires and not rest & set(e.requires))
-
-
-def _reach(kind: type[Effect], entry: Entry) -> tuple[float, float]:
-    """Between which values an effect linearised at ``entry`` is believed: to the next ones of its search grid."""
-    grid = kind.screen.get(entry.name, ())
-    below, above = [v for v in grid if v < entry.value], [v for v in grid if v > entry.value]
-    return max(below, default=entry.low), min(above, default=entry.high)
-
-
-def _starting_points(kind: type[Effect], model: PhysicsModel, stack: LogBatch) -> list[Effect]:
-    """Neutral for an effect that is linear in its parameters, else one a value of its search grid."""
-    first = stack.inputs.shape[-1] - len(model.extras)
-    medians = {name: float(stack.inputs[..., first + i].median()) for i, name in enumerate(model.extras)}
-    neutral = kind.neutral_for(model, medians)
-    if not kind.screen:
-        return [neutral]
-    grids = [dict(zip(kind.screen, values, strict=True)) for values in product(*kind.screen.values())]
-    return [replace(neutral, **grid) for grid in grids]

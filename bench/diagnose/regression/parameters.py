@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.settings import CALIBRATING, LINEARISING
-from registry.dynamics import Effect, Parameter, PhysicsModel
+from registry.dynamics import Effect, Parameter, PhysicsModel, in_measure
 
 
 @dataclass(frozen=True)
@@ -125,14 +125,20 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
     return found
 
 
-def effect_entries(effect: Effect, owner: int) -> list[Entry]:
-    """An effect's parameters that can be fitted; of a vector each component is a number of its own."""
+def effect_entries(effect: Effect, owner: int, sizes: Mapping[str, float] | None = None) -> list[Entry]:
+    """An effect's parameters that can be fitted; of a vector each component is a number of its own.
+
+    Args:
+        effect: with its values.
+        owner: its place among the model's effects.
+        sizes: how large signals became in the recordings, which tell the scale of parameters that they measure.
+    """
     found = []
     for p in effect.parameters():
         if p.uncertainty > 0:
             low, high = _bounds(p)
             for i, (v, neutral) in enumerate(zip(_flat(p.value), _flat(p.neutral), strict=True)):
-                at, scale = i if np.ndim(p.value) else None, _scale(p, i)
+                at, scale = i if np.ndim(p.value) else None, _scale(p, i, sizes or {})
                 found.append(Entry(owner, p.name, at, p.unit, v, scale=scale, low=low, high=high, neutral=neutral))
     return found
 
@@ -190,7 +196,11 @@ def _flat(value: Any) -> list[float]:
     return [float(v) for v in value] if np.ndim(value) == 1 else []
 
 
-def _scale(p: Parameter, component: int) -> float:
+def _scale(p: Parameter, component: int, sizes: Mapping[str, float]) -> float:
+    if p.share and sizes:
+        return p.share * in_measure(p, sizes)
+    if p.measure and p.value:  # what is typical of one machine is much or nothing in another
+        return abs(float(p.value))
     return abs(_flat(p.typical or 0.0)[component]) or 1.0
 
 

@@ -42,13 +42,15 @@ def write(path: Path, model: PhysicsModel, effects: Sequence[NamedEffect] = ()) 
     several = sum(e.learned for e in model.effects)
     told = iter([*[None] * (several - len(terms)), *terms])
     for effect in model.effects:
-        lines += _effect(path, effect, next(told) if effect.learned else known.get(EFFECTS.name_of(type(effect))))
+        said = next(told) if effect.learned else known.get(EFFECTS.name_of(type(effect)))
+        lines += _effect(path, model, effect, said)
     write_text(path, "\n".join(lines) + "\n")
 
 
-def _effect(path: Path, effect: Effect, known: NamedEffect | None) -> list[str]:
-    """The table of an effect: what it is, its options if it has some, its parameters."""
-    name, parameters = EFFECTS.name_of(type(effect)), effect.parameters()
+def _effect(path: Path, model: PhysicsModel, effect: Effect, known: NamedEffect | None) -> list[str]:
+    """The table of an effect of ``model``: what it is, its options if it has some, its parameters."""
+    name = EFFECTS.name_of(type(effect))
+    parameters = [replace(p, unit=model.effect_unit(p.unit)) for p in effect.parameters()]
     said = effect.equation if known is None or not effect.learned else known.described
     if effect.learned:
         parameters = [replace(p, about=_values_told(known) or p.about) for p in parameters]

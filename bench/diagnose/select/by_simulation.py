@@ -6,7 +6,6 @@ set must be better by Bayes's information criterion and on windows that were not
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import torch
@@ -14,6 +13,8 @@ from scipy.special import stdtrit
 
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import Prior
+from bench.diagnose.regression.starting_points import StartingPoints
+from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.select.discovery import Discovery, Found, RejectedCandidate
 from bench.diagnose.select.search import admissible
 from bench.diagnose.select.simulated_set import SimulatedSet, independent
@@ -22,8 +23,9 @@ from bench.diagnose.select.tie import does_as_well
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import GROWING, SIMULATING, VERIFYING
 from bench.diagnose.simulate.simulation_fit import Simulated, StartingPoint, Windows, fit, starts
+from bench.diagnose.simulate.unmeasured import completed
 from registry.core import EFFECTS
-from registry.dynamics import Effect, PhysicsModel
+from registry.dynamics import PhysicsModel
 
 
 def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[str], None]) -> Discovery:
@@ -33,18 +35,18 @@ def discover(subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[
     with torch.no_grad():
         tick("calibrate")
         base = SimulatedSet((), _fit(subject, windows, [subject.model]), subject, windows)
-        fields, taken = [[base]], base
+        fields, taken, points = [[base]], base, _points(windows, base.fitted.model)
         for _ in range(GROWING.most):
             field = []
             for name in kinds:
                 if name not in taken.ids:
                     tick(" + ".join((*taken.ids, name)))
                     model = taken.fitted.model
-                    grown = [replace(model, effects=(*model.effects, e)) for e in _points(name, model)]
+                    grown = [replace(model, effects=(*model.effects, e)) for e in points.felt(EFFECTS.get(name))]
                     field.append(SimulatedSet((*taken.ids, name), _fit(subject, windows, grown), subject, windows))
             if not field:
                 break
-            fields.append(_refitted(field, taken, tick))
+            fields.append(_refitted(field, taken, points, tick))
             if not _accepted(taken, fields[-1][0]):
                 break
             taken = fields[-1][0]
@@ -79,8 +81,8 @@ def fit_by_simulation(
     tick("shooting")
     windows, starts = Windows.of(subject.of(subject.training)), [model]
     if model.effects:
-        rest, name = model.effects[:-1], EFFECTS.name_of(type(model.effects[-1]))
-        starts += [replace(model, effects=(*rest, e)) for e in _points(name, model)]
+        rest, last = model.effects[:-1], type(model.effects[-1])
+        starts += [replace(model, effects=(*rest, e)) for e in _points(windows, model).felt(last)]
     with torch.no_grad():
         done = _fit(subject, windows, starts)
     return done.model, estimates(done, len(windows.log))
@@ -121,7 +123,15 @@ def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> 
     return best([ended(begin), ended(led)], 1)[0]
 
 
-def _refitted(field: Sequence[SimulatedSet], smaller: SimulatedSet, tick: Callable[[str], None]) -> list[SimulatedSet]:
+def _points(windows: Windows, model: PhysicsModel) -> StartingPoints:
+    """Where a search for effects in ``model`` starts; states that were not measured are as it carries them."""
+    stack = LogBatch.of(windows.logs)
+    return StartingPoints.of(model, completed(model, stack), stack.inputs)
+
+
+def _refitted(
+    field: Sequence[SimulatedSet], smaller: SimulatedSet, points: StartingPoints, tick: Callable[[str], None]
+) -> list[SimulatedSet]:
     """Sets of one size, the best first; it and those like it are fitted a second time before they are compared.
 
     Other numbers of a set were those of the smaller one when its search grid was tried: that may be the valley of
@@ -134,26 +144,19 @@ def _refitted(field: Sequence[SimulatedSet], smaller: SimulatedSet, tick: Callab
         if not close:
             return field
         tick(" + ".join(close[0].ids))
-        again[close[0].ids] = _around(close[0])
+        again[close[0].ids] = _around(close[0], points)
 
 
-def _around(choice: SimulatedSet) -> SimulatedSet:
+def _around(choice: SimulatedSet, points: StartingPoints) -> SimulatedSet:
     """The same effects, fitted once more from the whole search grid of each with all else as it was found."""
     model, known = choice.fitted.model, len(choice.fitted.model.effects) - len(choice.ids)
     begin = [
         replace(model, effects=(*model.effects[:i], point, *model.effects[i + 1 :]))
         for i, name in enumerate(choice.ids, known)
-        for point in _points(name, model)
+        for point in points.felt(EFFECTS.get(name))
     ]
     found = _fit(choice.subject, choice.windows, begin)
     return replace(choice, fitted=found) if found.loss.sum() < choice.fitted.loss.sum() else choice
-
-
-def _points(name: str, model: PhysicsModel) -> list[Effect]:
-    """An effect from every value of its search grid, all else typical, so that every parameter is felt."""
-    kind = EFFECTS.get(name)
-    grid = [dict(zip(kind.screen, values, strict=True)) for values in product(*kind.screen.values())]
-    return [replace(kind.typical_for(model), **values) for values in grid]
 
 
 def _accepted(smaller: SimulatedSet, larger: SimulatedSet) -> bool:

@@ -24,6 +24,7 @@ from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Channel
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
+from registry.effects.actuation import DriveEffect
 
 _OF_INPUT = ("input", "input_rate")
 """Signals of the dictionary that noise of the inputs is in."""
@@ -276,6 +277,10 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
         return f"it is an effect of {', '.join(kind.systems)}, not of {type(model).system_name()}"
     if name == "input_delay" and model.drive_acts_at_once:
         return "what drives the model was measured, and acts at once: a delay of it is one of the log"
+    if issubclass(kind, DriveEffect) and drive_is_noisy(subject):
+        return (
+            "what drives the model was measured, with noise: so it is what acts, after an actuator, and not its command"
+        )
     if "rotor_command" in kind.needs and getattr(model, "drive", "") not in ("rotor_command", "pwm"):
         return "the model is not driven by a command"
     if kind.requires and not set(kind.requires) & held:
@@ -288,6 +293,19 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
         return why.rstrip(".")
     missing = [n for n in kind.needs if n not in measured]
     return f"{', '.join(missing)} was not measured" if missing else ""
+
+
+def drive_is_noisy(subject: Subject) -> bool:
+    """Whether a signal that drives the model, and is no command, has noise beside which thresholds mean nothing.
+
+    The median of third differences: steps are no noise.
+    """
+    if subject.model.input_hold == "previous":
+        return False
+    drives = [log.inputs.numpy()[:, : log.inputs.shape[-1] - len(subject.model.extras)] for log in subject.logs]
+    third = np.concatenate([np.abs(np.diff(u, n=3, axis=0)) for u in drives])
+    sigma = np.median(third, axis=0) / (0.6745 * 20**0.5) if len(third) else np.zeros(1)
+    return bool((sigma > SEARCHING.noisy_drive * np.concatenate(drives).std(0)).any())
 
 
 def stride_of(stack: LogBatch) -> int:

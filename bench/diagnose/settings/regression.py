@@ -15,6 +15,11 @@ class Linearising:
         "rates, relative to the model's own, that no physical effect adds: a start with more is left out",
         Basis.JUDGED,
     )
+    largest: float = threshold(
+        0.999,
+        "share of the samples of a signal that are no larger than its size, in which effects are measured",
+        Basis.JUDGED,
+    )
     wide: float = threshold(
         0.2,
         "relative 1σ of a constant from which what an effect does depends on it too much for one linearisation",

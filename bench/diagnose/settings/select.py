@@ -27,6 +27,11 @@ class Searching:
         "share of noise of the inputs in what a column is made of from which the data say nothing about it",
         Basis.JUDGED,
     )
+    noisy_drive: float = threshold(
+        0.1,
+        "noise of a drive, over its standard deviation, from which it was measured behind the actuator, not commanded",
+        Basis.JUDGED,
+    )
     memory: int = threshold(8, "order of the autoregression that whitens a residual", Basis.JUDGED, "hops")
 
 

@@ -156,7 +156,7 @@ VARIANTS: tuple[tuple[str, str, Drawn], ...] = (
 )
 """Kind, vehicle or system, and what is drawn; each stands three times in the suite, once a level of noise."""
 WITHOUT = {
-    "oscillator": (*FRICTIONS, *SPRINGS, "joint_elasticity", "offset_force"),
+    "oscillator": (*FRICTIONS, *SPRINGS, *DRIVES, "joint_elasticity", "offset_force"),
     "tanks": ("overflow", *DRIVES),
     "cart": (),
     "place_lift": ("ground_effect",),

@@ -1,6 +1,6 @@
 """Forces on a moving mass that go with its velocity, or with nothing.
 
-A sign is smoothed, sign v → tanh(v / 1 mm/s), so that gradients are finite and the integrator sees no jump.
+A sign is smoothed, sign v → tanh(v / v_0), so that gradients are finite and the integrator sees no jump.
 """
 
 from abc import abstractmethod
@@ -15,14 +15,17 @@ from registry.core import EFFECTS
 from registry.dynamics import RateEffect, constant, tensor
 
 STICKING = 1e-3
-"""Speed [m/s] over which the sign of a velocity changes."""
+"""Speed [m/s] over which the sign of a velocity changes, where nobody says how fast a machine is."""
 MECHANICAL = ("mass_on_rail", "oscillator", "pendulum", "falling_body", "projectile")
+_NO_SPEED = 1e-12
+"""Speed [m/s] that nothing has, so that a v_s of zero can be divided by."""
+_V_0 = "v_0: speed over which the sign of the motion changes"
 _EMPS = "order of magnitude of EMPS"
 
 
-def sign(speed: Tensor) -> Tensor:
-    """The smoothed sign of speeds of any shape [m/s]."""
-    return torch.tanh(speed / STICKING)
+def sign(speed: Tensor, over: Tensor) -> Tensor:
+    """The smoothed sign of speeds [m/s], which changes ``over`` a speed."""
+    return torch.tanh(speed / over)
 
 
 def scaled(parameter: Any, like: Tensor) -> Tensor:
@@ -51,7 +54,7 @@ class ForceEffect(RateEffect):
 class ViscousFriction(ForceEffect):
     """Friction in proportion to speed, as of a lubricated bearing."""
 
-    f_v: Any = constant(0.0, "F_v", "N s/m", low=0, high=1e4, typical=200.0, source=_EMPS)
+    f_v: Any = constant(0.0, "F_v", "N s/m", low=0, typical=200.0, source=_EMPS, measure="force/speed", share=0.1)
     equation: ClassVar[str] = "F = −F_v dq/dt"
     manoeuvre: ClassVar[str] = "move at several constant speeds, slow and fast"
 
@@ -65,14 +68,17 @@ class ViscousFriction(ForceEffect):
 class CoulombFriction(ForceEffect):
     """Dry friction: the same at every speed, against the motion."""
 
-    f_c: Any = constant(0.0, "F_c", "N", low=0, high=1e3, typical=20.0, source=_EMPS)
+    f_c: Any = constant(0.0, "F_c", "N", low=0, typical=20.0, source=_EMPS, measure="force", share=0.1)
+    v_0: Any = constant(
+        STICKING, _V_0, "m/s", low=0, typical=STICKING, uncertainty=0.0, measure="speed", share=0.01, source="chosen"
+    )
     equation: ClassVar[str] = "F = −F_c sign dq/dt"
     manoeuvre: ClassVar[str] = "move slowly in both directions, with reversals"
     systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator", "pendulum", "falling_body")
 
     @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        return -scaled(self.f_c, speed) * sign(speed)
+        return -scaled(self.f_c, speed) * sign(speed, scaled(self.v_0, speed))
 
 
 @EFFECTS.register("stribeck_friction")
@@ -80,20 +86,26 @@ class CoulombFriction(ForceEffect):
 class StribeckFriction(ForceEffect):
     """Dry friction that is larger at the lowest speeds (F_s) than beyond them (F_c)."""
 
-    f_c: Any = constant(0.0, "F_c: beyond the lowest speeds", "N", low=0, high=1e3, typical=20.0, source=_EMPS)
-    f_s: Any = constant(0.0, "F_s: at the lowest speeds", "N", low=0, high=1e3, typical=30.0)
+    f_c: Any = constant(
+        0.0, "F_c: beyond the lowest speeds", "N", low=0, typical=20.0, source=_EMPS, measure="force", share=0.1
+    )
+    f_s: Any = constant(0.0, "F_s: at the lowest speeds", "N", low=0, typical=30.0, measure="force", share=0.15)
     v_s: Any = constant(
-        0.01, "v_s: speed over which one gives way to the other", "m/s", low=1e-4, high=10, typical=0.01
+        0.01, "v_s: speed over which one gives way to the other", "m/s", low=0, typical=0.01, measure="speed", share=0.1
+    )
+    v_0: Any = constant(
+        STICKING, _V_0, "m/s", low=0, typical=STICKING, uncertainty=0.0, measure="speed", share=0.01, source="chosen"
     )
     equation: ClassVar[str] = "F = −[F_c + (F_s − F_c) exp(−(dq/dt / v_s)²)] sign dq/dt"
-    screen: ClassVar[dict[str, tuple[float, ...]]] = {"v_s": (0.003, 0.01, 0.03, 0.1)}
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"v_s": (0.02, 0.07, 0.2, 0.7)}
     manoeuvre: ClassVar[str] = "creep through standstill in both directions, and move faster for comparison"
     systems: ClassVar[tuple[str, ...]] = CoulombFriction.systems
 
     @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        f_c, f_s, v_s = (scaled(p, speed) for p in (self.f_c, self.f_s, self.v_s))
-        return -(f_c + (f_s - f_c) * torch.exp(-((speed / v_s) ** 2))) * sign(speed)
+        f_c, f_s, v_s, v_0 = (scaled(p, speed) for p in (self.f_c, self.f_s, self.v_s, self.v_0))
+        peak = torch.exp(-((speed / v_s.clamp(min=_NO_SPEED)) ** 2))
+        return -(f_c + (f_s - f_c) * peak) * sign(speed, v_0)
 
 
 @EFFECTS.register("offset_force")
@@ -101,7 +113,7 @@ class StribeckFriction(ForceEffect):
 class OffsetForce(ForceEffect):
     """A constant force, such as of a slope, a spring that is always pressed or an amplifier's offset."""
 
-    f_0: Any = constant(0.0, "F_0", "N", low=-1e3, high=1e3, typical=3.0, source=_EMPS)
+    f_0: Any = constant(0.0, "F_0", "N", typical=3.0, source=_EMPS, measure="force", share=0.05)
     equation: ClassVar[str] = "F = F_0"
     needs: ClassVar[tuple[str, ...]] = ("displacement",)
     manoeuvre: ClassVar[str] = "make the same motion in both directions"
@@ -117,7 +129,15 @@ class OffsetForce(ForceEffect):
 class QuadraticDrag(ForceEffect):
     """Drag of a blunt body in air or water."""
 
-    c: Any = constant(0.0, "c: half of density, drag coefficient and area", "kg/m", low=0, high=1e3, typical=0.5)
+    c: Any = constant(
+        0.0,
+        "c: half of density, drag coefficient and area",
+        "kg/m",
+        low=0,
+        typical=0.5,
+        measure="force/speed^2",
+        share=0.1,
+    )
     equation: ClassVar[str] = "F = −c ‖v‖ v"
     manoeuvre: ClassVar[str] = "move at several constant speeds, slow and fast"
 

@@ -7,7 +7,8 @@ import torch
 from torch import Tensor
 
 from registry.core import EFFECTS
-from registry.dynamics import InputEffect, RateEffect, constant, tensor
+from registry.dynamics import RateEffect, constant, tensor
+from registry.effects.actuation import DriveEffect
 from registry.effects.mechanics.friction import scaled
 
 _BENCHMARK = "Noël and Schoukens, Hysteretic benchmark with a dynamic nonlinearity (2016)"
@@ -15,13 +16,12 @@ _BENCHMARK = "Noël and Schoukens, Hysteretic benchmark with a dynamic nonlinear
 
 @EFFECTS.register("backlash")
 @dataclass(frozen=True)
-class Backlash(InputEffect):
+class Backlash(DriveEffect):
     """Play between drive and load, as of worn gears: after a reversal nothing moves until it is crossed."""
 
-    width: Any = constant(0.0, "w: half of the play", "V", low=0, high=10, typical=0.2)
+    width: Any = constant(0.0, "w: half of the play", "V", low=0, typical=0.2, measure="input", share=0.1)
     equation: ClassVar[str] = "u_k → max(u_k − w, min(u_k + w, what came out before))"
-    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "tanks")
-    screen: ClassVar[dict[str, tuple[float, ...]]] = {"width": (0.05, 0.2, 0.5, 1.0)}
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"width": (0.03, 0.1, 0.2, 0.4)}
     manoeuvre: ClassVar[str] = "reverse the drive many times, with small and with large amplitude"
 
     def memory_size(self, inputs: int, dt: float) -> int:
@@ -44,22 +44,41 @@ class Backlash(InputEffect):
 @EFFECTS.register("bouc_wen")
 @dataclass(frozen=True)
 class BoucWen(RateEffect):
-    """A hysteretic force z beside the spring (Bouc and Wen), a state of its own that starts at zero."""
+    """A hysteretic force beside the spring (Bouc and Wen), with a path z of its own that starts at zero.
+
+    As of the benchmark, whose z is α times this one, with ν = 1; so β is one over a path whatever ν is. Of β, γ and δ
+    only β^ν γ and β^ν δ show: γ is kept.
+    """
 
     alpha: Any = constant(
-        0.0, "α: stiffness at small amplitude", "N/m", low=0, high=1e6, typical=5e4, source=_BENCHMARK
+        0.0,
+        "α: stiffness at small amplitude",
+        "N/m",
+        low=0,
+        typical=5e4,
+        source=_BENCHMARK,
+        measure="force/displacement",
+        share=0.3,
     )
-    beta: Any = constant(0.0, "β: sets the height of the loop", "1/m", low=0, high=1e5, typical=1e3, source=_BENCHMARK)
-    gamma: Any = constant(0.8, "γ: shape", "1", low=-10, high=10, typical=0.8, source=_BENCHMARK)
+    beta: Any = constant(
+        0.0,
+        "β: sets the height of the loop",
+        "1/m",
+        low=0,
+        typical=1e3,
+        source=_BENCHMARK,
+        measure="1/displacement",
+        share=2.0,
+    )
+    gamma: Any = constant(0.8, "γ: shape", "1", low=0, high=10, typical=0.8, source=_BENCHMARK, uncertainty=0.0)
     delta: Any = constant(-1.1, "δ: shape", "1", low=-10, high=10, typical=-1.1, source=_BENCHMARK)
     nu: Any = constant(1.0, "ν: sharpness of the knee", "1", low=1, high=4, typical=1.0, source=_BENCHMARK)
-    equation: ClassVar[str] = "F = −z;  dz/dt = α dq/dt − β (γ |dq/dt| |z|^(ν−1) z + δ dq/dt |z|^ν)"
+    equation: ClassVar[str] = "F = −α z;  dz/dt = dq/dt − β^ν (γ |dq/dt| |z|^(ν−1) z + δ dq/dt |z|^ν)"
     needs: ClassVar[tuple[str, ...]] = ("displacement", "speed")
     systems: ClassVar[tuple[str, ...]] = ("oscillator",)
     internal_size: ClassVar[int] = 1
     screen: ClassVar[dict[str, tuple[float, ...]]] = {
-        "beta": (1e2, 1e3, 1e4),
-        "gamma": (0.5, 1.0),
+        "beta": (0.7, 2.0, 6.0),
         "delta": (-1.0, 0.5),
         "nu": (1.0, 2.0),
     }
@@ -70,8 +89,8 @@ class BoucWen(RateEffect):
         z = state[..., 2]
         speed = model.speed(state)[..., 0]
         alpha, beta, gamma, delta, nu = (tensor(p, z) for p in (self.alpha, self.beta, self.gamma, self.delta, self.nu))
-        # Never zero: there, powers of |z| have no gradient.
-        size = (z * z + 1e-12).sqrt()
-        loop = gamma * speed.abs() * size ** (nu - 1) * z + delta * speed * size**nu
-        own = alpha * speed - beta * loop
-        return torch.cat([model.push(-z.unsqueeze(-1)), own.unsqueeze(-1)], dim=-1)
+        # Never zero: there, powers of |β z| have no gradient.
+        size = ((beta * z) ** 2 + 1e-12).sqrt()
+        loop = gamma * speed.abs() * size ** (nu - 1) * beta * z + delta * speed * size**nu
+        own = speed - loop
+        return torch.cat([model.push(-(alpha * z).unsqueeze(-1)), own.unsqueeze(-1)], dim=-1)

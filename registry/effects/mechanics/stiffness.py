@@ -18,7 +18,9 @@ from registry.effects.mechanics.friction import ForceEffect, scaled
 class CubicStiffness(ForceEffect):
     """A spring that hardens (or softens) with its deflection."""
 
-    k_3: Any = constant(0.0, "k₃", "N/m^3", low=-1e6, high=1e6, typical=3.4, source="least squares on silverbox")
+    k_3: Any = constant(
+        0.0, "k₃", "N/m^3", typical=3.4, source="least squares on silverbox", measure="force/displacement^3", share=0.1
+    )
     equation: ClassVar[str] = "F = −k₃ q³"
     needs: ClassVar[tuple[str, ...]] = ("displacement",)
     systems: ClassVar[tuple[str, ...]] = ("oscillator", "mass_on_rail")
@@ -34,13 +36,15 @@ class CubicStiffness(ForceEffect):
 class Cogging(ForceEffect):
     """Force of a permanent-magnet motor's teeth, periodic in the position."""
 
-    a: Any = constant(0.0, "sine part", "N", low=-1e3, high=1e3, typical=2.0)
-    b: Any = constant(0.0, "cosine part", "N", low=-1e3, high=1e3, typical=1.0)
-    pitch: Any = constant(0.02, "λ: travel of a period", "m", low=1e-3, high=1, typical=0.02)
+    a: Any = constant(0.0, "sine part", "N", typical=2.0, measure="force", share=0.05)
+    b: Any = constant(0.0, "cosine part", "N", typical=1.0, measure="force", share=0.03)
+    pitch: Any = constant(
+        0.02, "λ: travel of a period", "m", low=1e-9, typical=0.02, measure="displacement", share=0.08
+    )
     equation: ClassVar[str] = "F = a sin(2π q/λ) + b cos(2π q/λ)"
     needs: ClassVar[tuple[str, ...]] = ("displacement",)
     systems: ClassVar[tuple[str, ...]] = ("mass_on_rail",)
-    screen: ClassVar[dict[str, tuple[float, ...]]] = {"pitch": (0.005, 0.0075, 0.01, 0.015, 0.02, 0.03, 0.04)}
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"pitch": (0.02, 0.03, 0.04, 0.06, 0.08, 0.12, 0.16)}
     manoeuvre: ClassVar[str] = "travel slowly and evenly over many periods of the magnets"
 
     @override

@@ -1,0 +1,54 @@
+"""Where a search for an effect's parameters starts: at shares of what was recorded."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+
+from bench.diagnose.regression.parameters import Entry
+from bench.diagnose.settings import LINEARISING
+from registry.dynamics import Effect, PhysicsModel
+
+
+@dataclass(frozen=True)
+class StartingPoints:
+    """The starting points of every effect in one model on some recordings."""
+
+    model: PhysicsModel
+    sizes: Mapping[str, float]
+    """How large the signals of `PhysicsModel.followed` became, SI."""
+    medians: Mapping[str, float]
+    """Of the model's extras."""
+
+    @classmethod
+    def of(cls, model: PhysicsModel, states: Tensor, inputs: Tensor) -> "StartingPoints":
+        """In ``model``, to which effects are added, on states proper (…, s) and inputs (…, m)."""
+        first = inputs.shape[-1] - len(model.extras)
+        medians = {name: float(inputs[..., first + i].median()) for i, name in enumerate(model.extras)}
+        followed = model.followed(states, inputs).items()
+        sizes = {name: float(np.quantile(np.abs(x.numpy()), LINEARISING.largest)) for name, x in followed}
+        return cls(model, sizes, medians)
+
+    def neutral(self, kind: type[Effect]) -> list[Effect]:
+        """Neutral for an effect that is linear in its parameters, else one a value of its search grid."""
+        neutral = kind.neutral_for(self.model, self.medians).sized(self.sizes, fitted=False)
+        return [replace(neutral, **values) for values in self._grid(kind)]
+
+    def felt(self, kind: type[Effect]) -> list[Effect]:
+        """One a value of its search grid, all else as met in practice, so that every parameter is felt."""
+        typical = kind.typical_for(self.model).sized(self.sizes)
+        return [replace(typical, **values) for values in self._grid(kind)]
+
+    def reach(self, kind: type[Effect], entry: Entry) -> tuple[float, float]:
+        """Between which values an effect linearised at ``entry`` is believed: to the next ones of its search grid."""
+        grid = kind.grid(self.sizes).get(entry.name, ())
+        below, above = [v for v in grid if v < entry.value], [v for v in grid if v > entry.value]
+        return max(below, default=entry.low), min(above, default=entry.high)
+
+    def _grid(self, kind: type[Effect]) -> list[dict[str, Any]]:
+        """Parameters of the search grid, all combinations; of an effect without one a single empty one."""
+        grid = kind.grid(self.sizes)
+        return [dict(zip(grid, values, strict=True)) for values in product(*grid.values())]
