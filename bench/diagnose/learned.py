@@ -1,6 +1,6 @@
 """What a diagnosis does about an effect that no catalogue has: it is learned, added and fitted, and drawn."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,15 +13,15 @@ from bench.diagnose.learn.waves import folded
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.linearise import Linearization
-from bench.diagnose.regression.lookalike import known_as, nearest
+from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.report import phrases
+from bench.diagnose.report.learned_words import known_as
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.input_timing import retimed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
-from bench.diagnose.settings import DECIDING, EXTENDING, MATTERING
+from bench.diagnose.settings import DECIDING, EXTENDING, MATTERING, TELLING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
@@ -182,6 +182,53 @@ def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extensio
     if not found.equations:
         return found
     return replace(found, equations=Weighing(subject, noise, found.calibrated).errors(extension.model))
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """What a term is like."""
+
+    effects: tuple[str, ...]
+    """Ids of the effects of the catalogue that come nearest to it."""
+    share: float
+    """Of the squared rates that the term makes of the recordings, what the first of them would make too, 0 to 1."""
+
+
+def nearest(linear: Linearization, place: int) -> Likeness | None:
+    """The candidates that tell most of what the effect in a place of the model does; None: none tells much.
+
+    Rates of all groups of channels on which the term acts count alike, over all recordings that ``linear`` is of.
+    """
+    gone = linear.columns.responses[linear.removals[place]]
+    group = {c: linear.model.measured_channels[c].group for c in gone}
+    power = dict.fromkeys(group.values(), 0.0)
+    for c, x in gone.items():
+        power[group[c]] += float(np.mean(x**2))
+    scale = {c: power[g] ** 0.5 for c, g in group.items()}
+    y = np.concatenate([x.ravel() / scale[c] for c, x in gone.items()])
+    shares: dict[str, float] = {}
+    for s in linear.starts:
+        shares[s.id] = max(shares.get(s.id, 0.0), _told(linear, s, gone, scale, y))
+    best = max(shares.values(), default=0.0)
+    near = sorted((i for i in shares if shares[i] >= best - TELLING.as_near), key=lambda i: -shares[i])
+    return Likeness(tuple(near[: TELLING.nearest]), best) if best >= TELLING.alike else None
+
+
+def _told(
+    linear: Linearization, start: Candidate, gone: Mapping[int, np.ndarray], scale: Mapping[int, float], y: np.ndarray
+) -> float:
+    """R² of a candidate's columns on what the term does."""
+    zeros = np.zeros(linear.columns.shape)
+    columns = [
+        np.concatenate([linear.columns.responses[j].get(c, zeros).ravel() / scale[c] for c in gone])
+        for j in start.columns
+    ]
+    x = np.stack(columns, axis=1)
+    x = x[:, np.isfinite(x).all(0) & (np.abs(x).max(0) > 0)]
+    if not x.shape[1]:
+        return 0.0
+    rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    return float(1 - rest @ rest / (y @ y))
 
 
 def likened(subject: Subject, noise: Noise, extension: Extension) -> Extension:

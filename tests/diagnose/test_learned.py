@@ -16,10 +16,11 @@ from bench.diagnose import compare, diagnose, extend, learned
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.learn import _Seen, learn
 from bench.diagnose.learn.request import parsed
+from bench.diagnose.learned import nearest
 from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.logs.subject import Subject, log_of
-from bench.diagnose.regression.lookalike import known_as, nearest
 from bench.diagnose.report import model_file, page, sentences
+from bench.diagnose.report.learned_words import known_as
 from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.catalogue import check_catalogue
 from bench.diagnose.select.input_timing import prepared

@@ -1,4 +1,4 @@
-"""A learned term in words, and its parameters by name."""
+"""A learned term in words, its parameters by name, and what has such a shape elsewhere."""
 
 from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.report import phrases
@@ -7,6 +7,47 @@ from registry.dynamics import PhysicsModel
 from registry.effects.learned_term import LearnedTerm
 from registry.terms import signals
 from registry.terms.shapes import SHAPES, SPLINE
+
+_PLACE, _PACE, _DRIVE, _TIME = "place", "pace", "drive", "time"
+_UNITS = {"m": _PLACE, "rad": _PLACE, "m/s": _PACE, "rad/s": _PACE, "s": _TIME}
+_KNOWN = {
+    _PLACE: {
+        "linear": "a spring",
+        "affine": "a spring that is pressed",
+        "cubic": "a spring that hardens or softens",
+        "linear_cubic": "a spring that hardens or softens",
+        "above": "a wall or an end stop",
+        "below": "a wall or an end stop",
+        "dead_zone": "play, or stops at both ends",
+        "sine": "cogging, or another force that repeats along the way",
+        "wave": "cogging, or another force that repeats along the way",
+        "inverse": "a field or an air cushion that fades with distance",
+        "inverse_square": "a field or an air cushion that fades with distance",
+        "exponential": "a field or an air cushion that fades with distance",
+    },
+    _PACE: {
+        "linear": "viscous friction or slow drag",
+        "sign": "dry friction",
+        "sign_linear": "dry and viscous friction",
+        "saturation": "dry friction with a soft beginning",
+        "signed_square": "drag at high speed",
+        "linear_signed_square": "viscous friction and drag at high speed",
+        "square": "a force that is the same in both directions, such as a loss of lift",
+        "above": "a resistance one way only",
+        "below": "a resistance one way only",
+    },
+    _DRIVE: {
+        "linear": "a drive that is stronger or weaker than stated",
+        "constant": "an offset of the drive",
+        "saturation": "a drive at its limit",
+        "dead_zone": "a drive with a dead zone",
+        "sign": "a drive with a dead zone or dry friction",
+        "square": "a drive that is not linear",
+        "signed_square": "a drive that is not linear",
+        "cubic": "a drive that is not linear",
+    },
+    _TIME: {"linear": "a drift", "affine": "a drift", "exponential": "something that warms up or settles"},
+}
 
 
 def axis_named(axis: str, model: PhysicsModel) -> str:
@@ -48,3 +89,21 @@ def described(
         how = ", ".join([said, *values])
     text = f"{axis_named(term.axis, model)} = {of}{times}, {how}"
     return LearnedShape(term.axis, term.signals, term.shape, formula, text), parameters
+
+
+def known_as(term: LearnedTerm, model: PhysicsModel) -> str:
+    """What has such a shape in mechanics, in words; empty: nothing that is well known."""
+    if len(term.signals) != 1 or not _along(term.axis, term.signals[0], model):
+        return ""
+    (signal,) = term.signals
+    driven = signal in signals.input_names(type(model), *signals.drive_of(model))
+    kind = _DRIVE if driven else _UNITS.get(signals.available(model).get(signal, ""), "")
+    return _KNOWN.get(kind, {}).get(term.shape, "")
+
+
+def _along(axis: str, signal: str, model: PhysicsModel) -> bool:
+    """Whether a signal is of the direction in which a term acts; a system that is given by its rates has but one."""
+    if not signals.flies(type(model)):
+        return True
+    of = "z" if signal == "height" else signal[-1].translate(str.maketrans("pqr", "xyz"))
+    return "." not in signal[:-2] and axis[-1] == of
