@@ -1,6 +1,7 @@
 """What lies between a command and the input that acts."""
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar
@@ -18,9 +19,9 @@ LONGEST_DELAY = 0.2
 
 
 class DriveEffect(InputEffect):
-    """A nonlinearity between the given input and the one that acts, in any system that is driven through an actuator.
+    """What an actuator makes of the given input before it acts, in any system that is driven through one.
 
-    Several channels share its parameters, whose unit is that of the input.
+    Several channels share its parameters; thresholds have the unit of the input.
     """
 
     systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator", "tanks")
@@ -31,9 +32,53 @@ class DriveEffect(InputEffect):
         return bool(kind.input_signals) and kind.through_actuator
 
 
+class FirstOrderLag(InputEffect):
+    """What follows the input with a time constant, solved exactly."""
+
+    @property
+    @abstractmethod
+    def times(self) -> tuple[Any, Any]:
+        """Time constants when rising and when falling [s]."""
+
+    def memory_size(self, inputs: int, dt: float) -> int:
+        """One output an input."""
+        return inputs
+
+    def steady(self, inputs: Tensor, dt: float) -> Tensor:
+        """The outputs (…, m) equal the commands."""
+        return inputs
+
+    def act(self, memory: Tensor, segment: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """Exact for a command that is linear over each half step; see `InputEffect.act`."""
+        up, down = (tensor(t, segment).unsqueeze(-1) for t in self.times)
+        half, speed, out = dt / 2, memory, [memory]
+        for start, end in ((segment[..., 0, :], segment[..., 1, :]), (segment[..., 1, :], segment[..., 2, :])):
+            tau = torch.where((start + end) / 2 > speed, up, down)
+            lagging = tau * ((end - start) / half)  # how far behind a ramp the lag settles
+            speed = end - lagging + (speed - start + lagging) * torch.exp(-half / tau.clamp(min=1e-9))
+            out.append(speed)
+        first = torch.where(torch.maximum(up, down) > 0, memory, segment[..., 0, :])
+        return speed, torch.stack([first, *out[1:]], dim=-2)
+
+    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """`act` step after step without its overhead; see `InputEffect.over`."""
+        up, down = (tensor(t, segments).unsqueeze(-1) for t in self.times)
+        if segments.device.type != "cpu" or any(x.requires_grad for x in (first, segments, up, down)):
+            return super().over(first, segments, dt, held)
+        shape = np.broadcast_shapes(first.shape, up.shape, down.shape)
+        path = torch.from_numpy(_lagged(first.expand(shape), segments, up.expand(shape), down.expand(shape), dt / 2))
+        memories = path[::2].movedim(0, -2).contiguous()
+        out = segments.new_empty(*shape[:-1], segments.shape[-3], 3, shape[-1])
+        lags = (torch.maximum(up, down) > 0).unsqueeze(-2)
+        out[..., 0, :] = torch.where(lags, memories[..., :-1, :], segments[..., 0, :])
+        out[..., 1, :] = path[1::2].movedim(0, -2)
+        out[..., 2, :] = memories[..., 1:, :]
+        return memories, out
+
+
 @EFFECTS.register("motor_lag")
 @dataclass(frozen=True)
-class MotorLag(InputEffect):
+class MotorLag(FirstOrderLag):
     """First-order lag of a motor (or servo), with its own time constant in each direction."""
 
     tau_up: Any = constant(
@@ -53,44 +98,43 @@ class MotorLag(InputEffect):
         "exponentially, a delay answers late and whole"
     )
 
-    def memory_size(self, inputs: int, dt: float) -> int:
-        """One speed an input."""
-        return inputs
+    @property
+    @override
+    def times(self) -> tuple[Any, Any]:
+        return self.tau_up, self.tau_down
 
-    def steady(self, inputs: Tensor, dt: float) -> Tensor:
-        """The speeds (…, m) equal the commands."""
-        return inputs
 
-    def act(self, memory: Tensor, segment: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
-        """Exact for a command that is linear over each half step; see `InputEffect.act`."""
-        up, down = (tensor(t, segment).unsqueeze(-1) for t in (self.tau_up, self.tau_down))
-        half, speed, out = dt / 2, memory, [memory]
-        for start, end in ((segment[..., 0, :], segment[..., 1, :]), (segment[..., 1, :], segment[..., 2, :])):
-            tau = torch.where((start + end) / 2 > speed, up, down)
-            lagging = tau * ((end - start) / half)  # how far behind a ramp the lag settles
-            speed = end - lagging + (speed - start + lagging) * torch.exp(-half / tau.clamp(min=1e-9))
-            out.append(speed)
-        first = torch.where(torch.maximum(up, down) > 0, memory, segment[..., 0, :])
-        return speed, torch.stack([first, *out[1:]], dim=-2)
+@EFFECTS.register("actuator_lag")
+@dataclass(frozen=True)
+class ActuatorLag(FirstOrderLag, DriveEffect):
+    """First-order lag of an actuator, such as of an amplifier, a valve or the current of a motor."""
 
-    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
-        """`act` step after step without its overhead; see `InputEffect.over`."""
-        up, down = (tensor(t, segments).unsqueeze(-1) for t in (self.tau_up, self.tau_down))
-        if segments.device.type != "cpu" or any(x.requires_grad for x in (first, segments, up, down)):
-            return super().over(first, segments, dt, held)
-        shape = np.broadcast_shapes(first.shape, up.shape, down.shape)
-        path = torch.from_numpy(_lagged(first.expand(shape), segments, up.expand(shape), down.expand(shape), dt / 2))
-        memories = path[::2].movedim(0, -2).contiguous()
-        out = segments.new_empty(*shape[:-1], segments.shape[-3], 3, shape[-1])
-        lags = (torch.maximum(up, down) > 0).unsqueeze(-2)
-        out[..., 0, :] = torch.where(lags, memories[..., :-1, :], segments[..., 0, :])
-        out[..., 1, :] = path[1::2].movedim(0, -2)
-        out[..., 2, :] = memories[..., 1:, :]
-        return memories, out
+    tau: Any = constant(
+        0.0,
+        "τ: time constant",
+        "s",
+        low=0,
+        typical=0.03,
+        source="MuJoCo's filter",
+        measure="displacement/speed",
+        share=0.3,
+    )
+    equation: ClassVar[str] = "dx/dt = (u − x)/τ, and x drives, solved exactly"
+    needs: ClassVar[tuple[str, ...]] = ("displacement", "speed")
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"tau": (0.03, 0.08, 0.2, 0.5, 1.2)}
+    manoeuvre: ClassVar[str] = (
+        "give steps of the drive, logged at ten samples a time constant or more: a lag answers at once and settles "
+        "exponentially, a delay answers late and whole, a joint rings"
+    )
+
+    @property
+    @override
+    def times(self) -> tuple[Any, Any]:
+        return self.tau, self.tau
 
 
 def _lagged(first: Tensor, segments: Tensor, up: Tensor, down: Tensor, half: float) -> np.ndarray:
-    """Speeds (2 K + 1, …, m) at the start, middle and end of K steps, in the arithmetic of `MotorLag.act`.
+    """Speeds (2 K + 1, …, m) at the start, middle and end of K steps, in the arithmetic of `FirstOrderLag.act`.
 
     Args:
         first: (…, m) speed at the start.

@@ -38,6 +38,16 @@ def backlash(u: Array) -> Array:
     return out
 
 
+def lag(u: Array) -> Array:
+    """Behind it by a time constant of 40 ms."""
+    keeps = np.exp(-1 / RATE / FINE / 0.04)
+    out, now = np.empty_like(u), u[0]
+    out[0] = now
+    for i, (before, after) in enumerate(pairwise(u), start=1):
+        out[i] = now = keeps * now + (1 - keeps) * (before + after) / 2
+    return out
+
+
 def recording(seed: int, drive: Callable[[Array], Array], loop: bool, noise: float) -> tuple[Array, Array]:
     """Drive (N,) [N], straight between samples, and state (N, 2) [m], [m/s] of a cart, by Heun's method."""
     rng = np.random.default_rng(seed)

@@ -22,7 +22,7 @@ from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import constant, tensor
 from registry.physics.state_space import Mechanical
 from registry.units import Signal
-from tests.diagnose.machines_of_any_size import LOOP, RATE, Array, backlash, cart, dead_zone, recorded, saturation
+from tests.diagnose.machines_of_any_size import LOOP, RATE, Array, backlash, cart, dead_zone, lag, recorded, saturation
 
 
 @pytest.mark.parametrize(
@@ -41,6 +41,15 @@ def test_what_is_wrong_with_a_drive_is_found_in_a_machine_of_any_size(
     told = 1 / number.value if id == "saturation" else number.value
     assert (found.id, found.rivals) == (id, ()) and told == pytest.approx(value * force, rel=0.01)
     assert number.entry.unit == ("1/N" if id == "saturation" else "N")
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-3])
+def test_an_actuator_that_lags_is_found_and_is_no_delay_or_joint(length: float) -> None:
+    told, _ = diagnose(cart(lag, length=length), brief=True)
+    (effect,) = told.effects
+    tau = effect.parameters["tau"]
+    assert (effect.id, effect.indistinguishable_from) == ("actuator_lag", ())
+    assert tau.low < 0.04 < tau.high and tau.high - tau.low < 0.004
 
 
 def test_nothing_is_wrong_with_a_drive_that_acts_as_it_was_logged() -> None:
