@@ -148,6 +148,12 @@ class Lifting:
         0.05, "share of the weight by which the force must vary for inputs to be judged by it", Basis.JUDGED
     )
     calm: float = threshold(0.5, "time over which the force is averaged for that", Basis.JUDGED, "s")
+    hidden: float = threshold(
+        2.0,
+        "times the plain correlation of inputs and force that the one given the climb must be to be believed: noise in "
+        "place of rotors has as much of both",
+        Basis.JUDGED,
+    )
     deaf: float = threshold(0.2, "correlation below which inputs have nothing to do with the force", Basis.JUDGED)
     flat: float = threshold(
         0.25,

@@ -13,6 +13,7 @@ from bench.diagnose.checks.description.mistake import Mistake, lines
 from bench.diagnose.checks.description.recorded import Flight, Reading, Recorded
 from bench.diagnose.checks.description.relations import boxed, felt, followed
 from bench.diagnose.settings import LIFTING, TURNING
+from registry.datasets.reading.rotations import rotate
 from registry.units import to_si
 
 Array = np.ndarray
@@ -39,7 +40,7 @@ class _Force:
     driving: Array
     """(K, m) as logged, SI, through the lag that fits best."""
     correlation: float
-    """Of the two."""
+    """Of the two; given the speed along body z where that hides it."""
 
 
 def thrust(recorded: Recorded) -> list[Mistake]:
@@ -96,14 +97,26 @@ def _force(flight: Flight, reading: Reading) -> _Force | None:
     if inside.sum() < 0.5 * flight.rate:
         return None
     needed, best = values[inside, 2], None
+    climb = np.zeros((len(needed), 0))
+    if "attitude" in x and "velocity" in x:
+        climb = rotate(x["attitude"] * [-1.0, -1.0, -1.0, 1.0], x["velocity"])[inside, 2:]
     for lag in TURNING.lags:
         driving = boxed(flight, followed(x[reading.drive], lag, flight.rate))[inside]
         level = (driving**2).sum(axis=1)
-        moving = min(float(level.std()), float(needed.std())) > 0
-        r = float(np.corrcoef(level, needed)[0, 1]) if moving else 0.0
+        plain, given = _correlation(level, needed), _correlation(level, needed, climb)
+        r = given if abs(given) > LIFTING.hidden * abs(plain) else plain
         if best is None or abs(r) > abs(best.correlation):
             best = _Force(flight.name, needed, driving, r)
     return best
+
+
+def _correlation(a: Array, b: Array, beside: Array | None = None) -> float:
+    """Of two signals (K,), given others (K, n): rotors that lose thrust in climb are driven harder just then."""
+    if beside is not None and beside.shape[1]:
+        given = np.column_stack([np.ones(len(a)), beside])
+        both = np.column_stack([a, b])
+        a, b = (both - given @ np.linalg.lstsq(given, both, rcond=None)[0]).T
+    return float(np.corrcoef(a, b)[0, 1]) if min(float(a.std()), float(b.std())) > 0 else 0.0
 
 
 def _deaf(forces: Sequence[_Force], reading: Reading, rate: float) -> Mistake | None:
