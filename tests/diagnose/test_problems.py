@@ -11,7 +11,7 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from bench.diagnose.checks.problems import Checked, problems
-from bench.diagnose.checks.shifts import lag_of
+from bench.diagnose.checks.shifts import lag_of, shifts
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.result import DataProblem
@@ -184,6 +184,18 @@ def test_a_shift_of_all_recordings_is_a_suspicion_or_a_fault_by_its_sign_and_of_
     (fault,) = problems(made(logs)).problems
     assert (fault.recording, fault.signal, fault.kind) == ("flight_3", "rotor_speed", "time shift")
     assert "-2.0 samples" in fault.detail or "-1.9 samples" in fault.detail
+
+
+@pytest.mark.parametrize(("odd", "usual", "shifted"), [(-0.3, 6.5, False), (6.5, 0.1, True), (-6.5, 0.1, True)])
+def test_a_recording_in_time_is_not_the_one_that_was_shifted(
+    monkeypatch: pytest.MonkeyPatch, odd: float, usual: float, shifted: bool
+) -> None:
+    """Drag that grows with the square of the rates delays brisk flights by 6 to 7 samples, and a calm one by none."""
+    of = made(flights(5, count=5))
+    lags = iter([odd, *(usual + 0.05 * i for i in range(4))])
+    monkeypatch.setattr("bench.diagnose.checks.shifts.lag_of", lambda *rest: (next(lags), 0.95))
+    stopping, _ = shifts(of, {})
+    assert [p.recording for p in stopping] == ([of.logs[0].name] if shifted else [])
 
 
 def test_damping_that_the_model_lacks_is_no_time_shift_and_hides_none() -> None:

@@ -38,6 +38,7 @@ def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProble
         if (
             len(others) >= 3
             and lags[name][1] > SHIFTING.least_correlation
+            and abs(lag) > SHIFTING.suspect  # else it is in time, and the others lag by what they do more of
             and abs(lag - usual) > max(SHIFTING.different, SHIFTING.apart * spread)
         ):
             ms = 1e3 * by_name[name].dt
