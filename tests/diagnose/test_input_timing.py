@@ -1,6 +1,7 @@
 """When inputs act: what an actuator does between two samples, and logs that are late, against closed forms."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from test_compare import DT, TRUE, flights, subject_of
 
 from bench.diagnose import discover
 from bench.diagnose.fit import fit_parameters
-from bench.diagnose.select.input_timing import prepared, read_at
+from bench.diagnose.select.input_timing import _shared, prepared, read_at
 from registry.effects.actuation import MotorLag
 
 
@@ -97,6 +98,23 @@ def test_held_commands_that_act_late_are_left_to_a_delay() -> None:
     subject = subject_of(replace(TRUE, input_hold="previous"), *stepped(fine=10, late=6))
     timed, _ = prepared(subject)
     assert all(torch.equal(a.inputs, b.inputs) for a, b in zip(subject.logs, timed.logs, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("alone", "errors", "told"),
+    [
+        ([-0.9, -1.1, -1.0, np.nan], [0.1, 0.1, 0.05, 0.1], (-1.0, 0.04)),
+        ([-4.2, -3.9, -0.2, -1.1], [0.3, 0.2, 0.1, 0.2], (-0.2, 0.1)),
+        ([-9.0, 7.0, -0.1], [1.0, 1.0, 0.6], (0.0, np.inf)),
+    ],
+    ids=["all channels agree", "some lag by more than a clock", "no channel tells"],
+)
+def test_a_clock_is_late_for_all_channels_alike(
+    alone: list[float], errors: list[float], told: tuple[float, float]
+) -> None:
+    """In an ellipsoid's drag roll and pitch seemed 3.5 samples late, yaw none: an inertia of rotors that had none."""
+    fit = SimpleNamespace(apart=lambda shift: (np.array(alone) - shift[0], np.array(errors)))
+    assert _shared(fit, np.array([-1.0, 0.0]), 0.04) == pytest.approx(told)  # type: ignore[arg-type]
 
 
 def test_a_shift_that_cross_correlation_suggests_is_read_only_where_the_regression_tells_it(

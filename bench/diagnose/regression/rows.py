@@ -53,6 +53,11 @@ class Rows:
         acting = tuple(place[a[k]] for a, k in zip(self.acting, kept, strict=True))
         return replace(self, parts=parts, acting=acting, width=len(columns))
 
+    def of(self, channel: int) -> "Rows":
+        """The rows of one channel."""
+        parts = tuple((log[channel],) for log in self.parts)
+        return replace(self, parts=parts, acting=self.acting[channel : channel + 1], filters=self.filters[channel:][:1])
+
     def less(self, other: "Rows") -> "Rows":
         """The difference from rows of as many columns, seen through the same filters."""
         acting = tuple(np.union1d(a, b) for a, b in zip(self.acting, other.acting, strict=True))

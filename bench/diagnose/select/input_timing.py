@@ -144,12 +144,37 @@ def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift]:
         value = np.clip(value + np.clip(step, -1, 1), latest, widest)
         if (np.abs(step) < TIMING.negligible).all():
             break
+    value[0], error[0] = _shared(fit, value, error[0])
     told = np.abs(value) >= TIMING.significant * error
     inputs, sensed = (
         Shift(v, v - 1.96 * e, v + 1.96 * e) if t else nothing
         for v, e, t in zip(value.tolist(), error.tolist(), told, strict=True)
     )
     return inputs, sensed
+
+
+def _shared(fit: "_Regression", shift: np.ndarray, error: float) -> tuple[float, float]:
+    """The shift of the inputs that every channel has, and its standard error [samples].
+
+    A clock is late for all channels alike (χ² of their own shifts). Where they disagree, what delays some of them is no
+    clock but something that the model lacks, such as drag that grows with the square of the rates: the clock is late by
+    no more than the least of those that tell it.
+    """
+    steps, errors = fit.apart(shift)
+    known = np.isfinite(steps) & np.isfinite(errors) & (errors > 0)
+    steps, errors = steps[known], errors[known]
+    if len(steps) < 2:
+        return float(shift[0]), error
+    weights = errors**-2
+    spread = float((weights * (steps - weights @ steps / weights.sum()) ** 2).sum())
+    freedom = len(steps) - 1
+    if spread <= freedom + TIMING.significant * (2 * freedom) ** 0.5:
+        return float(shift[0]), error
+    alone, clear = shift[0] + steps, errors < abs(shift[0]) / TIMING.significant
+    if not clear.any():
+        return 0.0, np.inf
+    least = np.flatnonzero(clear)[np.abs(alone[clear]).argmin()]
+    return float(alone[least]), float(errors[least])
 
 
 def _coarse(subject: Subject) -> float:
@@ -195,9 +220,27 @@ class _Regression:
 
         Without sensors 0 ± 0 for these.
         """
+        return self._solved(*self._whitened(shift))
+
+    def apart(self, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of the inputs by every channel alone: steps (C,) and their standard errors."""
+        rows, noise = self._whitened(shift)
+        alone = [self._solved(rows.of(c), noise.of(c)) for c in range(rows.channels) if self._moved(rows, c)]
+        steps, errors = (np.array([pair[i][0] for pair in alone]) for i in (0, 1))
+        return steps, errors
+
+    def _moved(self, rows: Rows, channel: int) -> bool:
+        """Whether a shift of the inputs moves a channel."""
+        return len(self.linear.columns) in rows.acting[channel]
+
+    def _whitened(self, shift: np.ndarray) -> tuple[Rows, Rows]:
+        """Rows at some shifts, and what more noise of the inputs makes of them."""
         rows, again = (self._rows(linear, shift, noisy) for linear, noisy in ((self.linear, False), (self.noisy, True)))
-        noise = rows.less(again).whitened(self.whitening).mean_gram()
-        normal = rows.whitened(self.whitening).normal().less(noise)
+        return rows.whitened(self.whitening), rows.less(again).whitened(self.whitening)
+
+    def _solved(self, rows: Rows, drawn: Rows) -> tuple[np.ndarray, np.ndarray]:
+        """The step (2,) and its errors that rows, with what noise makes of them, tell."""
+        normal = rows.normal().less(drawn.mean_gram())
         gram = normal.total[:-1, :-1] + np.diag(_precision(self.linear, len(normal.total) - 1))
         scale = equilibrium(np.diag(gram))
         inverse = np.linalg.inv(gram * np.outer(scale, scale) + 1e-9 * np.eye(len(gram))) * np.outer(scale, scale)
