@@ -120,6 +120,18 @@ def test_what_cannot_be_is_a_failed_trial(tmp_path: Path) -> None:
     assert len(sweep.finished(study)) == len(study.trials) == 6
 
 
+def test_the_default_is_tried_although_a_kill_came_before_it_had_its_parameters(tmp_path: Path) -> None:
+    asked, unbroken = swept(tmp_path / "whole", toy("planted"), 2)
+    study = sweep.begin(asked, tmp_path / "killed", resume=False)
+    assert study.ask().params == {}  # running, and no parameter is suggested yet
+    for _ in range(2):  # killed just there twice
+        study = sweep.begin(asked, tmp_path / "killed", resume=True)
+        study.ask()
+    again = sweep.begin(asked, tmp_path / "killed", resume=True).ask(asked.space)
+    assert again.params == unbroken.trials[0].params
+    assert again.user_attrs["first"] == 0
+
+
 def test_what_a_kill_left_beside_a_sweep_is_removed(tmp_path: Path) -> None:
     asked, _ = swept(tmp_path, toy("planted"), 2)
     left = tmp_path / f".{sweep.DEFINITION}.x.draft"

@@ -141,7 +141,7 @@ def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
         raise BenchError(f"The sweep folder {folder} cannot be written: {error.strerror or error}.") from error
     put_back(study, sweep.space)
     if not study.trials and (params := default_params(sweep.space, sweep.configs)):
-        study.enqueue_trial(params)
+        _enqueue(study, params, {})
     return study
 
 
@@ -187,14 +187,22 @@ def _mend(journal: Path) -> None:
 
 
 def put_back(study: optuna.Study, space: Space) -> None:
-    """Trials left running by a killed driver are closed as failed, and asked for again with the same parameters."""
+    """Trials left running by a killed driver are closed as failed, and asked for again with the same parameters.
+
+    One that was waiting with its parameters may have been begun and have none of them yet.
+    """
     for left in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
         study.tell(left.number, state=TrialState.FAIL)
     every = study.get_trials(deepcopy=False)
     again = {t.user_attrs.get("again") for t in every}
     for t in every:
-        if was_killed(t) and t.number not in again and set(t.params) == set(space):
-            study.enqueue_trial(t.params, {"again": t.number, "first": t.user_attrs.get("first", t.number)})
+        params = {**t.user_attrs.get("asked", {}), **t.params}
+        if was_killed(t) and t.number not in again and set(params) == set(space):
+            _enqueue(study, params, {"again": t.number, "first": t.user_attrs.get("first", t.number)})
+
+
+def _enqueue(study: optuna.Study, params: dict[str, Any], about: dict[str, Any]) -> None:
+    study.enqueue_trial(params, {**about, "asked": params})
 
 
 def was_killed(t: FrozenTrial) -> bool:
