@@ -25,7 +25,7 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.regression.weak import LogBatch, own_states
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, check_kinds
-from bench.diagnose.select.discovery import Discovery
+from bench.diagnose.select.discovery import Discovery, supported
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.verify import Estimate, at_bound
 from bench.diagnose.settings import DECIDING, MATTERING
@@ -312,7 +312,8 @@ _AT_BOUND = (
 
 def _unnamed(found: Discovery, names: Sequence[str], why: str) -> Discovery:
     """What is left to say when the last model takes back effects that were found."""
-    left = tuple(f for f in found.found if f.id not in names)
+    kept = supported([f.id for f in found.found if f.id not in names], found.calibrated)
+    left, names = tuple(f for f in found.found if f.id in kept), [f.id for f in found.found if f.id not in kept]
     note = f"{', '.join(names)} {why}"
     return replace(found, found=left, confounders=(*found.confounders, *names), notes=(*found.notes, note))
 

@@ -17,7 +17,7 @@ from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.report import phrases
 from bench.diagnose.report.learned_words import known_as
 from bench.diagnose.result import NamedEffect
-from bench.diagnose.select.discovery import Discovery, Found
+from bench.diagnose.select.discovery import Discovery, Found, supported
 from bench.diagnose.select.input_timing import retimed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
@@ -91,7 +91,7 @@ def learned(
     if idle and not (_beyond(done) or (read_again and _beyond_given_the_past(subject, model, noise, terms, tick))):
         return None  # the terms only say in other words what a named effect says
     if idle:  # they imitated what is learned now
-        names = [n for n in names if n not in idle]
+        names = supported([n for n in names if n not in idle], subject.model)
         done = beside(names, terms)
     pruned = _pruned(done, terms, named, lambda fewer: beside(names, fewer))
     return None if pruned is None else Learned(pruned, subject)

@@ -16,10 +16,15 @@ from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select import verify
 from bench.diagnose.select.choose import accepted, choose, select_across_views
+from bench.diagnose.select.discovery import supported
 from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.step import advanced
 from bench.diagnose.select.subset import Subsets
 from registry.core import EFFECTS
 from registry.effects.actuation import LONGEST_DELAY
+from registry.effects.air import LinearDrag
+from registry.physics.quadrotor import Quadrotor
+from tests.diagnose.machines_of_any_size import cart
 
 BLOCKS, ROWS = 40, 1000
 
@@ -275,3 +280,21 @@ def test_a_constant_that_is_free_with_an_effect_is_known_as_stated_without_it(dr
     dropped = Subsets(linear, normal, {0, 2} if drowned_too else {0}).fit(drop=[0])
     stands_in = dropped.misfit < 1.1 * 4000
     assert stands_in == drowned_too and (abs(dropped.beta[0]) < 0.05) != drowned_too
+
+
+def test_what_needs_an_effect_goes_with_it() -> None:
+    """A drag was given up as an imitation, and the wind that acts through it was left: no model is made of that."""
+    assert supported(["wind", "motor_lag"], Quadrotor(drive="rotor_command")) == ["motor_lag"]
+    assert supported(["wind", "rotor_drag"], Quadrotor()) == ["wind", "rotor_drag"]
+    assert supported(["wind"], Quadrotor(effects=(LinearDrag(d_x=0.1),))) == ["wind"]
+
+
+def test_a_step_that_no_share_of_which_is_stable_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a mass that MuJoCo stops hard no step had finite rates, and a search without a channel ended in an error."""
+    search = Search(cart(lambda u: u), ("cubic_stiffness",), lambda what: None)
+    (view, *_) = search.views(search.look(search.subject.model))
+    fit = view.subsets.fit([view.linear.starts[0]])
+    stable = Search.loss
+    monkeypatch.setattr(Search, "loss", lambda s, v, m: np.inf if m.effects else stable(s, v, m))
+    step = advanced(search, view, fit)
+    assert step.model.effects == () and np.isfinite(step.loss) and not step.exchanged

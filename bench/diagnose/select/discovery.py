@@ -1,6 +1,6 @@
 """What a search for missing effects has learnt."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.result import effect_frame
 from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate, Ratio, ResidualTerm
+from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
 
 if TYPE_CHECKING:
@@ -49,6 +50,17 @@ class RejectedCandidate:
     text: str
     """Its parameters."""
     why: str
+
+
+def supported(ids: Sequence[str], model: PhysicsModel) -> list[str]:
+    """Those of some effects, in order, whose needs the others or ``model`` meet: wind acts through a drag."""
+    left = list(ids)
+    while True:
+        there = {*left, *model.provides, *(EFFECTS.name_of(type(e)) for e in model.effects)}
+        kept = [i for i in left if not (needs := EFFECTS.get(i).requires) or there & set(needs)]
+        if len(kept) == len(left):
+            return kept
+        left = kept
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,8 @@ about as was promised.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.select.choose import updated
@@ -39,7 +41,10 @@ def advanced(search: Search, view: View, fit: Fit) -> Step:
         options.append(Step(model, search.loss(view, model), bool(fit.starts or fit.dropped)))
         if options[-1].loss <= fit.loss + VERIFYING.left * view.floor:
             break
-    return min(options, key=lambda s: s.loss)
+    best = min(options, key=lambda s: s.loss)
+    if np.isfinite(best.loss):
+        return best
+    return Step(view.linear.model, search.loss(view, view.linear.model), exchanged=False)  # no step is stable
 
 
 def next_step(search: Search, view: View, known: int) -> Step:
