@@ -25,7 +25,7 @@ from bench.diagnose.select.materiality import (
 )
 from bench.diagnose.select.release import contradicted
 from bench.diagnose.select.search import Search, View
-from bench.diagnose.select.step import advanced, next_step, settled
+from bench.diagnose.select.step import advanced, next_step, settled, without
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.select.tie import rivals
 from bench.diagnose.select.verify import (
@@ -183,7 +183,18 @@ def _found(
         )
         for i in named
     ]
-    return tuple(sorted(found, key=lambda f: (-f.share, -f.gain)))
+    return needs_first(sorted(found, key=lambda f: (-f.share, -f.gain)))
+
+
+def needs_first(found: Sequence[Found]) -> tuple[Found, ...]:
+    """In order, but each after what it needs, if that is among them: effects are added one after another."""
+    rest, out = list(found), list[Found]()
+    while rest:
+        waiting = [f for f in rest if {o.id for o in rest} & set(EFFECTS.get(f.id).requires)]
+        ready = next(f for f in rest if f not in waiting or len(waiting) == len(rest))
+        out.append(ready)
+        rest.remove(ready)
+    return tuple(out)
 
 
 def _names(view: View) -> list[str]:
@@ -194,12 +205,31 @@ def _names(view: View) -> list[str]:
 def _exchanged(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> View:
     """The view of the chosen effects, exchanged, added and dropped one by one until nothing changes.
 
-    In between the numbers are fitted by themselves: candidates are judged beside numbers that move no more.
+    An effect that ends with numbers that no such thing has is an imitation: it is sought no more, and the others again.
     """
     everything = view.subsets.fit().misfit - view.floor
     shortlist = {i for field in fields[1:] for f in field[:8] for i in f.ids}
     known = len(search.subject.model.effects)
-    _, model = settled(search, advanced(search, view, fit).model, view)
+    model = advanced(search, view, fit).model
+    while True:
+        view = _one_by_one(search, view, model, shortlist, everything)
+        effects = view.linear.model.effects
+        odd = [i for i in range(known, len(effects)) if not effects[i].possible]
+        if not odd:
+            return view
+        gone = {EFFECTS.name_of(type(effects[i])) for i in odd}
+        all_of_them = EFFECTS.names() if search.catalogue is None else search.catalogue
+        search.catalogue = [name for name in all_of_them if name not in gone]
+        model = without(view.linear.model, odd)
+
+
+def _one_by_one(search: Search, view: View, model: PhysicsModel, shortlist: set[str], everything: float) -> View:
+    """The view of a model's effects, exchanged, added and dropped one by one until nothing changes.
+
+    In between the numbers are fitted by themselves: candidates are judged beside numbers that move no more.
+    """
+    known = len(search.subject.model.effects)
+    _, model = settled(search, model, view)
     for _ in range(DISCOVERING.exchanges):
         search.tick("what is left")
         view = view.light()

@@ -120,6 +120,11 @@ class Effect(ABC):
         """
         return cls.neutral()
 
+    @property
+    def possible(self) -> bool:
+        """Whether anything has such numbers, beyond the bounds of each: peaks are no dips."""
+        return True
+
     @classmethod
     def grid(cls, sizes: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
         """`screen` in the units of the parameters, where signals were as large as ``sizes``; see `in_measure`."""

@@ -10,7 +10,7 @@ from bench.diagnose import diagnose, discover
 from bench.diagnose.checks.problems import problems
 from bench.diagnose.logs.subject import Subject, log_of
 from registry.contracts import Channel, Recording
-from registry.effects.mechanics.friction import CoulombFriction, ViscousFriction
+from registry.effects.mechanics.friction import CoulombFriction, StribeckFriction, ViscousFriction
 from registry.physics.mass_on_rail import MassOnRail
 from registry.physics.pendulum import Pendulum
 
@@ -94,3 +94,13 @@ def test_what_leaves_many_times_the_noise_is_no_rival() -> None:
     pendulum = Subject("pendulum", model, tuple(logs), names, names, signals=("angle", "angle_rate"))
     (found,) = discover(pendulum, ["viscous_friction", "coulomb_friction", "stribeck_friction"]).found
     assert (found.id, found.rivals) == ("viscous_friction", ())
+
+
+def test_friction_that_is_least_at_the_lowest_speeds_is_no_stribeck_friction(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every second sample of EMPS wanted F_s = 15.7 N below F_c = 21.8 N: no peak, but Coulomb friction in noise."""
+    assert StribeckFriction(f_c=20.0, f_s=30.0).possible and not StribeckFriction(f_c=21.8, f_s=15.7).possible
+    assert {f.id for f in discover(subject(), NAMES).found} == set(NAMES)
+    monkeypatch.setattr(CoulombFriction, "possible", property(lambda self: False))
+    found = discover(subject(), NAMES).found
+    assert [f.id for f in found] == ["viscous_friction"]
+    assert 200.0 < found[0].estimates[0].value < 600.0  # and it takes up what the other one did

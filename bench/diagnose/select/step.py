@@ -13,10 +13,12 @@ import numpy as np
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.select.choose import updated
+from bench.diagnose.select.discovery import supported
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.verify import neighbour
 from bench.diagnose.settings import CHOOSING, STEPPING, VERIFYING
+from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 
 
@@ -89,5 +91,7 @@ def close(before: PhysicsModel, after: PhysicsModel, subject: Subject) -> bool:
 
 
 def without(model: PhysicsModel, dropped: Sequence[int]) -> PhysicsModel:
-    """The model without the effects in these places."""
-    return replace(model, effects=tuple(e for i, e in enumerate(model.effects) if i not in dropped))
+    """The model without the effects in these places, and without those that then have none of what they need."""
+    left = [e for i, e in enumerate(model.effects) if i not in dropped]
+    kept = supported([EFFECTS.name_of(type(e)) for e in left], replace(model, effects=()))
+    return replace(model, effects=tuple(e for e in left if EFFECTS.name_of(type(e)) in kept))

@@ -101,6 +101,11 @@ class StribeckFriction(ForceEffect):
     manoeuvre: ClassVar[str] = "creep through standstill in both directions, and move faster for comparison"
     systems: ClassVar[tuple[str, ...]] = CoulombFriction.systems
 
+    @property
+    @override
+    def possible(self) -> bool:
+        return float(self.f_s) >= float(self.f_c)
+
     @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
         f_c, f_s, v_s, v_0 = (scaled(p, speed) for p in (self.f_c, self.f_s, self.v_s, self.v_0))
