@@ -55,27 +55,33 @@ stiffness = {STIFFNESS}
 
 
 def vehicle(folder: Path, kind: str, seed: int, size: float = 1.0, recordings: int = 4, seconds: float = 8.0) -> Path:
-    """Write the recordings of one cart, driven by a force that is linear between samples."""
-    folder.mkdir(parents=True, exist_ok=True)
-    random, t = np.random.default_rng(seed), np.arange(round(seconds * RATE)) / RATE
+    """Write the recordings of one cart."""
+    random = np.random.default_rng(seed)
     for run in range(recordings):
-        tones = 2 * np.pi * random.uniform(0.3, 3.0, 4), random.uniform(0, 6, 4)
-
-        drive = 2.0 * sum(np.sin(w * t + p) for w, p in zip(*tones, strict=True))
-
-        def rate(at, x, drive=drive):
-            stiff, drag, offset = (
-                size * KINDS[kind].get(n, 0.0) for n in ("cubic_stiffness", "quadratic_drag", "offset_force")
-            )
-            hidden = offset - stiff * x[0] ** 3 - drag * abs(x[1]) * x[1]
-            return x[1], (np.interp(at, t, drive) - DAMPING * x[1] - STIFFNESS * x[0] + hidden) / MASS
-
-        x = solve_ivp(rate, (0, t[-1]), (0.0, 0.0), t_eval=t, max_step=0.01, rtol=1e-7, atol=1e-9).y.T
-        x = x + random.normal(size=x.shape) * NOISE
-        table = np.column_stack([t, x, drive])
-        np.savetxt(folder / f"run_{run}.csv", table, "%.9g", ",", header="t,x,v,f", comments="")
+        recorded(folder, f"run_{run}", kind, random, size, seconds)
     (folder / "dataset.toml").write_text(DESCRIPTION, encoding="utf-8")
     return folder
+
+
+def recorded(
+    folder: Path, name: str, kind: str, random: np.random.Generator, size: float, seconds: float, amplitude: float = 2.0
+) -> None:
+    """Write one recording of a cart, driven by four tones of a force that is linear between samples."""
+    folder.mkdir(parents=True, exist_ok=True)
+    t = np.arange(round(seconds * RATE)) / RATE
+    tones = 2 * np.pi * random.uniform(0.3, 3.0, 4), random.uniform(0, 6, 4)
+    drive = amplitude * sum(np.sin(w * t + p) for w, p in zip(*tones, strict=True))
+    hidden = (size * KINDS[kind].get(n, 0.0) for n in ("cubic_stiffness", "quadratic_drag", "offset_force"))
+    stiff, drag, offset = hidden
+
+    def rate(at, x):
+        own = offset - stiff * x[0] ** 3 - drag * abs(x[1]) * x[1]
+        return x[1], (np.interp(at, t, drive) - DAMPING * x[1] - STIFFNESS * x[0] + own) / MASS
+
+    x = solve_ivp(rate, (0, t[-1]), (0.0, 0.0), t_eval=t, max_step=0.01, rtol=1e-7, atol=1e-9).y.T
+    x = x + random.normal(size=x.shape) * NOISE
+    table = np.column_stack([t, x, drive])
+    np.savetxt(folder / f"{name}.csv", table, "%.9g", ",", header="t,x,v,f", comments="")
 
 
 def write(folder: Path, count: int) -> dict[str, tuple[str, float]]:

@@ -109,13 +109,15 @@ def _discovered(filed: Subject, catalogue: Sequence[str] | None, tick: Tick) -> 
     """
     subject, noise = prepared(filed, tick=tick)
     found = discover(subject, catalogue, tick, noise)
+    if not any(isinstance(f.effect, DriveEffect) for f in found.found):
+        return subject, noise, found
     unshifted = rates_in_time(replace(filed, timed=True))
-    if subject.notes != unshifted.notes and any(isinstance(f.effect, DriveEffect) for f in found.found):
-        again = discover(unshifted, catalogue, tick, noise)
-        errors = [[max(e.models["extended"], 1e-300) for e in d.equations] for d in (found, again)]
-        if sum(math.log(b / a) for a, b in zip(*errors, strict=False)) < 0:
-            return unshifted, noise, again
-    return subject, noise, found
+    if subject.notes == unshifted.notes:
+        return subject, noise, found
+    again = discover(unshifted, catalogue, tick, noise)
+    errors = [[max(e.models["extended"], 1e-300) for e in d.equations] for d in (found, again)]
+    better = sum(math.log(b / a) for a, b in zip(*errors, strict=False)) < 0
+    return (unshifted, noise, again) if better else (subject, noise, found)
 
 
 @dataclass(frozen=True, eq=False)

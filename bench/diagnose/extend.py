@@ -1,6 +1,6 @@
 """Step 4: add effects to a model, fit all of it, and show the error on recordings not fitted."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -172,9 +172,8 @@ class _Chain:
 
 def _errs_more_on_the_way(subject: Subject, chain: _Chain, comparison: Comparison) -> bool:
     """Whether free runs are worse with an effect more, before all are there."""
-    scale = _scales(subject, comparison)
-    squared = [pooled(comparison.error(n), scale) for n in chain.lines()]
-    return any(b > a for a, b in pairwise(squared[:-1]))
+    squared = _squared(subject, comparison, chain.lines())
+    return any(b > a for a, b in pairwise([*squared.values()][:-1]))
 
 
 def _better_on_the_way(subject: Subject, chain: _Chain, known: int, noise: Noise) -> list[PhysicsModel]:
@@ -186,10 +185,9 @@ def _better_on_the_way(subject: Subject, chain: _Chain, known: int, noise: Noise
     last, out = chain.model, list(chain.models)
     cut = {i: replace(last, effects=last.effects[: known + i]) for i in range(1, len(out) - 1)}
     both = {f"weak {i}": out[i] for i in cut} | {f"cut {i}": m for i, m in cut.items()}
-    comparison = compare(subject, both, names=subject.training, noise=noise)
-    scale = _scales(subject, comparison)
+    squared = _squared(subject, compare(subject, both, names=subject.training, noise=noise), both)
     for i, model in cut.items():
-        if pooled(comparison.error(f"cut {i}"), scale) < pooled(comparison.error(f"weak {i}"), scale):
+        if squared[f"cut {i}"] < squared[f"weak {i}"]:
             out[i] = model
     return out
 
@@ -221,8 +219,8 @@ def _extension(
     lines: Mapping[int, Line | None],
 ) -> Extension:
     """What each effect from the ``first`` on takes of the error, in the order in which they were added."""
-    order, scale = list(chain.lines()), _scales(subject, comparison)
-    squared = {n: pooled(comparison.error(n), scale) for n in ("nominal", *order, "floor")}
+    order = list(chain.lines())
+    squared = _squared(subject, comparison, ("nominal", *order, "floor"))
     taken, *shares = shares_of([squared[n] for n in ("nominal", *order)], squared["floor"])
     effects = tuple(
         _named(
@@ -349,6 +347,12 @@ def shares_of(squared: Sequence[float], floor: float) -> list[float]:
     above, pairs = max(squared[:2]) - floor, pairwise(squared)
     gone = (a - (max(b, floor) if a > floor else b) for a, b in pairs)
     return [g / above if above > 0 else float("nan") for g in gone]
+
+
+def _squared(subject: Subject, comparison: Comparison, names: Iterable[str]) -> dict[str, float]:
+    """By model, the squared error of its free runs over scaled outputs."""
+    scale = _scales(subject, comparison)
+    return {name: pooled(comparison.error(name), scale) for name in names}
 
 
 def pooled(error: ByGroup, scale: dict[str, float]) -> float:

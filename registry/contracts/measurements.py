@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,6 +68,10 @@ class Recording:
     def seconds(self) -> float:
         """Duration [s]."""
         return len(self) / self.rate
+
+    def part(self, at: slice, name: str) -> Recording:
+        """Some of the samples, as a recording of this name."""
+        return replace(self, name=name, inputs=self.inputs[at], outputs=self.outputs[at], valid=self.valid[at])
 
     @property
     def channels(self) -> tuple[Channel, ...]:

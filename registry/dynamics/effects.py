@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -119,6 +119,11 @@ class Effect(ABC):
             medians: of the signals that the model has as `PhysicsModel.extras`, by name, SI.
         """
         return cls.neutral()
+
+    @classmethod
+    def met_by(cls, there: Collection[str]) -> bool:
+        """Whether one of these ids is among what it `requires`, if it requires any."""
+        return not cls.requires or not set(cls.requires).isdisjoint(there)
 
     @property
     def possible(self) -> bool:

@@ -143,7 +143,7 @@ class PhysicsModel(ABC):
                 raise BenchError(unsuited(label, effect, type(self)))
             if why := effect.misfit(self):
                 raise BenchError(f"The effect {label} does not fit: {why}")
-            if effect.requires and not set(effect.requires) & {*ids, *self.provides}:
+            if not effect.met_by({*ids, *self.provides}):
                 raise BenchError(f"The effect {label} needs another one in the model: {', '.join(effect.requires)}.")
 
     @abstractmethod

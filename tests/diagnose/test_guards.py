@@ -8,6 +8,7 @@ import pytest
 import torch
 from test_compare import DT, TRUE, flights, subject_of
 
+from bench.diagnose.discover import needs_first
 from bench.diagnose.regression import test_functions
 from bench.diagnose.regression.generic import Term
 from bench.diagnose.regression.least_squares import Normal
@@ -287,6 +288,14 @@ def test_what_needs_an_effect_goes_with_it() -> None:
     assert supported(["wind", "motor_lag"], Quadrotor(drive="rotor_command")) == ["motor_lag"]
     assert supported(["wind", "rotor_drag"], Quadrotor()) == ["wind", "rotor_drag"]
     assert supported(["wind"], Quadrotor(effects=(LinearDrag(d_x=0.1),))) == ["wind"]
+
+
+def test_what_needs_an_effect_comes_after_it() -> None:
+    """The effect that saves most comes first, but no model has wind before it has a drag that the wind acts through."""
+    names = ["wind", "motor_lag", "suspended_load", "linear_drag", "rotor_drag"]
+    found = needs_first([SimpleNamespace(id=name) for name in names])  # type: ignore[misc]
+    assert [f.id for f in found] == ["motor_lag", "suspended_load", "linear_drag", "rotor_drag", "wind"]
+    assert [f.id for f in needs_first([SimpleNamespace(id="wind")])] == ["wind"]  # type: ignore[misc]
 
 
 def test_a_step_that_no_share_of_which_is_stable_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:

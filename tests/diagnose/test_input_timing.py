@@ -9,10 +9,13 @@ import torch
 from scipy.linalg import expm
 from scipy.ndimage import gaussian_filter1d
 from test_compare import DT, TRUE, flights, subject_of
+from test_problems import flights as vehicle_flights
+from test_problems import made
 
 from bench.diagnose import discover
 from bench.diagnose.fit import fit_parameters
-from bench.diagnose.select.input_timing import _shared, prepared, read_at
+from bench.diagnose.logs.noise import noise_of
+from bench.diagnose.select.input_timing import _Regression, _shared, prepared, read_at
 from registry.effects.actuation import MotorLag
 
 
@@ -98,6 +101,17 @@ def test_held_commands_that_act_late_are_left_to_a_delay() -> None:
     subject = subject_of(replace(TRUE, input_hold="previous"), *stepped(fine=10, late=6))
     timed, _ = prepared(subject)
     assert all(torch.equal(a.inputs, b.inputs) for a, b in zip(subject.logs, timed.logs, strict=True))
+
+
+def test_every_channel_of_a_vehicle_tells_a_clock_by_itself() -> None:
+    """Flights by inverse dynamics, of which the rotor speeds are filed six tenths of a sample early."""
+    subject = made(vehicle_flights(3, count=3))
+    early = tuple(replace(g, inputs=read_at(g.inputs, 4, 0.6)) for g in subject.logs)
+    fit = _Regression(replace(subject, logs=early), noise_of(subject), 0.0)
+    steps, errors = fit.apart(np.zeros(2))
+    assert len(steps) == 6 and (errors < 0.3).all()  # velocities and body rates
+    assert (np.abs(steps + 0.6) < 2 * errors).all()
+    assert steps[2:5] == pytest.approx(-0.6, abs=0.05)  # thrust, roll and pitch know it best
 
 
 @pytest.mark.parametrize(

@@ -49,18 +49,4 @@ def _parts(log: Log) -> list[Log]:
     if count < READING.fewest_parts:
         return [log]
     ends = np.linspace(0, len(log), count + 1).round().astype(int)
-    return [_part(log, f"{log.name}_{i}of{count}", slice(a, b)) for i, (a, b) in enumerate(pairwise(ends), start=1)]
-
-
-def _part(log: Log, name: str, at: slice) -> Log:
-    of = log.recording
-    own = replace(of, name=name, inputs=of.inputs[at], outputs=of.outputs[at], valid=of.valid[at])
-    return replace(
-        log,
-        name=name,
-        states=log.states[at],
-        inputs=log.inputs[at],
-        valid=log.valid[at],
-        sensed=None if log.sensed is None else log.sensed[at],
-        recording=own,
-    )
+    return [log.part(slice(a, b), f"{log.name}_{i}of{count}") for i, (a, b) in enumerate(pairwise(ends), start=1)]

@@ -1,7 +1,7 @@
 """What is diagnosed: a physics model and measurements of the same system, each as the model sees it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -50,6 +50,19 @@ class Log:
 
     def __len__(self) -> int:
         return len(self.states)
+
+    def part(self, at: slice, name: str) -> "Log":
+        """Some of the samples, one after the other, as a log of this name."""
+        return replace(
+            self,
+            name=name,
+            states=self.states[at],
+            inputs=self.inputs[at],
+            valid=self.valid[at],
+            sensed=None if self.sensed is None else self.sensed[at],
+            between=None if self.between is None else self.between[at][: len(self.states[at]) - 1],
+            recording=self.recording.part(at, name),
+        )
 
 
 @dataclass(frozen=True, eq=False)

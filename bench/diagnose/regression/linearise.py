@@ -288,4 +288,4 @@ def _by_constant(model: PhysicsModel, constants: Sequence[Entry], at: np.ndarray
 def _dependants(model: PhysicsModel, place: int) -> frozenset[int]:
     """The places of effects that need the one in this place, and have no other that would do."""
     rest = {EFFECTS.name_of(type(e)) for j, e in enumerate(model.effects) if j != place} | set(model.provides)
-    return frozenset(j for j, e in enumerate(model.effects) if j != place and e.requires and not rest & set(e.requires))
+    return frozenset(j for j, e in enumerate(model.effects) if j != place and not e.met_by(rest))

@@ -38,7 +38,6 @@ _KNOWN = {
     },
     _DRIVE: {
         "linear": "a drive that is stronger or weaker than stated",
-        "constant": "an offset of the drive",
         "saturation": "a drive at its limit",
         "dead_zone": "a drive with a dead zone",
         "sign": "a drive with a dead zone or dry friction",

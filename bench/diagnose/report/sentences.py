@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from bench.diagnose.by_equation import EffectSaving, ObscuredConstant
 from bench.diagnose.evidence import LINES, Calibration
-from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.report.phrases import listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
 from bench.diagnose.settings import MATTERING, TELLING
@@ -130,17 +129,14 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
     return [*filter(None, (" ".join(found), alike(diagnosis), left, miscalibrated(diagnosis)))]
 
 
-def _nearest(term: LearnedShape) -> str:
-    return listed(map(named, term.nearest), "or")
-
-
 def alike(diagnosis: Diagnosis) -> str:
     """What the learned terms are like, and what would tell them from it; empty: nothing that is known."""
     out = []
     for e in diagnosis.effects:
         if e.term is None or not (e.term.nearest or e.term.known_as):
             continue
-        near = f" {names}, which would do {percent(e.term.likeness)} of it" if (names := _nearest(e.term)) else ""
+        names = listed(map(named, e.term.nearest), "or")
+        near = f" {names}, which would do {percent(e.term.likeness)} of it" if names else ""
         known = f" {e.term.known_as}" if e.term.known_as else ""
         like = "; elsewhere such a shape is".join(filter(None, (near, known)))
         out.append(f"{e.term.name} looks like{like}. {e.separate_by}".strip())
@@ -155,15 +151,15 @@ def _constants_first(diagnosis: Diagnosis) -> str:
 
 def _nothing_more(diagnosis: Diagnosis) -> str:
     """What the error is made of where nothing is missing: noise, a disturbance, or what is faster than one."""
+    lines = falls(diagnosis)
     if not _disturbed(diagnosis.unexplained):
-        times = max((f.over_noise for f in falls(diagnosis)), default=1.0)
+        times = max((f.over_noise for f in lines), default=1.0)
         if times <= MATTERING.near:
             return "The error on held-out recordings is at the noise floor."
         return (
             f"The error on held-out recordings is {number(times, 2)} times the noise floor at most; what is left is "
             "not worth a term."
         )
-    lines = falls(diagnosis)
     if any(f.observed for f in lines) or all(math.isnan(f.errors["disturbance"]) for f in lines):
         return (
             "What is left is more than noise and follows no measured signal: wind, something that swings, sticks or "

@@ -57,7 +57,7 @@ def supported(ids: Sequence[str], model: PhysicsModel) -> list[str]:
     left = list(ids)
     while True:
         there = {*left, *model.provides, *(EFFECTS.name_of(type(e)) for e in model.effects)}
-        kept = [i for i in left if not (needs := EFFECTS.get(i).requires) or there & set(needs)]
+        kept = [i for i in left if EFFECTS.get(i).met_by(there)]
         if len(kept) == len(left):
             return kept
         left = kept

@@ -283,7 +283,7 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
         )
     if "rotor_command" in kind.needs and getattr(model, "drive", "") not in ("rotor_command", "pwm"):
         return "the model is not driven by a command"
-    if kind.requires and not set(kind.requires) & held:
+    if not kind.met_by(held):
         return f"it acts beside {' or '.join(kind.requires)}, which the model has not"
     if kind.learned:
         return "it is learned from what the catalogue leaves, by `bench extend DATA --add learned`"

@@ -71,7 +71,7 @@ def flights(
                 end = max(2 * steps, flight.samples * left // flight.points)
                 kept = int(np.searchsorted(at[i] + steps, end))
                 some = {n: run[:kept] for n, run in runs[i].items()}
-                shorter = _flight(_cut(log, end), held_out, models, at[i][:kept], some, steps)
+                shorter = _flight(log.part(slice(end), log.name), held_out, models, at[i][:kept], some, steps)
                 flight = replace(shorter, whole=len(log))
             if found and flight.points > left:
                 break
@@ -97,12 +97,6 @@ def _order(
             error[i] = np.median(squared.mean(1).nan_to_num(1e12, 1e12).numpy(), axis=0)
     scaled = (error / np.maximum(error.max(0, initial=0.0), 1e-300)).sum(1)
     return [*sorted(range(held_out), key=lambda i: -scaled[i]), *range(held_out, len(logs))]
-
-
-def _cut(log: Log, end: int) -> Log:
-    """Its first samples."""
-    sensed = None if log.sensed is None else log.sensed[:end]
-    return replace(log, states=log.states[:end], inputs=log.inputs[:end], valid=log.valid[:end], sensed=sensed)
 
 
 def _flight(

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
@@ -259,13 +259,7 @@ def _cut(recording: Recording) -> list[Recording]:
     """Parts of one length, in order."""
     ends = np.linspace(0, len(recording), PARTS + 1).round().astype(int)
     return [
-        replace(
-            recording,
-            name=f"{recording.name}_{i}of{PARTS}",
-            inputs=recording.inputs[a:b],
-            outputs=recording.outputs[a:b],
-            valid=recording.valid[a:b],
-        )
+        recording.part(slice(a, b), f"{recording.name}_{i}of{PARTS}")
         for i, (a, b) in enumerate(pairwise(ends), start=1)
     ]
 
