@@ -1,6 +1,5 @@
 """All four steps in one: compare, locate, discover, extend."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from bench.diagnose.answer import Steps, answer, stopped
 from bench.diagnose.checks.description.checklist import check_subject
 from bench.diagnose.checks.problems import Checked, Known, problems, without_damaged
 from bench.diagnose.compare import compare, refuse_long
-from bench.diagnose.discover import discover
+from bench.diagnose.discover import read_and_discovered
 from bench.diagnose.extend import Extension, extend, ordered, stage
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learned import Learned, curves, judged, learned, likened
@@ -19,20 +18,17 @@ from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.parts import in_parts
-from bench.diagnose.logs.rate_timing import rates_in_time
 from bench.diagnose.logs.sample import give_back, sampled
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.regression.weak import LogBatch, own_states
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, check_kinds
 from bench.diagnose.select.discovery import Discovery, supported
-from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.verify import Estimate, at_bound
 from bench.diagnose.settings import DECIDING, MATTERING
 from bench.diagnose.simulate.flights import flights
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
-from registry.effects.actuation import DriveEffect
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.effects.waves.periodic_term import PeriodicTerm
 
@@ -83,9 +79,10 @@ def diagnose(
     tick("noise")
     source = subject = filed = in_parts(sampled(subject))
     give_back()
-    subject, noise, found = _discovered(filed, catalogue, tick)
+    subject, noise, found = read_and_discovered(filed, catalogue, tick)
     known = dict(found.uncertainty) or subject.uncertainty
-    subject, filed = (replace(s, uncertainty=known, memory=found.memory) for s in (subject, filed))
+    as_found = {"uncertainty": known, "memory": found.memory, "long_windows": found.long_windows}
+    subject, filed = (replace(s, **as_found) for s in (subject, filed))  # type: ignore[arg-type]
     run = _Run(subject, noise, tick, horizon_s, filed)
     tick("extend")
     found, extension, refuted = _confirmed(run, found)
@@ -99,25 +96,6 @@ def diagnose(
         tick("locate")
         steps = _shown(steps, noise, terms)
     return answer(replace(steps, damaged=damaged)), steps.extension.model
-
-
-def _discovered(filed: Subject, catalogue: Sequence[str] | None, tick: Tick) -> tuple[Subject, Noise, Discovery]:
-    """Measurements with inputs read when they act, their noise, and which effects the model lacks.
-
-    Play makes a drive look late: where something was found on its way to the machine, inputs that were shifted are read
-    as filed too, and what errs less on held-out recordings is kept.
-    """
-    subject, noise = prepared(filed, tick=tick)
-    found = discover(subject, catalogue, tick, noise)
-    if not any(isinstance(f.effect, DriveEffect) for f in found.found):
-        return subject, noise, found
-    unshifted = rates_in_time(replace(filed, timed=True))
-    if subject.notes == unshifted.notes:
-        return subject, noise, found
-    again = discover(unshifted, catalogue, tick, noise)
-    errors = [[max(e.models["extended"], 1e-300) for e in d.equations] for d in (found, again)]
-    better = sum(math.log(b / a) for a, b in zip(*errors, strict=False)) < 0
-    return (unshifted, noise, again) if better else (subject, noise, found)
 
 
 @dataclass(frozen=True, eq=False)

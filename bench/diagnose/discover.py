@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,10 +12,10 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.select import by_simulation
-from bench.diagnose.select.choose import accepted, select_across_views
-from bench.diagnose.select.discovery import Discovery, Found, RejectedCandidate
+from bench.diagnose.select.choose import accepted, compared, select_across_views
+from bench.diagnose.select.discovery import Discovery, Found, needs_first
 from bench.diagnose.select.given_past import revealed
-from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.input_timing import mistimed, prepared, retimed
 from bench.diagnose.select.materiality import (
     Saving,
     Weighing,
@@ -26,7 +26,7 @@ from bench.diagnose.select.materiality import (
 from bench.diagnose.select.release import contradicted
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced, next_step, settled, without
-from bench.diagnose.select.subset import Fit, t_value
+from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.tie import rivals
 from bench.diagnose.select.verify import (
     at_bound,
@@ -60,14 +60,46 @@ def discover(
     Raises:
         BenchError: an unknown id, or recordings too short or too few to learn from.
     """
-    subject, noise = prepared(subject_of(subject), noise, tick)
+    return read_and_discovered(subject_of(subject), catalogue, tick, noise)[2]
+
+
+def read_and_discovered(
+    filed: Subject,
+    catalogue: Sequence[str] | None = None,
+    tick: Callable[[str], None] = lambda what: None,
+    noise: Noise | None = None,
+) -> tuple[Subject, Noise, Discovery]:
+    """The measurements with inputs read when they act, their noise, and what the model lacks; see `discover`.
+
+    What is missing makes inputs look late: play on the way to a machine, a moment of the air in wind that nobody knew.
+    Where they act at another time beside what was found they are read again, and what errs less on held-out recordings
+    is kept.
+    """
+    subject, noise = prepared(filed, noise, tick)
+    found = _searched(subject, catalogue, tick, noise)
+    if filed.timed or not found.found or not mistimed(subject, found.model, noise):
+        return subject, noise, found
+    read = retimed(filed, found.model, noise)
+    again = _searched(read, catalogue, tick, noise)
+    errors = [[max(e.models["extended"], 1e-300) for e in d.equations] for d in (found, again)]
+    better = sum(math.log(b / a) for a, b in zip(*errors, strict=False)) < 0
+    return (read, noise, again) if better else (subject, noise, found)
+
+
+def _searched(
+    subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[str], None], noise: Noise
+) -> Discovery:
+    """What a model lacks of measurements whose inputs are read when they act."""
     if hidden(subject.logs):
         return by_simulation.discover(subject, catalogue, tick)
     first = _discovered(Search(subject, catalogue, tick, noise), noise)
-    if first.found or not any(e.lost for e in first.equations):
-        return first
-    again = _discovered(Search(subject, catalogue, tick, noise, memory=0), noise)
-    return again if again.found and _clearer(again, first) else first
+    for long in (False, True):
+        if first.found or not any(e.lost for e in first.equations):
+            break
+        again = _discovered(Search(subject, catalogue, tick, noise, memory=0, long_windows=long), noise)
+        if again.found and _clearer(again, first):
+            return again
+    return first
 
 
 def _clearer(again: Discovery, first: Discovery) -> bool:
@@ -81,10 +113,11 @@ def _clearer(again: Discovery, first: Discovery) -> bool:
 def _discovered(search: Search, noise: Noise) -> Discovery:
     """What one way of weighing the rows finds."""
     stated = search.subject
-    view, fit, fields = _first(search)
+    view, fit, fields = _first(search, search.subject.model)
     first, bare = view, advanced(search, view, view.subsets.fit()).model
-    rounds = tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
+    rounds = compared(view, fit, fields)
     view = _exchanged(search, view, fit, fields)
+    search, view = _begun_again(search, stated, view)
     subject = search.subject
     search.tick("weigh")
     _, calibrated = settled(search, bare, first)
@@ -114,6 +147,7 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         remarks=remarks,
         uncertainty=subject.uncertainty,
         memory=search.memory,
+        long_windows=search.long_windows,
         obscured=hidden_constants,
     )
 
@@ -147,9 +181,9 @@ class _Choice:
         return settled(self.search, advanced(self.search, self.view, fit).model, self.view)[1]
 
 
-def _first(search: Search) -> tuple[View, Fit, list[list[Fit]]]:
-    """The first choice of effects, with what is stated of constants let go where the recordings contradict it."""
-    views = search.views(search.look(search.subject.model))
+def _first(search: Search, model: PhysicsModel) -> tuple[View, Fit, list[list[Fit]]]:
+    """The first choice of effects beside a model's, with stated constants let go where recordings contradict them."""
+    views = search.views(search.look(model))
     view, fit, fields = select_across_views(views)
     while search.let_go(contradicted(view, fit)):
         views = [search.as_known(v) for v in views]
@@ -186,17 +220,6 @@ def _found(
     return needs_first(sorted(found, key=lambda f: (-f.share, -f.gain)))
 
 
-def needs_first(found: Sequence[Found]) -> tuple[Found, ...]:
-    """In order, but each after what it needs, if that is among them: effects are added one after another."""
-    rest, out = list(found), list[Found]()
-    while rest:
-        waiting = [f for f in rest if {o.id for o in rest} & set(EFFECTS.get(f.id).requires)]
-        ready = next(f for f in rest if f not in waiting or len(waiting) == len(rest))
-        out.append(ready)
-        rest.remove(ready)
-    return tuple(out)
-
-
 def _names(view: View) -> list[str]:
     """Ids of the effects of a view's model, by place."""
     return [EFFECTS.name_of(type(e)) for e in view.linear.model.effects]
@@ -221,6 +244,23 @@ def _exchanged(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) ->
         all_of_them = EFFECTS.names() if search.catalogue is None else search.catalogue
         search.catalogue = [name for name in all_of_them if name not in gone]
         model = without(view.linear.model, odd)
+
+
+def _begun_again(search: Search, stated: Subject, view: View) -> tuple[Search, View]:
+    """A search that begins with the effects found and the constants as stated, where that keeps them; else this one.
+
+    A constant is let go while effects are unknown that other equations tell of: what goes with the velocity through the
+    air only a huge inertia makes small as long as the wind is unknown, and from there no step leads back.
+    """
+    effects = view.linear.model.effects
+    if search.subject is stated or len(effects) == len(stated.model.effects):
+        return search, view
+    again = search.of(stated)
+    other, fit, fields = _first(again, replace(stated.model, effects=effects))
+    if again.subject is not stated:
+        return search, view
+    other = _exchanged(again, other.light(), fit, fields)
+    return again, other
 
 
 def _one_by_one(search: Search, view: View, model: PhysicsModel, shortlist: set[str], everything: float) -> View:
@@ -327,42 +367,3 @@ def _rivals(
         for name, start in candidates.items()
         if not weighing.refutes(chosen.exchanged(place, start), chosen.model, extended)
     )
-
-
-def _chain(fit: Fit, fields: list[list[Fit]]) -> list[Fit]:
-    """By size, the set of the field that leads to the chosen one."""
-    out = []
-    for field in fields[1:]:
-        inside = [f for f in field if set(f.ids) <= set(fit.ids)]
-        out.append(inside[0] if inside else field[0])
-    return out
-
-
-def _round(view: View, field: list[Fit], chosen: Fit) -> tuple[RejectedCandidate, ...]:
-    """The sets of one size, as a reader compares them."""
-    subsets = view.subsets
-    base = subsets.fit()
-    scale = max(base.loss - view.floor, 1.0)
-    base_blocks, level = subsets.losses(base).sum(1), subsets.losses(chosen).sum(1)
-    unit, out = view.linear.model.effect_unit, []
-    for f in sorted(field, key=lambda f: -(f is chosen))[:8]:
-        blocks = subsets.losses(f).sum(1)
-        gains = base_blocks - blocks
-        half = 1.96 * float(gains.std(ddof=1)) * len(gains) ** 0.5 if len(gains) > 1 else 0.0
-        share = (base.loss - f.loss) / scale
-        margin, t = subsets.cost(f) - subsets.cost(chosen), t_value(blocks - level)
-        text = "; ".join(
-            f"{i}: "
-            + ", ".join(f"{p.name} = {p.value:.3g} {unit(p.unit)}" for p in e.parameters() if p.uncertainty > 0)
-            for i, e in f.effects(len(subsets.own)).items()
-        )
-        if f is chosen:
-            why = ""
-        elif margin < VERIFYING.odds:
-            why = f"explains as much, with {f.parameters} parameters against {chosen.parameters}"
-        else:
-            rest = max(f.misfit - view.floor, 0.0) / view.floor
-            why = f"leaves {rest:.2g} times the noise unexplained (t = {t:.1f} against the best)"
-        low, high = share - half / scale, share + half / scale
-        out.append(RejectedCandidate(id=" + ".join(f.ids), gain=share, low=low, high=high, text=text, why=why))
-    return tuple(out)

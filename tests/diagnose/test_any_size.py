@@ -155,12 +155,12 @@ def test_a_shift_that_only_play_made_is_taken_back(monkeypatch: pytest.MonkeyPat
     """The shift is told before play is looked for, which looks late; of the two readings the better one is kept."""
     given = cart(backlash)
 
-    def late(subject: Subject, **_: Any) -> tuple[Subject, Noise]:
+    def late(subject: Subject, *_: Any) -> tuple[Subject, Noise]:
         logs = tuple(replace(log, inputs=read_at(log.inputs, 1, -0.5)) for log in subject.logs)
         return replace(subject, logs=logs, timed=True, notes=("read late",)), noise_of(subject)
 
     names = ["backlash", "coulomb_friction"]
-    monkeypatch.setattr(sys.modules["bench.diagnose.diagnose"], "prepared", late)
+    monkeypatch.setattr(sys.modules["bench.diagnose.discover"], "prepared", late)
     said, _ = diagnose(given, catalogue=names, brief=True)
     (found,) = said.effects
     assert found.id == "backlash" and found.parameters["width"].value == pytest.approx(3.0, rel=0.005)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from undriven import undriven
 
-from bench.diagnose import diagnose, extend
+from bench.diagnose import diagnose, discover, extend
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.regression.parameters import effect_entries
 from bench.diagnose.select.verify import Estimate, at_bound
@@ -207,6 +207,22 @@ def test_a_force_that_goes_with_the_place_is_followed_there(cache):
     answer = diagnosed(case, cache)
     assert (answer.verdict, answer.named) == ("unknown_effect", {})
     assert answer.follows[0] == "position"
+
+
+def test_a_slow_effect_in_noise_is_found_in_rows_as_long_as_a_free_run(cache):
+    """Rows of two samples are differences of noise, which whitening with eight of them cannot add up again."""
+    from bench.score.chains import measured
+
+    (case,) = (
+        c for c in flights.cases(flights.DEVELOPMENT) if c.id == "1-single-blade_flapping-crazyflie-1-gentle-medium"
+    )
+    found = discover(measured(case, cache)[0])
+    assert [f.id for f in found.found] == ["blade_flapping"] and found.long_windows
+    (estimate,) = found.found[0].estimates
+    assert estimate.low < case.effects["blade_flapping"]["k_flap"] < estimate.high
+    slow = found.equations[-1]
+    assert (slow.equation, slow.horizon_s) == ("torques", 0.5)
+    assert slow.models["extended"] < 1.15 * slow.floor < 0.65 * slow.models["calibrated"]
 
 
 @pytest.mark.slow

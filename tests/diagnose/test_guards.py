@@ -8,7 +8,6 @@ import pytest
 import torch
 from test_compare import DT, TRUE, flights, subject_of
 
-from bench.diagnose.discover import needs_first
 from bench.diagnose.regression import test_functions
 from bench.diagnose.regression.generic import Term
 from bench.diagnose.regression.least_squares import Normal
@@ -17,7 +16,7 @@ from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select import verify
 from bench.diagnose.select.choose import accepted, choose, select_across_views
-from bench.diagnose.select.discovery import supported
+from bench.diagnose.select.discovery import needs_first, supported
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced
 from bench.diagnose.select.subset import Subsets

@@ -38,10 +38,22 @@ SIGNAL = {"t": "time"}
 KIND = {"swapped_sign": "swapped sign", "clock_jump": "clock jump", "clock_rate": "clock rate"}
 
 
-def flight(seed: int, vigour: float = 1.0, noise: float = 1.0, seconds: float = 16.0, damping: float = 0.0) -> Columns:
+def flight(
+    seed: int,
+    vigour: float = 1.0,
+    noise: float = 1.0,
+    seconds: float = 16.0,
+    damping: float = 0.0,
+    drag: float = 0.0,
+    wind: tuple[float, float] = (0.0, 0.0),
+    munk: float = 0.0,
+    sway: float = 0.0,
+) -> Columns:
     """A log of a flight along sums of sines: inverse dynamics, then noise and a Savitzky–Golay filter.
 
-    The air brakes every rotation by ``damping`` [1/s] times its rate.
+    The air brakes every rotation by ``damping`` [1/s] times its rate. It pulls with ``drag`` [kg/m] times the square of
+    the velocity through it, in a ``wind`` [m/s], turns the body broadside with Munk's moment (``munk`` [kg]), and
+    pushes its nose and side with ``sway`` [N s] times that velocity.
     """
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds / DT)) * DT
@@ -53,7 +65,9 @@ def flight(seed: int, vigour: float = 1.0, noise: float = 1.0, seconds: float = 
         path += vigour * speed / w * np.sin(fine[:, None] * w + rng.uniform(0, 6.3, 3))
     yaw = vigour * 0.5 * np.sin(1.3 * fine + rng.uniform(0, 6.3))
     velocity = np.gradient(path, h, axis=0)
-    pull = np.gradient(velocity, h, axis=0) + np.array([0, 0, 9.81])
+    through_air = velocity - np.array([*wind, 0.0])
+    own = drag / MASS * np.linalg.norm(through_air, axis=1, keepdims=True) * through_air
+    pull = np.gradient(velocity, h, axis=0) + np.array([0, 0, 9.81]) + own
     up = pull / np.linalg.norm(pull, axis=1, keepdims=True)
     side = np.cross(up, np.stack([np.cos(yaw), np.sin(yaw), 0 * yaw], axis=1))
     side /= np.linalg.norm(side, axis=1, keepdims=True)
@@ -61,6 +75,8 @@ def flight(seed: int, vigour: float = 1.0, noise: float = 1.0, seconds: float = 
     turning = (attitude[:-2].inv() * attitude[2:]).as_rotvec() / (2 * h)
     rates = np.concatenate([turning[:1], turning, turning[-1:]])
     torque = INERTIA * (np.gradient(rates, h, axis=0) + damping * rates) + np.cross(rates, INERTIA * rates)
+    x, y, z = attitude.inv().apply(through_air).T
+    torque -= np.stack([-munk * y * z + sway * y, munk * x * z - sway * x, 0 * z], axis=1)
     wrench = np.column_stack([MASS * np.linalg.norm(pull, axis=1), torque])
     mixer = np.stack([np.ones(4), HUBS[:, 1], -HUBS[:, 0], SPINS * K_M / K_F])
     speed = np.sqrt(np.maximum(np.linalg.solve(mixer, wrench.T).T / K_F, 0))

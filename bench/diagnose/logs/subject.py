@@ -91,6 +91,8 @@ class Subject:
     """Whether it is settled which parts are learnt from; see `logs.parts`."""
     memory: int | None = None
     """Order of the autoregression that whitens what a model leaves, where a search settled it; 0: none."""
+    long_windows: bool = False
+    """Whether a search settled that rates are compared over windows as long as a free run."""
     notes: tuple[str, ...] = ()
     """What was done to the measurements, in sentences."""
     resampled: tuple[str, ...] = ()

@@ -1,7 +1,7 @@
 """How many effects, and which: best subsets, each larger one paid for on recordings that were not fitted."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,8 +9,22 @@ from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import with_values
 from bench.diagnose.select.search import View
 from bench.diagnose.select.subset import Fit, t_value
-from bench.diagnose.settings import CHOOSING
+from bench.diagnose.settings import CHOOSING, VERIFYING
 from registry.dynamics import PhysicsModel
+
+
+@dataclass(frozen=True)
+class RejectedCandidate:
+    """A candidate that was not taken, in one round."""
+
+    id: str
+    gain: float
+    """Share of what the round could explain, 0 to 1."""
+    low: float
+    high: float
+    text: str
+    """Its parameters."""
+    why: str
 
 
 def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
@@ -147,3 +161,47 @@ def updated(view: View, fit: Fit) -> PhysicsModel:
     model = with_values(view.linear.model, own, values)
     added = fit.effects(len(own)).values()
     return replace(model, effects=(*model.effects, *added))
+
+
+def compared(view: View, fit: Fit, fields: list[list[Fit]]) -> tuple[tuple[RejectedCandidate, ...], ...]:
+    """By size, the sets that the chosen one was taken from."""
+    return tuple(_round(view, field, chosen) for field, chosen in zip(fields[1:], _chain(fit, fields), strict=False))
+
+
+def _chain(fit: Fit, fields: list[list[Fit]]) -> list[Fit]:
+    """By size, the set of the field that leads to the chosen one."""
+    out = []
+    for field in fields[1:]:
+        inside = [f for f in field if set(f.ids) <= set(fit.ids)]
+        out.append(inside[0] if inside else field[0])
+    return out
+
+
+def _round(view: View, field: list[Fit], chosen: Fit) -> tuple[RejectedCandidate, ...]:
+    """The sets of one size, as a reader compares them."""
+    subsets = view.subsets
+    base = subsets.fit()
+    scale = max(base.loss - view.floor, 1.0)
+    base_blocks, level = subsets.losses(base).sum(1), subsets.losses(chosen).sum(1)
+    unit, out = view.linear.model.effect_unit, []
+    for f in sorted(field, key=lambda f: -(f is chosen))[:8]:
+        blocks = subsets.losses(f).sum(1)
+        gains = base_blocks - blocks
+        half = 1.96 * float(gains.std(ddof=1)) * len(gains) ** 0.5 if len(gains) > 1 else 0.0
+        share = (base.loss - f.loss) / scale
+        margin, t = subsets.cost(f) - subsets.cost(chosen), t_value(blocks - level)
+        text = "; ".join(
+            f"{i}: "
+            + ", ".join(f"{p.name} = {p.value:.3g} {unit(p.unit)}" for p in e.parameters() if p.uncertainty > 0)
+            for i, e in f.effects(len(subsets.own)).items()
+        )
+        if f is chosen:
+            why = ""
+        elif margin < VERIFYING.odds:
+            why = f"explains as much, with {f.parameters} parameters against {chosen.parameters}"
+        else:
+            rest = max(f.misfit - view.floor, 0.0) / view.floor
+            why = f"leaves {rest:.2g} times the noise unexplained (t = {t:.1f} against the best)"
+        low, high = share - half / scale, share + half / scale
+        out.append(RejectedCandidate(id=" + ".join(f.ids), gain=share, low=low, high=high, text=text, why=why))
+    return tuple(out)

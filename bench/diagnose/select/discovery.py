@@ -9,6 +9,7 @@ import pandas as pd
 from bench.analysis.display import Displayed, draw_bars, new_axes
 from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.result import effect_frame
+from bench.diagnose.select.choose import RejectedCandidate
 from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate, Ratio, ResidualTerm
 from registry.core import EFFECTS
@@ -38,20 +39,6 @@ class Found:
         return max((s.share for s in self.savings if s.matters), default=0.0)
 
 
-@dataclass(frozen=True)
-class RejectedCandidate:
-    """A candidate that was not taken, in one round."""
-
-    id: str
-    gain: float
-    """Share of what the round could explain, 0 to 1."""
-    low: float
-    high: float
-    text: str
-    """Its parameters."""
-    why: str
-
-
 def supported(ids: Sequence[str], model: PhysicsModel) -> list[str]:
     """Those of some effects, in order, whose needs the others or ``model`` meet: wind acts through a drag."""
     left = list(ids)
@@ -61,6 +48,17 @@ def supported(ids: Sequence[str], model: PhysicsModel) -> list[str]:
         if len(kept) == len(left):
             return kept
         left = kept
+
+
+def needs_first(found: Sequence[Found]) -> tuple[Found, ...]:
+    """In order, but each after what it needs, if that is among them: effects are added one after another."""
+    rest, out = list(found), list[Found]()
+    while rest:
+        waiting = [f for f in rest if {o.id for o in rest} & set(EFFECTS.get(f.id).requires)]
+        ready = next(f for f in rest if f not in waiting or len(waiting) == len(rest))
+        out.append(ready)
+        rest.remove(ready)
+    return tuple(out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +88,8 @@ class Discovery(Displayed):
     """Relative 1σ of constants as stated, and of those that were let go; see `select.release`."""
     memory: int | None = None
     """Order of the autoregression that whitened the rows; see `select.search`."""
+    long_windows: bool = False
+    """Whether the rows are as long as a free run."""
     obscured: tuple[ObscuredConstant, ...] = ()
     """Constants of which these recordings say nothing that could be believed."""
 

@@ -62,16 +62,13 @@ def prepared(
     subject = in_parts(subject)
     filed = subject.logs
     subject = rates_in_time(replace(subject, timed=True))
-    drives = drives_of(subject.model, subject.logs[0])
-    known = entries(subject.model, subject.uncertainty)
-    vehicle = subject.model.description().turning
-    if not (known and drives and subject.training) or (is_held(subject) and vehicle) or hidden(subject.logs):
+    if not _tells_time(subject):
         return subject, noise
     tick("input timing")
     inputs, sensed = _shifts(subject, noise)
     logs, notes = subject.logs, list(subject.notes)
     if abs(inputs.value) >= TIMING.negligible:
-        held = is_held(subject)
+        drives, held = drives_of(subject.model, subject.logs[0]), is_held(subject)
         logs = tuple(replace(log, inputs=read_at(log.inputs, drives, inputs.value, held)) for log in logs)
         notes.append(_said(subject, inputs))
     if abs(sensed.value) >= TIMING.negligible:
@@ -91,6 +88,19 @@ def retimed(filed: Subject, model: PhysicsModel, noise: Noise) -> Subject:
     """Measurements whose inputs are as filed, with these read when they act beside all that ``model`` has."""
     read, _ = prepared(replace(filed, model=model), noise)
     return replace(read, model=filed.model)
+
+
+def mistimed(read: Subject, model: PhysicsModel, noise: Noise) -> bool:
+    """Whether inputs act at another time than they are ``read`` now, beside all that ``model`` has."""
+    beside = replace(read, model=model)
+    return _tells_time(beside) and abs(_shifts(beside, noise)[0].value) >= TIMING.negligible
+
+
+def _tells_time(subject: Subject) -> bool:
+    """Whether recordings could tell when their inputs act, and it is for the clock to say."""
+    known, drives = entries(subject.model, subject.uncertainty), drives_of(subject.model, subject.logs[0])
+    held_of_vehicle = is_held(subject) and subject.model.description().turning
+    return bool(known and drives and subject.training) and not (held_of_vehicle or hidden(subject.logs))
 
 
 def drives_of(model: PhysicsModel, log: Log) -> int:

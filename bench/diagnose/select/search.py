@@ -1,6 +1,7 @@
 """A model and all its rivals on the training recordings, linearised, whitened, ready to choose from."""
 
 from collections.abc import Callable, Collection, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.select.subset import Subsets
 from bench.diagnose.settings import CALIBRATING, CHOOSING, SEARCHING
+from bench.diagnose.simulate.free_run import default_steps
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Channel
 from registry.core import EFFECTS
@@ -83,6 +85,7 @@ class Search:
         tick: Callable[[str], None],
         noise: Noise | None = None,
         memory: int | None = None,
+        long_windows: bool = False,
     ) -> None:
         """Prepare.
 
@@ -93,9 +96,12 @@ class Search:
             noise: default `noise.noise_of`.
             memory: order of the autoregression that whitens what is left; 0: all rows count alike, as in ordinary least
                 squares; default: as the subject says, else `SEARCHING.memory`.
+            long_windows: whether test functions are as long as a free run: of slow effects short ones show nothing but
+                noise; so too where the subject says so.
         """
         self.subject, self.catalogue, self.tick = subject, catalogue, tick
         self.memory = next(m for m in (memory, subject.memory, SEARCHING.memory) if m is not None)
+        self.long_windows = long_windows or subject.long_windows
         logs = subject.of(subject.training)
         # Where the motion is slow against the sampling, a few samples a test function are enough.
         stride = max(1, stride_of(LogBatch.of(shortened(logs, SEARCHING.longest))) // SEARCHING.fine)
@@ -103,6 +109,8 @@ class Search:
         self.stack = LogBatch.of(shortened(logs, SEARCHING.longest, stride, held))
         self.notes = left_out(logs, self.stack.logs)
         self.stride = stride_of(self.stack)
+        if self.long_windows:
+            self.stride = max(self.stride, default_steps(self.stack.logs) // 2)
         self._made: dict[tuple[int, ...], TestFunctions] = {}
         noise = noise or noise_of(subject)
         filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
@@ -115,6 +123,12 @@ class Search:
         generator = np.random.default_rng(0)
         drawn = convolve1d(generator.normal(size=self.stack.inputs.shape) * sigma, through, axis=1)
         self.noisy = replace(self.stack, inputs=self.stack.inputs + torch.from_numpy(drawn)) if sigma.any() else None
+
+    def of(self, subject: Subject) -> "Search":
+        """The same recordings with something else known of the constants."""
+        other = copy(self)
+        other.subject = subject
+        return other
 
     def smoothing_of(self, channel: Channel) -> Smoothing:
         """What a measured channel went through."""
