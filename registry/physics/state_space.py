@@ -2,6 +2,7 @@
 
 import re
 from abc import abstractmethod
+from collections.abc import Set
 from dataclasses import fields
 from functools import cache
 from typing import Any, ClassVar
@@ -87,6 +88,15 @@ class Mechanical(StateSpace):
             "derives from Mechanical, and so needs a constant called mass, such as "
             'mass: Any = constant(1.0, "m", "kg"); of a shaft it is the moment of inertia, in kg m^2.'
         )
+
+    @classmethod
+    @override
+    def also_measured(cls, measured: Set[str]) -> set[str]:
+        """To an effect the coordinates are "displacement" and their rates "speed", whatever the class calls them."""
+        groups = [c.group for c in cls.state_channels]
+        half = len(groups) // 2
+        roles = {"displacement": groups[:half], "speed": groups[half:]}
+        return {role for role, its in roles.items() if measured & set(its)}
 
     @override
     def effect_unit(self, unit: str) -> str:
