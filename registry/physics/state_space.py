@@ -100,9 +100,10 @@ class Mechanical(StateSpace):
 
     @override
     def effect_unit(self, unit: str) -> str:
-        """Of what turns: torques in N m and paths in rad, where a mass on a rail has N and m."""
-        turns = any(p.name == "mass" and p.unit == "kg m^2" for p in self.parameters())
-        turned = re.sub(r"\b[Nm]\b", lambda of: {"N": "N m", "m": "rad"}[of[0]], unit) if turns else unit
+        """Of what turns: torques in N m, inertia in kg m^2 and paths in rad, where a mass on a rail has N, kg and m."""
+        turning = {"N": "N m", "kg": "kg m^2", "m": "rad"}
+        turns = any(p.name == "mass" and p.unit == turning["kg"] for p in self.parameters())
+        turned = re.sub(r"\b(N|kg|m)\b", lambda of: turning[of[0]], unit) if turns else unit
         return super().effect_unit(turned)
 
     @abstractmethod

@@ -72,6 +72,13 @@ voltage = {{columns = ["u"], unit = "V"}}
     assert offered >= {"coulomb_friction", "quadratic_drag", "cubic_stiffness", "cogging", "actuator_lag"}
 
 
+def test_drag_of_a_shaft_has_the_unit_of_a_torque_over_a_squared_rate(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(CART.replace('"M", "kg"', '"J", "kg m^2"'))
+    shaft = physics_class(f"{tmp_path}/mine.py:Cart")
+    assert shaft().effect_unit("kg/m") == "kg m^2/rad"
+    assert shaft().effect_unit("N s/m") == "N m s/rad"
+
+
 @pytest.mark.parametrize(("absent", "says"), [("own_force", "lacks own_force"), ("equation", "lacks equation")])
 def test_what_a_class_lacks_is_one_sentence(absent: str, says: str, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(CART.replace(absent, f"other_{absent}"))
