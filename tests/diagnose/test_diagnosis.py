@@ -19,6 +19,7 @@ from bench.cli.diagnosing import show_extension
 from bench.diagnose.by_equation import ConstantEstimate, GivenPast, ObscuredConstant
 from bench.diagnose.evidence import Calibration, Stage
 from bench.diagnose.extend import shares_of
+from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.report import constant_words, page_sections, phrases, sentences, terminal_summary
 from bench.diagnose.report.phrases import gathered
@@ -251,6 +252,16 @@ def test_every_tie_is_said_by_itself() -> None:
     sure = replace(two, verdict="named", effects=(samples.DRAG, drag, torque))
     assert sentences.headline(sure) == "The model lacks rotor drag."
     assert f"Two more effects act that these recordings cannot name: {both}" in sentences.explanation(sure)
+
+
+def test_the_headline_has_a_learned_formula_of_several_numbers_without_them() -> None:
+    term = LearnedShape("speed.q", ("displacement.q",), "wave", "a sin n x + b cos n x", "all of it in a line")
+    effect = replace(samples.DRAG, learned=True, term=term)
+    pair = dict.fromkeys("ab", ParameterEstimate(1.0, 0.9, 1.1, "m"))
+    d = replace(samples.unknown_effect(), effects=(replace(effect, parameters=pair),))
+    assert sentences.headline(d).endswith("instead: speed q ~ displacement q, a sin n x + b cos n x.")
+    one = replace(effect, parameters={"k": pair["a"]})
+    assert sentences.headline(replace(d, effects=(one,))).endswith("instead: all of it in a line.")
 
 
 def test_a_constant_far_off_is_told_as_a_multiple() -> None:

@@ -10,6 +10,7 @@ from bench.diagnose.report import constant_words
 from bench.diagnose.report.phrases import listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
 from bench.diagnose.settings import MATTERING, TELLING
+from registry.terms.shapes import SHAPES
 
 _FREE = "of the squared error of free runs above the noise floor"
 
@@ -22,7 +23,7 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"The recordings must be mended before the model can be judged{what}."
     if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
         terms = [e for e in diagnosis.effects if e.learned]
-        said = terms[0].described if len(terms) == 1 else listed(named(e.name) for e in terms)
+        said = _in_short(terms[0]) if len(terms) == 1 else listed(named(e.name) for e in terms)
         return f"The catalogue does not have what the model lacks; learned instead: {said}."
     effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if not e.learned]
     left = diagnosis.unexplained
@@ -31,6 +32,14 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "nothing" and moved and diagnosis.evidence.calibrated >= TELLING.recalibrated:
         return f"{line.removesuffix('.')}, but stated constants are off: {constant_words.change(moved[0])}."
     return line
+
+
+def _in_short(term: NamedEffect) -> str:
+    """A learned term in a headline: a formula of several numbers without them, anything else in full."""
+    formula = term.term is not None and term.term.shape in SHAPES and bool(term.term.signals)
+    if term.term is None or not formula or len(term.parameters) == 1:
+        return term.described
+    return f"{named(term.name)}, {term.term.formula}"
 
 
 def verdict_line(
@@ -140,7 +149,7 @@ def alike(diagnosis: Diagnosis) -> str:
         near = f" {names}, which would do {percent(e.term.likeness)} of it" if names else ""
         known = f" {e.term.known_as}" if e.term.known_as else ""
         like = "; elsewhere such a shape is".join(filter(None, (near, known)))
-        out.append(f"{e.term.name} looks like{like}. {e.separate_by}".strip())
+        out.append(f"{named(e.term.name)} looks like{like}. {e.separate_by}".strip())
     return " ".join(out)
 
 
