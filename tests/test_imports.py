@@ -33,6 +33,7 @@ def python(code: str, *arguments: str, **environment: str) -> subprocess.Complet
         ("--help", "bench diagnose flights/"),
         ("list", "washout_vs_mlp"),
         ("list effects", "rotor_drag"),
+        ("list effects --system oscilator", "did you mean oscillator"),
         ("list studies", "washout_vs_mlp"),
         ("rnu", "did you mean run"),
         ("run washout_vs_mpl", "did you mean washout_vs_mlp"),

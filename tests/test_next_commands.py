@@ -137,11 +137,13 @@ def test_a_shaft_has_a_mass_too(here: Path) -> None:
     assert "Motor derives from Mechanical, and so needs a constant called mass" in str(done.exception)
 
 
-def test_effects_are_listed_by_system() -> None:
+def test_effects_are_listed_by_system(here: Path) -> None:
     every = CliRunner().invoke(cli, ["list", "effects"]).output
     assert "lorenz.…" in every and "lorenz.dx" not in every.replace("such as lorenz.d", "")
     of = CliRunner().invoke(cli, ["list", "effects", "--system", "pendulum"]).output
     assert "pendulum.domega.theta3" in of and "viscous_friction" in of and "rotor_drag" not in of
+    own = CliRunner().invoke(cli, ["list", "effects", "--system", "mine.py:Swing"]).output
+    assert "viscous_friction" in own and "rotor_drag" not in own
 
 
 def test_a_file_in_the_place_of_its_folder(here: Path) -> None:

@@ -137,6 +137,15 @@ def test_the_terminal_shows_everything_in_100_columns(records: list[RunRecord]) 
         assert sum(f" {spec} " in line for line in text.splitlines() if line.startswith("│")) == 6
 
 
+def test_on_a_narrow_terminal_names_give_way_and_numbers_stay(records: list[RunRecord]) -> None:
+    out = Console(file=io.StringIO(), width=64)
+    report.render_terminal(records, PAIRS, out)
+    text = out.file.getvalue().partition("RMSSE: ")[0]  # type: ignore[attr-defined]
+    assert max(map(len, text.splitlines())) <= 64 and "…" not in text
+    for row in report.study_table(records).itertuples():
+        assert report.number(row.first) in text and report.with_interval(row) in text
+
+
 def test_the_page_has_every_row_and_its_sentences(records: list[RunRecord]) -> None:
     page = report.to_markdown(records, PAIRS, "a study", "bench run x", figure="steps.png")
     assert page.startswith("# A study\n") and "`bench run x`" in page and "](steps.png)" in page

@@ -153,6 +153,7 @@ def _calibration(subject: Subject, found: Discovery) -> tuple[Calibration, ...]:
             sigma=(x.value - nominal) / e.scale,
             low=x.low,
             high=x.high,
+            stopped=any(math.isclose(x.value, end, rel_tol=1e-6) for end in (e.low, e.high)),
         )
         out.append(moved)
     for r in found.ratios:

@@ -73,6 +73,11 @@ class Comparison(Displayed):
         of = self.lines.get(model, {})
         return {g.name: GroupError(self.horizon_s[-1], of[g.name].rmse[-1], g.unit) for g in self.groups if of}
 
+    def above_floor(self, errors: ByGroup) -> dict[str, float]:
+        """By group, squared errors at the last horizon less that of the noise floor."""
+        floor = self.error("floor")
+        return {g: e.rmse**2 - floor[g].rmse ** 2 for g, e in errors.items()}
+
     @property
     def headline(self) -> str:
         """How far each model is off at the last horizon."""

@@ -161,7 +161,7 @@ def _confirmed(run: _Run, found: Discovery) -> tuple[Discovery, Extension | None
     """
     extension = _added(run, found)
     if extension is not None:
-        vanished = [e.id for e in extension.effects if _idle(e)]
+        vanished = [e.id for e in extension.effects if _changes_nothing(e)]
         if vanished:
             found = _unnamed(found, vanished, _NO_BETTER)
             extension = _added(run, found)
@@ -188,7 +188,7 @@ def _at_bound(run: _Run, extension: Extension) -> str | None:
     return min(pushed, key=lambda e: e.share_explained).id if pushed else None
 
 
-def _idle(effect: NamedEffect) -> bool:
+def _changes_nothing(effect: NamedEffect) -> bool:
     """Whether free runs of all groups of outputs err as much without an effect: it follows how rates are computed."""
     pairs = ((e.rmse**2, effect.error_after[g].rmse ** 2) for g, e in effect.error_before.items())
     return all(abs(before - after) <= DECIDING.least_share * before for before, after in pairs)
@@ -337,12 +337,12 @@ def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) ->
         horizon_s=run.horizon_s,
         filed=run.filed,
         doubtful=verdict != "unknown_effect",
-        much=_left(extension) >= MATTERING.share,
+        much=_share_left(extension) >= MATTERING.share,
     )
-    return told if told is None or _relieved(extension, told.extension) else None
+    return told if told is None or _worth_it(extension, told.extension) else None
 
 
-def _relieved(before: Extension, after: Extension) -> bool:
+def _worth_it(before: Extension, after: Extension) -> bool:
     """Whether learned terms take so much of what free runs leave above the floor that they are worth it.
 
     Their share is told against a model without them whose numbers were not fitted to the end. What swings out of sight
@@ -350,16 +350,15 @@ def _relieved(before: Extension, after: Extension) -> bool:
     """
     if any(isinstance(e, (HiddenMode, PeriodicTerm)) for e in after.model.effects):
         return True
-    floor = before.comparison.error("floor")
-    pairs = ((before.last[g].rmse ** 2, e.rmse**2, floor[g].rmse ** 2) for g, e in after.last.items())
-    return any(was - now > MATTERING.share * (was - noise) for was, now, noise in pairs)
+    was, now = (before.comparison.above_floor(e.last) for e in (before, after))
+    return any(was[g] - now[g] > MATTERING.share * was[g] for g in now)
 
 
-def _left(extension: Extension) -> float:
+def _share_left(extension: Extension) -> float:
     """The largest share, over groups, that the last model leaves of the squared error above the noise floor."""
-    floor, nominal = (extension.comparison.error(m) for m in ("floor", "nominal"))
-    above = {g: e.rmse**2 - floor[g].rmse ** 2 for g, e in nominal.items()}
-    return max(((extension.last[g].rmse ** 2 - floor[g].rmse ** 2) / e for g, e in above.items() if e > 0), default=0.0)
+    comparison = extension.comparison
+    left, nominal = (comparison.above_floor(e) for e in (extension.last, comparison.error("nominal")))
+    return max((left[g] / e for g, e in nominal.items() if e > 0), default=0.0)
 
 
 def _shown(steps: Steps, noise: Noise, terms: Extension | None) -> Steps:

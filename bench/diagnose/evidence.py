@@ -91,6 +91,8 @@ class Calibration:
     low: float = math.nan
     high: float = math.nan
     """95 % interval; NaN: there is none."""
+    stopped: bool = False
+    """Whether it went as far as what is stated of it lets calibration go."""
 
     @property
     def constants(self) -> set[str]:

@@ -24,8 +24,7 @@ from bench.diagnose.learned_shape import RELAXATION, SWING, WAVE
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.report import wave_words
-from bench.diagnose.report.learned_words import described
+from bench.diagnose.report import learned_words
 from bench.diagnose.result import ByGroup, NamedEffect
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import Search
@@ -301,16 +300,16 @@ def _named(
     name = EFFECTS.name_of(type(effect))
     numbers = parameter_estimates(found)
     if isinstance(effect, LearnedTerm):
-        term, numbers = described(effect, model, list(numbers.values()))
+        term, numbers = learned_words.described(effect, model, list(numbers.values()))
         return NamedEffect(
             name, numbers, share, before, after, acts_on=equation_of(model, effect.axis), learned=True, term=term
         )
     if isinstance(effect, HiddenMode):
-        term, numbers = wave_words.described_mode(effect, model, numbers)
+        term, numbers = learned_words.described_mode(effect, model, numbers)
         where = equation_of(model, effect.axes[0])
         return NamedEffect(name, numbers, share, before, after, acts_on=where, learned=True, term=term)
     if isinstance(effect, PeriodicTerm) and line is not None:
-        term, numbers, single = wave_words.described(line, model)
+        term, numbers, single = learned_words.described_wave(line, model)
         wave = NamedEffect(name, numbers, share, before, after, learned=True, term=term, by_recording=single)
         return replace(wave, acts_on=equation_of(model, effect.axis))
     alike = rivals.get(name, ())

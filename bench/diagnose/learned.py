@@ -87,8 +87,8 @@ def learned(
         return extend(subject, base, asked, tick, noise, rivals=rivals, start=start, horizon_s=horizon_s)
 
     done = beside(names, terms)
-    idle = {e.id for e in done.effects if not e.learned and _idle(e)}
-    if idle and not (_beyond(done) or (read_again and _beyond_given_the_past(subject, model, noise, terms, tick))):
+    idle = {e.id for e in done.effects if not e.learned and _neutral(e)}
+    if idle and not (_outdoes(done) or (read_again and _outdoes_given_the_past(subject, model, noise, terms, tick))):
         return None  # the terms only say in other words what a named effect says
     if idle:  # they imitated what is learned now
         names = supported([n for n in names if n not in idle], subject.model)
@@ -128,7 +128,7 @@ def _pruned(
     return done if taken > DECIDING.least_share else None
 
 
-def _idle(effect: NamedEffect) -> bool:
+def _neutral(effect: NamedEffect) -> bool:
     """Whether every parameter may as well be the one that makes it no effect."""
     neutral = {p.name: float(p.neutral) for p in EFFECTS.get(effect.id).neutral().parameters() if p.uncertainty > 0}
     return all(p.low <= neutral[name] <= p.high for name, p in effect.parameters.items() if name in neutral)
@@ -154,16 +154,15 @@ def _explained(done: Extension) -> float:
     return sum(e.share_explained for e in done.effects)
 
 
-def _beyond(done: Extension) -> bool:
+def _outdoes(done: Extension) -> bool:
     """Whether the terms leave so little of what the named effects leave that those cannot have been the cause."""
-    named = [e for e in done.effects if not e.learned]
-    before, after, floor = named[-1].error_after, done.comparison.error("extended"), done.comparison.error("floor")
-    above = [g for g in before if before[g].rmse > 1.5 * floor[g].rmse]
-    left = ((e[g].rmse ** 2 - floor[g].rmse ** 2 for e in (after, before)) for g in above)
-    return bool(above) and all(now < EXTENDING.given_up * then for now, then in left)
+    before, floor = [e for e in done.effects if not e.learned][-1].error_after, done.comparison.error("floor")
+    then, now = (done.comparison.above_floor(e) for e in (before, done.comparison.error("extended")))
+    far = [g for g in before if before[g].rmse > EXTENDING.telling * floor[g].rmse]
+    return bool(far) and all(now[g] < EXTENDING.given_up * then[g] for g in far)
 
 
-def _beyond_given_the_past(
+def _outdoes_given_the_past(
     subject: Subject, model: PhysicsModel, noise: Noise, terms: Sequence[Effect], tick: Callable[[str], None]
 ) -> bool:
     """The same of hidden modes: free runs do not know how these begin, the errors of rates given the past do."""

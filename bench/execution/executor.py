@@ -97,6 +97,16 @@ def send_progress(message: Any) -> None:
     cluster.send_progress(message)
 
 
+@contextmanager
+def interrupts_withheld() -> Iterator[None]:
+    """No Ctrl-C reaches the processes that are started in here, not even while they import; this one gets it after."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def serve_parent() -> None:
     """Leave Ctrl-C to the process that started this one, and be killed when that ends, however it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -147,8 +157,13 @@ def _processes(workers: int, ahead: int) -> Iterator[WorkerPool]:
     messages = context.Queue()
     executor = ProcessPoolExecutor(workers, context, _start_worker, (messages,))
     others = multiprocessing.active_children()
+
+    def submit(*job: Any) -> Future[Any]:
+        with interrupts_withheld():  # it starts processes
+            return executor.submit(*job)
+
     try:
-        yield WorkerPool(executor.submit, lambda: ahead * workers, messages)
+        yield WorkerPool(submit, lambda: ahead * workers, messages)
     finally:
         for process in multiprocessing.active_children():
             if process not in others:

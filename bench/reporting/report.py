@@ -200,10 +200,10 @@ def render_terminal(records: Sequence[RunRecord], pairs: Pairs, out: Any, within
     table = study_table(records)
     for horizon, rows in table.groupby("horizon", sort=False):
         grid = Table(title=f"T = {horizon} steps", title_justify="left")
-        for name in ("output", "configuration"):
-            grid.add_column(name, no_wrap=True)
+        for name in ("output", "configuration"):  # these give way on a narrow terminal, numbers do not
+            grid.add_column(name, overflow="fold")
         for name in ("weights", "RMSSE", f"first {FIRST}", f"last {LAST}", "seeds"):
-            grid.add_column(name, justify="right")
+            grid.add_column(name, justify="right", no_wrap=True)
         for output, group in rows.groupby("output", sort=False):
             for i, row in enumerate(group.itertuples()):
                 head = [named(str(output)) if i == 0 else f"[{row.unit}]" if i == 1 else ""]

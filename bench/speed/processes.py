@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from multiprocessing.connection import Connection
 
+from bench.execution.executor import interrupts_withheld
 from bench.speed.rows import Row
 from bench.speed.timing import Effort
 
@@ -42,8 +43,9 @@ def _workers(row: Row, kernel: str) -> Iterator[list[Connection]]:
     pipes = [context.Pipe() for _ in range(row.processes)]
     processes = [context.Process(target=_work, args=(row, kernel, far), daemon=True) for _, far in pipes]
     try:
-        for process in processes:
-            process.start()
+        with interrupts_withheld():
+            for process in processes:
+                process.start()
         for near, _ in pipes:
             near.recv()
         yield [near for near, _ in pipes]

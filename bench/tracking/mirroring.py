@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.execution.executor import serve_parent
+from bench.execution.executor import interrupts_withheld, serve_parent
 from bench.experiment.config import RunConfig
 
 if TYPE_CHECKING:
@@ -39,7 +39,8 @@ class Mirroring:
         self.process = context.Process(
             target=_serve, args=(self.inbox, self.outbox, uri, experiment, study), daemon=True
         )
-        self.process.start()
+        with interrupts_withheld():
+            self.process.start()
 
     def add(self, folders: Iterable[Path]) -> None:
         """Log these records when there is time."""

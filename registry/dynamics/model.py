@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 from functools import cache
 from typing import ClassVar
@@ -127,6 +127,11 @@ class PhysicsModel(ABC):
         if states:
             return Signal(states[0].unit, tuple(c.axis for c in states))
         return cls.signals.get(name) or (SIGNALS.get(name) if name in cls.input_signals else None)
+
+    @classmethod
+    def also_measured(cls, measured: Set[str]) -> set[str]:
+        """Names by which effects know what was ``measured`` under names of the model's own."""
+        return set()
 
     def effect_unit(self, unit: str) -> str:
         """The SI unit in which the model counts a parameter of an effect that is declared in ``unit``."""

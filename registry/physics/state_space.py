@@ -2,6 +2,7 @@
 
 import re
 from abc import abstractmethod
+from collections.abc import Set
 from dataclasses import fields
 from functools import cache
 from typing import Any, ClassVar
@@ -88,11 +89,21 @@ class Mechanical(StateSpace):
             'mass: Any = constant(1.0, "m", "kg"); of a shaft it is the moment of inertia, in kg m^2.'
         )
 
+    @classmethod
+    @override
+    def also_measured(cls, measured: Set[str]) -> set[str]:
+        """To an effect the coordinates are "displacement" and their rates "speed", whatever the class calls them."""
+        groups = [c.group for c in cls.state_channels]
+        half = len(groups) // 2
+        roles = {"displacement": groups[:half], "speed": groups[half:]}
+        return {role for role, its in roles.items() if measured & set(its)}
+
     @override
     def effect_unit(self, unit: str) -> str:
-        """Of what turns: torques in N m and paths in rad, where a mass on a rail has N and m."""
-        turns = any(p.name == "mass" and p.unit == "kg m^2" for p in self.parameters())
-        turned = re.sub(r"\b[Nm]\b", lambda of: {"N": "N m", "m": "rad"}[of[0]], unit) if turns else unit
+        """Of what turns: torques in N m, inertia in kg m^2 and paths in rad, where a mass on a rail has N, kg and m."""
+        turning = {"N": "N m", "kg": "kg m^2", "m": "rad"}
+        turns = any(p.name == "mass" and p.unit == turning["kg"] for p in self.parameters())
+        turned = re.sub(r"\b(N|kg|m)\b", lambda of: turning[of[0]], unit) if turns else unit
         return super().effect_unit(turned)
 
     @abstractmethod

@@ -1,20 +1,25 @@
 """Products of units, so that a parameter of a formula has the unit that the formula gives it."""
 
+import re
+
 from registry.errors import BenchError
-from registry.units import exponents
+from registry.units import exponents, powers_of
+
+_PLAIN = re.compile(r"(1|[^\W\d]+(\^\d)?)([ /][^\W\d]+(\^\d)?)*")
+"""A product of powers, of whatever symbols."""
 
 
 def product(*factors: tuple[str, float]) -> str:
     """The product of units to powers, such as "N s^2/m^2" of ("N", 1) and ("m/s", −2).
 
-    Units that are not of SI are only written side by side.
+    Symbols that are not of SI stand for themselves; a unit that is no product of powers is only written beside others.
     """
     powers: dict[str, float] = {}
     for unit, power in factors:
         try:
             parts = exponents(unit)
         except BenchError:
-            parts = {unit.replace("/", " per "): 1}
+            parts = powers_of(unit) if _PLAIN.fullmatch(unit) else {unit.replace("/", " per "): 1}
         for symbol, times in parts.items():
             powers[symbol] = powers.get(symbol, 0) + times * power
     above, below = (" ".join(_power(s, p * side) for s, p in powers.items() if p * side > 0) for side in (1, -1))

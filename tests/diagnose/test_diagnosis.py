@@ -19,8 +19,9 @@ from bench.cli.diagnosing import show_extension
 from bench.diagnose.by_equation import ConstantEstimate, GivenPast, ObscuredConstant
 from bench.diagnose.evidence import Calibration, Stage
 from bench.diagnose.extend import shares_of
+from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.report import page_sections, phrases, sentences, terminal_summary
+from bench.diagnose.report import constant_words, page_sections, phrases, sentences, terminal_summary
 from bench.diagnose.report.phrases import gathered
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, ParameterEstimate, schema
 from bench.diagnose.select.discovery import Discovery, Found
@@ -253,11 +254,21 @@ def test_every_tie_is_said_by_itself() -> None:
     assert f"Two more effects act that these recordings cannot name: {both}" in sentences.explanation(sure)
 
 
+def test_the_headline_has_a_learned_formula_of_several_numbers_without_them() -> None:
+    term = LearnedShape("speed.q", ("displacement.q",), "wave", "a sin n x + b cos n x", "all of it in a line")
+    effect = replace(samples.DRAG, learned=True, term=term)
+    pair = dict.fromkeys("ab", ParameterEstimate(1.0, 0.9, 1.1, "m"))
+    d = replace(samples.unknown_effect(), effects=(replace(effect, parameters=pair),))
+    assert sentences.headline(d).endswith("instead: speed q ~ displacement q, a sin n x + b cos n x.")
+    one = replace(effect, parameters={"k": pair["a"]})
+    assert sentences.headline(replace(d, effects=(one,))).endswith("instead: all of it in a line.")
+
+
 def test_a_constant_far_off_is_told_as_a_multiple() -> None:
     near = Calibration("thrust_coefficient", 1e-5, 1.056e-5, "N s^2", 2.8, 1.043e-5, 1.069e-5)
-    assert sentences.change(near) == "thrust coefficient by 5.6 % (4.3 % to 6.9 %; 2.8 σ)"
+    assert constant_words.change(near) == "thrust coefficient by 5.6 % (4.3 % to 6.9 %; 2.8 σ)"
     far = replace(near, constant="mass", calibrated=8.3e-4, low=3.44e-4, high=1.31e-3)
-    assert sentences.change(far) == "mass to 83 times what was stated (34 to 130)"
+    assert constant_words.change(far) == "mass to 83 times what was stated (34 to 130)"
 
 
 def test_the_story_stays_short_when_there_is_much_to_say() -> None:
@@ -273,6 +284,17 @@ def test_sentences_give_way_to_figures() -> None:
     text = told(replace(d, evidence=replace(d.evidence, calibration=(long,))))
     assert "The page says more." in " ".join(text.split()) and len(text.splitlines()) <= TELLING.lines
     assert all(f"+ {e.name} " in text for e in d.effects) and "81.0 → 9.40 mm" in text
+
+
+def test_a_constant_that_calibration_held_back_is_told_where_free_runs_still_err_far_above_the_floor() -> None:
+    d = samples.named()
+    held = Calibration("damping", 700.0, 659.2, "N m s/rad", -2.9, 606.0, 712.0, stopped=True)
+    d = replace(d, evidence=replace(d.evidence, calibration=(held,)))
+    near = replace(d, error=replace(d.error, extended=d.noise_floor))
+    far = replace(d, error=replace(d.error, extended=d.error.nominal))
+    assert constant_words.miscalibrated(near) == ""
+    said = constant_words.miscalibrated(far)
+    assert said.startswith("Calibration stopped at 3 stated standard deviations of damping.")
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, 9.995, 0.00099951, 99999.0, -2.5e-7, 1.234e-4, 123456.0, 0.1, -0.0314])
@@ -304,7 +326,7 @@ def test_constants_are_said_to_have_moved_where_their_interval_leaves_the_stated
     d = samples.named()
 
     def said(*constants: Calibration) -> str:
-        return sentences.miscalibrated(replace(d, evidence=replace(d.evidence, calibration=constants)))
+        return constant_words.miscalibrated(replace(d, evidence=replace(d.evidence, calibration=constants)))
 
     held = Calibration("mass", 0.5, 0.506, "kg", 1.2, 0.499, 0.513)
     unknown = Calibration("mass", 0.5, 0.506, "kg", 1.2)
@@ -328,7 +350,7 @@ def test_a_constant_that_went_where_it_cannot_be_is_no_finding() -> None:
     told = GivenPast({"inertia[1]": (1.37e-5, "kg m^2")}, 0.16, 0.05, 0.28, 0.1)
 
     def said(c: ObscuredConstant) -> str:
-        return sentences.miscalibrated(replace(d, evidence=replace(d.evidence, calibration=(far,), obscured=(c,))))
+        return constant_words.miscalibrated(replace(d, evidence=replace(d.evidence, calibration=(far,), obscured=(c,))))
 
     plain = said(hidden)
     assert plain.startswith(

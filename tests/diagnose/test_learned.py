@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from bench.diagnose import compare, diagnose, extend, learned
+from bench.diagnose.compare import Comparison
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.learn import _Seen, learn
 from bench.diagnose.learn.request import parsed
@@ -263,9 +265,9 @@ def test_a_named_effect_goes_for_a_mode_only_where_inputs_were_read_again(
         "extend": extended,
         "ordered": lambda *_: Oscillator(),
         "retimed": lambda *_: given,
-        "_idle": lambda e: True,
-        "_beyond": lambda done: False,
-        "_beyond_given_the_past": lambda *_: True,
+        "_neutral": lambda e: True,
+        "_outdoes": lambda done: False,
+        "_outdoes_given_the_past": lambda *_: True,
         "_pruned": lambda done, *_: done,
     }.items():
         monkeypatch.setattr(learned, name, value)
@@ -438,12 +440,13 @@ def test_terms_that_leave_free_runs_as_they_were_are_not_told(
 
     def extension(error: float) -> SimpleNamespace:
         comparison = SimpleNamespace(error=lambda name: {"speed": SimpleNamespace(rmse=1.0)})
+        comparison.above_floor = partial(Comparison.above_floor, comparison)
         return SimpleNamespace(
             last={"speed": SimpleNamespace(rmse=error)}, comparison=comparison, model=Oscillator(effects=()), effects=()
         )
 
     step = importlib.import_module("bench.diagnose.diagnose")
-    assert step._relieved(extension(2.0), extension(now)) is worth
+    assert step._worth_it(extension(2.0), extension(now)) is worth
     told = SimpleNamespace(extension=extension(now))
     monkeypatch.setattr(step, "learned", lambda *_, **__: told)
     run = SimpleNamespace(subject=None, noise=None, tick=print, horizon_s=None, filed=None)

@@ -162,6 +162,7 @@ def test_a_class_of_ones_own_names_the_columns_of_the_draft(mine: Path, tmp_path
         'angle_rate = {columns = ["angle_rate_shoulder", "angle_rate_elbow"], unit = "rad/s"}',
         '# TODO: what is column "note"?',
         "m1 = 1.0  # kg; m_1",
+        "m1 = 0.02",
     ):
         assert line in text
     assert load(tmp_path, f"{mine}:Arm").logs[0].name.startswith("a")

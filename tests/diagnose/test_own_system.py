@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from bench.diagnose.logs.load import physics_class
+from bench.diagnose.logs.load import load, physics_class
+from bench.diagnose.select.search import admissible
 from registry.core import EFFECTS, PHYSICS
 from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.mechanics.stiffness import CubicStiffness
@@ -42,6 +44,39 @@ def test_effects_of_mechanical_systems_act_in_a_cart_of_ones_own(tmp_path: Path)
     drag = EFFECTS.get("rotor_drag")
     with pytest.raises(BenchError, match=r'does not fit Cart: .* of your own that says alike = \("quadrotor",\)'):
         cart(effects=(drag(),))
+
+
+@pytest.mark.parametrize("names", [("displacement", "speed"), ("angle", "angle_rate"), ("heading", "yaw_rate")])
+def test_effects_of_mechanical_systems_are_looked_for_whatever_the_states_are_called(
+    names: tuple[str, str], tmp_path: Path
+) -> None:
+    path, rate = names
+    renamed = CART.replace("displacement.q", f"{path}.q").replace("speed.q", f"{rate}.q")
+    (tmp_path / "mine.py").write_text(renamed)
+    time = np.linspace(0, 40, 801)
+    table = np.column_stack([time, np.sin(time), np.cos(time), np.sin(3 * time)])
+    np.savetxt(tmp_path / "run.csv", table, delimiter=",", header="t,q,v,u", comments="", fmt="%.6f")
+    (tmp_path / "dataset.toml").write_text(f"""
+name = "cart"
+rate_hz = 20
+files = "run.csv"
+time = "t"
+input = "voltage"
+[signals]
+{path} = {{columns = ["q"], unit = "m"}}
+{rate} = {{columns = ["v"], unit = "m/s"}}
+voltage = {{columns = ["u"], unit = "V"}}
+""")
+    subject = load(tmp_path, f"{tmp_path}/mine.py:Cart")
+    offered = {name for name, _ in admissible(subject, subject.model, None)}
+    assert offered >= {"coulomb_friction", "quadratic_drag", "cubic_stiffness", "cogging", "actuator_lag"}
+
+
+def test_drag_of_a_shaft_has_the_unit_of_a_torque_over_a_squared_rate(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(CART.replace('"M", "kg"', '"J", "kg m^2"'))
+    shaft = physics_class(f"{tmp_path}/mine.py:Cart")
+    assert shaft().effect_unit("kg/m") == "kg m^2/rad"
+    assert shaft().effect_unit("N s/m") == "N m s/rad"
 
 
 @pytest.mark.parametrize(("absent", "says"), [("own_force", "lacks own_force"), ("equation", "lacks equation")])

@@ -1,9 +1,12 @@
-"""What an effect saves on held-out recordings, where a few moments of a manoeuvre have nearly all of it."""
+"""What is worth a term on held-out recordings: where few moments tell, where signals are far from zero."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 from simulated_fleet import CUBIC, DRAG, vehicle
 
-from bench.diagnose import diagnose
+from bench.diagnose import diagnose, discover, load
 
 
 def test_two_effects_that_act_in_few_moments_are_named(tmp_path):
@@ -15,3 +18,60 @@ def test_two_effects_that_act_in_few_moments_are_named(tmp_path):
     assert set(numbers) == {"cubic_stiffness", "quadratic_drag"}
     for told, true in ((numbers["cubic_stiffness"]["k_3"], CUBIC), (numbers["quadratic_drag"]["c"], DRAG)):
         assert told.value == pytest.approx(size * true, rel=0.01)
+
+
+OVEN = """
+from dataclasses import dataclass
+from typing import Any
+
+from registry.contracts import Channel
+from registry.dynamics import constant, tensor
+from registry.physics.state_space import StateSpace
+
+
+@dataclass(frozen=True)
+class Oven(StateSpace):
+    capacity: Any = constant(100.0, "C", "J/K", low=1.0)
+    state_channels = (Channel("temperature.oven", "K"),)
+    input_signals = ("power",)
+    signals = {"power": __import__("registry.units").units.Signal("W", ("",))}
+    alike = ()
+    equation = "C dT/dt = P - 2 (T - 290)"
+
+    def own_rate(self, state, inputs):
+        return (inputs[..., :1] - 2 * (state - 290)) / tensor(self.capacity, state).unsqueeze(-1)
+"""
+DESCRIBED = """
+name = "ovens"
+rate_hz = 1
+files = "*.csv"
+time = "t"
+input = "power"
+[signals]
+temperature = {columns = ["T"], unit = "K"}
+power = {columns = ["P"], unit = "W"}
+[physics]
+capacity = 100.0
+"""
+
+
+def test_something_is_missing_in_temperatures_that_are_far_from_zero(tmp_path: Path) -> None:
+    """Held out are recordings that are cooler and vary less: what was learnt has the same units there."""
+    (tmp_path / "mine.py").write_text(OVEN)
+    (tmp_path / "dataset.toml").write_text(DESCRIBED)
+    random, fine = np.random.default_rng(0), 20
+    for run in range(6):
+        size = 1.0 if run % 3 != 1 else 0.7
+        at = np.arange(400 * fine) / fine
+        tones = random.uniform(0.01, 0.1, 3), random.uniform(0, 6, 3)
+        power = size * (120 + 30 * sum(np.sin(w * at + p) for w, p in zip(*tones, strict=True)))
+        warm = np.full(len(at), 325.0)
+        for k in range(1, len(at)):
+            lost = 2 * (warm[k - 1] - 290) + 0.4 * max(warm[k - 1] - 310, 0.0) ** 1.5
+            warm[k] = warm[k - 1] + (power[k - 1] - lost) / 100 / fine
+        table = np.column_stack([at, warm, power])[::fine]
+        table[:, 1] += random.normal(0, 0.02, len(table))
+        np.savetxt(tmp_path / f"run_{run}.csv", table, delimiter=",", header="t,T,P", comments="", fmt="%.6f")
+    found = discover(load(tmp_path, f"{tmp_path}/mine.py:Oven"))
+    assert found.verdict == "unknown_effect"
+    assert all(e.predictable < 0.5 * e.models["extended"] for e in found.equations)

@@ -157,6 +157,14 @@ def test_a_worker_that_dies_is_replaced(tmp_path: Path) -> None:
         list(run_jobs(iter([(7, os.abort, ())]), 2, lambda message: None, str))
 
 
+def test_ctrl_c_reaches_no_worker_not_even_one_that_imports_still() -> None:
+    """A terminal sends it to all processes; a worker would tell of the line that it was at."""
+    jobs = [(0, signal.pthread_sigmask, (signal.SIG_BLOCK, ()))]
+    with closing(run_jobs(iter(jobs), 2, lambda message: None, str)) as done:
+        assert signal.SIGINT in dict(done)[0]
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
 def _fragile(mark: str, i: int) -> int:
     if i == 1 and not Path(mark).exists():
         Path(mark).touch()

@@ -176,7 +176,9 @@ def _summarize(rows: Sequence[Any], out: Any, brief: bool) -> None:
     """Counts of verdicts, and how they came about."""
     counts = {v: sum(r.judgement.verdict == v for r in rows) for v in COLOURS}
     claims = len({r.claim.id for r in rows})
-    out.print(f"\n[bold]{claims} claims, {len(rows)} verdicts[/]: " + ", ".join(f"{n} {v}" for v, n in counts.items()))
+    out.print(
+        f"\n[bold]Claims: {claims}. Verdicts: {len(rows)}[/]: " + ", ".join(f"{n} {v}" for v, n in counts.items())
+    )
     if brief:
         out.print(
             "Of the verdicts on comparative claims at most 5 % are expected to be wrong (Benjamini and Hochberg); "

@@ -20,13 +20,16 @@ KINDS = ("predictors", "initializers", "datasets", "studies", "physics", "effect
 
 @click.command("list")
 @click.argument("kind", required=False, metavar="[" + "|".join(KINDS) + "]")
-@click.option("--system", metavar="NAME", help="With effects: those that this physics model may lack, all of them.")
+@click.option(
+    "--system", metavar="NAME|FILE.py:CLASS", help="With effects: those that this physics model may lack, all of them."
+)
 def list_command(kind: str | None, system: str | None) -> None:
     """What can be compared, one line each: everything, or one kind of it.
 
     \b
     bench list effects                       single terms of polynomials in one line a system
     bench list effects --system quadrotor
+    bench list effects --system mine.py:Arm  your own physics
     """
     if kind is not None and kind not in KINDS:
         raise BenchError(f"There is no kind {kind!r}: {near(kind, KINDS)}")
@@ -60,7 +63,12 @@ def _together(lines: dict[str, str]) -> dict[str, str]:
 
 def _of(system: str, lines: dict[str, str]) -> dict[str, str]:
     """Those that act in a physics model."""
-    kind = PHYSICS.get(system)
+    if ":" not in system:
+        kind: Any = PHYSICS.get(system)
+    else:
+        from bench.diagnose.logs.load import physics_class  # imports torch
+
+        kind = physics_class(system)
     return {name: about for name, about in lines.items() if EFFECTS.get(name).suits(kind)}
 
 

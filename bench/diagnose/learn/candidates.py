@@ -185,7 +185,9 @@ def view_of(search: Search, look: Look, base: int, columns: Sequence[Columns]) -
     def dictionary(number: int, of: Sequence[np.ndarray]) -> Dictionary:
         functions = np.concatenate([c.values[min(number, len(c.values) - 1)] for c in sorted_columns])
         axes = np.stack([of[axis_column[axis]] for axis in present])
-        return Dictionary(terms, functions, axes, tuple(by_axis[axis] for axis in present), tuple(present))
+        return Dictionary(
+            terms, functions, axes, tuple(by_axis[axis] for axis in present), tuple(present), np.ones(len(functions))
+        )
 
     words = dictionary(0, linear.columns)
     noisy = None if moved is None else dictionary(1, moved.columns)

@@ -12,8 +12,9 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.settings import HEARING
 from registry.contracts import Channel
 from registry.datasets.reading.cleaning import runs
+from registry.dynamics.model import RATE_OF
 
-DERIVED_FROM = {"velocity": "position", "body_rates": "attitude", "speed": "displacement", "angle_rate": "angle"}
+DERIVED_FROM = {rate: pose for pose, rate in RATE_OF.items()}
 """Signals that are often read from the pose."""
 _BLACKMAN_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)
 """Of the window with four terms: Harris, "On the use of windows for harmonic analysis", Proc. IEEE 66 (1978)."""

@@ -78,7 +78,7 @@ def shown(subject: Subject) -> Limits:
     model, logs = subject.model, subject.logs
     valid = [log.valid.numpy() for log in logs]
     states = np.concatenate([log.states.numpy()[v] for log, v in zip(logs, valid, strict=True)])
-    rates = {RATE_OF[g] for g in RATE_OF}
+    rates = set(RATE_OF.values())
     stay = []
     for i, c in enumerate(model.state_channels):
         x = states[:, i]

@@ -31,13 +31,15 @@ class Dictionary:
     terms: tuple[Term, ...]
     """Axis by axis."""
     values: np.ndarray
-    """(functions, L, N − 1), of unit spread."""
+    """(functions, L, N − 1), of unit spread in the recordings that `scale` is of."""
     axes: np.ndarray
     """(axes, L, N − 1, channels): the rates that a unit along each axis adds."""
     members: tuple[np.ndarray, ...]
     """An axis: the functions that may act along it."""
     names: tuple[str, ...]
     """Of the axes, such as "force x"."""
+    scale: np.ndarray
+    """(functions,) what each was divided by; infinite: it does not vary."""
 
     @property
     def reach(self) -> tuple[frozenset[int], ...]:
@@ -61,7 +63,7 @@ class Dictionary:
             at += len(some)
         used = np.unique(np.concatenate(members))
         fewer: tuple[np.ndarray, ...] = tuple(np.searchsorted(used, some) for some in members)
-        return Dictionary(tuple(terms), self.values[used], self.axes, fewer, self.names)
+        return Dictionary(tuple(terms), self.values[used], self.axes, fewer, self.names, self.scale[used])
 
     def on_channels(self, channels: int) -> list[list["Block"]]:
         """A channel: the terms that act on it, axis by axis."""
@@ -96,13 +98,17 @@ class Block:
     """(terms,) the function that each is."""
 
 
-def dictionary(model: PhysicsModel, stack: LogBatch, channels: tuple[int, ...]) -> Dictionary:
+def dictionary(
+    model: PhysicsModel, stack: LogBatch, channels: tuple[int, ...], like: Dictionary | None = None
+) -> Dictionary:
     """Low-order functions of every measured signal, and products of two, along every axis that has dynamics.
 
     Args:
         model: tells the states, the inputs and the axes.
         stack: the recordings.
         channels: state channels that are looked at.
+        like: the same of other recordings, whose units the functions have, so that what was fitted there holds here;
+            default: units of their own.
     """
     state = model.project(stack.between)
     inputs = ((stack.inputs[:, :-1] + stack.inputs[:, 1:]) / 2).numpy()
@@ -122,7 +128,8 @@ def dictionary(model: PhysicsModel, stack: LogBatch, channels: tuple[int, ...]) 
     found["constant"] = {"1": np.ones(state.shape[:-1])}
     names = [(signal, text) for signal, functions in found.items() for text in functions]
     values = np.stack([v for functions in found.values() for v in functions.values()])
-    scale = np.array([1.0 if signal == "constant" else v.std() for (signal, _), v in zip(names, values, strict=True)])
+    spread = np.array([1.0 if signal == "constant" else v.std() for (signal, _), v in zip(names, values, strict=True)])
+    scale = np.where(spread > 1e-12, spread, np.inf) if like is None else like.scale
     axes = described.axes(state, channels)
     members: tuple[np.ndarray, ...] = tuple(
         np.array([i for i, (signal, _) in enumerate(names) if not axis.follows or signal in axis.follows], dtype=int)
@@ -130,10 +137,11 @@ def dictionary(model: PhysicsModel, stack: LogBatch, channels: tuple[int, ...]) 
     )
     return Dictionary(
         tuple(Term(*names[int(i)], axis.name) for axis, some in zip(axes, members, strict=True) for i in some),
-        values / np.where(scale > 1e-12, scale, np.inf)[:, None, None],
+        values / scale[:, None, None],
         np.stack([axis.rates for axis in axes]),
         members,
         tuple(axis.name for axis in axes),
+        scale,
     )
 
 

@@ -4,11 +4,13 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from bench.diagnose.by_equation import EffectSaving, ObscuredConstant
-from bench.diagnose.evidence import LINES, Calibration
+from bench.diagnose.by_equation import EffectSaving
+from bench.diagnose.evidence import LINES
+from bench.diagnose.report import constant_words
 from bench.diagnose.report.phrases import listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
 from bench.diagnose.settings import MATTERING, TELLING
+from registry.terms.shapes import SHAPES
 
 _FREE = "of the squared error of free runs above the noise floor"
 
@@ -21,15 +23,23 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"The recordings must be mended before the model can be judged{what}."
     if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
         terms = [e for e in diagnosis.effects if e.learned]
-        said = terms[0].described if len(terms) == 1 else listed(named(e.name) for e in terms)
+        said = _in_short(terms[0]) if len(terms) == 1 else listed(named(e.name) for e in terms)
         return f"The catalogue does not have what the model lacks; learned instead: {said}."
     effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if not e.learned]
     left = diagnosis.unexplained
     line = verdict_line(diagnosis.verdict, effects, left.axes, left.follows)
-    moved = [c for told in _moved(diagnosis) for c in told]
+    moved = [c for told in constant_words.moved(diagnosis) for c in told]
     if diagnosis.verdict == "nothing" and moved and diagnosis.evidence.calibrated >= TELLING.recalibrated:
-        return f"{line.removesuffix('.')}, but stated constants are off: {change(moved[0])}."
+        return f"{line.removesuffix('.')}, but stated constants are off: {constant_words.change(moved[0])}."
     return line
+
+
+def _in_short(term: NamedEffect) -> str:
+    """A learned term in a headline: a formula of several numbers without them, anything else in full."""
+    formula = term.term is not None and term.term.shape in SHAPES and bool(term.term.signals)
+    if term.term is None or not formula or len(term.parameters) == 1:
+        return term.described
+    return f"{named(term.name)}, {term.term.formula}"
 
 
 def verdict_line(
@@ -126,7 +136,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         size = f"It makes {percent(share)} {_FREE}, and n" if share > 0 else "N"
         found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
     left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
-    return [*filter(None, (" ".join(found), alike(diagnosis), left, miscalibrated(diagnosis)))]
+    return [*filter(None, (" ".join(found), alike(diagnosis), left, constant_words.miscalibrated(diagnosis)))]
 
 
 def alike(diagnosis: Diagnosis) -> str:
@@ -139,7 +149,7 @@ def alike(diagnosis: Diagnosis) -> str:
         near = f" {names}, which would do {percent(e.term.likeness)} of it" if names else ""
         known = f" {e.term.known_as}" if e.term.known_as else ""
         like = "; elsewhere such a shape is".join(filter(None, (near, known)))
-        out.append(f"{e.term.name} looks like{like}. {e.separate_by}".strip())
+        out.append(f"{named(e.term.name)} looks like{like}. {e.separate_by}".strip())
     return " ".join(out)
 
 
@@ -203,100 +213,6 @@ def observed(diagnosis: Diagnosis) -> str:
         f"A disturbance observer would bring {each}: that much of what the model leaves is slow, can be "
         "told from the moments before, and follows no measured signal that was found."
     )
-
-
-def miscalibrated(diagnosis: Diagnosis) -> str:
-    """A sentence about base constants whose intervals exclude what was stated, and ratios of them that do."""
-    ratios, parts, others = _moved(diagnosis)
-    found = [*map(obscured, diagnosis.evidence.obscured)]
-    found += [f"Calibration moved stated constants: {_first(others)}."] if others else []
-    if ratios:
-        also = " also" if others else ""
-        found.append(f"Calibration{also} moved ratios of stated constants: {_first(ratios)}. {_either(ratios[0])}.")
-    if parts:
-        found.append(f"What is stated of the constants makes of these ratios: {_first(parts)}.")
-    return " ".join(found)
-
-
-def obscured(c: ObscuredConstant) -> str:
-    """What is said of a constant that went where it cannot be, in place of its value."""
-    name = named(c.constant)
-    way = f"{number(c.times, 2)} times" if c.times > 1 else f"{number(c.times, 2)} of"
-    said = [
-        f"{c.equation.capitalize()} are not understood: the {name} would go to {way} what was stated, which is not to "
-        "be believed."
-    ]
-    if c.repeats:
-        said.append(
-            f"Beside the {name} as stated, what is left there is slow ({percent(c.repeats)} of it follows from its own "
-            f"past): something that nobody measured, and that the inputs cancel, hides the {name}."
-        )
-    if c.told is not None:
-        numbers = listed(f"{named(n)}: about {_plain(n, *x)}" for n, x in c.told.numbers.items())
-        said.append(
-            f"Given the moments before, the inputs do tell: {numbers}; the squared error of the next "
-            f"{c.told.horizon_s:g} s on recordings not learned from falls by {percent(c.told.saves)} so "
-            f"({percent(c.told.low)} to {percent(c.told.high)}). Free runs do not know these moments, and the model "
-            "that was fitted for them keeps the other number."
-        )
-    elif c.finer:
-        said.append(f"With --set {c.finer} the {named(c.group)} are read from a finer sensor, which may tell.")
-    return " ".join(said)
-
-
-def _plain(name: str, value: float, unit: str) -> str:
-    unit, factor = shown(unit, name, [value])
-    return united(number(value * factor), unit)
-
-
-def _moved(diagnosis: Diagnosis) -> tuple[list[Calibration], list[Calibration], list[Calibration]]:
-    """What calibration moved, most first by stated uncertainties: ratios, constants within such, other constants.
-
-    Recordings tell a ratio; how it is shared between its two constants follows from what is stated of each.
-    """
-    hidden = {c.constant for c in diagnosis.evidence.obscured}
-    told = [c for c in diagnosis.evidence.calibration if not hidden & c.constants]
-    moved = [c for c in told if c.moved and abs(c.sigma) >= TELLING.constant_moved]
-    moved.sort(key=lambda c: -abs(c.sigma))
-    ratios, alone = ([c for c in moved if (" / " in c.constant) is both] for both in (True, False))
-    within = {name for c in ratios for name in c.constant.split(" / ")}
-    parts, others = ([c for c in alone if (c.constant in within) is part] for part in (True, False))
-    return ratios, parts, others
-
-
-def _first(moved: Sequence[Calibration]) -> str:
-    """The first of what moved, and how many others did."""
-    first = moved[: TELLING.constants]
-    more = [f"{len(moved) - len(first)} more"] if len(moved) > len(first) else []
-    return listed([*map(change, first), *more])
-
-
-def _either(ratio: Calibration) -> str:
-    """What each constant of a moved ratio would be if it alone were off."""
-    over, under = map(named, ratio.constant.split(" / "))
-    by = ratio.calibrated / ratio.nominal
-    ways = [
-        f"{name} {number(100 * abs(x - 1), 2)} % {'higher' if x > 1 else 'lower'}"
-        for name, x in ((over, by), (under, 1 / by))
-    ]
-    return f"To these recordings {listed(ways, 'or')} is the same"
-
-
-def change(c: Calibration) -> str:
-    """Such as "thrust coefficient by 5.6 % (4.3 % to 6.9 %; 2.8 σ)", σ being the stated uncertainty.
-
-    Far off, "inertia about x to 83 times what was stated (34 to 130)".
-    """
-    if (times := c.calibrated / c.nominal) > TELLING.constant_times:
-        low, high = sorted(v / c.nominal for v in (c.low, c.high))
-        return (
-            f"{named(c.constant)} to {number(times, 2)} times what was stated ({number(low, 2)} to {number(high, 2)})"
-        )
-    value, *ends = (100 * (v / c.nominal - 1) for v in (c.calibrated, c.low, c.high))
-    low, high = sorted(ends)
-    digits = max(0, min(3, 1 - math.floor(math.log10(high - low)))) if high > low else 1
-    by, least, most = (f"{x:.{digits}f} %".replace("-", "−") for x in (value, low, high))
-    return f"{named(c.constant)} by {by} ({least} to {most}; {abs(c.sigma):.1f} σ)"
 
 
 def commands(diagnosis: Diagnosis) -> list[str]:

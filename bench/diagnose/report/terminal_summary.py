@@ -81,8 +81,8 @@ def _errors(diagnosis: Diagnosis) -> list[str]:
 
 def _regions(diagnosis: Diagnosis) -> list[str]:
     return [
-        f"  where: {r.region}: {phrases.percent(r.share_of_error)} of the error in {phrases.percent(r.share_of_time)} "
-        "of the time"
+        f"  where the calibrated model errs: {r.region}: {phrases.percent(r.share_of_error)} of its error in "
+        f"{phrases.percent(r.share_of_time)} of the time"
         for r in diagnosis.where[:2]
     ]
 

@@ -276,9 +276,9 @@ class Weighing:
     def _signals(self) -> tuple["_Signals", "_Signals"]:
         """Of the recordings that are learnt from and of those held out; the same whatever the model lacks."""
         at = tuple(c for e in self.equations for c in e.group.at)
-        parts = ((stack, dictionary(self.calibrated, stack, at)) for stack in (self.train, self.held))
-        train, held = (_Signals(words, at, stack.dt) for stack, words in parts)
-        return train, held
+        learnt = dictionary(self.calibrated, self.train, at)
+        held = dictionary(self.calibrated, self.held, at, like=learnt)
+        return _Signals(learnt, at, self.train.dt), _Signals(held, at, self.held.dt)
 
 
 @dataclass(frozen=True, eq=False)

@@ -260,10 +260,6 @@ class Search:
         return float(left.total[-1, -1] + (now.precision * now.centre**2).sum())
 
 
-_ROLES = {"displacement": {"angle", "position"}, "speed": {"angle_rate", "velocity"}}
-"""Signals of other systems that are what a mechanical effect needs."""
-
-
 def admissible(
     subject: Subject, model: PhysicsModel, catalogue: Sequence[str] | None
 ) -> list[tuple[str, type[Effect]]]:
@@ -283,7 +279,7 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) 
     drive = set(type(model).input_signals) & measured
     if drive & {"rotor_command", "pwm"}:
         measured |= {"rotor_speed", "rotor_command"}  # a command stands for the speed that it asks for
-    measured |= {role for role, signals in _ROLES.items() if measured & signals}
+    measured |= type(model).also_measured(measured)
     held = {EFFECTS.name_of(type(e)) for e in model.effects} | set(model.provides)
     if issubclass(kind, InputEffect) and not type(model).input_signals:
         return f"it acts on an input, and {type(model).system_name()} has none"

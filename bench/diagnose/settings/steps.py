@@ -118,6 +118,9 @@ class Extending:
         "effects to be given up",
         Basis.JUDGED,
     )
+    telling: float = threshold(
+        1.5, "times the noise floor that named effects leave from which a group of outputs tells of this", Basis.JUDGED
+    )
     interval: float = threshold(1.96, "half of a 95 % interval in standard deviations", Basis.CONVENTION)
     neutral: float = threshold(
         1e-3,

@@ -153,7 +153,7 @@ def _of_own(kind: type[PhysicsModel], columns: Sequence[str], stated: Mapping[st
     }
     known = {**SIGNALS, **kind.signals}
     found = of_own(columns, wanted | {name: known[name] for name in kind.input_signals}, stated)
-    driver = next((s for s in kind.input_signals if s in found.signals), None)
+    driver, constants = next((s for s in kind.input_signals if s in found.signals), None), kind().parameters()
     missing = [s for s in (*wanted, *(() if driver else kind.input_signals[:1])) if s not in found.signals]
     return [
         *([f'input = "{driver}"'] if driver else ["# TODO: input, the signal that drives the system"] * bool(missing)),
@@ -168,7 +168,10 @@ def _of_own(kind: type[PhysicsModel], columns: Sequence[str], stated: Mapping[st
         *(f"# TODO: what is column {json.dumps(n, ensure_ascii=False)}?" for n in found.left),
         "",
         f"[physics]  # TODO: what this system has, SI; here as {kind.__name__} has them",
-        *(f"{p.name} = {json.dumps(p.value)}  # {p.unit}; {p.about}" for p in kind().parameters()),
+        *(f"{p.name} = {json.dumps(p.value)}  # {p.unit}; {p.about}" for p in constants),
+        "",
+        "[physics.uncertainty]  # TODO: how well each is known, relative 1σ; below 0.2 calibration goes to 3σ at most",
+        *(f"{p.name} = {p.uncertainty:g}" for p in constants),
     ]
 
 
