@@ -119,7 +119,7 @@ class Saturation(StaticInputEffect):
 @EFFECTS.register("curved_drive")
 @dataclass(frozen=True)
 class CurvedDrive(StaticInputEffect):
-    """The drive acts with a curve: a fan, a propeller or a nozzle with the square (c = 1), beyond a threshold (c > 1)."""
+    """The drive acts along a curve: a propeller or a nozzle with the square (c = 1), beyond a threshold (c > 1)."""
 
     c: Any = constant(0.0, "c: part that goes with the square", "1", low=-0.5, high=3.0, typical=0.7)
     at: Any = constant(
