@@ -114,3 +114,22 @@ class Saturation(StaticInputEffect):
     @override
     def characteristic(self, drive: Tensor) -> Tensor:
         return drive / (drive.abs() * scaled(self.inverse, drive).unsqueeze(-1)).clamp(min=1)
+
+
+@EFFECTS.register("curved_drive")
+@dataclass(frozen=True)
+class CurvedDrive(StaticInputEffect):
+    """The drive acts along a curve: a propeller or a nozzle with the square (c = 1), beyond a threshold (c > 1)."""
+
+    c: Any = constant(0.0, "c: part that goes with the square", "1", low=-0.5, high=3.0, typical=0.7)
+    at: Any = constant(
+        1.0, "U: drive at which nothing changes", "V", low=0, typical=5.0, uncertainty=0.0, measure="input", share=0.7
+    )
+    equation: ClassVar[str] = "u → u max(0, 1 − c + c |u| / U)"
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {"c": (-0.3, 0.5, 1.0, 1.7)}
+    manoeuvre: ClassVar[str] = "hold the drive at several levels, from small to the largest"
+
+    @override
+    def characteristic(self, drive: Tensor) -> Tensor:
+        c, at = (scaled(p, drive).unsqueeze(-1) for p in (self.c, self.at))
+        return drive * (1 - c + c * drive.abs() / at.clamp(min=1e-12)).clamp(min=0)

@@ -30,6 +30,11 @@ def saturation(u: Array) -> Array:
     return np.clip(u, -12.5, 12.5)
 
 
+def square(u: Array) -> Array:
+    """With the square of the drive, as much as the drive itself at 17.5 N."""
+    return u * np.abs(u) / 17.5
+
+
 def backlash(u: Array) -> Array:
     """Half a play of 3 N."""
     out, now = np.empty_like(u), u[0]

@@ -22,7 +22,18 @@ from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import constant, tensor
 from registry.physics.state_space import Mechanical
 from registry.units import Signal
-from tests.diagnose.machines_of_any_size import LOOP, RATE, Array, backlash, cart, dead_zone, lag, recorded, saturation
+from tests.diagnose.machines_of_any_size import (
+    LOOP,
+    RATE,
+    Array,
+    backlash,
+    cart,
+    dead_zone,
+    lag,
+    recorded,
+    saturation,
+    square,
+)
 
 
 @pytest.mark.parametrize(
@@ -41,6 +52,14 @@ def test_what_is_wrong_with_a_drive_is_found_in_a_machine_of_any_size(
     told = 1 / number.value if id == "saturation" else number.value
     assert (found.id, found.rivals) == (id, ()) and told == pytest.approx(value * force, rel=0.01)
     assert number.entry.unit == ("1/N" if id == "saturation" else "N")
+
+
+@pytest.mark.parametrize("force", [1.0, 1e-3])
+def test_a_drive_whose_force_grows_with_its_square_is_found(force: float) -> None:
+    """A propeller: nothing of the straight line is left."""
+    (found,) = discover(cart(square, force=force)).found
+    number = found.estimates[0]
+    assert (found.id, found.rivals) == ("curved_drive", ()) and number.value == pytest.approx(1, abs=0.03)
 
 
 @pytest.mark.parametrize("length", [1.0, 1e-3])

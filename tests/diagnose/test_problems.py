@@ -271,6 +271,23 @@ def test_any_system_whose_state_holds_its_own_rate_is_checked() -> None:
     assert checked(*noisy) == [("speed", "spike", (1500, 1500))]
 
 
+def test_a_rate_whose_zero_is_off_does_not_make_rest_a_frozen_sensor() -> None:
+    """A joint with a coarse encoder rests for 8 s in friction; the zero of the rate is off by a sixth of its noise."""
+    rng, t = np.random.default_rng(0), np.arange(0, 30, 0.005)
+    resting = (t > 15) & (t < 23)
+    speed = np.where(resting, 0.0, np.sin(1.3 * t) * (1 + 0.5 * np.sin(0.4 * t)))
+    angle = np.cumsum(speed) * 0.005
+    read = 0.004 * np.round((speed + rng.normal(0, 0.07, len(t))) / 0.004) - 0.011
+    encoder = 0.003 * np.round(angle / 0.003)
+    force = np.gradient(speed, 0.005) + 0.5 * speed + 100 * angle
+    assert not swinging(encoder, read, force, 200.0)
+    missed = encoder.copy()
+    missed[1000:1600] = missed[1000]
+    assert [(p.signal, p.kind, p.rows) for p in swinging(missed, read, force, 200.0)] == [
+        ("displacement", "frozen", (1001, 1599))
+    ]
+
+
 def test_six_flights_of_25_seconds_take_less_than_a_second() -> None:
     subject = made(flights(6, count=6, seconds=25.0))
     problems(subject)

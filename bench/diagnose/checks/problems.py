@@ -15,7 +15,7 @@ from torch import Tensor
 from bench.diagnose.checks.alignment import alignment
 from bench.diagnose.checks.excursions import Event, excursions, standing_out
 from bench.diagnose.checks.shifts import shifts
-from bench.diagnose.logs.consistency import View, accumulated, change, integral, slope, spread
+from bench.diagnose.logs.consistency import Pair, View, accumulated, change, integral, slope, spread
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import DataProblem
 from bench.diagnose.settings import FREEZING, LEAVING, READING
@@ -175,7 +175,7 @@ def _frozen(view: View) -> Iterator[DataProblem]:
                     continue
                 if _repeats(still, valid, a, b):
                     # Its resolution is coarse: it must have missed far more than it usually changes at once.
-                    inside = told[a + 1 : b - 1]
+                    inside = (told if signal == pair.rate else _told(view, pair, a, b))[a + 1 : b - 1]
                     moved = np.abs(inside - inside[0]).max(axis=0)
                     usual = np.quantile(np.abs(change(view.x[:, own], len(own) == 4)), 0.99, axis=0)
                     if not (moved > np.maximum(10 * noise, 5 * usual)).any():
@@ -189,6 +189,18 @@ def _frozen(view: View) -> Iterator[DataProblem]:
     for a, b in runs(still & ~resting):
         if b - a >= shortest and not _repeats(still, valid, a, b) and moving[a:b].mean() > 0.9:
             yield _frozen_problem(view, view.drive, a, b, "the motion")
+
+
+def _told(view: View, pair: Pair, first: int, end: int) -> Array:
+    """What the rate says of its signal (N, c), less its own zero: a sensor at rest must not seem to miss a drift.
+
+    The zero is by how much the rate exceeds the signal's changes outside of ``first`` to ``end``.
+    """
+    steps = integral(view.x[:, pair.rates], view.dt)
+    outside = view.usable[1:] & view.usable[:-1]
+    outside[max(0, first - 1) : end] = False
+    excess = (steps - change(view.x[:, pair.channels], pair.turns))[outside]
+    return accumulated(steps - excess.mean(axis=0) if len(excess) else steps)
 
 
 def _repeats(still: Array, valid: Array, first: int, end: int) -> bool:
