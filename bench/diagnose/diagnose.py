@@ -326,7 +326,11 @@ def _rounding(extension: Extension, group: str) -> bool:
 
 
 def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) -> Learned | None:
-    """The model with terms learned from what it leaves; None: held-out recordings confirm none."""
+    """The model with terms learned from what it leaves; None: held-out recordings confirm none.
+
+    A load that swings already when a free run begins leaves much that no hidden mode would say either.
+    """
+    unknown, begins_unseen = verdict == "unknown_effect", extension.model.internal_size > 0
     told = learned(
         run.subject,
         extension.model,
@@ -336,8 +340,8 @@ def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) ->
         tick=run.tick,
         horizon_s=run.horizon_s,
         filed=run.filed,
-        doubtful=verdict != "unknown_effect",
-        much=_share_left(extension) >= MATTERING.share,
+        doubtful=not unknown,
+        much=_share_left(extension) >= MATTERING.share and (unknown or not begins_unseen),
     )
     return told if told is None or _worth_it(extension, told.extension) else None
 

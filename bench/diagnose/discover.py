@@ -1,7 +1,7 @@
 """Which effects of the catalogue a model lacks: weak form, whitened, best subsets, judged on recordings not fitted."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -125,7 +125,11 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
     worthy, remarks, contradicted = _worthy(search, view, weighing)
     hidden_constants = revealed(search, view, worthy.fit, worthy.model, stated, weighing)
     named, confounders = _understood(view, worthy, len(subject.model.effects), hidden_constants)
-    chosen = _Choice(search, view, tuple(sorted({*worthy.dropped, *confounders})))
+    chosen = worthy
+    if confounders:  # what was worth a term beside an imitation may save nothing without it
+        chosen, *_ = _worthy(search, view, weighing, {*worthy.dropped, *confounders})
+        named = [i for i in named if i not in chosen.dropped]
+        confounders = sorted({*chosen.dropped} - {*worthy.dropped})
     found = _found(weighing, chosen, named, worthy.model, sure=not confounders)
     errors = () if weighing is None else weighing.errors(chosen.model)
     traces, total = left_over(view, chosen.dropped)
@@ -284,17 +288,20 @@ def _one_by_one(search: Search, view: View, model: PhysicsModel, shortlist: set[
     return view
 
 
-def _worthy(search: Search, view: View, weighing: Weighing | None) -> tuple[_Choice, tuple[str, ...], bool]:
+def _worthy(
+    search: Search, view: View, weighing: Weighing | None, already: Collection[int] = ()
+) -> tuple[_Choice, tuple[str, ...], bool]:
     """The effects that a model was found to lack which are sure and worth a term; remarks on those that are not.
 
-    The one that saves least goes first: two that share what they explain would both seem idle.
+    The one that saves least goes first: two that share what they explain would both seem idle. Those that are dropped
+    ``already`` stay so.
 
     Returns:
         The choice, the remarks, and whether held-out recordings contradict an effect that the others are sure of.
     """
     subsets, numbers = view.subsets, estimates(view, view.subsets.fit())
     places = range(len(search.subject.model.effects), len(view.linear.model.effects))
-    dropped = {i for i in places if at_bound(numbers, i)}
+    dropped = {*already, *(i for i in places if at_bound(numbers, i))}
     remarks: list[str] = []
     contradicted = False
     while True:

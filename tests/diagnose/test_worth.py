@@ -1,12 +1,17 @@
 """What is worth a term on held-out recordings: where few moments tell, where signals are far from zero."""
 
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from simulated_fleet import CUBIC, DRAG, vehicle
 
 from bench.diagnose import diagnose, discover, load
+from registry.effects.mechanics.friction import CoulombFriction
+from registry.effects.mechanics.hysteresis import BoucWen
+from registry.physics.oscillator import Oscillator
 
 
 def test_two_effects_that_act_in_few_moments_are_named(tmp_path):
@@ -75,3 +80,22 @@ def test_something_is_missing_in_temperatures_that_are_far_from_zero(tmp_path: P
     found = discover(load(tmp_path, f"{tmp_path}/mine.py:Oven"))
     assert found.verdict == "unknown_effect"
     assert all(e.predictable < 0.5 * e.models["extended"] for e in found.equations)
+    assert not found.found
+
+
+@pytest.mark.parametrize(
+    ("effect", "verdict", "sought"),
+    [(BoucWen(), "named", False), (BoucWen(), "unknown_effect", True), (CoulombFriction(), "named", True)],
+)
+def test_no_hidden_mode_is_sought_where_free_runs_begin_unseen(
+    monkeypatch: pytest.MonkeyPatch, effect: object, verdict: str, sought: bool
+) -> None:
+    """A load that swings already when a log begins left 9 %, and 536 s went into modes beside it."""
+    asked = {}
+    diagnosing = sys.modules["bench.diagnose.diagnose"]
+    monkeypatch.setattr(diagnosing, "learned", lambda *_, much, **__: asked.update(much=much))
+    monkeypatch.setattr(diagnosing, "_share_left", lambda extension: 0.09)
+    run = SimpleNamespace(subject=None, noise=None, tick=None, horizon_s=None, filed=None)
+    extension = SimpleNamespace(model=Oscillator(effects=(effect,)), effects=())
+    assert diagnosing._learned(run, SimpleNamespace(found=()), extension, verdict) is None
+    assert asked == {"much": sought}

@@ -118,6 +118,7 @@ def directions(
     stack: LogBatch,
     candidates: Sequence[tuple[str, type[Effect]]] = (),
     tick: Callable[[str], None] = lambda name: None,
+    settled: bool = False,
 ) -> Linearization:
     """Linearise ``model`` in its numbers, and in those of every candidate effect added to it.
 
@@ -131,6 +132,7 @@ def directions(
         stack: the recordings.
         candidates: ids and kinds of effects that could be added.
         tick: called with the id of each.
+        settled: whether no effect of the model is to go: what each does alone need not be known then.
     """
     own = entries(model, uncertainty, nominal)
     values, steps = probes(own)
@@ -140,8 +142,8 @@ def directions(
     columns = [c for c, a in zip(_slopes(found[1:], at, steps, stack), acts, strict=True) if a]
     own = [e for e, a in zip(own, acts, strict=True) if a]
     wide = {j: e for j, e in enumerate(own) if e.constant and e.scale > LINEARISING.wide * abs(e.value)}
-    dependants = tuple(_dependants(model, i) for i in range(len(model.effects)))
-    removals = tuple(range(len(own), len(own) + len(model.effects)))
+    dependants = tuple(_dependants(model, i) for i in range(0 if settled else len(model.effects)))
+    removals = tuple(range(len(own), len(own) + len(dependants)))
     constants = {j: e for j, e in enumerate(own) if e.constant}
     more, reduced = _without(model, dependants, at, constants, stack, first=len(own))
     columns += more
@@ -198,11 +200,11 @@ def _without(
     removals: list[Response] = []
     by_constant: list[Response] = []
     reduced: list[Mapping[int, int]] = []
-    for i in range(len(model.effects)):
-        rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j not in {i, *dependants[i]}))
+    for i, others in enumerate(dependants):
+        rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j not in {i, *others}))
         without = mean_rates(rest, stack).numpy()
         removals.append(response(without, at, stack.measured))
-        next_one = first + len(model.effects) + len(by_constant)
+        next_one = first + len(dependants) + len(by_constant)
         reduced.append({j: next_one + k for k, j in enumerate(constants)})
         by_constant += _by_constant(rest, list(constants.values()), without, stack)
     return [*removals, *by_constant], tuple(reduced)

@@ -150,10 +150,10 @@ class Search:
         return True
 
     def own(self, model: PhysicsModel) -> Look:
-        """Linearise ``model`` alone."""
+        """Linearise ``model`` in its numbers alone."""
         nominal, spread = self.subject.model, self.subject.uncertainty
-        linear = directions(model, nominal, spread, self.stack)
-        noisy = None if self.noisy is None else directions(model, nominal, spread, self.noisy)
+        linear = directions(model, nominal, spread, self.stack, settled=True)
+        noisy = None if self.noisy is None else directions(model, nominal, spread, self.noisy, settled=True)
         return Look(linear, noisy and linear.moved(noisy), None, None)
 
     def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> Look:
