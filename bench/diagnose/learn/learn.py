@@ -285,7 +285,7 @@ def worthy(
 def refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
     """The model with all its numbers fitted together in the weak form: without a term they stood in for it."""
     for _ in range(LEARNING.steps):
-        view = min(search.views(search.own(model)), key=lambda v: v.subsets.fit().prior)
+        view = min(search.views(search.own(model, settled=True)), key=lambda v: v.subsets.fit().prior)
         model = updated(view, view.subsets.fit())
     return model
 

@@ -149,11 +149,11 @@ class Search:
         self.subject = replace(self.subject, uncertainty=uncertainty, notes=(*self.subject.notes, note))
         return True
 
-    def own(self, model: PhysicsModel) -> Look:
-        """Linearise ``model`` in its numbers alone."""
+    def own(self, model: PhysicsModel, settled: bool = False) -> Look:
+        """Linearise ``model`` alone; ``settled``: in its numbers only, not in what each of its effects does."""
         nominal, spread = self.subject.model, self.subject.uncertainty
-        linear = directions(model, nominal, spread, self.stack, settled=True)
-        noisy = None if self.noisy is None else directions(model, nominal, spread, self.noisy, settled=True)
+        linear = directions(model, nominal, spread, self.stack, settled=settled)
+        noisy = None if self.noisy is None else directions(model, nominal, spread, self.noisy, settled=settled)
         return Look(linear, noisy and linear.moved(noisy), None, None)
 
     def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> Look:
