@@ -76,6 +76,8 @@ def read_and_discovered(
     is kept.
     """
     subject, noise = prepared(filed, noise, tick)
+    if hidden(subject.logs):
+        return subject, noise, by_simulation.discover(subject, catalogue, tick)
     found = _searched(subject, catalogue, tick, noise)
     if filed.timed or not found.found or not mistimed(subject, found.model, noise):
         return subject, noise, found
@@ -89,9 +91,7 @@ def read_and_discovered(
 def _searched(
     subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[str], None], noise: Noise
 ) -> Discovery:
-    """What a model lacks of measurements whose inputs are read when they act."""
-    if hidden(subject.logs):
-        return by_simulation.discover(subject, catalogue, tick)
+    """What a model lacks of measurements whose states were all measured and whose inputs are read when they act."""
     first = _discovered(Search(subject, catalogue, tick, noise), noise)
     for long in (False, True):
         if first.found or not any(e.lost for e in first.equations):
