@@ -81,8 +81,9 @@ def diagnose(
     give_back()
     subject, noise, found = read_and_discovered(filed, catalogue, tick)
     known = dict(found.uncertainty) or subject.uncertainty
-    as_found = {"uncertainty": known, "memory": found.memory, "long_windows": found.long_windows}
-    subject, filed = (replace(s, **as_found) for s in (subject, filed))  # type: ignore[arg-type]
+    subject, filed = (
+        replace(s, uncertainty=known, memory=found.memory, long_windows=found.long_windows) for s in (subject, filed)
+    )
     run = _Run(subject, noise, tick, horizon_s, filed)
     tick("extend")
     found, extension, refuted = _confirmed(run, found)

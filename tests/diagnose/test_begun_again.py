@@ -1,4 +1,4 @@
-"""Effects that hide behind one another: behind a constant that was let go, or a clock."""
+"""Effects that hide behind one another: behind a constant that was let go."""
 
 from dataclasses import replace
 

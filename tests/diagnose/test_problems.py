@@ -47,13 +47,11 @@ def flight(
     drag: float = 0.0,
     wind: tuple[float, float] = (0.0, 0.0),
     munk: float = 0.0,
-    sway: float = 0.0,
 ) -> Columns:
     """A log of a flight along sums of sines: inverse dynamics, then noise and a Savitzky–Golay filter.
 
     The air brakes every rotation by ``damping`` [1/s] times its rate. It pulls with ``drag`` [kg/m] times the square of
-    the velocity through it, in a ``wind`` [m/s], turns the body broadside with Munk's moment (``munk`` [kg]), and
-    pushes its nose and side with ``sway`` [N s] times that velocity.
+    the velocity through it, in a ``wind`` [m/s], and turns the body broadside with Munk's moment (``munk`` [kg]).
     """
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds / DT)) * DT
@@ -76,7 +74,7 @@ def flight(
     rates = np.concatenate([turning[:1], turning, turning[-1:]])
     torque = INERTIA * (np.gradient(rates, h, axis=0) + damping * rates) + np.cross(rates, INERTIA * rates)
     x, y, z = attitude.inv().apply(through_air).T
-    torque -= np.stack([-munk * y * z + sway * y, munk * x * z - sway * x, 0 * z], axis=1)
+    torque -= munk * np.stack([-y * z, x * z, 0 * z], axis=1)
     wrench = np.column_stack([MASS * np.linalg.norm(pull, axis=1), torque])
     mixer = np.stack([np.ones(4), HUBS[:, 1], -HUBS[:, 0], SPINS * K_M / K_F])
     speed = np.sqrt(np.maximum(np.linalg.solve(mixer, wrench.T).T / K_F, 0))

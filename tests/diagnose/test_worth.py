@@ -32,6 +32,7 @@ from typing import Any
 from registry.contracts import Channel
 from registry.dynamics import constant, tensor
 from registry.physics.state_space import StateSpace
+from registry.units import Signal
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Oven(StateSpace):
     capacity: Any = constant(100.0, "C", "J/K", low=1.0)
     state_channels = (Channel("temperature.oven", "K"),)
     input_signals = ("power",)
-    signals = {"power": __import__("registry.units").units.Signal("W", ("",))}
+    signals = {"power": Signal("W", ("",))}
     alike = ()
     equation = "C dT/dt = P - 2 (T - 290)"
 

@@ -9,7 +9,6 @@ settled on held-out recordings, by how well each foretells a short horizon *give
 """
 
 from collections.abc import Collection, Sequence
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -103,11 +102,10 @@ def given_past(
         names: theirs.
         group: the states that the equation moves.
     """
-    beside = copy(search)
     known = entries(subject.model, subject.uncertainty)
     where = [e for e in known if e.constant and e.name in names]
     held = {e.name: 0.0 for e in known if e.constant and e.name not in names}
-    beside.subject = replace(subject, uncertainty=subject.uncertainty | held)
+    beside = search.of(replace(subject, uncertainty=subject.uncertainty | held))
     model = with_values(other, where, np.array([e.value for e in where]))
     for _ in range(STEPPING.steps):
         look = beside.own(model)
