@@ -41,18 +41,25 @@ class Shaft(Mechanical):
         return inputs[..., :1] - tensor(self.damping, state).unsqueeze(-1) * state[..., 1:]
 
 
-def run(name: str, torques: tuple[float, float], rng: np.random.Generator, samples: int = 3000) -> Recording:
-    """Two steps of torque from rest; friction that wanders, a noisy torque sensor, an encoder."""
+def run(
+    name: str,
+    torques: tuple[float, float],
+    rng: np.random.Generator,
+    samples: int = 3000,
+    constant: float = 0.0,
+    noise: tuple[float, float] = (NOISE, 0.2),
+) -> Recording:
+    """Two steps of torque from rest; friction that wanders, noise of the torque sensor [N m] and of the rate [rad/s]."""
     level, wander, rate, angle = FRICTION * (1 + 0.05 * rng.normal()), 0.0, 0.0, 0.0
     out = np.empty((samples, 3))
     for i in range(samples):
         torque = torques[2 * i // samples]
         wander += (-wander + 0.0015 * np.sqrt(2 * RATE) * rng.normal()) / RATE
         friction = (level + wander) * np.sign(torque)
-        out[i] = angle, rate, torque + NOISE * rng.normal()
-        rate += (torque - DAMPING * rate - friction) / INERTIA / RATE
+        out[i] = angle, rate, torque + noise[0] * rng.normal()
+        rate += (torque + constant - DAMPING * rate - friction) / INERTIA / RATE
         angle += rate / RATE
-    states = out[:, :2] + rng.normal(size=(samples, 2)) * (2e-4, 0.2)
+    states = out[:, :2] + rng.normal(size=(samples, 2)) * (2e-4, noise[1])
     return Recording(
         name, RATE, out[:, 2:], states, (Channel("torque", "N m"),), Shaft.state_channels, np.ones(samples, dtype=bool)
     )
@@ -82,6 +89,21 @@ def test_friction_that_never_changes_its_sign_is_found() -> None:
     told, _ = diagnose(subject, brief=True)
     number = next(e for e in told.effects if e.id == friction.id).parameters["f_c"]
     assert number.high - number.low < 0.2 * FRICTION
+
+
+def test_what_stands_still_beside_a_named_friction_is_found() -> None:
+    """A constant torque that whitening hides beside friction that it does not; functions of the signals tell of it."""
+    rng, model, constant = np.random.default_rng(5), Shaft(), -0.003
+    steps = [(0.057, 0.067), (-0.035, -0.042)] * 4
+    logs = tuple(
+        log_of(run(f"run_{i}", s, rng, constant=constant, noise=(0.005, 0.05)), model, "torque")
+        for i, s in enumerate(steps)
+    )
+    names = tuple(log.name for log in logs)
+    found = discover(Subject("shaft", model, logs, names[:5], names[5:], signals=("torque", "angle", "angle_rate")))
+    (estimate,) = next(f for f in found.found if f.id == "offset_force").estimates
+    assert estimate.low <= constant <= estimate.high
+    assert not any(e.lost for e in found.equations)
 
 
 @pytest.mark.parametrize(("held", "stride"), [(False, 4), (False, 5), (True, 4), (True, 5)])
