@@ -139,8 +139,7 @@ def select_across_views(views: Sequence[View]) -> tuple[View, Fit, list[list[Fit
     """The choice with the inputs' noise taken off, less what would not be chosen with the inputs as they are."""
     view = views[0]
     fit, fields = choose(view)
-    if len(views) > 1 and fit.misfit < -CHOOSING.overcorrected * view.floor:
-        # Effects that leave far less than nothing: what was taken for noise of the inputs acts on the system.
+    if len(views) > 1 and view.overcorrected(fit):
         return select_across_views(views[1:])
     for other in views[1:]:
         subsets, kept = other.subsets, list(fit.starts)

@@ -19,7 +19,7 @@ from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Products, Rows
 from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import LogBatch, mean_rates
-from bench.diagnose.select.subset import Subsets
+from bench.diagnose.select.subset import Fit, Subsets
 from bench.diagnose.settings import CALIBRATING, CHOOSING, SEARCHING
 from bench.diagnose.simulate.free_run import default_steps
 from bench.diagnose.simulate.unmeasured import hidden
@@ -54,6 +54,10 @@ class View:
     def floor(self) -> float:
         """What noise leaves: one a row."""
         return float(self.subsets.normal.rows)
+
+    def overcorrected(self, fit: Fit) -> bool:
+        """Whether less than nothing is left, by more than chance: what was taken for noise of the inputs acts."""
+        return fit.misfit < -CHOOSING.overcorrected * (2 * self.floor) ** 0.5
 
     @property
     def grams(self) -> tuple[np.ndarray, ...]:
@@ -231,8 +235,7 @@ class Search:
         if noise is None:
             return [plain]
         less = view(normal.less(noise), cleaned)
-        # Where far less than nothing would be left, what was taken for noise of the inputs acts on the system.
-        return [less, plain] if less.subsets.fit().misfit > -CHOOSING.overcorrected * less.floor else [plain]
+        return [plain] if less.overcorrected(less.subsets.fit()) else [less, plain]
 
     def as_known(self, view: View) -> View:
         """The view with what is known of the constants now."""

@@ -111,9 +111,10 @@ class Choosing:
         Basis.JUDGED,
     )
     overcorrected: float = threshold(
-        1.0,
-        "times the noise that a fit leaves less than nothing, from which what was taken for noise of the inputs acts",
-        Basis.JUDGED,
+        3.0,
+        "standard deviations of what noise leaves (√2 of its number of rows) that a fit leaves less than nothing, from "
+        "which what was taken for noise of the inputs acts",
+        Basis.CONVENTION,
     )
     visible: float = threshold(0.01, "least gain of an effect, as a share of what noise leaves", Basis.JUDGED)
     relevant: float = threshold(0.004, "least gain of an effect, as a share of all that effects explain", Basis.JUDGED)
