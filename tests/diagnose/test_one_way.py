@@ -49,7 +49,7 @@ def run(
     constant: float = 0.0,
     noise: tuple[float, float] = (NOISE, 0.2),
 ) -> Recording:
-    """Two steps of torque from rest; friction that wanders, noise of the torque sensor [N m] and of the rate [rad/s]."""
+    """Two steps of torque from rest; friction that wanders, noise of the torque sensor [N m] and the rate [rad/s]."""
     level, wander, rate, angle = FRICTION * (1 + 0.05 * rng.normal()), 0.0, 0.0, 0.0
     out = np.empty((samples, 3))
     for i in range(samples):
