@@ -71,7 +71,9 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
 
 
 def _floats(column: pd.Series) -> np.ndarray:
-    """The values (N,), NaN where one is none."""
+    """The values (N,), NaN where one is none; dates and spans of time are none, whatever integers they are kept as."""
+    if column.dtype.kind in "mM":
+        return np.full(len(column), np.nan)
     try:
         return pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
     except OverflowError:  # a whole number beyond all floats
