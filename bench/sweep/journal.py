@@ -164,7 +164,7 @@ def read(folder: Path) -> tuple[Sweep, list[str]]:
         made = Sweep(kept["title"], configs, space, tuple(kept["objectives"]), kept["seed"], kept["command"])
         done = folder / RESULT
         return made, list(json.loads(done.read_text())["keys"]) if done.is_file() else []
-    except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+    except (OSError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError) as error:
         raise _damaged(folder, error) from error
 
 

@@ -120,6 +120,6 @@ def _read(file: Path) -> dict[str, Any]:
             if not all(isinstance(name, str) for name in (e["id"], *e["indistinguishable_from"], *e["parameters"])):
                 raise TypeError
         said["dataset"], said["verdict"]
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+    except (OSError, ValueError, LookupError, TypeError, ArithmeticError, AttributeError, RecursionError) as error:
         raise BenchError(f"{file} is no diagnosis.json as `bench diagnose` writes it: diagnose again.") from error
     return dict(said)

@@ -63,7 +63,7 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
         if bad.any():
             i = int(bad.argmax())
             where = f"{file}, column {column!r}, row {first_row(file) + i}"
-            if pd.isna(raw.iloc[i]):
+            if raw.isna().iloc[i]:  # of a list `pd.isna` asks every item
                 raise MissingValue(f"{where}: no number (NaN or empty).")
             raise BenchError(f"{where}: {str(raw.iloc[i])!r}, not a finite number.")
         values[:, j] = number
