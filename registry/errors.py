@@ -4,19 +4,32 @@ import difflib
 import shlex
 import sys
 from collections.abc import Iterable
+from unicodedata import category
 
 MAX_LENGTH = 2000
 """Characters of a message."""
+
+HIDDEN = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+"""Kinds of characters that are no text: control, format, surrogate, ends of lines and paragraphs."""
 
 
 class BenchError(Exception):
     """Something the user can mend; the message is one sentence that says what to do. Exit code 2.
 
-    What a broken file says of itself may be long: the middle of such a message is left out.
+    What a broken file says of itself may be long: the middle of such a message is left out. Line ends and what would
+    steer a terminal, in a name that is quoted, are written as escapes.
     """
 
     def __init__(self, message: str = "") -> None:
+        message = visible(message)
         super().__init__(message if len(message) <= MAX_LENGTH else f"{message[: MAX_LENGTH - 300]} … {message[-297:]}")
+
+
+def visible(text: str) -> str:
+    """The text in one line, with control and formatting characters as Python writes them."""
+    if text.isprintable():
+        return text
+    return "".join(c.encode("unicode_escape").decode() if category(c) in HIDDEN else c for c in text)
 
 
 def not_installed(what: str, *libraries: str) -> BenchError:

@@ -64,10 +64,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--kills", metavar="N", type=int, default=0, help="Kills at random moments, instead of a few.")
 
 
-def pytest_report_header() -> list[str]:
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Where the header would not be seen: `-q` leaves it out."""
     from fuzz.inputs import FACTOR, SEED
 
-    return [f"fuzzing: {FACTOR:g} times the inputs, BENCH_FUZZ_SEED={SEED}"] if FACTOR else []
+    if FACTOR:
+        terminalreporter.write_line(f"fuzzing: {FACTOR:g} times the inputs, BENCH_FUZZ_SEED={SEED}")
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ import pytest
 from faults.test_kills import run, study
 
 from bench.execution import engine
-from bench.records import record, stamp
+from bench.records import record, record_fields, stamp
 from bench.records.record import RunRecord
 from bench.training.predict import load_model
 from registry.errors import BenchError
@@ -96,3 +96,9 @@ def test_a_record_of_before_the_stamps_is_read_and_kept(copy: RunRecord) -> None
     before = content(copy.folder)
     todo = engine.plan(study(1), copy.folder.parent)
     assert todo.done == [old.key] and todo.tasks == [] and content(copy.folder) == before
+
+
+def test_a_whole_number_beyond_all_floats_is_no_number() -> None:
+    assert (
+        record_fields.number(10**308) and not record_fields.number(10**400) and not record_fields.number(float("inf"))
+    )

@@ -93,13 +93,16 @@ def read(path: Path | None = None) -> Claims:
     """
     path = path or checkout() / FILE
     content = read_toml(path, "work in the checkout, or name a file of claims with --claims")
-    claims = tuple(_claim(entry, f"{path.name}, claim {i + 1}") for i, entry in enumerate(content.get("claim", [])))
+    entries, specs = content.get("claim", []), content.get("paper_specs", [])
+    if not isinstance(entries, list) or not isinstance(specs, list) or not all(isinstance(s, str) for s in specs):
+        raise BenchError(f"{path.name}: claims must be tables, [[claim]], and paper_specs a list of texts.")
+    claims = tuple(_claim(entry, f"{path.name}, claim {i + 1}") for i, entry in enumerate(entries))
     if not claims:
         raise BenchError(f"{path} holds no [[claim]].")
     twice = {c.id for c in claims if sum(c.id == d.id for d in claims) > 1}
     if twice:
         raise BenchError(f"{path.name}: two claims are called {min(twice)!r}.")
-    return Claims(claims, frozenset(content.get("paper_specs", [])))
+    return Claims(claims, frozenset(specs))
 
 
 def _claim(entry: Any, where: str) -> Claim:
@@ -107,20 +110,24 @@ def _claim(entry: Any, where: str) -> Claim:
         raise BenchError(f"{where} must be a table of keys.")
     entry = dict(entry)
     judge = entry.pop("judge", None)
-    if not isinstance(judge, dict) or judge.get("kind") not in KINDS:
-        name = str(judge.get("kind") if isinstance(judge, dict) else judge)
+    name = str(judge.get("kind") if isinstance(judge, dict) else judge)
+    if not isinstance(judge, dict) or name not in KINDS:
         raise BenchError(f"{where}: judge has no kind {name!r}: {near(name, KINDS)}")
-    kind = _build(KINDS[judge["kind"]], {k: v for k, v in judge.items() if k != "kind"}, f"{where}, judge")
+    kind = _build(KINDS[name], {k: v for k, v in judge.items() if k != "kind"}, f"{where}, judge")
     claim: Claim = _build(Claim, {**entry, "kind": kind}, where)
     if claim.scope not in SCOPES:
         raise BenchError(f"{where}: there is no scope {claim.scope!r}: {near(str(claim.scope), SCOPES)}")
     if (claim.scope == "dataset") != bool(claim.needs):
         raise BenchError(f"{where}: `needs` names the data set of a dataset-bound claim, and of no other.")
-    if len(claim.accept) != 2 or not claim.accept[0] <= claim.accept[1]:
+    if len(claim.accept) != 2 or not all(map(_number, claim.accept)) or not claim.accept[0] <= claim.accept[1]:
         raise BenchError(f"{where}: accept must be [lowest, highest].")
     if isinstance(kind, Kind) != bool(claim.study):
         raise BenchError(f"{where}: `study` names the study that settles it, unless the recordings alone do.")
     return claim
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _build(kind: type, values: Mapping[str, Any], where: str) -> Any:

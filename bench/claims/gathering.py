@@ -60,7 +60,7 @@ def folders(root: Path) -> Iterator[Folder]:
                 continue
             runs = tuple(StudyRun.of(run) for run in content["runs"])
             preset, options = _command(content["command"])
-        except (ValueError, TypeError, LookupError, AttributeError, OSError, RecursionError) as error:
+        except (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, OSError, RecursionError) as error:
             raise BenchError(f"{path} is damaged ({error}): remove it, or run the study again.") from error
         altered = f"it was run with {options}" if options else ""
         altered = altered or ("" if preset in PRESETS[1:] else f"the preset {preset} only tries the study out")

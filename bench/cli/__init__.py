@@ -1,10 +1,13 @@
 """The command line: `bench`, or `python -m bench`."""
 
+import errno
 import logging
 import os
 import sys
+from typing import Any
 
 import click
+from typing_extensions import override
 
 from bench.execution.threads import one_thread_by_default
 from registry.errors import BenchError
@@ -63,6 +66,16 @@ class Main(click.Group):
         if args and args[0] not in dict(self.COMMANDS) and not args[0].startswith("-"):
             raise click.UsageError(f"There is no command {args[0]!r}: {near(args[0], dict(self.COMMANDS))}")
         return super().resolve_command(ctx, args)
+
+    @override
+    def invoke(self, ctx: click.Context) -> Any:
+        """A name that no file can have is said, whichever command looks for it."""
+        try:
+            return super().invoke(ctx)
+        except OSError as error:
+            if error.errno != errno.ENAMETOOLONG:
+                raise
+            raise BenchError(f"There is no {str(error.filename)!r:.100}: no file has so long a name.") from error
 
 
 @click.command(cls=Main, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

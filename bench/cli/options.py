@@ -5,7 +5,7 @@ import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 from typing_extensions import override
@@ -107,11 +107,14 @@ assignments = click.option(
 )
 
 
-def _refuse_empty(otherwise: str) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
-    """As a callback: refuse an empty text."""
+Text = TypeVar("Text", str, tuple[str, ...], None)
 
-    def look(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
-        if value is not None and not value.strip():
+
+def _refuse_empty(otherwise: str) -> Callable[[click.Context, click.Parameter, Text], Text]:
+    """As a callback: refuse an empty text, also among those of an option that is given several times."""
+
+    def look(ctx: click.Context, param: click.Parameter, value: Text) -> Text:
+        if value is not None and not all(v.strip() for v in ((value,) if isinstance(value, str) else value)):
             raise click.BadParameter(otherwise, ctx, param)
         return value
 
@@ -120,6 +123,7 @@ def _refuse_empty(otherwise: str) -> Callable[[click.Context, click.Parameter, s
 
 not_empty = _refuse_empty("it is empty: give a name or a folder.")
 """An empty name would mean the default or the working directory."""
+not_blank = _refuse_empty("it is empty: every name holds that.")
 dataset = click.option(
     "--dataset",
     metavar="NAME",

@@ -29,14 +29,21 @@ class FinishedStudy:
 
 def finished_studies(results: Path) -> Iterator[FinishedStudy]:
     """Every study in the results folder."""
-    for path in sorted((results / "studies").glob("*/study.json")):
-        try:
-            content = json.loads(regular(path).read_text(encoding="utf-8"))
-            files = [path.parent / name for name in content["files"]]
-            kept = [f for f in files if f.is_file()]
-            found = FinishedStudy(
-                path.parent, content["title"], content["study"], list(content["keys"]), content["command"], kept
-            )
-        except (OSError, ValueError, TypeError, LookupError, RecursionError) as error:
-            raise BenchError(f"{path} is damaged ({error}): remove it, or run the study again.") from error
-        yield found
+    yield from map(finished_study, sorted((results / "studies").glob("*/study.json")))
+
+
+def finished_study(path: Path) -> FinishedStudy:
+    """The study of one ``study.json``.
+
+    Raises:
+        BenchError: it is damaged.
+    """
+    try:
+        content = json.loads(regular(path).read_text(encoding="utf-8"))
+        kept = [f for f in (path.parent / name for name in content["files"]) if f.is_file()]
+        title, study, command = (content[key] for key in ("title", "study", "command"))
+        if not all(isinstance(text, str) for text in (title, study or "", command, *content["keys"])):
+            raise ValueError("title, study, command and keys must be texts")
+        return FinishedStudy(path.parent, title, study, list(content["keys"]), command, kept)
+    except (OSError, ValueError, TypeError, LookupError, RecursionError) as error:
+        raise BenchError(f"{path} is damaged ({error}): remove it, or run the study again.") from error

@@ -23,6 +23,7 @@ from bench.training.data import prepare
 from bench.training.split import choose_split, digest
 from registry import atomic_io
 from registry.errors import BenchError
+from registry.regular_file import regular
 
 JOURNAL, DEFINITION, RESULT, REPORT = "journal.log", "sweep.json", "result.json", "report.html"
 """Files of a sweep's folder: trials; what is searched; what came out; the page."""
@@ -114,7 +115,7 @@ def begin(sweep: Sweep, folder: Path, resume: bool) -> optuna.Study:
     """
     definition = folder / DEFINITION
     if definition.is_file():
-        before = json.loads(definition.read_text())
+        before = _definition(folder)
         if not resume:
             raise BenchError(f"There is a sweep in {folder}: go on with --resume, or give this one another --name.")
         now = json.loads(json.dumps(sweep.definition))
@@ -156,15 +157,26 @@ def read(folder: Path) -> tuple[Sweep, list[str]]:
     Raises:
         BenchError: a file is damaged.
     """
+    kept = _definition(folder)
     try:
-        kept = json.loads((folder / DEFINITION).read_text())
         space = {path: json_to_distribution(json.dumps(d)) for path, d in kept["space"].items()}
         configs = tuple(from_json(c) for c in kept["configs"])
         made = Sweep(kept["title"], configs, space, tuple(kept["objectives"]), kept["seed"], kept["command"])
         done = folder / RESULT
         return made, list(json.loads(done.read_text())["keys"]) if done.is_file() else []
-    except (OSError, ValueError, TypeError, LookupError) as error:
-        raise BenchError(f"The sweep in {folder} is damaged ({error}): remove the folder and sweep again.") from error
+    except (OSError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError) as error:
+        raise _damaged(folder, error) from error
+
+
+def _definition(folder: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads(regular(folder / DEFINITION).read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        raise _damaged(folder, error) from error
+
+
+def _damaged(folder: Path, error: Exception) -> BenchError:
+    return BenchError(f"The sweep in {folder} is damaged ({error}): remove the folder and sweep again.")
 
 
 def load(folder: Path) -> optuna.Study:

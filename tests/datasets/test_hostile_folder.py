@@ -173,3 +173,12 @@ def test_a_built_in_set_of_headers(bench_data: Path, tmp_path: Path, monkeypatch
     monkeypatch.setenv("BENCH_DATA", str(tmp_path))
     with pytest.raises(BenchError, match="header and no samples"):
         Nanobench().load()
+
+
+@pytest.mark.parametrize("cells", [pd.date_range("2026-01-01", periods=400, freq="10ms"), [[]] * 400])
+def test_what_is_no_number_in_parquet(folder: Path, cells: object) -> None:
+    (folder / "a.csv").unlink()
+    (folder / "dataset.toml").write_text(TOML.replace("*.csv", "*.parquet"))
+    table(400).assign(vbat=cells).to_parquet(folder / "a.parquet")
+    with pytest.raises(BenchError, match=r"column 'vbat', row 1: .* not a finite number"):
+        check(folder)

@@ -1,14 +1,17 @@
 """One made-up diagnosis of every verdict. The numbers are invented; nothing was flown or simulated."""
 
+import dataclasses
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
-from bench.diagnose.evidence import Calibration, Candidate, Curves, Evidence, Line, ResidualMap, Stage, Window
-from bench.diagnose.flight import AFTER, Flight, Path, Signal, Trace
+from bench.diagnose.evidence import LINES, Calibration, Candidate, Curves, Evidence, Line, ResidualMap, Stage, Window
+from bench.diagnose.flight import AFTER, RUNS, Flight, Path, Signal, Trace
 from bench.diagnose.result import (
+    VERDICTS,
     ByGroup,
     DataProblem,
     Diagnosis,
@@ -386,3 +389,15 @@ def diverged() -> Diagnosis:
 
 
 ALL = {f.__name__: f for f in (named, tie, nothing, unknown_effect, data_problem)}
+
+
+def hostile(value: Any, evil: str) -> Any:
+    """The same with every text (and key) ending in markup; verdicts and the four models stay."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        changed = {f.name: hostile(getattr(value, f.name), evil) for f in dataclasses.fields(value)}
+        return dataclasses.replace(value, **changed)
+    if isinstance(value, dict):
+        return {hostile(k, evil): hostile(v, evil) for k, v in value.items()}
+    if isinstance(value, tuple):
+        return tuple(hostile(v, evil) for v in value)
+    return value + evil if isinstance(value, str) and value not in (*LINES, *RUNS, *VERDICTS) else value

@@ -3,28 +3,13 @@
 import dataclasses
 import re
 from functools import lru_cache
-from typing import Any
 
 import pytest
 import samples
 from parsed_page import Parsed
 
-from bench.diagnose.evidence import LINES
-from bench.diagnose.flight import RUNS
 from bench.diagnose.report import page, phrases, sentences
 from bench.diagnose.result import VERDICTS
-
-
-def hostile(value: Any, evil: str) -> Any:
-    """The same with every text (and key) ending in markup; verdicts and the four models stay."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        changed = {f.name: hostile(getattr(value, f.name), evil) for f in dataclasses.fields(value)}
-        return dataclasses.replace(value, **changed)
-    if isinstance(value, dict):
-        return {hostile(k, evil): hostile(v, evil) for k, v in value.items()}
-    if isinstance(value, tuple):
-        return tuple(hostile(v, evil) for v in value)
-    return value + evil if isinstance(value, str) and value not in (*LINES, *RUNS, *VERDICTS) else value
 
 
 @lru_cache
@@ -57,7 +42,7 @@ def test_the_same_diagnosis_gives_the_same_page() -> None:
 def test_markup_in_names_stays_text(verdict: str) -> None:
     diagnosis = samples.ALL[verdict]()
     evil = '<script>alert(1)</script>" onmouseover="alert(2)"$\\frac{'
-    parsed = Parsed(page.render(hostile(diagnosis, evil)))
+    parsed = Parsed(page.render(samples.hostile(diagnosis, evil)))
     assert parsed.tags.count("script") == (1 if diagnosis.evidence.flights else 0)
     assert not [n for n, _ in parsed.attributes if n.startswith("on")]
     assert diagnosis.dataset + evil in parsed.text

@@ -4,6 +4,8 @@
 from a seed that is printed (BENCH_FUZZ_SEED repeats it), and what fails is kept in .hypothesis.
 """
 
+import copy
+import json
 import os
 import random
 import signal
@@ -12,9 +14,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import click
 from hypothesis import HealthCheck, seed, settings
 from hypothesis import strategies as st
 
+from bench.cli import cli
 from registry.errors import BenchError
 
 FACTOR = float(os.environ.get("BENCH_FUZZ", "0"))
@@ -36,6 +40,12 @@ EDITS = st.lists(
     max_size=4,
 )
 """Where, what is put there, how many bytes it replaces."""
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(WORDS) | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+"""Anything that JSON or TOML can hold."""
 
 
 def cases(count: int) -> Callable[[Any], Any]:
@@ -91,3 +101,58 @@ def one_sentence(action: Callable[[], object]) -> None:
         said = str(error)
         assert said.strip() and "\n" not in said.rstrip("\n"), repr(said)
         assert len(said) <= 2000, said[:200]
+
+
+def answers(arguments: list[str]) -> None:
+    """Type a command; what is wrong with its options is raised as what is wrong with anything else."""
+    try:
+        cli.main(arguments, standalone_mode=False)
+    except click.UsageError as error:
+        raise BenchError(" ".join(error.format_message().split())[:2000]) from error
+    except (click.exceptions.Exit, click.Abort, SystemExit):
+        pass
+
+
+@st.composite
+def altered(draw: Callable[[Any], Any], plain: Any) -> Any:
+    """A plain description with one or two of its values or names replaced, or taken from elsewhere in it."""
+    made = copy.deepcopy(plain)
+    for _ in range(draw(st.integers(1, 2))):
+        at = made
+        while True:
+            keys = list(at) if isinstance(at, dict) else list(range(len(at)))
+            if not keys:
+                break
+            key = draw(st.sampled_from(keys))
+            if not isinstance(at[key], (dict, list)) or not at[key] or draw(st.integers(0, 3)) == 0:
+                at[key] = copy.deepcopy(draw(st.one_of(VALUES, st.sampled_from(list(_leaves(plain))))))
+                if isinstance(at, dict) and draw(st.integers(0, 4)) == 0:
+                    value = at.pop(key)
+                    at.update({draw(st.text(max_size=6) | st.sampled_from(list(_names(plain)))): value} if key else {})
+                break
+            at = at[key]
+    return made
+
+
+def _leaves(plain: Any) -> Iterator[Any]:
+    yield plain
+    for inner in plain.values() if isinstance(plain, dict) else plain if isinstance(plain, list) else ():
+        yield from _leaves(inner)
+
+
+def _names(plain: Any) -> Iterator[str]:
+    for part in _leaves(plain):
+        yield from part if isinstance(part, dict) else ()
+
+
+def toml(plain: dict[str, Any]) -> str:
+    """A table as TOML, a line a key; what TOML lacks is an empty text."""
+    return "".join(f"{json.dumps(str(key))} = {_toml(value)}\n" for key, value in plain.items())
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(str(k))} = {_toml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return repr(value) if isinstance(value, float) else json.dumps("" if value is None else value)

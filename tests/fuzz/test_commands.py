@@ -5,16 +5,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from unittest import mock
 
-import click
 import pytest
 from faults.test_foreign_code import spring
 from faults.test_kills import study
-from fuzz.inputs import WORDS, cases, one_sentence
+from fuzz.inputs import WORDS, answers, cases, one_sentence
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from bench.cli import cli
 from bench.execution import engine
 from bench.reporting import study_outputs
 from registry.errors import BenchError
@@ -66,9 +64,26 @@ COMMANDS = (
     "discover {DATA} --catalogue {} --without {}",
     "extend {DATA} --add {}",
     "design {DATA} --between {} --limit {} --seconds {}",
+    "locate {DATA} --set {}={} --model {}",
+    "diagnose {DATA} --vehicle {} --without {}",
+    "diagnose {DATA} --ignore-problem {} --exclude {}",
+    "diagnose {DATA} --exclude {} --workers {}",
+    "design {DATA} --model {} --system {}",
+    "extend {DATA} --add {} --model {}",
+    "data check {DATA} --system {}",
+    "data import {DATA}/r0.csv -o new --vehicle {}",
+    "export-model {} --to numpy --rate {}",
+    "export-model {} --to onnx --out {} --results {RESULTS}",
+    "check --claims {} --published {}",
+    "check --results {} --json {}",
+    "settle --budget {}",
+    "ui --results {} --port {}",
     "sync --results {}",
+    "sync --results {RESULTS} --tracking {}",
+    "run constant --dataset {DATA} --outputs {} --tracking {} --dry-run",
+    "sweep constant --dataset {DATA} --outputs speed --name {} --objective {} --dry-run",
     "score-discovery --case {} --fraction {}",
-    "speed --only {} --json {}",
+    "speed --quick --only {} --json {}/{}",
     *(() if find_spec("distributed") else ("cluster start --port {}",)),  # which serves where it can
     "{}",
 )
@@ -88,16 +103,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {"DATA": str(here / "data"), "RESULTS": str(here / "results"), "KEY": records[0].key[:8], "HERE": str(here)}
 
 
-def answers(arguments: list[str]) -> None:
-    try:
-        cli.main(arguments, standalone_mode=False)
-    except click.UsageError as error:
-        raise BenchError(" ".join(error.format_message().split())[:2000]) from error
-    except (click.exceptions.Exit, click.Abort, SystemExit):
-        pass
-
-
-@cases(100)
+@cases(150)
 @given(command=st.sampled_from(COMMANDS), values=st.lists(VALUE, min_size=3, max_size=3))
 def test_anything_on_the_command_line(
     place: dict[str, str], command: str, values: list[str], monkeypatch: pytest.MonkeyPatch
@@ -129,7 +135,10 @@ def test_anything_in_the_environment(place: dict[str, str], name: str, value: st
         one_sentence(lambda: answers([_filled(w, place, iter(())) for w in command.split()]))
 
 
-@pytest.mark.parametrize("words", [("data", "inspect"), ("compare", ".", "--system")])
+NAMED = [("data", "inspect"), ("compare",), ("diagnose",), ("runs", "show"), ("runs", "errors", "--study"), ("import",)]
+
+
+@pytest.mark.parametrize("words", [*NAMED, ("compare", ".", "--system"), ("predict", "--input", "x", "--results", ".")])
 def test_a_name_that_no_path_can_have(words: tuple[str, ...]) -> None:
-    with pytest.raises(BenchError, match=r"There is no|does not exist"):
+    with pytest.raises(BenchError, match=r"There is no|does not exist|cannot be read"):
         answers([*words, "[" * 3000 + (".py:C" if "--system" in words else "")])

@@ -17,7 +17,7 @@ from datasets.test_crazyflie_logs import whole as crazyflie_log
 from datasets.test_folder import TOML, table
 from datasets.test_matlab_logs import TANK, save
 from faults.test_kills import study
-from fuzz.inputs import EDITS, WORDS, cases, edited, one_sentence
+from fuzz.inputs import EDITS, VALUES, WORDS, answers, cases, edited, one_sentence
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
@@ -173,13 +173,6 @@ def test_csv_of_words(folder: Path, cells: dict[tuple[int, int], str]) -> None:
     one_sentence(lambda: check_folder(folder))
 
 
-VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(WORDS) | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
-    max_leaves=6,
-)
-
-
 @cases(150)
 @given(edits=EDITS, first=st.integers(0, 40))
 def test_claims_toml(place: Path, edits: list[tuple[float, bytes, int]], first: int) -> None:
@@ -298,6 +291,7 @@ def test_study_json(place: Path, results: Path, edits: list[tuple[float, bytes, 
     (here / "study.json").write_bytes(edited((results / "studies" / "s" / "study.json").read_bytes(), edits))
     one_sentence(lambda: list(finished_studies(place / "again")))
     one_sentence(lambda: list(gathering.folders(place / "again")))
+    one_sentence(lambda: answers(["runs", "errors", "--study", "s", "--results", str(place / "again")]))
 
 
 @cases(250)

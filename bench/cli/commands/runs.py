@@ -128,7 +128,10 @@ def _of_study(results: Path, study: str | None) -> list[str]:
     if not (folder / "study.json").is_file():
         known = ", ".join(sorted(p.parent.name for p in (results / "studies").glob("*/study.json"))) or "none"
         raise BenchError(f"There is no finished study {study!r} in {results / 'studies'}: {known}.")
-    return list(json.loads((folder / "study.json").read_text())["keys"])
+
+    from bench.records.finished import finished_study
+
+    return finished_study(folder / "study.json").keys
 
 
 @runs_command.command("diff")

@@ -23,7 +23,13 @@ if TYPE_CHECKING:
 
 @click.command("speed")
 @click.option("--quick", is_flag=True, help="A few small rows, briefly: that everything runs; seconds.")
-@click.option("--only", metavar="TEXT", multiple=True, help='Rows whose name holds TEXT, such as "MLFC". Repeatable.')
+@click.option(
+    "--only",
+    metavar="TEXT",
+    multiple=True,
+    callback=options.not_blank,
+    help='Rows whose name holds TEXT, such as "MLFC". Repeatable.',
+)
 @click.option("--diagnose", is_flag=True, help="Diagnoses of 6 to 1,000 flights instead; about ten minutes.")
 @click.option("--json", "target", type=options.Output(), help="Write everything as JSON.")
 def speed_command(quick: bool, only: tuple[str, ...], diagnose: bool, target: Path | None) -> None:

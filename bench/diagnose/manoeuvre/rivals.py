@@ -115,8 +115,11 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         said = json.loads(file.read_text(encoding="utf-8"))
         for e in said["effects"]:
-            e["id"], e["indistinguishable_from"], e["parameters"]
+            for p in e["parameters"].values():
+                _wide(p)
+            if not all(isinstance(name, str) for name in (e["id"], *e["indistinguishable_from"], *e["parameters"])):
+                raise TypeError
         said["dataset"], said["verdict"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, LookupError, TypeError, ArithmeticError, AttributeError, RecursionError) as error:
         raise BenchError(f"{file} is no diagnosis.json as `bench diagnose` writes it: diagnose again.") from error
     return dict(said)

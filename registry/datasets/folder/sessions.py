@@ -87,7 +87,10 @@ def _value(file: Path, key: str, of: Mark, rows: int | None = None) -> str:
     table = read(file, rows=rows)
     if of.column not in table:
         raise BenchError(f"{file} has no column {of.column!r}: {near(of.column, map(str, table.columns))}")
-    values = list(dict.fromkeys(_text(v) for v in table[of.column].head(rows or len(table)).unique()))
+    try:
+        values = list(dict.fromkeys(_text(v) for v in table[of.column].head(rows or len(table)).unique()))
+    except TypeError as error:  # lists and structs, which Parquet has
+        raise BenchError(f"{file}, column {of.column!r} holds no texts: it must say the {key}.") from error
     if len(values) > 1:
         raise BenchError(
             f"{file}, column {of.column!r}: {values[0]!r:.60} and {values[1]!r:.60}, where a recording has one "

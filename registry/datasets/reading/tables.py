@@ -63,7 +63,7 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
         if bad.any():
             i = int(bad.argmax())
             where = f"{file}, column {column!r}, row {first_row(file) + i}"
-            if pd.isna(raw.iloc[i]):
+            if raw.isna().iloc[i]:  # of a list `pd.isna` asks every item
                 raise MissingValue(f"{where}: no number (NaN or empty).")
             raise BenchError(f"{where}: {str(raw.iloc[i])!r}, not a finite number.")
         values[:, j] = number
@@ -71,7 +71,9 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
 
 
 def _floats(column: pd.Series) -> np.ndarray:
-    """The values (N,), NaN where one is none."""
+    """The values (N,), NaN where one is none; dates and spans of time are none, whatever integers they are kept as."""
+    if column.dtype.kind in "mM":
+        return np.full(len(column), np.nan)
     try:
         return pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
     except OverflowError:  # a whole number beyond all floats
