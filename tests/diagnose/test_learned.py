@@ -16,6 +16,9 @@ import pytest
 from bench.diagnose import compare, diagnose, extend, learned
 from bench.diagnose.compare import Comparison
 from bench.diagnose.fit import fit_parameters
+from bench.diagnose.learn.candidates import Pair
+from bench.diagnose.learn.formulas import fitted, option_columns, options
+from bench.diagnose.learn.held_out import HeldOut
 from bench.diagnose.learn.learn import _Seen, learn
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.learned import nearest
@@ -27,7 +30,7 @@ from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.catalogue import check_catalogue
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import Search, admissible
-from bench.diagnose.settings import LEARNING
+from bench.diagnose.settings import LEARNING, SPLINING
 from registry.contracts import Channel, Recording
 from registry.effects.learned_term import LearnedTerm
 from registry.effects.waves.hidden_mode import HiddenMode
@@ -115,6 +118,32 @@ def test_the_formula_of_what_is_hidden_is_found(shape: str) -> None:
     ((axis, signals, found, values),) = terms_of(subject(force))
     assert (axis, set(signals), found) == ("speed.q", set(follows), shape)
     np.testing.assert_allclose(values, true, rtol=0.1)  # a start: simulation fits it
+
+
+def test_a_wave_too_short_for_the_knots_of_most_shapes_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cart on a rail with many bumps was told nothing, or that it relaxes, or that its log is shifted."""
+    bumpy = subject(lambda q, v: 6.0 * np.sin(20.0 * q))
+    ((axis, signals, found, values),) = terms_of(bumpy)
+    assert (axis, signals, found) == ("speed.q", ("displacement.q",), "sine")
+    np.testing.assert_allclose(values, (6.0, 20.0), rtol=0.05)
+    monkeypatch.setattr("bench.diagnose.learn.learn.SPLINING", replace(SPLINING, knots_of_a_wave=15))
+    assert all(shape != "sine" for _, _, shape, _ in terms_of(bumpy))
+
+
+@pytest.mark.parametrize(("middle", "names"), [(2.0, {"above"}), (0.0, {"above", "dead_zone"})])
+def test_a_dead_zone_has_two_edges(middle: float, names: set[str]) -> None:
+    """Of a height or a thrust, which are never negative, it was told in place of what begins above an edge."""
+    x = np.linspace(-2.0, 2.0, 400).reshape(4, 100, order="F") + middle
+    y = -0.4 * (np.maximum(x - 1.5 - middle, 0) - (middle == 0) * np.maximum(-x - 1.5, 0))
+    some = [o for o in options(x) if o.shape.name in ("above", "dead_zone")]
+    columns = option_columns(Pair("force_z", ("height",)), some, [{"height": x}]).values[0]
+    rows = [np.column_stack([columns[:, i].T, y[i]]) for i in range(4)]
+    nothing = np.zeros(len(columns) + 1)
+    view = SimpleNamespace(
+        grams=[r.T @ r for r in rows], floor=400.0, subsets=SimpleNamespace(anchor=nothing, centre=nothing)
+    )
+    fits = HeldOut(view, [])  # type: ignore[arg-type]
+    assert set(fitted(fits, some, np.arange(len(columns)), (), x)) == names
 
 
 def test_two_functions_of_one_signal_become_one() -> None:
