@@ -156,22 +156,27 @@ def _root(unit: str) -> str:
 
 
 def exponents(unit: str) -> dict[str, float]:
-    """The SI symbols of a compound unit and their powers: "N m s^2", "kg/rad", "1/s".
+    """The SI symbols of a compound unit and their powers: "N m s^2", "kg/rad", "1/(N m)".
 
     Raises:
         BenchError: a symbol that is not in the table, or not of SI, or a power that is not a whole number.
     """
-    for factor in (factor for part in unit.split("/") for factor in part.split() or [""]):
+    for factor in (factor for part in bare(unit).split("/") for factor in part.split() or [""]):
         symbol, caret, power = factor.partition("^")
         if to_si(symbol)[0] != symbol or not (power.isdecimal() if caret else not power):
             raise BenchError(f"The unit {unit!r} must be of SI, such as N m s^2 or kg/rad, not {factor!r}.")
     return powers_of(unit)
 
 
+def bare(unit: str) -> str:
+    """A unit without the brackets about all that is below its stroke."""
+    return re.sub(r"/\(([^()/]*)\)", r"/\1", unit)
+
+
 def powers_of(product: str) -> dict[str, float]:
     """The names in a product of powers, such as "N m s^2" or "force/displacement^3", and how often each is in it."""
     found: dict[str, float] = {}
-    for place, part in enumerate(product.split("/")):
+    for place, part in enumerate(bare(product).split("/")):
         for factor in part.split():
             name, _, power = factor.partition("^")
             if name != "1":

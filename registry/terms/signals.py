@@ -65,7 +65,7 @@ def drives_of(kind: type[PhysicsModel]) -> tuple[str, ...]:
     if flies(kind) or not drive or not hasattr(kind, "own_rate"):
         return ()
     known = kind.signal(drive)
-    return input_names(kind, drive, 1 if known is None else len(known.axes))
+    return input_names(kind, drive, 1 if known is None else len(known.axes) or 1)
 
 
 def quantity_of(kind: type[PhysicsModel], axis: str) -> str:

@@ -3,7 +3,7 @@
 import re
 
 from registry.errors import BenchError
-from registry.units import exponents, powers_of
+from registry.units import bare, exponents, powers_of
 
 _PLAIN = re.compile(r"(1|[^\W\d]+(\^\d)?)([ /][^\W\d]+(\^\d)?)*")
 """A product of powers, of whatever symbols."""
@@ -19,11 +19,13 @@ def product(*factors: tuple[str, float]) -> str:
         try:
             parts = exponents(unit)
         except BenchError:
-            parts = powers_of(unit) if _PLAIN.fullmatch(unit) else {unit.replace("/", " per "): 1}
+            parts = powers_of(unit) if _PLAIN.fullmatch(bare(unit)) else {unit.replace("/", " per "): 1}
         for symbol, times in parts.items():
             powers[symbol] = powers.get(symbol, 0) + times * power
-    above, below = (" ".join(_power(s, p * side) for s, p in powers.items() if p * side > 0) for side in (1, -1))
-    return f"{above or '1'}/{below}" if below else above or "1"
+    above, below = ([_power(s, p * side) for s, p in powers.items() if p * side > 0] for side in (1, -1))
+    under = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
+    over = " ".join(above) or "1"
+    return f"{over}/{under}" if under else over
 
 
 def _power(symbol: str, power: float) -> str:

@@ -141,10 +141,10 @@ def swing(seed: int) -> tuple[Array, Array]:
 def test_a_system_of_ones_own_has_the_effects_of_the_drive_in_the_unit_of_its_drive(tmp_path: Path) -> None:
     arm = recorded(Arm(), [swing(seed) for seed in range(4)], Channel("torque", "N m"))
     (found,) = discover(arm, ["saturation", "dead_zone", "backlash", "coulomb_friction", "cubic_stiffness"]).found
-    assert (found.id, found.estimates[0].entry.unit) == ("saturation", "1/N m")
+    assert (found.id, found.estimates[0].entry.unit) == ("saturation", "1/(N m)")
     assert 1 / found.estimates[0].value == pytest.approx(1.2, rel=0.01)
     model_file.write(tmp_path / "model.toml", replace(Arm(), effects=(found.effect,)))
-    assert "1/N m: 1/U" in (tmp_path / "model.toml").read_text()
+    assert "1/(N m): 1/U" in (tmp_path / "model.toml").read_text()
 
 
 def test_what_flies_or_has_no_drive_has_none_of_them() -> None:

@@ -16,6 +16,9 @@ import pytest
 from bench.diagnose import compare, diagnose, extend, learned
 from bench.diagnose.compare import Comparison
 from bench.diagnose.fit import fit_parameters
+from bench.diagnose.learn.candidates import Pair
+from bench.diagnose.learn.formulas import fitted, option_columns, options
+from bench.diagnose.learn.held_out import HeldOut
 from bench.diagnose.learn.learn import _Seen, learn
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.learned import nearest
@@ -115,6 +118,22 @@ def test_the_formula_of_what_is_hidden_is_found(shape: str) -> None:
     ((axis, signals, found, values),) = terms_of(subject(force))
     assert (axis, set(signals), found) == ("speed.q", set(follows), shape)
     np.testing.assert_allclose(values, true, rtol=0.1)  # a start: simulation fits it
+
+
+@pytest.mark.parametrize(("middle", "names"), [(2.0, {"above"}), (0.0, {"above", "dead_zone"})])
+def test_a_dead_zone_has_two_edges(middle: float, names: set[str]) -> None:
+    """Of a height or a thrust, which are never negative, it was told in place of what begins above an edge."""
+    x = np.linspace(-2.0, 2.0, 400).reshape(4, 100, order="F") + middle
+    y = -0.4 * (np.maximum(x - 1.5 - middle, 0) - (middle == 0) * np.maximum(-x - 1.5, 0))
+    some = [o for o in options(x) if o.shape.name in ("above", "dead_zone")]
+    columns = option_columns(Pair("force_z", ("height",)), some, [{"height": x}]).values[0]
+    rows = [np.column_stack([columns[:, i].T, y[i]]) for i in range(4)]
+    nothing = np.zeros(len(columns) + 1)
+    view = SimpleNamespace(
+        grams=[r.T @ r for r in rows], floor=400.0, subsets=SimpleNamespace(anchor=nothing, centre=nothing)
+    )
+    fits = HeldOut(view, [])  # type: ignore[arg-type]
+    assert set(fitted(fits, some, np.arange(len(columns)), (), x)) == names
 
 
 def test_two_functions_of_one_signal_become_one() -> None:

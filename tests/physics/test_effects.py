@@ -21,6 +21,7 @@ from registry.effects.thrust import BatterySag, RotorMisalignment, UnequalRotors
 from registry.errors import BenchError
 from registry.model_file import read
 from registry.physics.quadrotor import Quadrotor
+from registry.terms.unit_algebra import product
 from registry.units import exponents
 
 F64 = torch.float64
@@ -156,6 +157,10 @@ def test_a_suspended_load_swings_at_its_frequency(zeta):
 
 def test_units_of_parameters_are_read():
     assert exponents("N m s^2") == {"N": 1, "m": 1, "s": 2} and exponents("1/V") == {"V": -1} and exponents("1") == {}
+    assert (
+        exponents("1/(N m)") == {"N": -1, "m": -1} == exponents(product(("N m", -1)))
+        and product(("N m", -1)) == "1/(N m)"
+    )
     assert exponents("rad/s/pwm") == {"rad": 1, "s": -1, "pwm": -1}
     for wrong in ("deg/s", "N m2", "kg m^", "furlong", ""):
         with pytest.raises(BenchError):

@@ -10,11 +10,15 @@ import pytest
 pytest.importorskip("rotorpy")
 
 from bench.diagnose import diagnose
+from bench.diagnose.fit import fit_parameters
+from bench.diagnose.learn.candidates import dynamic_axes
+from bench.diagnose.learn.learn import learn
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.input_timing import prepared, retimed
 from bench.score.chains import write_folder
 from bench.score.run import Job, part, work
 from bench.score.unknown import machines, rotorcraft
+from bench.score.unknown.cart import CartPendulum
 from bench.score.unknown.case import measured
 from bench.score.unknown.condition import EMPTY, KINDS, UnknownCase
 from bench.score.unknown.judge import JudgedUnknown
@@ -24,6 +28,7 @@ from bench.score.unknown.terms import FORMS, Term
 from registry.core import EFFECTS
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.terms.shapes import SHAPES
+from registry.terms.signals import drives_of
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +102,29 @@ def test_axes_signals_form_and_band_are_held_against_the_truth() -> None:
     worse = said()
     worse["error"]["extended"] = {"q": 0.95}
     assert judged(CASE, worse).worse and not judged(CASE, worse).right
+
+
+def test_a_force_on_the_cart_may_be_said_where_its_motor_pushes() -> None:
+    (term,) = CASE.terms
+    pushed = judged(replace(CASE, terms=(replace(term, instead=("push",)),)), said(axis="push"))
+    assert pushed.place and pushed.form and pushed.right
+    assert pushed.band == (0, 0)  # in another unit
+    assert not judged(CASE, said(axis="push")).place
+
+
+def test_the_push_of_a_cart_moves_its_bob_too() -> None:
+    """Its one input has no axes with names: what acts where it acts was not offered."""
+    assert drives_of(CartPendulum) == ("push",) and "push" in dynamic_axes(CartPendulum())
+
+
+def test_a_rail_with_many_bumps_is_described_where_the_cart_is_pushed(suite: list[UnknownCase], tmp_path: Path) -> None:
+    """It was a fault of the log: seven waves were too short for the splines, and one push was sought as two rates."""
+    bumpy = next(c for c in suite if c.condition == "place_lift" and c.system == "cart")
+    subject, noise = prepared(measured(bumpy, tmp_path))
+    calibrated, _ = fit_parameters(subject, subject.model, noise, through_simulator=False)
+    (term,) = learn(subject, calibrated, noise)
+    assert (term.axis, term.signals, term.shape) == ("push", ("place.x",), "wave")
+    assert term.values[-1] == pytest.approx(bumpy.terms[0].values[1], rel=0.01)
 
 
 def test_a_frequency_is_right_within_three_per_cent_of_one_of_the_true_ones() -> None:

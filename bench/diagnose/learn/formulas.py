@@ -8,7 +8,7 @@ import torch
 
 from bench.diagnose.learn.candidates import Columns, Pair
 from bench.diagnose.learn.held_out import Block, HeldOut
-from bench.diagnose.settings import MATTERING, WORDING
+from bench.diagnose.settings import MATTERING, SPLINING, WORDING
 from registry.terms.shapes import SHAPES, Shape, Span
 
 
@@ -64,6 +64,12 @@ def options(x: np.ndarray) -> list[Option]:
     return found
 
 
+def _one_sided(shape: str, values: tuple[float, ...], x: np.ndarray) -> bool:
+    """Whether a signal meets one edge of a dead zone at most: that is what goes on above an edge, or below one."""
+    low, high = (float(np.quantile(x, q)) for q in (SPLINING.outer, 1 - SPLINING.outer))
+    return shape == "dead_zone" and not (low < -abs(values[-1]) and abs(values[-1]) < high)
+
+
 def option_columns(pair: Pair, some: Sequence[Option], signals: Sequence[dict[str, np.ndarray]]) -> Columns:
     """The columns of formulas of a pair, one option after the other."""
     span, values = span_of(signals[0][pair.signals[0]]), []
@@ -93,7 +99,9 @@ def _functions(option: Option, x: torch.Tensor, span: Span) -> np.ndarray:
     return np.stack(out)
 
 
-def fitted(fits: HeldOut, some: Sequence[Option], places: np.ndarray, beside: Sequence[Block]) -> dict[str, Formula]:
+def fitted(
+    fits: HeldOut, some: Sequence[Option], places: np.ndarray, beside: Sequence[Block], x: np.ndarray
+) -> dict[str, Formula]:
     """Every shape at its best bend, by name.
 
     Args:
@@ -101,6 +109,7 @@ def fitted(fits: HeldOut, some: Sequence[Option], places: np.ndarray, beside: Se
         some: the formulas.
         places: of their columns.
         beside: the other terms.
+        x: what the formulas follow.
     """
     best: dict[str, Formula] = {}
     for option, block in zip(some, _blocks(some, places), strict=True):
@@ -108,6 +117,8 @@ def fitted(fits: HeldOut, some: Sequence[Option], places: np.ndarray, beside: Se
         name = option.shape.name
         if name not in best or losses.sum() < best[name].losses.sum():
             values = _values(option, fits.fit([*beside, block])[-1])
+            if _one_sided(name, values, x):
+                continue
             best[name] = Formula(name, values, block, losses)
     return best
 

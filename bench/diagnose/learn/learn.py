@@ -103,10 +103,10 @@ class _Seen:
         view, places = view_of(self.search, self.look, self.base, columns)
         return HeldOut(view, own_columns(view, self.base, upright)), places
 
-    def made(self, some: Sequence[Pair]) -> list[Made]:
-        """The splines of pairs whose signals vary."""
+    def made(self, some: Sequence[Pair], fine: bool = False) -> list[Made]:
+        """The splines of pairs whose signals vary; ``fine``: in what says where a system is, as short waves need."""
         poses = poses_of(self.look.linear.model)
-        return [m for pair in some if (m := splines_of(pair, self.signals, _knots(pair, poses))) is not None]
+        return [m for pair in some if (m := splines_of(pair, self.signals, _knots(pair, poses, fine))) is not None]
 
     def asked(self, only: Pair) -> list[Spline]:
         """The one term that was asked for."""
@@ -117,7 +117,14 @@ class _Seen:
         return [Spline(only, made[0], fits.smoothed(places[0], made[0].roughness, ())[0])]
 
     def sought(self, offered: Sequence[Pair]) -> list[Spline]:
-        """The terms that recordings left out of the fit confirm, of what acts now."""
+        """The terms that recordings left out of the fit confirm, of what acts now; of nothing else, short waves."""
+        return self._coarse(offered) or self._acting([p for p in offered if self._of_a_pose(p)], fine=True)
+
+    def _of_a_pose(self, pair: Pair) -> bool:
+        return pair.signals[0].partition(".")[0] in poses_of(self.look.linear.model)
+
+    def _coarse(self, offered: Sequence[Pair]) -> list[Spline]:
+        """With the knots that most shapes need."""
         few = len(offered) ** 2 <= LEARNING.few
         splines = self._acting([*offered, *products(offered)] if few else offered)
         if few:
@@ -146,10 +153,10 @@ class _Seen:
         best = [both[i] for i in order if confirmed(gains[i], least)][: SPLINING.first]
         return [Pair(p.axis, names) for p in best for names in (p.signals, p.signals[::-1])]
 
-    def _acting(self, offered: Sequence[Pair]) -> list[Spline]:
+    def _acting(self, offered: Sequence[Pair], fine: bool = False) -> list[Spline]:
         splines: list[Spline] = []
         for _ in range(LEARNING.tries):
-            made = self.made(offered)
+            made = self.made(offered, fine)
             if not made:
                 return []
             fits, places = self.fits([m.columns for m in made], upright=True)
@@ -196,7 +203,7 @@ class _Seen:
             for i, s in enumerate(splines):
                 beside = [b for j, b in enumerate(blocks) if j != i]
                 spline, losses = fits.smoothed(smooth[i], s.made.roughness, beside)
-                best = fitted(fits, some[i], formulas[i], beside)
+                best = fitted(fits, some[i], formulas[i], beside, signals[0][s.pair.signals[0]])
                 formula = found[i] = simplest(best, losses, fits.losses(beside))
                 some[i] = refined(best)
                 if formula is None:
@@ -215,9 +222,11 @@ def poses_of(model: PhysicsModel) -> set[str]:
     return {"height", *RATE_OF, *(c.group for c in model.state_channels)} - set(model.equation_names())
 
 
-def _knots(pair: Pair, poses: Container[str]) -> int:
+def _knots(pair: Pair, poses: Container[str], fine: bool) -> int:
     """Knots of its splines: more where the first signal says where the system is."""
-    return SPLINING.knots_of_a_pose if pair.signals[0].partition(".")[0] in poses else SPLINING.knots
+    if pair.signals[0].partition(".")[0] not in poses:
+        return SPLINING.knots
+    return SPLINING.knots_of_a_wave if fine else SPLINING.knots_of_a_pose
 
 
 def _measured(subject: Subject, offered: Sequence[Pair]) -> list[Pair]:

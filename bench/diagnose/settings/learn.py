@@ -13,6 +13,13 @@ class Splining:
     knots_of_a_pose: int = threshold(
         15, "knots in a signal that says where the system is: there may be many different places", Basis.JUDGED, "count"
     )
+    knots_of_a_wave: int = threshold(
+        33,
+        "knots in such a signal alone where nothing follows it as coarsely as that: four a period of the shortest wave "
+        "that a formula may have",
+        Basis.JUDGED,
+        "count",
+    )
     outer: float = threshold(
         0.002, "share of the samples beyond each of the outer knots, where the spline is a straight line", Basis.JUDGED
     )

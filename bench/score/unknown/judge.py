@@ -65,10 +65,8 @@ class JudgedUnknown(Judged):
 
     def matching(self, term: Term) -> dict[str, Any] | None:
         """What was learned along the axis and of the signals of a hidden term; a product's order does not matter."""
-        return next(
-            (t for t in self.learned if t["axis"] == term.axis and set(t["signals"]) == set(term.signals)),
-            None,
-        )
+        axes = (term.axis, *term.instead)
+        return next((t for t in self.learned if t["axis"] in axes and set(t["signals"]) == set(term.signals)), None)
 
     @property
     def place(self) -> bool:
@@ -95,6 +93,8 @@ class JudgedUnknown(Judged):
             said = self.matching(term)
             if said is None or said["curve"] is None:
                 continue
+            if said["axis"] != term.axis:
+                continue  # in another unit, by an inertia that the pendulum changes
             curve = said["curve"]
             x, low, high = (np.array(curve[k]) for k in ("x", "low", "high"))
             order = list(said["signals"])

@@ -41,7 +41,9 @@ def _term(axis: str, signals: str, form: str, *values: float, alike: tuple[str, 
 
 
 def _cart(signals: str, form: str, *values: float) -> Fields:
-    return _term("pace.x", signals, form, *values, alike=("tilt_rate.theta",))
+    # It is pushed as the motor pushes it, the bob with it: as an acceleration the same takes a second term.
+    term = Term("pace.x", (signals,), form, values, ("tilt_rate.theta",), ("push",))
+    return {"terms": (term,)}
 
 
 def _out_drag(rng: np.random.Generator, weight: float) -> Fields:

@@ -39,6 +39,8 @@ class Term:
     values: tuple[float, ...]
     alike: tuple[str, ...] = ()
     """Further axes along which the same is felt: they may be said beside it, and need not be."""
+    instead: tuple[str, ...] = ()
+    """Inputs that do the same by themselves: all of it may be said along one of them, in its unit."""
 
     def at(self, signals: Mapping[str, Array]) -> Array:
         """Its amount at signals of any shape."""
