@@ -164,8 +164,8 @@ def test_every_axis_has_a_unit(source: str) -> None:
     assert len(names) > 60 and all(re.search(r"\[[^\]]+\]$", n) for n in names), set(names)
 
 
-def test_markup_in_names_stays_text(tmp_path: Path) -> None:
-    evil = '<script>alert(1)</script>" onmouseover="alert(2)'
+def hostile(tmp_path: Path, evil: str) -> tuple[str, str]:
+    """A page on which every name ends in this, and the name of its last predictor."""
     specs = (f"LSTM: 1x50 - MLP: 60x10{evil}", f"LSTM: 2x50 - Washout: 10{evil}", f"GRU: 1x50 - MLP: 60x10{evil}")
     made = []
     for i, spec in enumerate(specs):
@@ -180,9 +180,15 @@ def test_markup_in_names_stays_text(tmp_path: Path) -> None:
         made.append(resealed(record.folder))
     texts = {name: evil for name in ("name", "title", "question", "source", "paper_says")}
     study = dataclasses.replace(STUDY, **texts, pairs=(specs[:2],), contrasts=())  # type: ignore[arg-type]
-    page = Page(study_page.render(made, f"title {evil}", study, f"bench run {evil}"))
+    return study_page.render(made, f"title {evil}", study, f"bench run {evil}"), specs[2]
+
+
+def test_markup_in_names_stays_text(tmp_path: Path) -> None:
+    evil = '<script>alert(1)</script>" onmouseover="alert(2)'
+    source, spec = hostile(tmp_path, evil)
+    page = Page(source)
     assert "script" not in page.tags and not [n for n, _ in page.attributes if n.startswith("on")]
-    for text in (f"title {evil}", f"bench run {evil}", f"b{evil}", f"flight{evil}, seed 0", specs[2], f"pilot{evil}"):
+    for text in (f"title {evil}", f"bench run {evil}", f"b{evil}", f"flight{evil}, seed 0", spec, f"pilot{evil}"):
         assert " ".join(text.split()) in page.text, text
 
 

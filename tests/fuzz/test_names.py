@@ -60,29 +60,31 @@ def test_the_page_of_a_diagnosis(verdict: str, evil: str) -> None:
     terminal_summary.print_summary(told, Console(file=io.StringIO(), width=100))
 
 
+def fleet(name: str) -> FleetDiagnosis:
+    """Seven vehicles, one not diagnosed, of which everything is called this."""
+    number = Number(
+        effect="drag", parameter="c", value=0.3, low=0.2, high=0.4, unit="kg/m", rivals=(name,), learned=False
+    )
+    answers = [
+        Answer(
+            f"{name}{i}",
+            f"{name}{i % 3}",
+            f"2026-03-0{i + 1}",
+            name,
+            "named",
+            "",
+            f"{i}",
+            (dataclasses.replace(number, effect=name),),
+        )
+        for i in range(6)
+    ]
+    answers.append(Answer(name, name, "", "", "failed", name, ""))
+    return FleetDiagnosis(name, tuple(answers), quantities(answers), drifts(answers), (name,))
+
+
 @cases(80)
 @given(evil=EVIL)
 def test_the_page_of_a_fleet(evil: str) -> None:
-    def fleet(name: str) -> FleetDiagnosis:
-        number = Number(
-            effect="drag", parameter="c", value=0.3, low=0.2, high=0.4, unit="kg/m", rivals=(name,), learned=False
-        )
-        answers = [
-            Answer(
-                f"{name}{i}",
-                f"{name}{i % 3}",
-                f"2026-03-0{i + 1}",
-                name,
-                "named",
-                "",
-                f"{i}",
-                (dataclasses.replace(number, effect=name),),
-            )
-            for i in range(6)
-        ]
-        answers.append(Answer(name, name, "", "", "failed", name, ""))
-        return FleetDiagnosis(name, tuple(answers), quantities(answers), drifts(answers), (name,))
-
     for text in (lambda name: fleet_page.render(fleet(name), name), lambda name: fleet(name)._repr_html_()):
         (tags, attributes), (those, known) = shape(text(evil)), shape(text("plain"))
         assert set(tags) <= set(those) and attributes <= known, (tags, attributes)

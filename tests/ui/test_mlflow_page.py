@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 from itertools import product
 
 import pytest
@@ -11,7 +10,6 @@ from synthetic_records import synthetic_record
 from bench.tracking import track
 from bench.tracking.ui import chart_link, server
 
-BROWSER, DRIVER = shutil.which("chromium") or shutil.which("chromium-browser"), shutil.which("chromedriver")
 SPECS = {
     "LSTM: 1x50 - MLP: 60x10": 0.5,
     "LSTM: 1x50 - Washout: 10": 0.8,
@@ -19,28 +17,7 @@ SPECS = {
     "MLFC: 2x40 - Washout: 10": 0.9,
 }
 SEEDS = (0, 1, 2)
-FLAGS = (
-    "--headless=new --no-sandbox --disable-gpu --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync --window-size=1600,1200"
-)
-
-pytestmark = [
-    pytest.mark.ui,
-    pytest.mark.skipif(not (BROWSER and DRIVER), reason="needs Chromium and chromedriver"),
-]
-
-
-@pytest.fixture
-def browser(tmp_path):
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = BROWSER
-    for flag in [*FLAGS.split(), f"--user-data-dir={tmp_path / 'profile'}"]:
-        options.add_argument(flag)
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
-    yield driver
-    driver.quit()
+pytestmark = pytest.mark.ui
 
 
 def card(browser, title: str):
