@@ -2,11 +2,12 @@
 
 import logging
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -19,6 +20,11 @@ from registry.core import DATASETS, option
 
 Typed = Callable[..., tuple[int, str, str]]
 """A command with its arguments → exit code, stdout, stderr."""
+CHROMIUM, DRIVER = shutil.which("chromium") or shutil.which("chromium-browser"), shutil.which("chromedriver")
+FLAGS = (
+    "--headless=new --no-sandbox --disable-gpu --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync --window-size=1600,1200"
+)
 
 
 @DATASETS.register("toy")
@@ -100,6 +106,22 @@ def bench_data() -> Path:
     if not os.environ.get("BENCH_DATA") or not folder.is_dir():
         pytest.skip("BENCH_DATA names no folder of real recordings")
     return folder
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Any]:
+    """Chromium without a window, driven; the test is skipped where there is none."""
+    if not (CHROMIUM and DRIVER):
+        pytest.skip("needs Chromium and chromedriver")
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in [*FLAGS.split(), f"--user-data-dir={tmp_path / 'profile'}"]:
+        options.add_argument(flag)
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    yield driver
+    driver.quit()
 
 
 def command(*arguments: object) -> str:
