@@ -1,10 +1,9 @@
 """What the files of a record say, by name: which values can be."""
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
-
-from registry.model_file import finite
 
 TABLES = ("steps", "curve", "windows")
 """Of a record, each a Parquet file."""
@@ -33,7 +32,10 @@ def _size(x: Any) -> bool:
 
 def number(x: Any) -> bool:
     """A finite number, and none beyond all floats."""
-    return finite(x)
+    try:
+        return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+    except OverflowError:  # a whole number beyond all floats
+        return False
 
 
 def _or_none(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
