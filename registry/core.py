@@ -7,6 +7,7 @@ command-line help, the run key, the tracked parameters and the default search sp
 import dataclasses
 import importlib
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -216,3 +217,10 @@ REGISTRIES = {
     "physics": PHYSICS,
     "effects": EFFECTS,
 }
+
+
+def finite(value: Any) -> bool:
+    """Whether it is a number, and a finite one; an integer beyond all floats is none."""
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        return False
+    return math.isfinite(value) if isinstance(value, float) else abs(value) <= sys.float_info.max

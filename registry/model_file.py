@@ -3,13 +3,12 @@
 import dataclasses
 import json
 import math
-import sys
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from registry.core import EFFECTS, PHYSICS
+from registry.core import EFFECTS, PHYSICS, finite
 from registry.dynamics import Effect, Parameter, PhysicsModel
 from registry.errors import BenchError, near
 from registry.regular_file import read_toml
@@ -145,10 +144,3 @@ def _depth(value: Any) -> int:
 
 def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else float(value)
-
-
-def finite(value: Any) -> bool:
-    """Whether it is a number, and a finite one; an integer beyond all floats is none."""
-    if not isinstance(value, (int, float)) or isinstance(value, bool):
-        return False
-    return math.isfinite(value) if isinstance(value, float) else abs(value) <= sys.float_info.max

@@ -100,5 +100,5 @@ def test_a_record_of_before_the_stamps_is_read_and_kept(copy: RunRecord) -> None
 
 def test_a_whole_number_beyond_all_floats_is_no_number() -> None:
     assert (
-        record_fields.number(10**308) and not record_fields.number(10**400) and not record_fields.number(float("inf"))
+        record_fields.finite(10**308) and not record_fields.finite(10**400) and not record_fields.finite(float("inf"))
     )

@@ -107,13 +107,13 @@ assignments = click.option(
 )
 
 
-Text = TypeVar("Text", str, tuple[str, ...], None)
+_Text = TypeVar("_Text", str, tuple[str, ...], None)
 
 
-def _refuse_empty(otherwise: str) -> Callable[[click.Context, click.Parameter, Text], Text]:
+def _refuse_empty(otherwise: str) -> Callable[[click.Context, click.Parameter, _Text], _Text]:
     """As a callback: refuse an empty text, also among those of an option that is given several times."""
 
-    def look(ctx: click.Context, param: click.Parameter, value: Text) -> Text:
+    def look(ctx: click.Context, param: click.Parameter, value: _Text) -> _Text:
         if value is not None and not all(v.strip() for v in ((value,) if isinstance(value, str) else value)):
             raise click.BadParameter(otherwise, ctx, param)
         return value

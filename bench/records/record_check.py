@@ -10,7 +10,8 @@ import pyarrow.parquet as pq
 
 from bench.records import stamp
 from bench.records.record import STEP_COLUMNS, WINDOW_COLUMNS, RunRecord, verify
-from bench.records.record_fields import FILES, JSON, PROVENANCE, SUMMARY, TABLES, all_of, number, text
+from bench.records.record_fields import FILES, JSON, PROVENANCE, SUMMARY, TABLES, all_of, text
+from registry.core import finite
 from registry.errors import BenchError
 
 ROWS = 1_000_000
@@ -99,12 +100,12 @@ def _configuration(content: Any, where: str, depth: int = 4) -> None:
     for value in content.values():
         if isinstance(value, dict):
             _configuration(value, where, depth - 1)
-        elif not (value is None or isinstance(value, bool) or number(value) or _line(value) or all_of(_line)(value)):
+        elif not (value is None or isinstance(value, bool) or finite(value) or _line(value) or all_of(_line)(value)):
             raise BenchError(f"{where}: {repr(value)[:60]} is no option.")
 
 
 def _line(x: Any) -> bool:
-    return (isinstance(x, str) and len(x) <= 4096 and x.isprintable()) or number(x)
+    return (isinstance(x, str) and len(x) <= 4096 and x.isprintable()) or finite(x)
 
 
 def _table(path: Path, columns: tuple[str, ...], where: str) -> None:

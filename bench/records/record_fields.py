@@ -1,9 +1,10 @@
 """What the files of a record say, by name: which values can be."""
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
+
+from registry.core import finite
 
 TABLES = ("steps", "curve", "windows")
 """Of a record, each a Parquet file."""
@@ -28,14 +29,6 @@ def count(x: Any) -> bool:
 
 def _size(x: Any) -> bool:
     return count(x) and 1 <= x <= 100_000
-
-
-def number(x: Any) -> bool:
-    """A finite number, and none beyond all floats."""
-    try:
-        return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-    except OverflowError:  # a whole number beyond all floats
-        return False
 
 
 def _or_none(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
@@ -78,7 +71,7 @@ SUMMARY: dict[str, Callable[[Any], bool]] = {
     "context": all_of(text),
     "predicted": count,
     "units": _by_name(text),
-    "rate_hz": lambda x: number(x) and x > 0,
+    "rate_hz": lambda x: finite(x) and x > 0,
     "horizon": _size,
     "history": _size,
     "seed": count,
@@ -86,10 +79,10 @@ SUMMARY: dict[str, Callable[[Any], bool]] = {
     "updates": count,
     "best_update": _or_none(count),
     "diverged_at": _or_none(count),
-    "metrics": _by_name(_or_none(number)),
+    "metrics": _by_name(_or_none(finite)),
     "windows": _parts(count),
     "recordings": _parts(all_of(text)),
-    "environment": _by_name(lambda x: text(x) or number(x)),
+    "environment": _by_name(lambda x: text(x) or finite(x)),
     "files": _files,
 }
 LATER = ("context", "predicted", "environment")
@@ -97,7 +90,7 @@ LATER = ("context", "predicted", "environment")
 PROVENANCE: dict[str, Callable[[Any], bool]] = {
     "started_ms": lambda x: count(x) and x < LAST_MS,
     "finished_ms": lambda x: count(x) and x < LAST_MS,
-    "seconds": number,
+    "seconds": finite,
     "device": text,
     "host": _by_name(text),
     "versions": _by_name(text),

@@ -7,10 +7,9 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from registry.core import EFFECTS, option
+from registry.core import EFFECTS, finite, option
 from registry.dynamics import LoadEffect, Motion, Parameter, PhysicsModel, RateEffect, constant, tensor
 from registry.errors import BenchError, near
-from registry.model_file import finite
 from registry.terms import shapes, signals
 from registry.terms.unit_algebra import product
 

@@ -66,8 +66,10 @@ def options(x: np.ndarray) -> list[Option]:
 
 def _one_sided(shape: str, values: tuple[float, ...], x: np.ndarray) -> bool:
     """Whether a signal meets one edge of a dead zone at most: that is what goes on above an edge, or below one."""
+    if shape != "dead_zone":
+        return False
     low, high = (float(np.quantile(x, q)) for q in (SPLINING.outer, 1 - SPLINING.outer))
-    return shape == "dead_zone" and not (low < -abs(values[-1]) and abs(values[-1]) < high)
+    return not low < -abs(values[-1]) <= abs(values[-1]) < high
 
 
 def option_columns(pair: Pair, some: Sequence[Option], signals: Sequence[dict[str, np.ndarray]]) -> Columns:

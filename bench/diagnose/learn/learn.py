@@ -118,10 +118,8 @@ class _Seen:
 
     def sought(self, offered: Sequence[Pair]) -> list[Spline]:
         """The terms that recordings left out of the fit confirm, of what acts now; of nothing else, short waves."""
-        return self._coarse(offered) or self._acting([p for p in offered if self._of_a_pose(p)], fine=True)
-
-    def _of_a_pose(self, pair: Pair) -> bool:
-        return pair.signals[0].partition(".")[0] in poses_of(self.look.linear.model)
+        poses = poses_of(self.look.linear.model)
+        return self._coarse(offered) or self._acting([p for p in offered if _of_a_pose(p, poses)], fine=True)
 
     def _coarse(self, offered: Sequence[Pair]) -> list[Spline]:
         """With the knots that most shapes need."""
@@ -222,9 +220,14 @@ def poses_of(model: PhysicsModel) -> set[str]:
     return {"height", *RATE_OF, *(c.group for c in model.state_channels)} - set(model.equation_names())
 
 
+def _of_a_pose(pair: Pair, poses: Container[str]) -> bool:
+    """Whether its first signal says where the system is."""
+    return pair.signals[0].partition(".")[0] in poses
+
+
 def _knots(pair: Pair, poses: Container[str], fine: bool) -> int:
     """Knots of its splines: more where the first signal says where the system is."""
-    if pair.signals[0].partition(".")[0] not in poses:
+    if not _of_a_pose(pair, poses):
         return SPLINING.knots
     return SPLINING.knots_of_a_wave if fine else SPLINING.knots_of_a_pose
 

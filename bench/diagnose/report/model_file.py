@@ -8,10 +8,10 @@ from typing import Any
 from torch import Tensor
 
 from bench.diagnose.result import NamedEffect, ParameterEstimate, write_text
-from registry.core import EFFECTS
+from registry.core import EFFECTS, finite
 from registry.dynamics import Effect, Parameter, PhysicsModel
 from registry.errors import BenchError
-from registry.model_file import finite, numbers, options, read, toml_text
+from registry.model_file import numbers, options, read, toml_text
 from registry.terms.shapes import SPLINE
 
 __all__ = ["read", "write"]

@@ -36,14 +36,21 @@ def _vary(rng: np.random.Generator, value: float) -> float:
     return float(value * np.exp(rng.uniform(-0.2, 0.2)))
 
 
-def _term(axis: str, signals: str, form: str, *values: float, alike: tuple[str, ...] = (), **more: Any) -> Fields:
-    return {"terms": (Term(axis, tuple(signals.split(" * ")), form, values, alike),), **more}
+def _term(
+    axis: str,
+    signals: str,
+    form: str,
+    *values: float,
+    alike: tuple[str, ...] = (),
+    instead: tuple[str, ...] = (),
+    **more: Any,
+) -> Fields:
+    return {"terms": (Term(axis, tuple(signals.split(" * ")), form, values, alike, instead),), **more}
 
 
 def _cart(signals: str, form: str, *values: float) -> Fields:
     # It is pushed as the motor pushes it, the bob with it: as an acceleration the same takes a second term.
-    term = Term("pace.x", (signals,), form, values, ("tilt_rate.theta",), ("push",))
-    return {"terms": (term,)}
+    return _term("pace.x", signals, form, *values, alike=("tilt_rate.theta",), instead=("push",))
 
 
 def _out_drag(rng: np.random.Generator, weight: float) -> Fields:

@@ -4,12 +4,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from registry.core import PHYSICS
+from registry.core import PHYSICS, finite
 from registry.datasets.folder.sessions import UNTOLD, Mark, mark
 from registry.datasets.folder.signals import SignalColumns, known, refuse_unturned, signal_columns
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
-from registry.model_file import constants_of, finite
+from registry.model_file import constants_of
 from registry.regular_file import read_toml
 
 FILE = "dataset.toml"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from registry.core import finite
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
-from registry.model_file import finite
 from registry.units import SIGNALS, Signal, checked, conversion, measures, to_si
 
 CONVENTIONS = {"euler_zyx": 3, "euler_xyz": 3, "quaternion_xyzw": 4, "quaternion_wxyz": 4}

@@ -4,10 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from registry.core import finite
 from registry.datasets.crazyflie import CONSTANTS, UNCERTAINTY
 from registry.datasets.folder.constants import Constant
 from registry.errors import BenchError
-from registry.model_file import constants_of, finite
+from registry.model_file import constants_of
 from registry.physics.quadrotor import Quadrotor
 from registry.regular_file import read_toml
 

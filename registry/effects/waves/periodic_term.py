@@ -7,11 +7,10 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from registry.core import EFFECTS, option
+from registry.core import EFFECTS, finite, option
 from registry.dynamics import InternalEffect, Motion, PhysicsModel, RateEffect
 from registry.effects.learned_term import LearnedTerm
 from registry.errors import BenchError, near
-from registry.model_file import finite
 from registry.terms import signals
 
 
