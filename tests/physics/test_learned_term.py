@@ -80,7 +80,7 @@ def test_units_follow_from_the_formula() -> None:
     assert product(("N", 1), ("m/s", -2)) == "N s^2/m^2"
     assert product(("m/s", 1), ("s", -1), ("m/s", -1)) == "1/s"
     assert product(("K/s", 1), ("K", -1)) == "1/s" and product(("K/s", 1), ("K", -3)) == "1/(K^2 s)"
-    assert product(("L/min", 1), ("pH (25°)", -1)) == "L/min pH (25°)"
+    assert product(("L/min", 1), ("pH (25°)", -1)) == "L/(min pH (25°))"
     model = Quadrotor(effects=(LearnedTerm("torque_y", ("body_velocity.x",), "signed_square", (0.1,)),))
     assert model.effects[0].named_parameters(model) == [("k", "N s^2/m")]  # a metre is gone
     bent = LearnedTerm("speed.q", ("displacement.q",), "dead_zone", (-3.0, 0.2))
