@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.diagnose.logs.differences import centred
+from bench.diagnose.logs.impacts import before_impacts
 from bench.diagnose.logs.meant import as_meant
 from bench.diagnose.logs.own_system import own_class
 from bench.diagnose.logs.parts import thirds
@@ -73,7 +74,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         folder=dataset if isinstance(dataset, Folder) else None,
         finer=dataset.finer_signals,
     )
-    return centred(subject)
+    return before_impacts(centred(subject))
 
 
 def subject_of(source: str | Path | Dataset | Subject) -> Subject:

@@ -8,7 +8,7 @@ from dataclasses import Field, fields, is_dataclass
 from typing import Any
 
 from bench.diagnose.settings.ceiling import Ceiling
-from bench.diagnose.settings.checks import Aligning, Freezing, Leaving, Shifting, Spiking
+from bench.diagnose.settings.checks import Aligning, Freezing, Hitting, Leaving, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Mounting, Offsetting, Sampling, Trying, Turning
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading
@@ -37,6 +37,7 @@ EXTENDING = Extending()
 DECIDING = Deciding()
 TELLING = Telling()
 ALIGNING = Aligning()
+HITTING = Hitting()
 SPIKING = Spiking()
 FREEZING = Freezing()
 SHIFTING = Shifting()

@@ -63,6 +63,20 @@ class Spiking:
 
 
 @dataclass(frozen=True)
+class Hitting:
+    """Impacts of a vehicle."""
+
+    acceleration: float = threshold(
+        60.0,
+        "change of the velocity beyond the model's, from which the vehicle hits something: no air does it",
+        Basis.JUDGED,
+        "m/s²",
+    )
+    turn: float = threshold(500.0, "the same of the body rates", Basis.JUDGED, "rad/s²")
+    flown: int = threshold(100, "samples before it that say what is usual of this flight", Basis.JUDGED, "samples")
+
+
+@dataclass(frozen=True)
 class Freezing:
     """Samples that are no measurement."""
 
