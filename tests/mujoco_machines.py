@@ -10,6 +10,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from simulated_folders import describe, save, tracking
 
 MASS, DAMPING, STIFFNESS = 2.0, 1.5, 80.0
 """Of the masses on springs [kg], [N s/m], [N/m]."""
@@ -115,41 +116,14 @@ def vehicle(folder: Path, seed: int, mass: float = WEIGHT, centre: str = "0 0 0"
 
 
 def controlled(data: Any, path: Any, pace: Any, bend: Any, turns: float, mixed: np.ndarray) -> np.ndarray:
-    """Rotor speeds (4,) [rad/s] of a geometric tracking controller (Lee, Leok and McClamroch, 2010)."""
+    """Rotor speeds (4,) [rad/s] that `tracking` asks for."""
     flat = np.zeros(9)
     mujoco.mju_quat2Mat(flat, data.qpos[3:7])
-    now = flat.reshape(3, 3)
-    push = WEIGHT * (np.add(bend, (0, 0, 9.81)) + 6 * (path - data.qpos[:3]) + 3.5 * (pace - data.qvel[:3]))
-    up = push / np.linalg.norm(push)
     heading = 0.6 * np.sin(2 * np.pi * turns)
-    side = np.cross(up, (np.cos(heading), np.sin(heading), 0))
-    side /= np.linalg.norm(side)
-    wanted = np.column_stack([np.cross(side, up), side, up])
-    off = (wanted.T @ now - now.T @ wanted) / 2
-    torque = np.array(INERTIA) * (-120 * np.array([off[2, 1], off[0, 2], off[1, 0]]) - 18 * data.qvel[3:6])
-    thrusts = mixed @ (max(push @ now[:, 2], 0.2 * WEIGHT * 9.81), *torque)
-    return np.asarray(np.sqrt(np.clip(thrusts, 0.15, 12) / K_F))
-
-
-def save(folder: Path, run: int, table: np.ndarray, header: str) -> None:
-    """Write one recording."""
-    folder.mkdir(parents=True, exist_ok=True)
-    np.savetxt(folder / f"run_{run}.csv", table, "%.9g", ",", header=header, comments="")
-
-
-def describe(folder: Path, system: str, rate: int, *, drive: str, hold: str, signals: Any, physics: Any) -> None:
-    """Write dataset.toml."""
-    lines = [
-        f'name = "{folder.name}"',
-        f'system = "{system}"',
-        f"rate_hz = {rate}",
-        'files = "run_*.csv"',
-        'time = "t"',
-    ]
-    lines += [f'input = "{drive}"', f'input_hold = "{hold}"', "[signals]"]
-    lines += [f'{n} = {{columns = [{c}], unit = "{u}"{more}}}' for n, (c, u, more) in signals.items()]
-    lines += ["[physics]", *(f"{n} = {v}" for n, v in physics.items())]
-    (folder / "dataset.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    off, faster = path - data.qpos[:3], pace - data.qvel[:3]
+    now, rates = flat.reshape(3, 3), data.qvel[3:6]
+    thrust, torque = tracking(now, off, faster, bend, heading, rates, WEIGHT, np.array(INERTIA))
+    return np.asarray(np.sqrt(np.clip(mixed @ (thrust, *torque), 0.15, 12) / K_F))
 
 
 def main(folder: Path, names: list[str]) -> None:
