@@ -64,6 +64,11 @@ class Description:
         """The groups of a unit quaternion and of the rates about the body's axes that turn it; None: no such states."""
         return None
 
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """The groups that say where a body that turns is and how fast it moves, by a clock of their own; here none."""
+        return ()
+
     def signals(self, state: Tensor) -> Signals:
         """What a missing term could follow, at states (…, s)."""
         found: Signals = {}

@@ -31,6 +31,11 @@ class Vehicle(Description):
         """Attitude and body rates."""
         return "attitude", "body_rates"
 
+    @property
+    def moving(self) -> tuple[str, str]:
+        """Position and velocity."""
+        return "position", "velocity"
+
     def signals(self, state: Tensor) -> Signals:
         """Velocity and body rates about the body's axes, position, and which way is down; of states (…, s)."""
         rotation = rotation_matrix(state[..., ATTITUDE])

@@ -50,7 +50,7 @@ def flight(seed: int, late: float = 0.0) -> Recording:
     air = Rotation.from_euler("ZYX", angles[1]).inv().apply(velocities[1])
     felt = (1.5e-6 * (900 + speeds[1]) ** 2).sum(1)[:, None] * [0, 0, 1] / 0.5 - np.array(DRAG) * air / 0.5
     columns = {
-        "position": np.cumsum(velocity, 0) / RATE,
+        "position": np.cumsum(velocity + np.roll(velocity, 1, axis=0), 0) / (2 * RATE),
         "velocity": velocity,
         "attitude": turned.as_quat(),
         "body_rates": wave(0.5, 3)[0],

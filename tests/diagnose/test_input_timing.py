@@ -108,7 +108,7 @@ def test_every_channel_of_a_vehicle_tells_a_clock_by_itself() -> None:
     subject = made(vehicle_flights(3, count=3))
     early = tuple(replace(g, inputs=read_at(g.inputs, 4, 0.6)) for g in subject.logs)
     fit = _Regression(replace(subject, logs=early), noise_of(subject), 0.0)
-    steps, errors = fit.apart(np.zeros(2))
+    steps, errors = fit.apart(np.zeros(3), 0)
     assert len(steps) == 6 and (errors < 0.3).all()  # velocities and body rates
     assert (np.abs(steps + 0.6) < 2 * errors).all()
     assert steps[2:5] == pytest.approx(-0.6, abs=0.05)  # thrust, roll and pitch know it best
@@ -127,8 +127,8 @@ def test_a_clock_is_late_for_all_channels_alike(
     alone: list[float], errors: list[float], told: tuple[float, float]
 ) -> None:
     """In an ellipsoid's drag roll and pitch seemed 3.5 samples late, yaw none: an inertia of rotors that had none."""
-    fit = SimpleNamespace(apart=lambda shift: (np.array(alone) - shift[0], np.array(errors)))
-    assert _shared(fit, np.array([-1.0, 0.0]), 0.04) == pytest.approx(told)  # type: ignore[arg-type]
+    fit = SimpleNamespace(apart=lambda shift, which: (np.array(alone) - shift[0], np.array(errors)))
+    assert _shared(fit, np.array([-1.0, 0.0, 0.0]), 0, 0.04) == pytest.approx(told)  # type: ignore[arg-type]
 
 
 def test_a_shift_that_cross_correlation_suggests_is_read_only_where_the_regression_tells_it(

@@ -28,7 +28,12 @@ def centred(subject: Subject) -> Subject:
         f"Backward differences: {said}. They belong half a sample ({ms:.3g} ms) earlier than they are filed and were "
         "averaged with the next one, which is at the right time."
     )
-    return replace(subject, logs=tuple(_moved(log, rates) for log in subject.logs), notes=(*subject.notes, note))
+    return replace(
+        subject,
+        logs=tuple(_moved(log, rates) for log in subject.logs),
+        differences=tuple(p.rate for p in late),
+        notes=(*subject.notes, note),
+    )
 
 
 def _late(logs: Sequence[Log], pair: Pair) -> bool:

@@ -5,12 +5,14 @@ angular frequency ω a rate that is late by d looks like a damping that is too s
 1 ms of it seems to lose no energy at all.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import torch
 
-from bench.diagnose.logs.consistency import Pair, pairs
+from bench.diagnose.logs.consistency import Pair, change, pairs
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.settings import TIMING
 
@@ -18,75 +20,85 @@ Array = np.ndarray
 
 
 def rates_in_time(subject: Subject) -> Subject:
-    """The subject with every rate read when it was what it says, with a note; vehicles, which have checks of their own,
-    and what shows no shift are left as they are."""
-    if subject.model.description().turning or not subject.logs:
-        return subject
-    logs, notes = list(subject.logs), list(subject.notes)
-    for pair in pairs(subject.model, subject.logs[0].measured):
-        shifts = np.array([shift_of(log, pair) for log in logs])
-        if np.abs(shifts).max() < TIMING.negligible:
-            continue
-        logs = [
-            _read(log, pair, d) if abs(d) >= TIMING.negligible else log for log, d in zip(logs, shifts, strict=True)
-        ]
-        notes.append(_said(pair, 1e3 * shifts / logs[0].rate))
-    return subject if len(notes) == len(subject.notes) else replace(subject, logs=tuple(logs), notes=tuple(notes))
+    """The subject with every rate and its signal read at the same times, with a note; what shows no shift is left.
 
-
-def shift_of(log: Log, pair: Pair) -> float:
-    """By how many samples later than filed the rate of a pair is to be read in a log; 0: no shift is significant.
-
-    Changes of the signal over windows, against means of the rate and its changes over the same: nothing is
-    differentiated.
+    Of a machine the rate is read when it was what it says. Of a vehicle the pose is: its rates stand beside what drives
+    and what feels it, and moving them would part them from these.
     """
-    window = min(max(4, round(TIMING.window * log.rate)), len(log) // (4 * TIMING.blocks))
-    if window < 4:
-        return 0.0
-    states, valid = log.states.numpy(), log.valid.numpy()
-    signal, rate = states[:, list(pair.channels)], states[:, list(pair.rates)]
-    weights = np.hanning(window + 2)[1:-1]
-    first = np.arange(0, len(log) - window, max(1, window // 2))
-    at = first[:, None] + np.arange(window + 1)
-    at = at[valid[at].all(axis=1)]
-    if len(at) < 4 * TIMING.blocks:
-        return 0.0
+    if not subject.logs:
+        return subject
+    logs, notes = subject.logs, list(subject.notes)
+    pose = subject.model.description().turning is not None
+    for pair in pairs(subject.model, logs[0].measured):
+        shift = 0.0 if pair.rate in subject.differences else shift_of(logs, pair)
+        if abs(shift) >= TIMING.negligible:
+            places, by = (pair.channels, -shift) if pose else (pair.rates, shift)
+            logs = tuple(states_read_later(log, places, by) for log in logs)
+            late, against = (pair.signal, pair.rate) if pose else (pair.rate, pair.signal)
+            notes.append(_said(late, against, 1e3 * by / logs[0].rate))
+    return subject if logs is subject.logs else replace(subject, logs=logs, notes=tuple(notes))
 
-    def changes(x: Array) -> Array:
-        return np.einsum("jkc,k->jc", np.diff(x[at], axis=1), weights)
 
-    means = np.einsum("jkc,k->jc", (rate[at][:, 1:] + rate[at][:, :-1]) / 2, weights) / log.rate
-    missing, moved = changes(signal) - means, changes(rate) / log.rate  # of a rate that is read a sample later
-    parts = [
-        (float((moved[p] * missing[p]).sum()), float((moved[p] ** 2).sum()))
-        for p in np.array_split(np.arange(len(at)), TIMING.blocks)
-    ]
-    along, size = np.array(parts).T
-    if size.sum() == 0:
+def shift_of(logs: Sequence[Log], pair: Pair) -> float:
+    """By how many samples later than filed the rate of a pair is to be read in all logs; 0: no shift is significant.
+
+    A clock is late by the same in all: parts of recordings that disagree make the shift uncertain.
+    """
+    each = math.ceil(TIMING.blocks / len(logs))
+    sums = np.array([part for log in logs for part in _sums(log, pair, each)]).reshape(-1, 2)
+    along, size = sums.T
+    if len(sums) < TIMING.blocks // 2 or not size.sum():
         return 0.0
     value = float(along.sum() / size.sum())
     error = float(np.sqrt(((along - value * size) ** 2).sum()) / size.sum())
-    return value if TIMING.significant * error <= abs(value) <= TIMING.within_window * window else 0.0
+    largest = TIMING.within_window * TIMING.window * logs[0].rate
+    return value if TIMING.significant * error <= abs(value) <= largest else 0.0
 
 
-def _read(log: Log, pair: Pair, shift: float) -> Log:
-    """The log with the rate of a pair read ``shift`` samples later."""
+def _sums(log: Log, pair: Pair, parts: int) -> list[tuple[float, float]]:
+    """What each part of a log says of the shift: Σ m d and Σ d².
+
+    m is what the rate misses of the signal's changes over a window, d its own change, by which it misses less where it
+    is read a sample later: nothing is differentiated.
+    """
+    window = max(4, round(TIMING.window * log.rate))
+    weights = np.hanning(window + 2)[1:-1]
+    first = np.arange(0, len(log) - window, max(1, window // 2))
+    at = first[:, None] + np.arange(window + 1)
+    at = at[log.valid.numpy()[at].all(axis=1)]
+    if len(at) < 4 * parts:
+        return []
+    states = log.states.numpy()
+    signal, rate = states[:, list(pair.channels)], states[:, list(pair.rates)]
+
+    def weighed(x: Array) -> Array:
+        """What x (N − 1, c) adds up to over every window."""
+        return np.einsum("jkc,k->jc", x[at[:, :-1]], weights)
+
+    missing = weighed(change(signal, pair.turns)) - weighed((rate[1:] + rate[:-1]) / 2) / log.rate
+    moved = weighed(np.diff(rate, axis=0)) / log.rate
+    return [
+        (float((moved[p] * missing[p]).sum()), float((moved[p] ** 2).sum()))
+        for p in np.array_split(np.arange(len(at)), parts)
+    ]
+
+
+def states_read_later(log: Log, places: Sequence[int], shift: float) -> Log:
+    """The log with the states in some places read ``shift`` samples later; four of them are a unit quaternion."""
     from scipy.interpolate import CubicSpline  # slow to import, and seldom needed
 
     states, at = log.states.clone(), np.arange(len(log), dtype=float)
     later = np.clip(at + shift, 0, len(log) - 1)
-    places = list(pair.rates)
-    states[:, places] = torch.from_numpy(CubicSpline(at, states[:, places].numpy())(later))
+    read = torch.from_numpy(CubicSpline(at, states[:, list(places)].numpy())(later))
+    states[:, list(places)] = read / torch.linalg.norm(read, dim=1, keepdim=True) if len(places) == 4 else read
     inside = torch.from_numpy((at + shift >= 0) & (at + shift <= len(log) - 1))
     return replace(log, states=states, valid=log.valid & inside)
 
 
-def _said(pair: Pair, ms: Array) -> str:
-    rate, signal = pair.rate.replace("_", " "), pair.signal.replace("_", " ")
-    low, high = sorted(np.abs(ms[[np.abs(ms).argmin(), np.abs(ms).argmax()]]).tolist())
-    by = f"{high:.3g} ms" if high - low < 0.05 * high else f"{low:.3g} to {high:.3g} ms"
-    when = "after" if np.median(ms) > 0 else "before"
+def _said(late: str, against: str, ms: float) -> str:
+    signal, other = (s.replace("_", " ").replace(".", " ") for s in (late, against))
+    by = f"{abs(ms):.3g} ms {'late' if ms > 0 else 'early'}"
     return (
-        f"The {rate} is filed {by} {when} the {signal} of which it is the derivative, and is read so everywhere: by "
-        "differences to the sample before, a filter, or a clock of its own."
+        f"The clock of the {signal} is {by} against that of the {other}, and is corrected: differences to the sample "
+        "before, a filter, or a device of its own."
     )

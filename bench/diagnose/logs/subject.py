@@ -85,6 +85,8 @@ class Subject:
     """Relative 1σ of the model's constants where it differs from the model's own."""
     signals: tuple[str, ...] = ()
     """Signals that were measured in every recording."""
+    differences: tuple[str, ...] = ()
+    """Rates that were computed as differences of their signals, and so have no clock of their own."""
     timed: bool = False
     """Whether the inputs are read at the times at which they act; see `select.input_timing`."""
     parted: bool = False

@@ -17,7 +17,7 @@ from scipy.ndimage import convolve1d
 from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.parts import in_parts
-from bench.diagnose.logs.rate_timing import rates_in_time
+from bench.diagnose.logs.rate_timing import rates_in_time, states_read_later
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import equilibrium
@@ -30,6 +30,9 @@ from bench.diagnose.select.search import Search, admissible, noise_filters, stri
 from bench.diagnose.settings import TIMING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel
+
+_INPUTS, _SENSORS, _MOTION = range(3)
+"""Places of the shifts."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +49,10 @@ def prepared(
 ) -> tuple[Subject, Noise]:
     """The subject with its inputs read when they act, with a note that says so, and the noise of it; once only.
 
-    Rates are read when they were what they say first (`logs.rate_timing`). No input is shifted where some state is not
-    measured, or where no shift can be told. Commands act when they are given, or later, which a lag or a delay says;
-    earlier by a fraction of a sample where all else is filed late, as by a simulator that files the state before a step
-    beside the rate after half of it. The clocks of vehicles are checked by themselves.
+    Rates are read when they were what they say first (`logs.rate_timing`), position and velocity of a vehicle when its
+    attitude tilts the forces. No input is shifted where some state is not measured, or where no shift can be told.
+    Commands act when they are given, or later, which a lag or a delay says; earlier by a fraction of a sample where all
+    else is filed late, as by a simulator that files the state before a step beside the rate after half of it.
 
     Args:
         subject: model and measurements.
@@ -65,7 +68,7 @@ def prepared(
     if not _tells_time(subject):
         return subject, noise
     tick("input timing")
-    inputs, sensed = _shifts(subject, noise)
+    inputs, sensed, moving = _shifts(subject, noise)
     logs, notes = subject.logs, list(subject.notes)
     if abs(inputs.value) >= TIMING.negligible:
         drives, held = drives_of(subject.model, subject.logs[0]), is_held(subject)
@@ -76,6 +79,9 @@ def prepared(
         read = [None if path is None else read_at(path, path.shape[1], sensed.value) for path in paths]
         logs = tuple(replace(log, sensed=path) for log, path in zip(logs, read, strict=True))
         notes.append(_sensor_said(subject, sensed))
+    if abs(moving.value) >= TIMING.negligible:
+        logs = tuple(states_read_later(log, moving_channels(subject.model), moving.value) for log in logs)
+        notes.append(_motion_said(subject, moving))
     if logs is subject.logs:
         return subject, noise
     subject = replace(subject, logs=logs, notes=tuple(notes))
@@ -99,13 +105,17 @@ def mistimed(read: Subject, model: PhysicsModel, noise: Noise) -> bool:
 def _tells_time(subject: Subject) -> bool:
     """Whether recordings could tell when their inputs act, and it is for the clock to say."""
     known, drives = entries(subject.model, subject.uncertainty), drives_of(subject.model, subject.logs[0])
-    held_of_vehicle = is_held(subject) and subject.model.description().turning
-    return bool(known and drives and subject.training) and not (held_of_vehicle or hidden(subject.logs))
+    return bool(known and drives and subject.training) and not hidden(subject.logs)
 
 
 def drives_of(model: PhysicsModel, log: Log) -> int:
     """Channels of the driving signal among a log's inputs."""
     return log.inputs.shape[1] - len(model.extras)
+
+
+def moving_channels(model: PhysicsModel) -> list[int]:
+    """Places of the states that say where a body that turns is and how fast it moves."""
+    return [i for i, c in enumerate(model.state_channels) if c.group in model.description().moving]
 
 
 def is_held(subject: Subject) -> bool:
@@ -138,49 +148,61 @@ def read_at(inputs: torch.Tensor, drives: int, shift: float, held: bool = False)
     return out
 
 
-def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift]:
-    """The shifts of the inputs and of the sensors that all recordings share; zero where they are not significant."""
+def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift, Shift]:
+    """The shifts of the inputs, of the sensors and of the motion of a body that turns, which all recordings share.
+
+    Zero where they are not significant.
+    """
     held, nothing = is_held(subject), Shift(0.0, 0.0, 0.0)
     instant = subject.model.drive_acts_at_once and not held
-    widest = np.array([np.inf if instant else TIMING.within_sample, np.inf])
-    latest = np.array([0.0 if held else -widest[0], -widest[1]])
-    start = np.array([_coarse(subject) if instant else 0.0, 0.0])
-    fit = _Regression(subject, noise, start[0])
-    value, error = start, np.full(2, np.inf)
-    for _ in range(TIMING.steps):
+    widest = np.array([np.inf if instant else TIMING.within_sample, np.inf, np.inf])
+    latest = np.array([0.0 if held else -widest[0], -widest[1], -widest[2]])
+    start = np.array([_coarse(subject) if instant else 0.0, 0.0, 0.0])
+    value, error, moves = start, np.full(len(start), np.inf), True
+    for _ in range(TIMING.linearised):
+        fit = _Regression(subject, noise, float(value[_INPUTS]))
         step, error = fit.step(value)
-        if not np.isfinite([step, error]).all():
-            return nothing, nothing  # nothing moves by which a shift could be told
-        value = np.clip(value + np.clip(step, -1, 1), latest, widest)
-        if (np.abs(step) < TIMING.negligible).all():
+        moves = moves and bool(abs(value[_MOTION] + step[_MOTION]) >= TIMING.significant * error[_MOTION])
+        if not moves:
+            fit.leave(_MOTION)
+            value[_MOTION] = 0.0
+        for _ in range(TIMING.steps):
+            step, error = fit.step(value)
+            if not np.isfinite([step, error]).all():
+                return nothing, nothing, nothing  # nothing moves by which a shift could be told
+            value = np.clip(value + np.clip(step, -1, 1), latest, widest)
+            if (np.abs(step) < TIMING.negligible).all():
+                break
+        if abs(value[_INPUTS] - fit.read_at) < TIMING.anew:
             break
-    value[0], error[0] = _shared(fit, value, error[0])
+    for which in (_INPUTS, _MOTION):
+        value[which], error[which] = _shared(fit, value, which, error[which])
     told = np.abs(value) >= TIMING.significant * error
-    inputs, sensed = (
+    inputs, sensed, moving = (
         Shift(v, v - 1.96 * e, v + 1.96 * e) if t else nothing
         for v, e, t in zip(value.tolist(), error.tolist(), told, strict=True)
     )
-    return inputs, sensed
+    return inputs, sensed, moving
 
 
-def _shared(fit: "_Regression", shift: np.ndarray, error: float) -> tuple[float, float]:
-    """The shift of the inputs that every channel has, and its standard error [samples].
+def _shared(fit: "_Regression", shift: np.ndarray, which: int, error: float) -> tuple[float, float]:
+    """One of the shifts as every channel has it, and its standard error [samples].
 
     A clock is late for all channels alike (χ² of their own shifts). Where they disagree, what delays some of them is no
     clock but something that the model lacks, such as drag that grows with the square of the rates: the clock is late by
     no more than the least of those that tell it.
     """
-    steps, errors = fit.apart(shift)
+    steps, errors = fit.apart(shift, which)
     known = np.isfinite(steps) & np.isfinite(errors) & (errors > 0)
     steps, errors = steps[known], errors[known]
     if len(steps) < 2:
-        return float(shift[0]), error
+        return float(shift[which]), error
     weights = errors**-2
     spread = float((weights * (steps - weights @ steps / weights.sum()) ** 2).sum())
     freedom = len(steps) - 1
     if spread <= freedom + TIMING.significant * (2 * freedom) ** 0.5:
-        return float(shift[0]), error
-    alone, clear = shift[0] + steps, errors < abs(shift[0]) / TIMING.significant
+        return float(shift[which]), error
+    alone, clear = shift[which] + steps, errors < abs(shift[which]) / TIMING.significant
     if not clear.any():
         return 0.0, np.inf
     least = np.flatnonzero(clear)[np.abs(alone[clear]).argmin()]
@@ -204,6 +226,7 @@ class _Regression:
 
     def __init__(self, subject: Subject, noise: Noise, shift: float) -> None:
         """Linearise the model and every effect of the catalogue where inputs are read ``shift`` samples later."""
+        self.read_at = shift
         self.model, self.drives, self.held = subject.model, drives_of(subject.model, subject.logs[0]), is_held(subject)
         self.stack = LogBatch.of(shortened(subject.of(subject.training), TIMING.longest))
         search = Search(subject, (), lambda name: None, noise)
@@ -214,6 +237,13 @@ class _Regression:
         self.linear, self.noisy = (
             directions(self.model, self.model, subject.uncertainty, stack, candidates) for stack in (here, noisy)
         )
+        places = {
+            _SENSORS: [i for i, c in enumerate(self.linear.channels) if c >= self.stack.states.shape[-1]],
+            _MOTION: [i for i, c in enumerate(self.linear.channels) if c in moving_channels(self.model)],
+        }
+        if self.held and self.model.description().turning:
+            places.pop(_SENSORS)  # a lag behind the commands delays what is felt as well
+        self.late = {which: at for which, at in places.items() if at}
         filters = [search.smoothing_of(self.model.measured_channels[c]) for c in self.linear.channels]
         self.tests = TestFunctions.over(self.stack.logs, stride_of(self.stack), filters)
         self.whitening = noise_filters(
@@ -225,23 +255,31 @@ class _Regression:
         inputs = self.stack.inputs + self.drawn if noisy else self.stack.inputs
         return replace(self.stack, inputs=torch.stack([read_at(u, self.drives, shift, self.held) for u in inputs]))
 
-    def step(self, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gauss–Newton step (2,) of the shifts of inputs and sensors, and its standard errors [samples].
+    def leave(self, which: int) -> None:
+        """Ask no more for one of the shifts."""
+        self.late.pop(which, None)
 
-        Without sensors 0 ± 0 for these.
+    @property
+    def shifted(self) -> list[int]:
+        """Which shifts are asked for, in the order of their columns."""
+        return [_INPUTS, *self.late]
+
+    def step(self, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss–Newton step (3,) of the shifts of inputs, sensors and motion, and its standard errors [samples].
+
+        0 ± 0 for what there is none of.
         """
         return self._solved(*self._whitened(shift))
 
-    def apart(self, shift: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same of the inputs by every channel alone: steps (C,) and their standard errors."""
+    def apart(self, shift: np.ndarray, which: int) -> tuple[np.ndarray, np.ndarray]:
+        """The same of one shift by every channel alone that it moves: steps (C,) and their standard errors."""
+        if which not in self.shifted:
+            return np.empty(0), np.empty(0)
         rows, noise = self._whitened(shift)
-        alone = [self._solved(rows.of(c), noise.of(c)) for c in range(rows.channels) if self._moved(rows, c)]
-        steps, errors = (np.array([pair[i][0] for pair in alone]) for i in (0, 1))
+        column = len(self.linear.columns) + self.shifted.index(which)
+        alone = [self._solved(rows.of(c), noise.of(c)) for c in range(rows.channels) if column in rows.acting[c]]
+        steps, errors = (np.array([pair[i][which] for pair in alone]) for i in (0, 1))
         return steps, errors
-
-    def _moved(self, rows: Rows, channel: int) -> bool:
-        """Whether a shift of the inputs moves a channel."""
-        return len(self.linear.columns) in rows.acting[channel]
 
     def _whitened(self, shift: np.ndarray) -> tuple[Rows, Rows]:
         """Rows at some shifts, and what more noise of the inputs makes of them."""
@@ -249,7 +287,7 @@ class _Regression:
         return rows.whitened(self.whitening), rows.less(again).whitened(self.whitening)
 
     def _solved(self, rows: Rows, drawn: Rows) -> tuple[np.ndarray, np.ndarray]:
-        """The step (2,) and its errors that rows, with what noise makes of them, tell."""
+        """The step (3,) and its errors that rows, with what noise makes of them, tell."""
         normal = rows.normal().less(drawn.mean_gram())
         gram = normal.total[:-1, :-1] + np.diag(_precision(self.linear, len(normal.total) - 1))
         scale = equilibrium(np.diag(gram))
@@ -259,33 +297,26 @@ class _Regression:
         scores -= scores.mean(0)
         spread = inverse @ (scores.T @ scores) @ inverse
         error = np.sqrt(np.maximum(np.diag(spread), np.diag(inverse)))
-        shifts, step, spread_of = slice(len(self.linear.columns), None), np.zeros(2), np.zeros(2)
-        found = len(beta[shifts])
-        step[:found], spread_of[:found] = beta[shifts], error[shifts]
+        first, step, spread_of = len(self.linear.columns), np.zeros(3), np.zeros(3)
+        step[self.shifted], spread_of[self.shifted] = beta[first:], error[first:]
         return step, spread_of
 
-    def _sensors(self, linear: Linearization) -> list[int]:
-        """Places, among the channels, of what sensors show of the rates."""
-        return [i for i, c in enumerate(linear.channels) if c >= self.stack.states.shape[-1]]
-
     def _rows(self, linear: Linearization, shift: np.ndarray, noisy: bool) -> Rows:
-        """Rows with a column for the shift of the inputs and, where there are sensors, one for theirs."""
-        at, (inputs, sensors) = self._sensors(linear), shift.tolist()
+        """Rows with a column for the shift of the inputs and for that of each kind of channels that is filed late."""
 
-        def filed(rates: np.ndarray, late: float) -> np.ndarray:
-            """Rates (L, N − 1, channels) of which those of sensors are filed so many samples late."""
+        def filed(rates: np.ndarray, late: np.ndarray) -> np.ndarray:
+            """Rates (L, N − 1, channels) of which those of each kind are filed so many samples late."""
             out = rates.copy()
-            if at:
-                out[..., at] = [read_at(torch.from_numpy(x), len(at), -late).numpy() for x in rates[..., at]]
+            for which, at in self.late.items():
+                out[..., at] = [read_at(torch.from_numpy(x), len(at), -late[which]).numpy() for x in rates[..., at]]
             return out
 
         here, later = (
             mean_rates(self.model, self.read(u, noisy)).numpy()[..., list(linear.channels)]
-            for u in (inputs, inputs + TIMING.probe)
+            for u in (shift[_INPUTS], shift[_INPUTS] + TIMING.probe)
         )
-        rates, moved = filed(here, sensors), [filed(later, sensors)]
-        if at:
-            moved.append(filed(here, sensors + TIMING.probe))
+        rates, moved = filed(here, shift), [filed(later, shift)]
+        moved += [filed(here, shift + TIMING.probe * np.eye(3)[which]) for which in self.late]
         columns = linear.columns.with_more([(m - rates) / TIMING.probe for m in moved])
         return replace(linear, rates=rates, columns=columns).project(self.tests)
 
@@ -308,6 +339,16 @@ def _sensor_said(subject: Subject, shift: Shift) -> str:
     return (
         f"The {signal} is filed {abs(shift.value) * ms:.3g} ms ({low:.3g} to {high:.3g} ms) {when} the motion that it "
         "shows, and is read so everywhere: a clock or a filter of the sensor."
+    )
+
+
+def _motion_said(subject: Subject, shift: Shift) -> str:
+    ms = 1e3 * subject.logs[0].dt
+    low, high = sorted(abs(x) * ms for x in (shift.low, shift.high))
+    when = "after" if shift.value > 0 else "before"
+    return (
+        f"Position and velocity are filed {abs(shift.value) * ms:.3g} ms ({low:.3g} to {high:.3g} ms) {when} the "
+        "attitude that tilts the forces, and are read so everywhere: a filter, or a clock of its own."
     )
 
 

@@ -77,6 +77,16 @@ class Timing:
         9_000, "samples that are looked at; more would make it slower and hardly surer", Basis.EFFORT, "samples"
     )
     steps: int = threshold(3, "Gauss–Newton steps to the shift", Basis.EFFORT, "count")
+    linearised: int = threshold(
+        2, "times that the model is linearised where its inputs are read", Basis.EFFORT, "count"
+    )
+    anew: float = threshold(
+        0.05,
+        "change of the inputs' shift from which it is: a thrust that is a third too small would make that shift seem a "
+        "third too large",
+        Basis.JUDGED,
+        "samples",
+    )
     window: float = threshold(
         0.1, "time over which a rate is held against the signal whose derivative it is", Basis.JUDGED, "s"
     )
