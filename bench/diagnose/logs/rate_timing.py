@@ -23,7 +23,8 @@ def rates_in_time(subject: Subject) -> Subject:
     if subject.model.description().turning or not subject.logs:
         return subject
     logs, notes = list(subject.logs), list(subject.notes)
-    for pair in pairs(subject.model, subject.logs[0].measured):
+    measured = [m and i not in subject.slopes for i, m in enumerate(subject.logs[0].measured)]  # a slope is in time
+    for pair in pairs(subject.model, tuple(measured)):
         shifts = np.array([shift_of(log, pair) for log in logs])
         if np.abs(shifts).max() < TIMING.negligible:
             continue

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.diagnose.logs.smoothing import Smoothing
+from bench.diagnose.logs.smoothing import Slope, Smoothing
 from registry.contracts import Recording
 from registry.datasets.folder.dataset import Folder
 from registry.dynamics import PhysicsModel
@@ -79,8 +79,10 @@ class Subject:
     """Names of the recordings that only test."""
     smoothing: Smoothing | None = None
     """As stated; None: to be estimated."""
+    slopes: dict[int, Slope] = field(default_factory=dict)
+    """States that were not measured and are slopes of others, by place; see `logs.slopes`."""
     noise: dict[str, float] = field(default_factory=dict)
-    """1σ before smoothing, by signal, SI, as stated."""
+    """1σ before smoothing, by signal, SI, as stated, or as slopes were read from it."""
     uncertainty: dict[str, float] = field(default_factory=dict)
     """Relative 1σ of the model's constants where it differs from the model's own."""
     signals: tuple[str, ...] = ()
