@@ -12,6 +12,9 @@ from registry.core import EFFECTS
 from registry.dynamics import InputEffect, constant, tensor
 from registry.effects.mechanics.friction import ForceEffect, scaled
 
+_RIGID = 1e-9
+"""Period [s] up to which a joint does not bend at all, so that rounding errors of zero are zero."""
+
 
 @EFFECTS.register("cubic_stiffness")
 @dataclass(frozen=True)
@@ -81,10 +84,10 @@ class JointElasticity(InputEffect):
         """Exact for a drive that is linear over each half step; see `InputEffect.act`."""
         period, zeta = scaled(self.period, segment), scaled(self.damping, segment)
         force, slope = memory.chunk(2, dim=-1)
-        time = dt / 2 / period.clamp(min=1e-9)  # in units of T
+        time = dt / 2 / period.clamp(min=_RIGID)  # in units of T
         root = (1 - zeta * zeta).sqrt()
         decay, cosine, sine = torch.exp(-zeta * time), torch.cos(root * time), torch.sin(root * time) / root
-        first = torch.where(period > 0, force, segment[..., 0, :])
+        first = torch.where(period > _RIGID, force, segment[..., 0, :])
         out = [first]
         for start, end in ((segment[..., 0, :], segment[..., 1, :]), (segment[..., 1, :], segment[..., 2, :])):
             ramp = (end - start) / (dt / 2) * period  # the rise in T, which the force follows 2 ζ later
@@ -101,7 +104,7 @@ class JointElasticity(InputEffect):
         z = F − i (T dF/dt + ζ F) / √(1 − ζ²) only turns and shrinks beside what follows a ramp.
         """
         period, zeta = (tensor(p, segments).unsqueeze(-1).unsqueeze(-1) for p in (self.period, self.damping))
-        root, time = (1 - zeta * zeta).sqrt(), dt / 2 / period.clamp(min=1e-9)
+        root, time = (1 - zeta * zeta).sqrt(), dt / 2 / period.clamp(min=_RIGID)
 
         def turning(force: Tensor, slope: Tensor) -> Tensor:
             return torch.complex(force, -(slope + zeta * force) / root)
@@ -117,6 +120,6 @@ class JointElasticity(InputEffect):
             turn, reach = turn * turn, 2 * reach
         force = path.real
         slope = -root * path.imag - zeta * force
-        begin = torch.where(period > 0, force[..., :-1:2, :], segments[..., 0, :])
+        begin = torch.where(period > _RIGID, force[..., :-1:2, :], segments[..., 0, :])
         out = torch.stack([begin, force[..., 1::2, :], force[..., 2::2, :]], dim=-2)
         return torch.cat([force, slope], dim=-1)[..., ::2, :], out
