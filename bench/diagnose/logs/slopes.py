@@ -66,8 +66,8 @@ def _with(made: Sloped, pair: Pair, model: PhysicsModel, processing: Smoothing |
         masks = [r.valid for r in made.recordings]
         stretches = [x[a:b] for x, good in zip(paths, masks, strict=True) for a, b in runs(good)]
         sigma = np.maximum(white_level(paths, masks), _count(stretches) / 12**0.5)
-        smoothing = _best(stretches, sigma)
-        noise = noise | {pair.signal: float(np.sqrt((sigma**2).mean()))}
+        smoothing, level = _best(stretches, sigma)
+        noise = noise | {pair.signal: level}
     else:  # a rate that is read from a smoothed signal needs no filter of its own
         smoothing = replace(processing, derived=True, differenced=True)
     weights = impulse_response(smoothing, True) if not smoothing.differenced else np.array([-0.5, 0.0, 0.5])
@@ -93,17 +93,21 @@ def _count(stretches: Sequence[Array]) -> Array:
     """The least step (c,) of a signal from one sample to the next: one count of an encoder, or a rounding error."""
     steps = np.concatenate([np.abs(np.diff(x, axis=0)) for x in stretches])
     rounding = 1e-9 * max(float(np.abs(x).max()) for x in stretches)
-    return np.where(steps > rounding, steps, np.inf).min(axis=0, initial=np.inf, where=steps > rounding)
+    least = np.where(steps > rounding, steps, np.inf).min(axis=0)
+    return np.where(np.isfinite(least), least, 0.0)
 
 
-def _best(stretches: Sequence[Array], sigma: Array) -> Smoothing:
+def _best(stretches: Sequence[Array], sigma: Array) -> tuple[Smoothing, float]:
     """The window of a local cubic whose slope errs least, of signals (N, c) with white noise of 1σ (c,).
+
+    Counts of an encoder that turns slowly are more than white noise. So what is said with the window is the noise that
+    differs so over half of it, where a cubic follows all that moves.
 
     The mean square of the error is what noise makes, σ² Σ w², and what the polynomial does not follow. The latter is
     the difference to the slope over half the window, which follows far better (its error goes with the fourth power of
     the window), less what noise makes of that.
     """
-    window, least, best = SLOPING.shortest, np.inf, Smoothing()
+    window, least, best, heard = SLOPING.shortest, np.inf, Smoothing(), {0: sigma**2}
     longest = min(SLOPING.longest, max(map(len, stretches)) // SLOPING.windows)
     while window <= longest:
         tried = Smoothing("savgol", window, 3, derived=True)
@@ -112,11 +116,14 @@ def _best(stretches: Sequence[Array], sigma: Array) -> Smoothing:
         more = weights - np.pad(impulse_response(replace(tried, window=half), True), (window - half) // 2)
         edge = window // 2
         apart = [correlate1d(x, more, axis=0)[edge:-edge] ** 2 for x in stretches if len(x) > window]
-        missed = np.concatenate(apart).mean(0) - sigma**2 * (more @ more)
+        power = np.concatenate(apart).mean(0)
+        missed = power - sigma**2 * (more @ more)
         error = float((np.maximum(missed, 0) + sigma**2 * (weights @ weights)).sum())
         if error < least:
             least, best = error, tried
         if error > SLOPING.hopeless * least:
             break
+        if half < window:
+            heard[window] = power / (more @ more)
         window = max(window + 2, 2 * round(SLOPING.step * window / 2) + 1)
-    return best
+    return best, float(np.sqrt(heard[max(w for w in heard if 2 * w <= best.window)].mean()))

@@ -79,8 +79,6 @@ class Subject:
     """Names of the recordings that only test."""
     smoothing: Smoothing | None = None
     """As stated; None: to be estimated."""
-    slopes: dict[int, Slope] = field(default_factory=dict)
-    """States that were not measured and are slopes of others, by place; see `logs.slopes`."""
     noise: dict[str, float] = field(default_factory=dict)
     """1σ before smoothing, by signal, SI, as stated, or as slopes were read from it."""
     uncertainty: dict[str, float] = field(default_factory=dict)
@@ -103,6 +101,8 @@ class Subject:
     """Where they were read from, if a dataset.toml describes them."""
     finer: dict[str, str] = field(default_factory=dict)
     """By signal, the option of the data set that reads it from a finer sensor."""
+    slopes: dict[int, Slope] = field(default_factory=dict)
+    """States that were not measured and are slopes of others, by place; see `logs.slopes`."""
 
     def of(self, names: Sequence[str]) -> tuple[Log, ...]:
         """The logs of these names, in order."""
