@@ -12,10 +12,12 @@ from scipy.ndimage import correlate1d
 from torch import Tensor
 
 from bench.diagnose import diagnose, load
+from bench.diagnose.checks import shifts as check
 from bench.diagnose.logs.noise import impulse_response, noise_of
 from bench.diagnose.logs.slopes import with_slopes
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.select import by_simulation
+from bench.diagnose.settings import SHIFTING
 from bench.diagnose.simulate.floor import measure
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Channel, Recording
@@ -155,6 +157,18 @@ def test_a_stated_filter_is_not_gone_through_twice() -> None:
     made = with_slopes([recording(q[0], u[0])], Shaft(), filtered)
     assert made.slopes[1].smoothing == replace(filtered, differenced=True) and made.noise == {}
     assert made.recordings[0].outputs[2:-2, 1] == pytest.approx(np.gradient(q[0], 1 / RATE)[2:-2])
+
+
+def test_what_noise_of_a_slope_shifts_is_no_fault_of_the_log(swing, monkeypatch) -> None:
+    subject = load(*swing)
+    window = subject.slopes[1].smoothing.window
+    for times, stopped in ((0.9, False), (1.1, True)):
+        lag = -times * SHIFTING.blurred * window
+        assert lag < -SHIFTING.certain
+        monkeypatch.setattr(check, "lag_of", lambda *_, lag=lag: (lag, 0.9))
+        found, suspected = check.shifts(subject, {})
+        assert bool(found) is stopped and bool(suspected) is not stopped
+        assert check.shifts(replace(subject, slopes={}), {})[0]
 
 
 @pytest.mark.parametrize("model, seen", [(Tanks(), ("level.lower",)), (Quadrotor(), ("position", "body_rates"))])
