@@ -14,7 +14,7 @@ from bench.diagnose.logs.consistency import Pair, pairs
 from bench.diagnose.logs.noise import impulse_response, white_level
 from bench.diagnose.logs.smoothing import Slope, Smoothing
 from bench.diagnose.logs.subject import self_contained
-from bench.diagnose.settings import SLOPING
+from bench.diagnose.settings import READING, SLOPING
 from registry.contracts import Recording
 from registry.datasets.reading.cleaning import runs
 from registry.dynamics import PhysicsModel
@@ -65,6 +65,9 @@ def _with(made: Sloped, pair: Pair, model: PhysicsModel, processing: Smoothing |
     if processing is None or processing.kind == "none":
         masks = [r.valid for r in made.recordings]
         stretches = [x[a:b] for x, good in zip(paths, masks, strict=True) for a, b in runs(good)]
+        if not stretches:
+            return made
+        stretches = stretches[:: -(-sum(map(len, stretches)) // READING.enough)]
         sigma = np.maximum(white_level(paths, masks), _count(stretches) / 12**0.5)
         smoothing, level = _best(stretches, sigma)
         noise = noise | {pair.signal: level}
@@ -82,9 +85,10 @@ def _with(made: Sloped, pair: Pair, model: PhysicsModel, processing: Smoothing |
     )
     slopes = {j: Slope(i, smoothing) for i, j in zip(pair.channels, pair.rates, strict=True)}
     ms = 1e3 * (len(weights) - 1) / made.recordings[0].rate
+    how = f"of a local cubic over {len(weights)} samples ({ms:.3g} ms)"
     note = (
         f"The {pair.rate.replace('_', ' ')} was not measured: it is the slope of the {pair.signal.replace('_', ' ')}, "
-        f"of a local polynomial over {len(weights)} samples ({ms:.3g} ms), and so what is said of it is said of that."
+        f"{'over its neighbours' if smoothing.differenced else how}, and what is said of it is said of that."
     )
     return Sloped(recordings, made.slopes | slopes, noise, (*made.notes, note))
 
@@ -107,7 +111,7 @@ def _best(stretches: Sequence[Array], sigma: Array) -> tuple[Smoothing, float]:
     the difference to the slope over half the window, which follows far better (its error goes with the fourth power of
     the window), less what noise makes of that.
     """
-    window, least, best, heard = SLOPING.shortest, np.inf, Smoothing(), {0: sigma**2}
+    window, least, best, heard = SLOPING.shortest, np.inf, Smoothing(derived=True), {0: sigma**2}
     longest = min(SLOPING.longest, max(map(len, stretches)) // SLOPING.windows)
     while window <= longest:
         tried = Smoothing("savgol", window, 3, derived=True)
