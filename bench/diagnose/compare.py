@@ -22,7 +22,7 @@ from bench.diagnose.result import ByGroup, GroupError
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.settings import COMPARING
 from bench.diagnose.simulate.disturbance import Observer
-from bench.diagnose.simulate.floor import filter_half_width, floor
+from bench.diagnose.simulate.floor import floor
 from bench.diagnose.simulate.free_run import (
     Group,
     clear_starts,
@@ -211,7 +211,7 @@ def free_runs(
     logs = subject.of(subject.held_out if names is None else names)
     rate = logs[0].rate if logs else math.nan
     steps = default_steps(logs) if horizon_s is None else max(1, round(horizon_s * rate))
-    clear = margin(logs, filter_half_width(noise.smoothing))
+    clear = margin(logs, noise.half_width)
     every = max(1, sum(map(len, logs)) // COMPARING.free_runs)
     found = clear_starts(logs, steps, every, clear)
     kept = [(log, at) for log, at in zip(logs, found, strict=True) if len(at)]

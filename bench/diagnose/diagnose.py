@@ -215,7 +215,9 @@ def _added(run: _Run, found: Discovery) -> Extension | None:
 def _calibrated_only(run: _Run, found: Discovery) -> Extension:
     """The calibrated model, to which no effect is added, and its errors."""
     subject, model, numbers = run.subject, found.calibrated, found.constants
-    if subject.model.effects:  # it was fitted so that free runs meet the measurements, and stays so
+    # A model with effects was fitted so that free runs meet the measurements, and stays so; in the weak form a slope in
+    # place of a rate is filtered twice, which free runs do not see.
+    if subject.model.effects or subject.slopes:
         model, estimated = fit_parameters(subject, subject.model, run.noise, run.tick)
         numbers = tuple(estimated)
     comparison = compare(subject, {"calibrated": model}, noise=run.noise, horizon_s=run.horizon_s)

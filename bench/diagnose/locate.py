@@ -21,7 +21,7 @@ from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.result import Region
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.settings import LOCATING
-from bench.diagnose.simulate.floor import filter_half_width, floor
+from bench.diagnose.simulate.floor import floor
 from bench.diagnose.simulate.free_run import (
     Group,
     clear_starts,
@@ -114,7 +114,7 @@ def locate(
     judged, variance = _judged(model, logs)
     with torch.no_grad():
         every = max(1, steps // LOCATING.overlap, sum(map(len, logs)) // LOCATING.free_runs)
-        at = clear_starts(logs, steps, every, margin(logs, filter_half_width(noise.smoothing)))
+        at = clear_starts(logs, steps, every, margin(logs, noise.half_width))
         squared = errors(free_run(model, logs, at, steps), measured_windows(logs, at, steps), judged)[:, -1].numpy()
         chance = floor(model, logs, at, steps, noise, judged)[:, :, -1].flatten(0, 1).numpy()
         diverged = 1e3 * float(squared[np.isfinite(squared)].max(initial=1.0))
@@ -138,7 +138,7 @@ def locate(
         named = {condition.name: region.region for region, condition in reversed(found)}
         maps = residual_maps(model, after, stack, where, noise, window=steps, regions=named)
         worst = judged[int(np.argmax(ratio.mean(0)))]
-        shown = _worst(model, after, logs, worst, margin(logs, filter_half_width(noise.smoothing)))
+        shown = _worst(model, after, logs, worst, margin(logs, noise.half_width))
     spread = "The error is spread over all that the system does: no condition stands out in several recordings."
     none = spread if visible.any() else "The error is no larger than noise and smoothing make it."
     notes = () if regions else (none,)

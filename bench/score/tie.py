@@ -12,7 +12,6 @@ from bench.diagnose.extend import extend
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.simulate.floor import filter_half_width
 from bench.diagnose.simulate.free_run import default_steps, errors, free_run, groups, starts
 from bench.score.case import Case
 from bench.score.chains import measured
@@ -55,7 +54,7 @@ def distance(
 def _difference(who: Subject, one: PhysicsModel, other: PhysicsModel, noise: Noise) -> np.ndarray:
     """Root mean square difference (groups,) of two models' free runs at the last step, on held-out recordings."""
     logs = who.of(who.held_out)
-    steps, margin = default_steps(logs), filter_half_width(noise.smoothing)
+    steps, margin = default_steps(logs), noise.half_width
     at = [starts(log, steps + 2 * margin, EVERY) + margin for log in logs]
     judged = groups(who.model.state_channels, [all(m) for m in zip(*(log.measured for log in logs), strict=True)])
     with torch.no_grad():

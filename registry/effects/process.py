@@ -80,9 +80,16 @@ class StaticInputEffect(DriveEffect):
         """Sample by sample; see `InputEffect.act`."""
         return memory, self.characteristic(segment)
 
+    @override
+    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """All samples at once; see `InputEffect.over`."""
+        steps, inputs = segments.shape[-3], segments.shape[-1]
+        out = self.characteristic(segments.transpose(-3, -2).flatten(-2)).unflatten(-1, (steps, inputs))
+        return out.new_zeros(*out.shape[:-3], steps + 1, 0), out.transpose(-3, -2)
+
     @abstractmethod
     def characteristic(self, drive: Tensor) -> Tensor:
-        """The drive (…, 3, m) that comes out of the one that goes in: the static characteristic."""
+        """The drive (…, 3, m) that comes out of the one that goes in, each number by itself: the characteristic."""
 
 
 @EFFECTS.register("dead_zone")

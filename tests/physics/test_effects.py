@@ -15,6 +15,8 @@ from registry.dynamics import InputEffect
 from registry.effects.actuation import InputDelay, MotorLag
 from registry.effects.air import LinearDrag
 from registry.effects.mass import CogOffset
+from registry.effects.mechanics.stiffness import JointElasticity
+from registry.effects.process import CurvedDrive, DeadZone, Saturation
 from registry.effects.rotor import GroundEffect, RotorReactionTorque
 from registry.effects.suspended_load import SuspendedLoad
 from registry.effects.thrust import BatterySag, RotorMisalignment, UnequalRotors
@@ -182,6 +184,35 @@ def test_a_delay_of_a_whole_recording_at_once_is_that_of_its_steps(held, delay):
         strict=True,
     ):
         torch.testing.assert_close(at_once, stepped, rtol=1e-13, atol=1e-13)
+
+
+MANY = torch.tensor([[0.2], [0.9]], dtype=F64)
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        DeadZone(0.3),
+        DeadZone(MANY),
+        Saturation(0.8),
+        CurvedDrive(MANY, 1.2),
+        JointElasticity(0.03, 0.2),
+        JointElasticity(0.0, 0.1),
+        JointElasticity(MANY / 10, MANY / 2),
+    ],
+    ids=lambda e: type(e).__name__,
+)
+def test_a_drive_of_a_whole_recording_at_once_is_that_of_its_steps(held, effect):
+    u = torch.randn(3, 40, 2, generator=torch.Generator().manual_seed(0), dtype=F64)
+    before, after = u[:, :-1], u[:, 1:]
+    segments = torch.stack([before] * 3 if held else [before, (before + after) / 2, after], dim=-2)
+    if any(isinstance(p.value, torch.Tensor) for p in effect.parameters()):
+        segments = segments.expand(2, *segments.shape)
+    first = segments[..., 0, 0, :]
+    stepped = InputEffect.over(effect, first, segments, 0.01, held)
+    for at_once, one_by_one in zip(effect.over(first, segments, 0.01, held), stepped, strict=True):
+        torch.testing.assert_close(at_once, one_by_one, rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.parametrize("held", [False, True])

@@ -25,7 +25,7 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import ByGroup, Diagnosis, GroupError
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.settings import CEILING
-from bench.diagnose.simulate.floor import filter_half_width, floor
+from bench.diagnose.simulate.floor import floor
 from bench.diagnose.simulate.free_run import Group, errors, margin, measured_windows, starts
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
@@ -111,7 +111,7 @@ def ceiling(
     subject, noise = prepared(subject, tick=tick)
     runs = free_runs(subject, noise, horizon_s=horizon_s)
     tick("free runs")
-    grid, clear = Grid(runs.steps), margin(runs.logs, filter_half_width(noise.smoothing))
+    grid, clear = Grid(runs.steps), margin(runs.logs, noise.half_width)
     known = _parts(subject.of(subject.training), runs.steps, clear)
     learned, others = (Examples.of(model, logs, at, grid, runs.groups) for logs, at in known)
     networks = Networks.learned(learned, others, _telling(tick))

@@ -28,6 +28,7 @@ def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProble
     if not clear:
         return [], []
     middle = float(np.median(list(clear.values())))
+    blurred = SHIFTING.blurred * max((s.smoothing.window for s in subject.slopes.values()), default=0)
     signal = subject.logs[0].recording.input_channels[0].group
     by_name = {log.name: log for log in subject.logs}
     problems = []
@@ -39,7 +40,7 @@ def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProble
             len(others) >= 3
             and lags[name][1] > SHIFTING.least_correlation
             and abs(lag) > SHIFTING.suspect  # else it is in time, and the others lag by what they do more of
-            and abs(lag - usual) > max(SHIFTING.different, SHIFTING.apart * spread)
+            and abs(lag - usual) > max(SHIFTING.different, SHIFTING.apart * spread, blurred)
         ):
             ms = 1e3 * by_name[name].dt
             detail = (
@@ -65,7 +66,7 @@ def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProble
         f"the motion comes {abs(middle):.1f} samples ({abs(middle) * ms:.3g} ms) {side} what {signal} says: {cause}"
     )
     sentence = f"in {len(clear)} of {len(lags)} recordings {detail}"
-    if middle < -SHIFTING.certain:
+    if middle < -max(SHIFTING.certain, blurred):
         # No vehicle moves before its inputs: what acts is filed too late, whatever else is missing.
         return [
             DataProblem(n, signal, "time shift", (0, len(by_name[n]) - 1), f"{sentence} No input_delay explains that.")

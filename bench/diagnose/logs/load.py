@@ -12,6 +12,7 @@ from bench.diagnose.logs.meant import as_meant
 from bench.diagnose.logs.own_system import own_class
 from bench.diagnose.logs.parts import thirds
 from bench.diagnose.logs.sample import shared
+from bench.diagnose.logs.slopes import with_slopes
 from bench.diagnose.logs.smoothing import Smoothing, stated
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.settings import READING
@@ -58,18 +59,25 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         model = _nominal(dataset, kind, constants, drive, _extras(recordings[0], signals - {drive}))
     training, held_out = partition(dataset, [r.name for r in recordings])
     many = sum(map(len, recordings)) > READING.enough  # most of them are checked only
-    logs = (log_of(r, model, drive) for r in recordings)
+    smoothing = _smoothing(dataset, min(map(len, recordings)))
+    sloped = with_slopes(recordings, model, smoothing)
+    logs = (log_of(r, model, drive) for r in sloped.recordings)
     subject = Subject(
         name=dataset.label,
         model=model,
         logs=tuple(shared(log) if many else log for log in logs),
         training=training,
         held_out=held_out,
-        smoothing=_smoothing(dataset, min(map(len, recordings))),
-        noise={k: float(v) for k, v in dict(dataset.processing.get("noise", {})).items()},
+        smoothing=smoothing,
+        slopes=sloped.slopes,
+        noise=sloped.noise | {k: float(v) for k, v in dict(dataset.processing.get("noise", {})).items()},
         uncertainty=dict(dataset.uncertainty),
-        signals=tuple(sorted(signals)),
-        notes=(*measured.made, *(_taken(dataset, model) if nominal and isinstance(dataset, Folder) else ())),
+        signals=tuple(sorted(signals | {model.state_channels[i].group for i in sloped.slopes})),
+        notes=(
+            *measured.made,
+            *sloped.notes,
+            *(_taken(dataset, model) if nominal and isinstance(dataset, Folder) else ()),
+        ),
         resampled=measured.made,
         folder=dataset if isinstance(dataset, Folder) else None,
         finer=dataset.finer_signals,

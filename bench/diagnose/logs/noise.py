@@ -1,13 +1,13 @@
 """Noise of measured states and inputs, as stated or from their spectra, and the filter that both went through."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
 from bench.diagnose.logs.filters import savitzky_golay
-from bench.diagnose.logs.smoothing import Smoothing
+from bench.diagnose.logs.smoothing import Slope, Smoothing
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.settings import HEARING
 from registry.contracts import Channel
@@ -41,9 +41,19 @@ class Noise:
     """What was stated, what was estimated."""
     sensed: tuple[float, ...] = ()
     """(f,) 1σ of what sensors show of the rates."""
+    slopes: dict[int, Slope] = field(default_factory=dict)
+    """State channels that are slopes of others; see `logs.slopes`."""
+
+    @property
+    def half_width(self) -> int:
+        """Samples on either side that a state depends on."""
+        own = (impulse_response(self.smoothing, d) for d in (False, self.smoothing.derived))
+        return max(len(w) // 2 for w in (*own, *(impulse_response(s.smoothing, True) for s in self.slopes.values())))
 
     def smoothing_of(self, channel: int) -> Smoothing:
         """What a state channel went through, as the weak form takes it."""
+        if channel in self.slopes:
+            return self.slopes[channel].smoothing
         s = self.smoothing
         return replace(s, derived=self.derived[channel])
 
@@ -55,8 +65,8 @@ def noise_of(subject: Subject) -> Noise:
     filter's shape, by which the filter is known (Whittle's likelihood), and its height gives 1σ.
     """
     logs, channels = subject.logs, subject.model.state_channels
-    measured = tuple(all(log.measured[i] for log in logs) for i in range(len(channels)))
-    places, length = channel_indices(channels, measured), _segment(logs)
+    measured = tuple(i not in subject.slopes and all(log.measured[i] for log in logs) for i in range(len(channels)))
+    places, length = channel_indices(channels, measured), _segment([log.valid.numpy() for log in logs])
     height = {g: _height(logs, at, length) for g, at in places.items()}
     own = {g for g in subject.noise if g in DERIVED_FROM}  # a sensor of its own has noise of its own
     notes = []
@@ -89,6 +99,8 @@ def noise_of(subject: Subject) -> Noise:
         weights = impulse_response(smoothing, is_derived)
         raw.append(0.0 if is_derived else of)
         processed.append(of * float(np.linalg.norm(weights)) * (logs[0].rate if is_derived else 1.0))
+    for i, slope in subject.slopes.items():
+        processed[i] = raw[slope.of] * float(np.linalg.norm(impulse_response(slope.smoothing, True))) * logs[0].rate
     inputs, through = _input_noise(subject, replace(smoothing, derived=False), length)
     if through.kind != "none":
         notes.append(f"The inputs show {through} as well.")
@@ -102,7 +114,14 @@ def noise_of(subject: Subject) -> Noise:
         input_smoothing=through,
         notes=tuple(notes),
         sensed=sensed,
+        slopes=subject.slopes,
     )
+
+
+def white_level(series: Sequence[np.ndarray], valid: Sequence[np.ndarray]) -> np.ndarray:
+    """1σ (c,) of the noise of signals (N, c), each with its mask (N,), if it is white: as quiet frequencies have it."""
+    power = _spectrum(series, valid, _segment(valid))[QUIET]
+    return np.asarray(np.sqrt(np.median(power, axis=0)))
 
 
 # ---------------------------------------------------------------------------------------------------- the filter
@@ -174,9 +193,9 @@ def channel_indices(channels: Sequence[Channel], measured: Sequence[bool]) -> di
     return found
 
 
-def _segment(logs: Sequence[Log]) -> int:
+def _segment(valid: Sequence[np.ndarray]) -> int:
     """Samples of a spectrum: `HEARING.segment`, or less where no recording is as long without a gap."""
-    longest = max((b - a for log in logs for a, b in runs(log.valid.numpy())), default=0)
+    longest = max((b - a for good in valid for a, b in runs(good)), default=0)
     return next((n for n in (HEARING.segment, HEARING.segment // 2) if n <= longest), HEARING.segment // 4)
 
 

@@ -29,7 +29,8 @@ def rates_in_time(subject: Subject) -> Subject:
         return subject
     logs, notes = subject.logs, list(subject.notes)
     pose = subject.model.description().turning is not None
-    for pair in pairs(subject.model, logs[0].measured):
+    measured = [m and i not in subject.slopes for i, m in enumerate(logs[0].measured)]  # a slope is in time
+    for pair in pairs(subject.model, tuple(measured)):
         shift = 0.0 if pair.rate in subject.differences else shift_of(logs, pair)
         if abs(shift) >= TIMING.negligible:
             places, by = (pair.channels, -shift) if pose else (pair.rates, shift)

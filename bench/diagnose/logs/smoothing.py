@@ -81,6 +81,16 @@ class Smoothing:
         return what + (read if self.derived else "")
 
 
+@dataclass(frozen=True)
+class Slope:
+    """Where a state comes from that was not measured: it is the rate of another one."""
+
+    of: int
+    """Place of that among the model's states."""
+    smoothing: Smoothing
+    """The local polynomial whose slope it is; ``derived``."""
+
+
 def stated(processing: dict[str, object]) -> Smoothing | None:
     """The filter that a description's [processing] states, or None.
 

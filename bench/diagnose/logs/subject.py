@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.diagnose.logs.smoothing import Smoothing
+from bench.diagnose.logs.smoothing import Slope, Smoothing
 from registry.contracts import Recording
 from registry.datasets.folder.dataset import Folder
 from registry.dynamics import PhysicsModel
@@ -80,7 +80,7 @@ class Subject:
     smoothing: Smoothing | None = None
     """As stated; None: to be estimated."""
     noise: dict[str, float] = field(default_factory=dict)
-    """1σ before smoothing, by signal, SI, as stated."""
+    """1σ before smoothing, by signal, SI, as stated, or as slopes were read from it."""
     uncertainty: dict[str, float] = field(default_factory=dict)
     """Relative 1σ of the model's constants where it differs from the model's own."""
     signals: tuple[str, ...] = ()
@@ -103,6 +103,8 @@ class Subject:
     """Where they were read from, if a dataset.toml describes them."""
     finer: dict[str, str] = field(default_factory=dict)
     """By signal, the option of the data set that reads it from a finer sensor."""
+    slopes: dict[int, Slope] = field(default_factory=dict)
+    """States that were not measured and are slopes of others, by place; see `logs.slopes`."""
 
     def of(self, names: Sequence[str]) -> tuple[Log, ...]:
         """The logs of these names, in order."""

@@ -12,7 +12,7 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.manoeuvre.limits import Limits
 from bench.diagnose.manoeuvre.waveform import PARAMETERS, signals
 from bench.diagnose.settings import COMPOSING
-from bench.diagnose.simulate.floor import filter_half_width, measure
+from bench.diagnose.simulate.floor import measure
 from registry.contracts import Recording
 from registry.dynamics import PhysicsModel
 
@@ -85,7 +85,7 @@ class Player:
     def logs(self, played: Played) -> list[Log]:
         """The runs as logs, with the noise and the smoothing of the recordings: the same noise at every call."""
         log, channels = self.log, self.model.state_channels
-        margin = filter_half_width(self.noise.smoothing)
+        margin = self.noise.half_width
         there = slice(margin, self.samples - margin)
         generator = np.random.default_rng(0)
         seen = measure(played.states, self.noise, channels, self.dt, generator)

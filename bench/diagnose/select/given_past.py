@@ -26,7 +26,6 @@ from bench.diagnose.select.subset import Fit, Subsets
 from bench.diagnose.select.verify import estimates
 from bench.diagnose.settings import EXTENDING, MATTERING, RELEASING, STEPPING
 from bench.diagnose.simulate.disturbance import pasts
-from bench.diagnose.simulate.floor import filter_half_width
 from bench.diagnose.simulate.teacher_forced import increments
 from registry.core import EFFECTS
 from registry.dynamics import InputEffect, PhysicsModel
@@ -163,7 +162,7 @@ def foretold(weighing: Weighing, without: PhysicsModel, model: PhysicsModel, gro
 
 def _unforetold(weighing: Weighing, model: PhysicsModel, at: Sequence[int], horizon: int) -> np.ndarray:
     """Squared errors (W,) of a model's equation on held-out recordings that its own past does not tell."""
-    late = filter_half_width(weighing.noise.smoothing)
+    late = weighing.noise.half_width
     parts = []
     for left in (increments(model, weighing.train, weighing.noise), weighing.increments(model)):
         errors, recording, first = left.over(horizon, max(1, horizon // 4))

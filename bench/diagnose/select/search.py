@@ -118,7 +118,7 @@ class Search:
         self._made: dict[tuple[int, ...], TestFunctions] = {}
         noise = noise or noise_of(subject)
         filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
-        self.smoothing = {c.group: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
+        self.smoothing = {c.name: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
         drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
         through = noise.input_smoothing.coarser(stride).kernel()
         sigma = input_noise(self.stack, drives, through)
@@ -136,7 +136,7 @@ class Search:
 
     def smoothing_of(self, channel: Channel) -> Smoothing:
         """What a measured channel went through."""
-        return self.smoothing.get(channel.group, Smoothing())
+        return self.smoothing.get(channel.name, Smoothing())
 
     def let_go(self, name: str | None) -> bool:
         """Whether there is a constant of this name to let go; nothing stated holds it from now on."""

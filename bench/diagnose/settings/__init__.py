@@ -11,7 +11,7 @@ from bench.diagnose.settings.ceiling import Ceiling
 from bench.diagnose.settings.checks import Aligning, Freezing, Hitting, Leaving, Shifting, Spiking
 from bench.diagnose.settings.conventions import Lifting, Mending, Mounting, Offsetting, Sampling, Trying, Turning
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
-from bench.diagnose.settings.logs import Hearing, Reading
+from bench.diagnose.settings.logs import Hearing, Reading, Sloping
 from bench.diagnose.settings.manoeuvre import Assuring, Composing, Designing, Limiting, Separating
 from bench.diagnose.settings.regression import Calibrating, Folding, Following, Linearising, Mapping, Waving
 from bench.diagnose.settings.select import (
@@ -51,6 +51,7 @@ TURNING = Turning()
 LIFTING = Lifting()
 READING = Reading()
 HEARING = Hearing()
+SLOPING = Sloping()
 UNSEEN = Unseen()
 HIDING = Hiding()
 SEARCHING = Searching()

@@ -105,6 +105,12 @@ class Shifting:
         1.5, "shift of one recording against the others from which it is a fault", Basis.JUDGED, "samples"
     )
     apart: float = threshold(5.0, "times as far as the others are from each other that it must be", Basis.JUDGED)
+    blurred: float = threshold(
+        0.05,
+        "share of the window of a slope, where that stands in for a rate, that a fault is larger than: its noise moved "
+        "an arm with nothing shifted by 1.6 samples of 71",
+        Basis.MEASURED,
+    )
     smoothing: int = threshold(
         13,
         "window of the local quadratic that all go through before they are compared: slopes are noisy",

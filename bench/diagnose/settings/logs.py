@@ -63,6 +63,28 @@ class Reading:
 
 
 @dataclass(frozen=True)
+class Sloping:
+    """Rates that were not measured, as slopes of local cubics."""
+
+    shortest: int = threshold(
+        5, "window: a cubic through fewer samples leaves nothing out", Basis.CONVENTION, "samples"
+    )
+    longest: int = threshold(
+        401, "window, at most: of any encoder's counts so many are enough", Basis.EFFORT, "samples"
+    )
+    windows: int = threshold(
+        4,
+        "windows that the longest stretch of a recording holds, at least: the ends of it are lost",
+        Basis.JUDGED,
+        "count",
+    )
+    step: float = threshold(1.15, "from one window that is tried to the next, as a ratio", Basis.EFFORT)
+    hopeless: float = threshold(
+        10.0, "times the least squared error so far at which no longer window is tried", Basis.EFFORT
+    )
+
+
+@dataclass(frozen=True)
 class Hearing:
     """Noise and filter from spectra."""
 

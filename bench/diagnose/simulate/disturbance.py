@@ -27,7 +27,6 @@ from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.least_squares import bounded, equilibrium
 from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.settings import OBSERVING
-from bench.diagnose.simulate.floor import filter_half_width
 from bench.diagnose.simulate.free_run import free_run, measured_windows, starts
 from bench.diagnose.simulate.teacher_forced import Increments, equations, increments
 from registry.dynamics import PhysicsModel
@@ -125,7 +124,7 @@ class Observer:
     def _past(self, left: Increments) -> np.ndarray:
         """z (L, N, channels, filters) at every sample; see `pasts`."""
         channels = [c for e in self.equations for c in e]
-        return pasts(left, channels, self.steps, filter_half_width(self.noise.smoothing))
+        return pasts(left, channels, self.steps, self.noise.half_width)
 
 
 def pasts(left: Increments, channels: Sequence[int], steps: int, late: int) -> np.ndarray:

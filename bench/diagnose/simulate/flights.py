@@ -13,7 +13,6 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.settings import PLAYING
-from bench.diagnose.simulate.floor import filter_half_width
 from bench.diagnose.simulate.free_run import (
     Group,
     default_steps,
@@ -55,7 +54,7 @@ def flights(
     logs = subject.of([*subject.held_out, *fitted[: max(0, most - len(subject.held_out))]])
     if not logs:
         return ()
-    steps, clear = default_steps(logs), margin(logs, filter_half_width(noise.smoothing))
+    steps, clear = default_steps(logs), margin(logs, noise.half_width)
     models, left = {"nominal": nominal, AFTER: after}, points
     found: list[Flight] = []
     at = [starts(log, steps, steps, clear) for log in logs]

@@ -7,7 +7,6 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.logs.noise import DERIVED_FROM, Noise, channel_indices, impulse_response
-from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.settings import RUNNING
 from bench.diagnose.simulate.free_run import Group, errors, past, roll, windows
@@ -27,12 +26,12 @@ def floor(
     Args:
         model: taken for exact.
         logs: give states to start from, and inputs.
-        at: first samples of the windows of each log; none nearer than `filter_half_width` to an end of the log.
+        at: first samples of the windows of each log; none nearer than `Noise.half_width` to an end of the log.
         steps: samples of a window after its first.
         noise: of states and inputs.
         of: what is judged.
     """
-    r, size = filter_half_width(noise.smoothing), len(model.state_channels)
+    r, size = noise.half_width, len(model.state_channels)
     generator = np.random.default_rng(0)
     early = [k - r for k in at]
     inputs, dt = windows([log.inputs for log in logs], early, steps + 2 * r), logs[0].dt
@@ -48,17 +47,12 @@ def floor(
     return torch.stack(found)
 
 
-def filter_half_width(smoothing: Smoothing) -> int:
-    """Samples on either side that a smoothed one depends on."""
-    return max(len(impulse_response(smoothing, d)) // 2 for d in (False, smoothing.derived))
-
-
 @np.errstate(invalid="ignore")  # of a model that diverged
 def measure(
     states: Tensor, noise: Noise, channels: Sequence[Channel], dt: float, generator: np.random.Generator
 ) -> Tensor:
     """What sensors and filter make (W, N − 2 half widths, s) of true states (W, N, s)."""
-    r, x = filter_half_width(noise.smoothing), states.numpy()
+    r, x = noise.half_width, states.numpy()
     groups = channel_indices(channels, [True] * len(channels))
     noisy = x + generator.normal(size=x.shape) * np.array(noise.raw)
     if "attitude" in groups:
@@ -75,6 +69,9 @@ def measure(
             if group == "body_rates":
                 slope = 2 * _product(out[..., pose] * np.array([-1.0, -1.0, -1.0, 1.0]), slope)[..., :3]
             out[..., list(places)] = slope
+    for place, read in noise.slopes.items():
+        weights = impulse_response(read.smoothing, True)
+        out[..., [place]] = _convolved(noisy[..., [read.of]], weights, r) / dt
     unmeasured = [i for i, s in enumerate(noise.processed) if s == 0]
     out[..., unmeasured] = x[:, r : x.shape[1] - r, unmeasured]
     return torch.from_numpy(out)

@@ -21,7 +21,7 @@ from bench.diagnose.logs.noise import Noise, impulse_response
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.settings import RUNNING
-from bench.diagnose.simulate.floor import filter_half_width, measure
+from bench.diagnose.simulate.floor import measure
 from bench.diagnose.simulate.free_run import Group, default_steps, groups
 from registry.dynamics import PhysicsModel
 
@@ -100,7 +100,7 @@ def increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments
     for c in range(size):
         smoothed[..., c] = convolve1d(rates[..., c], noise.smoothing_of(c).kernel(), axis=1, mode="nearest")
     valid = np.zeros(rates.shape[:2], dtype=bool)
-    margin = filter_half_width(noise.smoothing)
+    margin = noise.half_width
     for i, log in enumerate(stack.logs):
         good = (log.valid[:-1] & log.valid[1:]).numpy()
         valid[i, margin : len(log) - 1 - margin] = good[margin : len(good) - margin]
@@ -113,7 +113,7 @@ def increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments
 
 def noise_increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments:
     """What noise alone adds to the increments: those of measurements with noise drawn once more, less those without."""
-    generator, r = np.random.default_rng(0), filter_half_width(noise.smoothing)
+    generator, r = np.random.default_rng(0), noise.half_width
     padded = torch.cat([stack.states[:, :1].expand(-1, r, -1), stack.states, stack.states[:, -1:].expand(-1, r, -1)], 1)
     channels = model.state_channels
     silent = replace(noise, raw=tuple(0.0 for _ in noise.raw))

@@ -9,8 +9,11 @@ from torch import Tensor
 from typing_extensions import override
 
 from registry.core import EFFECTS
-from registry.dynamics import InputEffect, constant
+from registry.dynamics import InputEffect, constant, tensor
 from registry.effects.mechanics.friction import ForceEffect, scaled
+
+_RIGID = 1e-9
+"""Period [s] up to which a joint does not bend at all, so that rounding errors of zero are zero."""
 
 
 @EFFECTS.register("cubic_stiffness")
@@ -81,10 +84,10 @@ class JointElasticity(InputEffect):
         """Exact for a drive that is linear over each half step; see `InputEffect.act`."""
         period, zeta = scaled(self.period, segment), scaled(self.damping, segment)
         force, slope = memory.chunk(2, dim=-1)
-        time = dt / 2 / period.clamp(min=1e-9)  # in units of T
+        time = dt / 2 / period.clamp(min=_RIGID)  # in units of T
         root = (1 - zeta * zeta).sqrt()
         decay, cosine, sine = torch.exp(-zeta * time), torch.cos(root * time), torch.sin(root * time) / root
-        first = torch.where(period > 0, force, segment[..., 0, :])
+        first = torch.where(period > _RIGID, force, segment[..., 0, :])
         out = [first]
         for start, end in ((segment[..., 0, :], segment[..., 1, :]), (segment[..., 1, :], segment[..., 2, :])):
             ramp = (end - start) / (dt / 2) * period  # the rise in T, which the force follows 2 ζ later
@@ -93,3 +96,30 @@ class JointElasticity(InputEffect):
             slope = ramp + decay * (rate * cosine - (deviation + zeta * rate) * sine)
             out.append(force)
         return torch.cat([force, slope], dim=-1), torch.stack(out, dim=-2)
+
+    @override
+    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """The same of a whole recording at once; see `InputEffect.over`.
+
+        z = F − i (T dF/dt + ζ F) / √(1 − ζ²) only turns and shrinks beside what follows a ramp.
+        """
+        period, zeta = (tensor(p, segments).unsqueeze(-1).unsqueeze(-1) for p in (self.period, self.damping))
+        root, time = (1 - zeta * zeta).sqrt(), dt / 2 / period.clamp(min=_RIGID)
+
+        def turning(force: Tensor, slope: Tensor) -> Tensor:
+            return torch.complex(force, -(slope + zeta * force) / root)
+
+        start, end = (segments[..., half, :].flatten(-3, -2) for half in ((0, 1), (1, 2)))  # (…, 2 K, m)
+        ramp = (end - start) / (dt / 2) * period
+        turn = torch.polar(torch.exp(-zeta * time), root * time)
+        added = turning(end - 2 * zeta * ramp, ramp) - turn * turning(start - 2 * zeta * ramp, ramp)
+        begun = first.unsqueeze(-2).expand(*added.shape[:-2], 1, -1)
+        path, reach = torch.cat([turning(begun, torch.zeros_like(begun)), added], dim=-2), 1
+        while reach < path.shape[-2]:  # each sum reaches twice as far back with every round
+            path = torch.cat([path[..., :reach, :], path[..., reach:, :] + turn * path[..., :-reach, :]], dim=-2)
+            turn, reach = turn * turn, 2 * reach
+        force = path.real
+        slope = -root * path.imag - zeta * force
+        begin = torch.where(period > _RIGID, force[..., :-1:2, :], segments[..., 0, :])
+        out = torch.stack([begin, force[..., 1::2, :], force[..., 2::2, :]], dim=-2)
+        return torch.cat([force, slope], dim=-1)[..., ::2, :], out
