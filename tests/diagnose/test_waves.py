@@ -13,8 +13,9 @@ from scipy.stats import kstest
 
 from bench.diagnose import diagnose
 from bench.diagnose.fit import fit_parameters
+from bench.diagnose.learn.axis_series import AxisSeries, Stretch
 from bench.diagnose.learn.request import parsed
-from bench.diagnose.learn.spectral_line import Line
+from bench.diagnose.learn.spectral_line import Line, lines
 from bench.diagnose.learn.thomson import scan
 from bench.diagnose.learn.waves import waves
 from bench.diagnose.logs.subject import Subject
@@ -102,6 +103,23 @@ def test_a_drive_with_many_lines_or_one_as_frequent_hides_no_wave(kind: str) -> 
     """What functions of it show, and it itself, are not in step with the wave."""
     (line,) = found(swinging.subject(kind, 4))
     assert line.frequency == pytest.approx(swinging.FREQUENCY, rel=0.005)
+
+
+def answered(seed: int) -> Stretch:
+    """A wave of 0.8 Hz, and a signal that answers it and moves by itself besides."""
+    rng, count = np.random.default_rng(seed), 500
+    t = 0.02 * np.arange(count)
+    wave = np.cos(2 * np.pi * 0.8 * t + rng.uniform(-np.pi, np.pi))
+    answer = (wave + 0.22 * rng.normal(size=count))[:, None]
+    return Stretch(f"run_{seed}", t, wave + 0.4 * rng.normal(size=count), answer, np.zeros(count), answer)
+
+
+def test_what_answers_a_wave_does_not_hide_it() -> None:
+    """Fitted by itself it explains most of the wave, and leaves of it less than is believed."""
+    series = AxisSeries("speed.q", "m/s^2", tuple(map(answered, range(6))), 0.02, np.ones(1), 1, 0.02)
+    (line,) = lines(series, [f"run_{i}" for i in range(4)])
+    assert line.frequency == pytest.approx(0.8, rel=0.003)
+    assert [w.amplitude for w in line.swings.values()] == pytest.approx([1.0] * 6, rel=0.1)
 
 
 @pytest.mark.parametrize(

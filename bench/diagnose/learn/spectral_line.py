@@ -143,12 +143,11 @@ class _Rows:
         usable = np.array([self.series.gain(f) >= UNSEEN.least_gain for f in looked.frequencies])
         bar = float(np.log(axes * max(1, usable.sum()) / UNSEEN.false_alarm))
         evidence = np.where(usable, looked.evidence, 0.0)
-        at = int(np.argmax(evidence))
-        if evidence[at] < bar:
-            return None, False
-        all_ = [*known, self._refined(known, float(looked.frequencies[at]))]
-        # Beside the wave itself what follows signals is known better, and may explain all of it.
+        all_ = [*known, self._refined(known, float(looked.frequencies[np.argmax(evidence)]))]
+        # What follows signals may explain most of a wave; beside the wave itself it is known better, or explains all.
         line, (repeated, agreed) = self.line(all_), self._repeated(all_)
+        if max(evidence.max(), line.evidence) < bar:
+            return None, False
         sure = line.evidence > bar and repeated >= UNSEEN.repeated and agreed >= UNSEEN.agreed
         return line, sure and self._confirmed(all_) and not self._driven(line) and not self._distorted(line)
 
