@@ -163,6 +163,16 @@ def test_it_is_said_and_the_error_falls(said: tuple[Subject, Diagnosis, Oscillat
     assert json.loads(json.dumps(diagnosis.to_json()))["effects"][0]["by_recording"]["run_0"]["phase"]["unit"] == "rad"
 
 
+def test_a_wave_is_sought_where_free_runs_err_little_more_than_noise_too() -> None:
+    """Nobody would say of these free runs that something is missing: their squared error is 1.6 times the floor's."""
+    rng, runs = np.random.default_rng(8), [swinging.recording("wave", 3000 + i, 20.0) for i in range(6)]
+    noisy = [(u, x + 0.06 * x.std(0) * rng.normal(size=x.shape)) for u, x in runs]
+    diagnosis, _ = diagnose(swinging.recorded("noisy", Oscillator(), noisy), catalogue=["coulomb_friction"], brief=True)
+    (effect,) = diagnosis.effects
+    assert effect.id == "periodic_term" and diagnosis.verdict == "unknown_effect"
+    assert effect.parameters["frequency"].value == pytest.approx(swinging.FREQUENCY, rel=0.01)
+
+
 def test_a_forecast_swings_on_as_the_past_did() -> None:
     of = swinging.subject("wave", 5, recordings=3)
     log, model = of.logs[0], Oscillator(effects=(PeriodicTerm("speed.q", swinging.FREQUENCY),))

@@ -27,6 +27,7 @@ def learn_all_terms(
     tick: Callable[[str], None] = lambda what: None,
     doubtful: bool = False,
     much: bool = True,
+    little: bool = False,
 ) -> tuple[Effect, ...]:
     """The terms that ``model`` lacks: waves, functions of signals and, where these leave much, hidden modes.
 
@@ -40,11 +41,14 @@ def learn_all_terms(
         noise: default `noise.noise_of`.
         tick: called with what is being done.
         doubtful: see `learn`.
-        much: whether so much is left that it may be a hidden mode; of a trace only waves are sought.
+        much: whether so much is left that it may be a hidden mode.
+        little: whether so little is left that only waves, which stand out of noise as nothing else does, are sought.
     """
     subject, noise = prepared(subject, noise, tick)
     tick("what swings")
     found = _waves(subject, model, noise, tick)
+    if little and not found:
+        return ()
     terms = _beside(found, _waves, subject, model, noise, tick=tick, doubtful=doubtful)
     if not much or not subject.held_out:
         return terms
