@@ -169,7 +169,7 @@ def _outdoes_given_the_past(
 ) -> bool:
     """The same of hidden modes: free runs do not know how these begin, the errors of rates given the past do."""
     swinging = any(isinstance(t, HiddenMode) for t in terms)
-    return swinging and left_by(subject, model, noise, terms, tick) < EXTENDING.given_up
+    return swinging and left_by(subject, model, noise, terms, tick).whole < EXTENDING.given_up
 
 
 def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extension) -> Discovery:
