@@ -272,7 +272,7 @@ def _concluded(
     excess = {group: e for group, e in excess.items() if not _rounding(extension, group)}
     high = [group for group, e in excess.items() if e > DECIDING.high_excess]
     unknown, worth_a_look = verdict == "unknown_effect", max(excess.values(), default=0.0) > MATTERING.near**2
-    told = _learned(run, found, extension, unknown, little=not high) if unknown or worth_a_look else None
+    told = _learned(run, found, extension, verdict, little=not high) if unknown or worth_a_look else None
     terms, subject = (None, run.subject) if told is None else (told.extension, told.subject)
     if terms is not None:
         terms = likened(subject, run.noise, terms)
@@ -328,14 +328,14 @@ def _rounding(extension: Extension, group: str) -> bool:
     return extension.last[group].rmse ** 2 <= DECIDING.least_share * nominal**2
 
 
-def _learned(run: _Run, found: Discovery, extension: Extension, unknown: bool, little: bool) -> Learned | None:
+def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str, little: bool = False) -> Learned | None:
     """The model with terms learned from what it leaves; None: held-out recordings confirm none.
 
     Where nothing says that something is missing and ``little`` is left, only what swings is sought.
 
     A load that swings already when a free run begins leaves much that no hidden mode would say either.
     """
-    begins_unseen = extension.model.internal_size > 0
+    unknown, begins_unseen = verdict == "unknown_effect", extension.model.internal_size > 0
     told = learned(
         run.subject,
         extension.model,

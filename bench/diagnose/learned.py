@@ -52,7 +52,7 @@ def learned(
     filed: Subject,
     doubtful: bool,
     much: bool,
-    little: bool,
+    little: bool = False,
 ) -> Learned | None:
     """The model with the terms that held-out recordings confirm; None: there are none, or free runs do not gain.
 
