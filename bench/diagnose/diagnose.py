@@ -271,8 +271,10 @@ def _concluded(
         extension = _calibrated_only(run, found)
     excess = _excess(extension)
     verdict, found = _verdict(found, excess, refuted)
-    high = [group for group in excess if excess[group] > DECIDING.high_excess and not _rounding(extension, group)]
-    told = _learned(run, found, extension, verdict) if verdict == "unknown_effect" or high else None
+    excess = {group: e for group, e in excess.items() if not _rounding(extension, group)}
+    high = [group for group, e in excess.items() if e > DECIDING.high_excess]
+    unknown, worth_a_look = verdict == "unknown_effect", max(excess.values(), default=0.0) > MATTERING.near**2
+    told = _learned(run, found, extension, verdict, little=not high) if unknown or worth_a_look else None
     terms, subject = (None, run.subject) if told is None else (told.extension, told.subject)
     if terms is not None:
         terms = likened(subject, run.noise, terms)
@@ -328,8 +330,10 @@ def _rounding(extension: Extension, group: str) -> bool:
     return extension.last[group].rmse ** 2 <= DECIDING.least_share * nominal**2
 
 
-def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) -> Learned | None:
+def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str, little: bool = False) -> Learned | None:
     """The model with terms learned from what it leaves; None: held-out recordings confirm none.
+
+    Where nothing says that something is missing and ``little`` is left, only what swings is sought.
 
     A load that swings already when a free run begins leaves much that no hidden mode would say either.
     """
@@ -345,6 +349,7 @@ def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str) ->
         filed=run.filed,
         doubtful=not unknown,
         much=_share_left(extension) >= MATTERING.share and (unknown or not begins_unseen),
+        little=little and not unknown,
     )
     return told if told is None or _worth_it(extension, told.extension) else None
 

@@ -52,6 +52,7 @@ def learned(
     filed: Subject,
     doubtful: bool,
     much: bool,
+    little: bool = False,
 ) -> Learned | None:
     """The model with the terms that held-out recordings confirm; None: there are none, or free runs do not gain.
 
@@ -65,9 +66,10 @@ def learned(
         horizon_s: longest horizon of the comparison [s].
         filed: the measurements, with inputs as they were filed.
         doubtful: whether the search for effects did not say that something is left.
-        much: whether free runs err so much still that it is worth a term.
+        much: whether free runs err so much still that it may be a hidden mode.
+        little: whether they err so little that only what stands out of noise is sought.
     """
-    terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much)
+    terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much, little=little)
     read_again = any(isinstance(t, HiddenMode) for t in terms) and subject.logs is not filed.logs
     if read_again:
         # A mode that nobody has added yet looks like an input that acts at another time.
@@ -167,7 +169,7 @@ def _outdoes_given_the_past(
 ) -> bool:
     """The same of hidden modes: free runs do not know how these begin, the errors of rates given the past do."""
     swinging = any(isinstance(t, HiddenMode) for t in terms)
-    return swinging and left_by(subject, model, noise, terms, tick) < EXTENDING.given_up
+    return swinging and left_by(subject, model, noise, terms, tick).whole < EXTENDING.given_up
 
 
 def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extension) -> Discovery:

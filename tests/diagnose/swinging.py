@@ -33,7 +33,8 @@ def recording(kind: str, seed: int, seconds: float) -> tuple[np.ndarray, np.ndar
 
     ``kind``: "clean", "wave" (a force A cos(2π f t + φ) besides), "gust" (one that wanders), "sampled" (a drive that is
     livelier than its samples), "resonance" (noise pushes by way of a swing of its own that hardly decays), "rubbing"
-    (dry friction of 2 N, and a drive that is a sine of the same frequency in all recordings of a set).
+    (dry friction of 2 N, and a drive that is a sine of the same frequency in all recordings of a set), "sine" (the
+    force besides such a drive), "sines" (it besides a drive of sines, one of them at nearly its frequency).
     """
     rng, count = np.random.default_rng(seed), round(seconds * RATE * FINE)
     t = np.arange(count) / RATE / FINE
@@ -41,11 +42,15 @@ def recording(kind: str, seed: int, seconds: float) -> tuple[np.ndarray, np.ndar
         drive = smooth(rng.normal(size=count), 0.125) * 30
     else:
         drive = smooth(smooth(rng.normal(size=count), 0.03), 0.03) * 40
-    if kind == "rubbing":
+    if kind in ("rubbing", "sine"):
         often = np.random.default_rng(seed // 1000).uniform(0.5, 2.5)
         drive = 20 * rng.uniform(0.7, 1.3) * np.sin(2 * np.pi * often * t + rng.uniform(-np.pi, np.pi))
+    if kind == "sines":
+        drive = np.zeros(count)
+        for often in (FREQUENCY * 1.002, 0.45, 2.1):
+            drive += 6 * rng.uniform(0.7, 1.3) * np.sin(2 * np.pi * often * t + rng.uniform(-np.pi, np.pi))
     hidden = np.zeros(count)
-    if kind == "wave":
+    if kind in ("wave", "sine", "sines"):
         hidden = AMPLITUDE * np.cos(2 * np.pi * FREQUENCY * t + phase_of(seed))
     if kind == "gust":
         share = 1 / (rng.uniform(0.3, 3) * RATE * FINE)

@@ -7,6 +7,7 @@ import hanging
 import jsonschema
 import numpy as np
 import pytest
+import swinging
 import torch
 from scipy.linalg import expm
 from scipy.signal import StateSpace, lsim
@@ -14,15 +15,18 @@ from scipy.signal import StateSpace, lsim
 from bench.diagnose import diagnose, extend
 from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.fit import fit_parameters
+from bench.diagnose.learn import all_terms
 from bench.diagnose.learn.modes.filters import Pole
 from bench.diagnose.learn.modes.modes import modes
 from bench.diagnose.learn.request import parsed
+from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.regression.recall import begun, driven, turned
 from bench.diagnose.regression.weak import LogBatch, own_states
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.materiality import EquationError
 from registry.contracts import Channel, Recording
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.errors import BenchError
@@ -198,3 +202,20 @@ def test_what_swings_out_of_sight_moves_what_is_seen_at_times_of_its_own() -> No
         own = own_states(model, LogBatch.of([log]))[0]
     assert abs(lag_of(model, log, own)[0]) < 0.1 and lag_of(model, log, own)[1] > 0.99
     assert lag_of(model, log)[1] < 0.97
+
+
+def test_an_equation_in_which_a_mode_does_nothing_does_not_refute_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One equation that it saves, and one a little above its noise that it does not move."""
+    saved = EquationError("upper level", 60.0, "V", {"calibrated": 0.040, "extended": 0.0055}, 0.0050, 0.0050)
+    other = EquationError("level", 60.0, "V", {"calibrated": 0.0051, "extended": 0.0051}, 0.0043, 0.0043)
+
+    class Weighed:
+        def __init__(self, *_: object) -> None: ...
+
+        def errors(self, _: object) -> tuple[EquationError, ...]:
+            return saved, other
+
+    monkeypatch.setattr(all_terms, "Weighing", Weighed)
+    subject = swinging.subject("clean", 1, recordings=3, seconds=2.0)
+    left = all_terms.left_by(subject, Oscillator(), noise_of(subject), (), lambda what: None)
+    assert left.most == 1.0 and left.whole < 0.02

@@ -1,7 +1,7 @@
 """All that can be learned of what a model leaves: waves, hidden modes, and functions of measured signals."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
 
@@ -27,6 +27,7 @@ def learn_all_terms(
     tick: Callable[[str], None] = lambda what: None,
     doubtful: bool = False,
     much: bool = True,
+    little: bool = False,
 ) -> tuple[Effect, ...]:
     """The terms that ``model`` lacks: waves, functions of signals and, where these leave much, hidden modes.
 
@@ -40,16 +41,19 @@ def learn_all_terms(
         noise: default `noise.noise_of`.
         tick: called with what is being done.
         doubtful: see `learn`.
-        much: whether so much is left that it may be a hidden mode; of a trace only waves are sought.
+        much: whether so much is left that it may be a hidden mode.
+        little: whether so little is left that only waves, which stand out of noise as nothing else does, are sought.
     """
     subject, noise = prepared(subject, noise, tick)
     tick("what swings")
     found = _waves(subject, model, noise, tick)
+    if little and not found:
+        return ()
     terms = _beside(found, _waves, subject, model, noise, tick=tick, doubtful=doubtful)
     if not much or not subject.held_out:
         return terms
     left = left_by(subject, model, noise, terms, tick)
-    if left < MATTERING.share:
+    if left.most < MATTERING.share:
         return terms
     tick("hidden modes")
     swinging = _swinging(subject, model, noise, tick, found)
@@ -58,7 +62,8 @@ def learn_all_terms(
     beside = _beside(swinging, _swinging, subject, model, noise, tick=tick, doubtful=doubtful)
     if not any(isinstance(t, HiddenMode) for t in beside):
         return terms
-    return beside if left_by(subject, model, noise, beside, tick) < left else terms
+    # Of an equation in which a mode does nothing it leaves all.
+    return beside if left_by(subject, model, noise, beside, tick).whole < left.whole else terms
 
 
 def _beside(
@@ -81,20 +86,28 @@ def _beside(
     return (*again, *terms)
 
 
+@dataclass(frozen=True)
+class Left:
+    """What terms leave of the held-out squared error above the noise, of equations in which it matters."""
+
+    most: float
+    """The largest share, over equations."""
+    whole: float
+    """Share of all of them together, each in units of its noise."""
+
+
 def left_by(
     subject: Subject, model: PhysicsModel, noise: Noise, terms: Sequence[Effect], tick: Callable[[str], None]
-) -> float:
-    """The largest share, over equations, that terms leave of the held-out squared error above the noise."""
+) -> Left:
+    """What terms leave beside ``model``; nothing where nothing matters."""
     with torch.no_grad():
         full = refitted(Search(subject, (), tick, noise), _with(model, *terms)) if terms else model
         errors = Weighing(subject, noise, model).errors(full)
     matters = MATTERING.near**2 - 1
-    above = [
-        (e.models["extended"] ** 2 - e.floor**2) / (e.models["calibrated"] ** 2 - e.floor**2)
-        for e in errors
-        if e.models["calibrated"] ** 2 - e.floor**2 > matters * e.floor**2
-    ]
-    return max(above, default=0.0)
+    pairs = [[(e.models[n] / max(e.floor, 1e-300)) ** 2 - 1 for n in ("calibrated", "extended")] for e in errors]
+    above = [(was, now) for was, now in pairs if was > matters]
+    whole = sum(now for _, now in above) / max(sum(was for was, _ in above), 1e-300)
+    return Left(max((now / was for was, now in above), default=0.0), whole)
 
 
 def _swinging(

@@ -1,24 +1,26 @@
 """Whether a line is made of what was measured: a harmonic of a manoeuvre, or a sum or difference of two.
 
 A friction or a stiffness that a model lacks turns a sine into its multiples, which follow a measured signal although
-that has no line there. Functions of signals without their own swing at the frequency show them.
+that has no line there. Functions of signals without their own swing at the frequency show them, in step with the line
+in every recording. A lively manoeuvre has many lines, and what swings by itself may meet one of them, but not in step.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from bench.diagnose.learn.thomson import evidence_at
+from bench.diagnose.learn.thomson import lines_at
 from bench.diagnose.settings import UNSEEN
 
 
-def distortion(measured: Sequence[np.ndarray], step: float, frequency: float) -> bool:
-    """Whether functions of measured signals show a line of a frequency that the signals have not themselves.
+def distortion(measured: Sequence[np.ndarray], line: np.ndarray, step: float, frequency: float) -> bool:
+    """Whether a function of measured signals shows the line in step, and the signals themselves do not.
 
     A signal counts where it moves mostly otherwise: one that only answers the line tells of no other cause.
 
     Args:
         measured: (J, m) of every stretch, every ``step``.
+        line: (stretches, k) its complex amplitudes in each, told in one or several ways.
         step: [s].
         frequency: of the line [Hz].
     """
@@ -33,8 +35,25 @@ def distortion(measured: Sequence[np.ndarray], step: float, frequency: float) ->
     otherwise = np.flatnonzero((rest > own) & (rest > 1e-12))
     if not len(otherwise):
         return False
-    evidence = evidence_at([_functions(s[:, otherwise]) for s in notched], step, frequency)
-    return bool(evidence.max() > np.log(len(evidence) / UNSEEN.confirmed))
+    evidence, seen = lines_at([_functions(s[:, otherwise]) for s in notched], step, frequency)
+    shown = evidence > np.log(len(evidence) / UNSEEN.confirmed)
+    long = np.sqrt([[len(s)] for s in measured])
+    return bool((shown & in_step(long * seen, long * line)).any())
+
+
+def in_step(seen: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """Whether each of some lines (n,) is in step with another: their phases differ alike in all recordings, up to π.
+
+    Of a harmonic the size, and with it the sign, depends on how large a motion is, the phase does not.
+
+    Args:
+        seen: (r, n) their complex amplitudes in r recordings or stretches.
+        line: (r, k) of the other one, told in k ways, of which one suffices.
+    """
+    both = seen[:, :, None] * line.conj()[:, None, :]
+    size = np.maximum(np.abs(both), 1e-300)
+    together: np.ndarray = np.abs((both**2 / size).sum(0)) >= UNSEEN.in_step * size.sum(0)
+    return np.asarray(together.any(-1))
 
 
 def _functions(x: np.ndarray) -> np.ndarray:

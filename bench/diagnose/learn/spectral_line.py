@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its parts are imported when they are used: scipy.optimize takes longer than most of what is here
 
-from bench.diagnose.learn.axis_series import AxisSeries
-from bench.diagnose.learn.distortion import distortion
-from bench.diagnose.learn.thomson import Scan, scan
+from bench.diagnose.learn.axis_series import AxisSeries, Stretch
+from bench.diagnose.learn.distortion import distortion, in_step
+from bench.diagnose.learn.thomson import Scan, lines_at, scan
 from bench.diagnose.regression.generic import Folds, follow
 from bench.diagnose.regression.least_squares import ridge, whitening
 from bench.diagnose.regression.rows import filtered
@@ -143,12 +143,11 @@ class _Rows:
         usable = np.array([self.series.gain(f) >= UNSEEN.least_gain for f in looked.frequencies])
         bar = float(np.log(axes * max(1, usable.sum()) / UNSEEN.false_alarm))
         evidence = np.where(usable, looked.evidence, 0.0)
-        at = int(np.argmax(evidence))
-        if evidence[at] < bar:
-            return None, False
-        all_ = [*known, self._refined(known, float(looked.frequencies[at]))]
-        # Beside the wave itself what follows signals is known better, and may explain all of it.
+        all_ = [*known, self._refined(known, float(looked.frequencies[np.argmax(evidence)]))]
+        # What follows signals may explain most of a wave; beside the wave itself it is known better, or explains all.
         line, (repeated, agreed) = self.line(all_), self._repeated(all_)
+        if max(evidence.max(), line.evidence) < bar:
+            return None, False
         sure = line.evidence > bar and repeated >= UNSEEN.repeated and agreed >= UNSEEN.agreed
         return line, sure and self._confirmed(all_) and not self._driven(line) and not self._distorted(line)
 
@@ -158,25 +157,36 @@ class _Rows:
         return not others or _shown(self._scan(frequencies, frequencies[:-1], others), frequencies[-1])
 
     def _driven(self, line: Line) -> bool:
-        """Whether the inputs swing at that frequency far more: what is left is then their work, imperfectly modelled.
+        """Whether the inputs swing at that frequency far more, and in step: what is left is their work, ill modelled.
 
-        A controller that answers a periodic force swings as much as that, and no more.
+        A controller that answers a periodic force swings as much as that, and no more; inputs that only happen to swing
+        near its frequency are not in step with it.
         """
-        stretches = [s for s in self.series.stretches if len(s.t) >= UNSEEN.shortest and s.recording in self.training]
+        stretches = [s for s in self._long() if s.recording in self.training]
         if not _shown(scan([s.driven for s in stretches], self.series.step), line.frequency):
             return False
-        sizes = []
-        for s in stretches:
-            phase = 2 * np.pi * line.frequency * s.t
-            seen = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=-1)
-            sizes.append(float(np.hypot(*np.linalg.lstsq(seen, s.driven, rcond=None)[0][:2])))
-        own = [line.swings[s.recording].amplitude * self.series.gain(line.frequency) for s in stretches]
-        return sum(sizes) > UNSEEN.driven * sum(own)
+        inputs = lines_at([s.driven[:, None] for s in stretches], self.series.step, line.frequency)[1]
+        both = self._both(line, stretches)
+        far = np.abs(inputs).sum() > UNSEEN.driven * np.abs(both[:, 0]).sum()
+        return bool(far and in_step(inputs, both)[0])
 
     def _distorted(self, line: Line) -> bool:
         """Whether the line follows measured signals that do not swing at its frequency themselves."""
-        long = [s.measured for s in self.series.stretches if len(s.t) >= UNSEEN.shortest]
-        return distortion(long, self.series.step, line.frequency)
+        long = self._long()
+        return distortion([s.measured for s in long], self._both(line, long), self.series.step, line.frequency)
+
+    def _both(self, line: Line, stretches: Sequence[Stretch]) -> np.ndarray:
+        """Complex amplitudes (stretches, 2) of a line beside what is fitted, and of all that is left at its frequency.
+
+        What is fitted beside a line may take a part of a harmonic, and what is not taken off may hide a small line.
+        """
+        swings = ((line.swings[s.recording], s.t[0]) for s in stretches)
+        own = [w.amplitude * np.exp(1j * (w.phase + 2 * np.pi * line.frequency * t)) for w, t in swings]
+        left = lines_at([s.left[:, None] for s in stretches], self.series.step, line.frequency)[1][:, 0]
+        return np.stack([self.series.gain(line.frequency) * np.array(own), left], axis=1)
+
+    def _long(self) -> list[Stretch]:
+        return [s for s in self.series.stretches if len(s.t) >= UNSEEN.shortest]
 
     def _scan(self, fitted: Sequence[float], taken: Sequence[float], names: Sequence[str] = ()) -> Scan:
         """Look for a line in what is left beside waves ``fitted``, of which those ``taken`` are taken off.

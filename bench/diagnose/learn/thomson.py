@@ -50,20 +50,25 @@ def scan(series: Sequence[np.ndarray], step: float) -> Scan:
     return Scan(frequencies, -_log_survival(total, degrees), background)
 
 
-def evidence_at(series: Sequence[np.ndarray], step: float, frequency: float) -> np.ndarray:
-    """−log of the probability (n,) that noise shows a line at one frequency [Hz] in all ``series`` (J, n)."""
-    total, degrees = np.zeros(series[0].shape[1]), 0
+def lines_at(series: Sequence[np.ndarray], step: float, frequency: float) -> tuple[np.ndarray, np.ndarray]:
+    """What ``series`` (J, n) of each stretch say of a line at one frequency [Hz].
+
+    Returns:
+        −log of the probability (n,) that noise shows one in all stretches, and complex amplitudes (stretches, n) from
+        the first sample of each: the real part of amplitude · exp(2πi · frequency · t) is the line.
+    """
+    total, degrees, amplitudes = np.zeros(series[0].shape[1]), 0, []
     for x in series:
-        if frequency <= _lowest(len(x), step):
-            continue
         tapers, sums = _tapers(len(x))
         turning = tapers * np.exp(-2j * np.pi * frequency * step * np.arange(len(x)))
         seen = turning @ (x - x.mean(0))
         line = sums @ seen / (sums @ sums)
-        rest = (np.abs(seen - np.outer(sums, line)) ** 2).sum(0)
-        total += 2 * (len(tapers) - 1) * np.log1p(np.abs(line) ** 2 * (sums @ sums) / np.maximum(rest, 1e-300))
-        degrees += 2
-    return -_log_survival(total, np.full(len(total), degrees))
+        amplitudes.append(2 * line)
+        if frequency > _lowest(len(x), step):
+            rest = (np.abs(seen - np.outer(sums, line)) ** 2).sum(0)
+            total += 2 * (len(tapers) - 1) * np.log1p(np.abs(line) ** 2 * (sums @ sums) / np.maximum(rest, 1e-300))
+            degrees += 2
+    return -_log_survival(total, np.full(len(total), degrees)), np.array(amplitudes)
 
 
 def _lowest(count: int, step: float) -> float:

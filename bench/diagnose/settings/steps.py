@@ -140,7 +140,8 @@ class Deciding:
 
     high_excess: float = threshold(
         2.0,
-        "squared error over the noise floor's from which something is missing although it follows no signal",
+        "squared error over the noise floor's from which something is missing although it follows no signal; below it, "
+        "down to `Mattering.near`, only waves are sought",
         Basis.JUDGED,
     )
     least_share: float = threshold(

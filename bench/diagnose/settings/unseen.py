@@ -52,6 +52,12 @@ class Unseen:
         "times a line's amplitude that the inputs may swing at its frequency; a controller answers it about once",
         Basis.JUDGED,
     )
+    in_step: float = threshold(
+        0.9,
+        "mean resultant, over recordings, of twice the angle between two lines from which they are in step; of six "
+        "recordings unrelated ones are with a probability of 0.004",
+        Basis.JUDGED,
+    )
     most: int = threshold(4, "lines along one axis that are looked at, at most", Basis.EFFORT, "count")
 
 
