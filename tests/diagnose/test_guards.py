@@ -210,7 +210,9 @@ def test_an_uncertain_constant_does_not_stand_in_for_an_effect_that_is_taken_awa
     for model in (replace(subject.model, effects=(friction,)), subject.model):
         linear = search.look(model, broad=False).linear
         rows = linear.project(
-            test_functions.TestFunctions.over(search.stack.logs, search.stride, [search.smoothing["speed"]])
+            test_functions.TestFunctions.over(
+                search.stack.logs, search.stride, [search.smoothing_of(subject.model.state_channels[1])]
+            )
         )
         normal = rows.normal()
         misfits.append(Subsets(linear, normal).fit(drop=range(len(model.effects))).misfit)

@@ -15,6 +15,7 @@ import torch
 from bench.diagnose.logs.consistency import Pair, change, pairs
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.settings import TIMING
+from registry.dynamics import PhysicsModel
 
 Array = np.ndarray
 
@@ -23,18 +24,22 @@ def rates_in_time(subject: Subject) -> Subject:
     """The subject with every rate and its signal read at the same times, with a note; what shows no shift is left.
 
     Of a machine the rate is read when it was what it says. Of a vehicle the pose is: its rates stand beside what drives
-    and what feels it, and moving them would part them from these.
+    and what feels it, and moving them would part them from these. Position and velocity stay with the attitude.
     """
     if not subject.logs:
         return subject
     logs, notes = subject.logs, list(subject.notes)
-    pose = subject.model.description().turning is not None
+    pose = subject.model.description().turning is not None  # the pair of the attitude comes first
     measured = [m and i not in subject.slopes for i, m in enumerate(logs[0].measured)]  # a slope is in time
     for pair in pairs(subject.model, tuple(measured)):
         shift = 0.0 if pair.rate in subject.differences else shift_of(logs, pair)
         if abs(shift) >= TIMING.negligible:
             places, by = (pair.channels, -shift) if pose else (pair.rates, shift)
+            if pair.turns:
+                places = (*places, *moving_channels(subject.model))
             logs = tuple(states_read_later(log, places, by) for log in logs)
+            if pair.turns:
+                logs = tuple(_unit(log, pair.channels) for log in logs)
             late, against = (pair.signal, pair.rate) if pose else (pair.rate, pair.signal)
             notes.append(_said(late, against, 1e3 * by / logs[0].rate))
     return subject if logs is subject.logs else replace(subject, logs=logs, notes=tuple(notes))
@@ -84,14 +89,26 @@ def _sums(log: Log, pair: Pair, parts: int) -> list[tuple[float, float]]:
     ]
 
 
+def _unit(log: Log, places: Sequence[int]) -> Log:
+    """With the quaternion in these places at length one."""
+    states = log.states.clone()
+    states[:, list(places)] /= torch.linalg.norm(states[:, list(places)], dim=1, keepdim=True)
+    return replace(log, states=states)
+
+
+def moving_channels(model: PhysicsModel) -> tuple[int, ...]:
+    """Places of the states that say where a body that turns is and how fast it moves."""
+    moving = model.description().moving
+    return tuple(i for i, c in enumerate(model.state_channels) if c.group in moving)
+
+
 def states_read_later(log: Log, places: Sequence[int], shift: float) -> Log:
-    """The log with the states in some places read ``shift`` samples later; four of them are a unit quaternion."""
+    """The log with the states in some places read ``shift`` samples later; by cubic interpolation."""
     from scipy.interpolate import CubicSpline  # slow to import, and seldom needed
 
     states, at = log.states.clone(), np.arange(len(log), dtype=float)
     later = np.clip(at + shift, 0, len(log) - 1)
-    read = torch.from_numpy(CubicSpline(at, states[:, list(places)].numpy())(later))
-    states[:, list(places)] = read / torch.linalg.norm(read, dim=1, keepdim=True) if len(places) == 4 else read
+    states[:, list(places)] = torch.from_numpy(CubicSpline(at, states[:, list(places)].numpy())(later))
     inside = torch.from_numpy((at + shift >= 0) & (at + shift <= len(log) - 1))
     return replace(log, states=states, valid=log.valid & inside)
 

@@ -17,7 +17,7 @@ from scipy.ndimage import convolve1d
 from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.parts import in_parts
-from bench.diagnose.logs.rate_timing import rates_in_time, states_read_later
+from bench.diagnose.logs.rate_timing import moving_channels, rates_in_time, states_read_later
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import equilibrium
@@ -113,11 +113,6 @@ def drives_of(model: PhysicsModel, log: Log) -> int:
     return log.inputs.shape[1] - len(model.extras)
 
 
-def moving_channels(model: PhysicsModel) -> list[int]:
-    """Places of the states that say where a body that turns is and how fast it moves."""
-    return [i for i, c in enumerate(model.state_channels) if c.group in model.description().moving]
-
-
 def is_held(subject: Subject) -> bool:
     """Whether the inputs are commands that hold until the next sample."""
     return subject.model.input_hold == "previous"
@@ -173,14 +168,15 @@ def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift, Shift]:
             value = np.clip(value + np.clip(step, -1, 1), latest, widest)
             if (np.abs(step) < TIMING.negligible).all():
                 break
-        if abs(value[_INPUTS] - fit.read_at) < TIMING.anew:
+        told = abs(value[_INPUTS]) >= TIMING.significant * error[_INPUTS]
+        if not told or abs(value[_INPUTS] - fit.read_at) < TIMING.anew:
             break
     for which in (_INPUTS, _MOTION):
         value[which], error[which] = _shared(fit, value, which, error[which])
-    told = np.abs(value) >= TIMING.significant * error
+    sure = np.abs(value) >= TIMING.significant * error
     inputs, sensed, moving = (
         Shift(v, v - 1.96 * e, v + 1.96 * e) if t else nothing
-        for v, e, t in zip(value.tolist(), error.tolist(), told, strict=True)
+        for v, e, t in zip(value.tolist(), error.tolist(), sure, strict=True)
     )
     return inputs, sensed, moving
 
