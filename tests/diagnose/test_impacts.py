@@ -48,7 +48,8 @@ def test_a_recording_ends_where_the_vehicle_hits_something() -> None:
     assert impact(subject.model, made(logs).logs[1]) in (AT - 1, AT)
     valid = subject.logs[1].valid
     assert valid[: AT - 10].any() and not valid[AT - 1 :].any()
-    assert [n.split(":")[0] for n in subject.notes if "hits something" in n] == ["flight_2"]
+    for said in (subject.notes, subject.resampled):
+        assert [n.split(":")[0] for n in said if "hits something" in n] == ["flight_2"]
     assert not problems(subject).problems
 
 

@@ -27,7 +27,10 @@ def before_impacts(subject: Subject) -> Subject:
             f"{log.name}: the vehicle hits something at {at * log.dt:.2f} s (its velocity and body rates change within "
             "a sample, its position and attitude go on from where they were): what follows is left out."
         )
-    return replace(subject, logs=tuple(logs), notes=(*subject.notes, *notes)) if notes else subject
+    if not notes:
+        return subject
+    before, told = subject.notes, subject.resampled  # on the page and on the terminal
+    return replace(subject, logs=tuple(logs), notes=(*before, *notes), resampled=(*told, *notes))
 
 
 def impact(model: PhysicsModel, log: Log) -> int | None:
