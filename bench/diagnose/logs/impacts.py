@@ -57,23 +57,26 @@ def impact(model: PhysicsModel, log: Log) -> int | None:
 
 
 class _Jumps:
-    """What a rate and its signal do over every step, beyond what the model says."""
+    """What a rate and its signal do over every step, or those beside it, beyond what the model says."""
 
     def __init__(self, view: View, pair: Pair, most: float) -> None:
         """Of a pair whose rate changes by up to ``most`` [1/s] more than the model says, as long as nothing is hit."""
         self.most = most * view.dt
-        beyond, self.off = view.beyond_model(pair.rates), view.steps(pair)
-        self.moved = np.linalg.norm(change(view.x[:, pair.rates], False), axis=1) * view.dt
-        size = np.linalg.norm(beyond, axis=1)
-        self.size = np.maximum.reduce([size, np.append(size[1:], 0), np.append(0, size[:-1])])
-        """(N − 1,) of a step or of those beside it."""
-        self.beyond = beyond
+        self.beyond, self.off = view.beyond_model(pair.rates), view.steps(pair)
+        self.size, self.bend, moved = map(_largest, (self.beyond, self.off, change(view.x[:, pair.rates], False)))
+        self.reach = moved * view.dt
+        """How far the signal may be off with a rate in between."""
 
     def of_an_impact(self, step: int) -> bool:
         """Whether the rate changes by far more than before, and its signal moves as with a rate in between."""
         flown = slice(max(0, step - HITTING.flown), max(0, step - 1))
         if flown.stop - flown.start < READING.ends:
             return False
-        usual, straight = (np.linalg.norm(spread(x[flown])) for x in (self.beyond, self.off))
-        far = self.size[step] > self.most + SPIKING.distance * usual
-        return bool(far and np.linalg.norm(self.off[step]) <= self.moved[step] + SPIKING.distance * straight)
+        usual, straight = (SPIKING.distance * np.linalg.norm(spread(x[flown])) for x in (self.beyond, self.off))
+        return bool(self.size[step] > self.most + usual and self.bend[step] <= self.reach[step] + straight)
+
+
+def _largest(steps: np.ndarray) -> np.ndarray:
+    """The length (N − 1,) of each step (N − 1, c), or of the one before or after it, whichever is largest."""
+    size = np.linalg.norm(steps, axis=1)
+    return np.maximum.reduce([size, np.append(size[1:], 0), np.append(0, size[:-1])])
