@@ -11,15 +11,12 @@ from typing import Any
 
 import numpy as np
 import pybullet
-from simulated_folders import GRAVITY, describe, save, tracking
+from simulated_folders import GRAVITY, QUADROTOR, describe_quadrotor, save, tracking
 
 MASS, INERTIA, K_F, K_M = 0.027, (1.4e-5, 1.4e-5, 2.17e-5), 2.8816e-8, 7.2404e-10
 """Of a Crazyflie [kg], [kg m²], [N s²], [N m s²]."""
-HUBS, SPINS, RADIUS = (
-    [(0.028, -0.028, 0), (-0.028, -0.028, 0), (-0.028, 0.028, 0), (0.028, 0.028, 0)],
-    [-1.0, 1.0, -1.0, 1.0],
-    0.0231,
-)
+HUBS = [(0.028, -0.028, 0), (-0.028, -0.028, 0), (-0.028, 0.028, 0), (0.028, 0.028, 0)]
+SPINS, RADIUS = [-1.0, 1.0, -1.0, 1.0], 0.0231
 STEP, EVERY, SECONDS = 1 / 240, 2, 20
 """Between two commands and two steps [s]; steps from one sample to the next."""
 VEHICLES: dict[str, dict[str, Any]] = {
@@ -45,10 +42,8 @@ def flown(folder: Path, seed: int, damping: float = 0.0, drag: tuple[float, ...]
         pybullet.setTimeStep(STEP, physicsClientId=world)
         body = vehicle(world, damping, height)
         turn, phase = 2 * np.pi * random.uniform(0.1, 0.45, (3, 3)), random.uniform(0, 6.28, (3, 3))
-        size, yaw = (
-            np.array([[0.6], [0.6], [0.05 if ground else 0.3]]) * random.uniform(0.4, 1, (3, 3)),
-            random.uniform(0.05, 0.2),
-        )
+        size = np.array([[0.6], [0.6], [0.05 if ground else 0.3]]) * random.uniform(0.4, 1, (3, 3))
+        yaw = random.uniform(0.05, 0.2)
         rows = []
         for k in range(round(SECONDS / STEP)):
             t = k * STEP
@@ -63,28 +58,19 @@ def flown(folder: Path, seed: int, damping: float = 0.0, drag: tuple[float, ...]
             speed = np.sqrt(np.clip(mixed @ (thrust, *torque), 0.02, 0.15) / K_F)
             if k % EVERY == 0:
                 seen = place + 1e-3 * random.normal(size=3), velocity + 5e-3 * random.normal(size=3)
-                rows.append([t, *seen[0], *seen[1], *quaternion, *rates + 8e-3 * random.normal(size=3), *speed])
+                rows.append(
+                    [t, *seen[0], *seen[1], *np.roll(quaternion, 1), *rates + 8e-3 * random.normal(size=3), *speed]
+                )
             pushed(world, body, speed, ground)
             pull = turned.T @ (-np.array(drag) * speed.sum() * velocity)
             pybullet.applyExternalForce(body, 4, pull.tolist(), [0, 0, 0], pybullet.LINK_FRAME, world)
             pybullet.stepSimulation(world)
         pybullet.disconnect(world)
-        save(folder, run, np.array(rows), "t,x,y,z,vx,vy,vz,qx,qy,qz,qw,p,q,r,w1,w2,w3,w4")
-    signals = {
-        "position": ('"x", "y", "z"', "m", ', frame = "world"'),
-        "velocity": ('"vx", "vy", "vz"', "m/s", ', frame = "world"'),
-        "attitude": ('"qx", "qy", "qz", "qw"', "1", ', convention = "quaternion_xyzw"'),
-        "body_rates": ('"p", "q", "r"', "rad/s", ""),
-        "rotor_speed": ('"w1", "w2", "w3", "w4"', "rad/s", ""),
-    }
-    physics = {"mass": MASS, "inertia": list(INERTIA), "thrust_coefficient": K_F, "torque_coefficient": K_M}
-    physics |= {
-        "rotor_positions": [list(map(float, h)) for h in HUBS],
-        "rotor_directions": SPINS,
-        "rotor_radius": RADIUS,
-    }
-    rate = round(1 / STEP / EVERY)
-    describe(folder, "quadrotor", rate, drive="rotor_speed", hold="previous", signals=signals, physics=physics)
+        save(folder, run, np.array(rows), QUADROTOR)
+    describe_quadrotor(
+        folder, round(1 / STEP / EVERY), "previous", mass=MASS, inertia=list(INERTIA), thrust_coefficient=K_F,
+        torque_coefficient=K_M, rotor_positions=HUBS, rotor_directions=SPINS, rotor_radius=RADIUS,
+    )  # fmt: skip
 
 
 def vehicle(world: int, damping: float, height: float) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from simulated_folders import describe, save, tracking
+from simulated_folders import QUADROTOR, describe, describe_quadrotor, save, tracking
 
 MASS, DAMPING, STIFFNESS = 2.0, 1.5, 80.0
 """Of the masses on springs [kg], [N s/m], [N/m]."""
@@ -102,17 +102,11 @@ def vehicle(folder: Path, seed: int, mass: float = WEIGHT, centre: str = "0 0 0"
                 )
             data.ctrl[:] = K_F * speed**2 * worn
             mujoco.mj_step(model, data)
-        save(folder, run, np.array(rows), "t,x,y,z,vx,vy,vz,qw,qx,qy,qz,p,q,r,w1,w2,w3,w4")
-    signals = {
-        "position": ('"x", "y", "z"', "m", ', frame = "world"'),
-        "velocity": ('"vx", "vy", "vz"', "m/s", ', frame = "world"'),
-        "attitude": ('"qw", "qx", "qy", "qz"', "1", ', convention = "quaternion_wxyz"'),
-        "body_rates": ('"p", "q", "r"', "rad/s", ""),
-        "rotor_speed": ('"w1", "w2", "w3", "w4"', "rad/s", ""),
-    }
-    physics = {"mass": WEIGHT, "inertia": list(INERTIA), "thrust_coefficient": K_F, "torque_coefficient": K_M}
-    physics |= {"rotor_positions": [list(map(float, h)) for h in HUBS], "rotor_directions": SPINS, "rotor_radius": 0.12}
-    describe(folder, "quadrotor", 100, drive="rotor_speed", hold="linear", signals=signals, physics=physics)
+        save(folder, run, np.array(rows), QUADROTOR)
+    describe_quadrotor(
+        folder, 100, "linear", mass=WEIGHT, inertia=list(INERTIA), thrust_coefficient=K_F, torque_coefficient=K_M,
+        rotor_positions=HUBS, rotor_directions=SPINS, rotor_radius=0.12,
+    )  # fmt: skip
 
 
 def controlled(data: Any, path: Any, pace: Any, bend: Any, turns: float, mixed: np.ndarray) -> np.ndarray:

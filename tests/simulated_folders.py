@@ -39,6 +39,23 @@ def save(folder: Path, run: int, table: np.ndarray, header: str) -> None:
     np.savetxt(folder / f"run_{run}.csv", table, "%.9g", ",", header=header, comments="")
 
 
+QUADROTOR = "t,x,y,z,vx,vy,vz,qw,qx,qy,qz,p,q,r,w1,w2,w3,w4"
+"""Columns of a flight."""
+
+
+def describe_quadrotor(folder: Path, rate: int, hold: str, **physics: Any) -> None:
+    """Write dataset.toml of flights with the columns `QUADROTOR`."""
+    signals = {
+        "position": ('"x", "y", "z"', "m", ', frame = "world"'),
+        "velocity": ('"vx", "vy", "vz"', "m/s", ', frame = "world"'),
+        "attitude": ('"qw", "qx", "qy", "qz"', "1", ', convention = "quaternion_wxyz"'),
+        "body_rates": ('"p", "q", "r"', "rad/s", ""),
+        "rotor_speed": ('"w1", "w2", "w3", "w4"', "rad/s", ""),
+    }
+    physics["rotor_positions"] = [list(map(float, h)) for h in physics["rotor_positions"]]
+    describe(folder, "quadrotor", rate, drive="rotor_speed", hold=hold, signals=signals, physics=physics)
+
+
 def describe(folder: Path, system: str, rate: int, *, drive: str, hold: str, signals: Any, physics: Any) -> None:
     """Write dataset.toml."""
     lines = [

@@ -156,8 +156,7 @@ def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift, Shift]:
     value, error, moves = start, np.full(len(start), np.inf), True
     for _ in range(TIMING.linearised):
         fit = _Regression(subject, noise, float(value[_INPUTS]))
-        step, error = fit.step(value)
-        moves = moves and bool(abs(value[_MOTION] + step[_MOTION]) >= TIMING.significant * error[_MOTION])
+        moves = moves and fit.moves_apart(value)
         if not moves:
             fit.leave(_MOTION)
             value[_MOTION] = 0.0
@@ -251,6 +250,13 @@ class _Regression:
         inputs = self.stack.inputs + self.drawn if noisy else self.stack.inputs
         return replace(self.stack, inputs=torch.stack([read_at(u, self.drives, shift, self.held) for u in inputs]))
 
+    def moves_apart(self, shift: np.ndarray) -> bool:
+        """Whether a body that turns moves by a clock of its own, beside the other shifts."""
+        if _MOTION not in self.late:
+            return False
+        step, error = self.step(shift)
+        return bool(abs(shift[_MOTION] + step[_MOTION]) >= TIMING.significant * error[_MOTION])
+
     def leave(self, which: int) -> None:
         """Ask no more for one of the shifts."""
         self.late.pop(which, None)
@@ -327,35 +333,39 @@ def _precision(linear: Linearization, count: int) -> np.ndarray:
     return out
 
 
-def _sensor_said(subject: Subject, shift: Shift) -> str:
-    signal = subject.model.sensed_channels[0].group.replace("_", " ")
+def _in_ms(subject: Subject, shift: Shift) -> tuple[str, str]:
+    """The size of a shift, and its interval."""
     ms = 1e3 * subject.logs[0].dt
     low, high = sorted(abs(x) * ms for x in (shift.low, shift.high))
-    when = "after" if shift.value > 0 else "before"
+    return f"{abs(shift.value) * ms:.3g} ms", f"{low:.3g} to {high:.3g} ms"
+
+
+def _filed(subject: Subject, shift: Shift) -> str:
+    by, between = _in_ms(subject, shift)
+    return f"filed {by} ({between}) {'after' if shift.value > 0 else 'before'}"
+
+
+def _sensor_said(subject: Subject, shift: Shift) -> str:
+    signal = subject.model.sensed_channels[0].group.replace("_", " ")
     return (
-        f"The {signal} is filed {abs(shift.value) * ms:.3g} ms ({low:.3g} to {high:.3g} ms) {when} the motion that it "
-        "shows, and is read so everywhere: a clock or a filter of the sensor."
+        f"The {signal} is {_filed(subject, shift)} the motion that it shows, and is read so everywhere: a clock or a "
+        "filter of the sensor."
     )
 
 
 def _motion_said(subject: Subject, shift: Shift) -> str:
-    ms = 1e3 * subject.logs[0].dt
-    low, high = sorted(abs(x) * ms for x in (shift.low, shift.high))
-    when = "after" if shift.value > 0 else "before"
     return (
-        f"Position and velocity are filed {abs(shift.value) * ms:.3g} ms ({low:.3g} to {high:.3g} ms) {when} the "
-        "attitude that tilts the forces, and are read so everywhere: a filter, or a clock of its own."
+        f"Position and velocity are {_filed(subject, shift)} the attitude that tilts the forces, and are read so "
+        "everywhere: a filter, or a clock of its own."
     )
 
 
 def _said(subject: Subject, shift: Shift) -> str:
     channels = subject.logs[0].recording.input_channels
     signal = channels[0].group.replace("_", " ") if channels else "input"
-    ms = 1e3 * subject.logs[0].dt
-    by, samples = abs(shift.value) * ms, abs(shift.value)
+    by, between = _in_ms(subject, shift)
     when = "earlier" if shift.value > 0 else "later"
-    low, high = sorted(abs(x) * ms for x in (shift.low, shift.high))
     return (
-        f"The {signal} acts {by:.3g} ms ({low:.3g} to {high:.3g} ms, {samples:.2f} samples) {when} than it is filed, "
-        "and is read so everywhere: what happens between two samples, or a clock or filter that is late."
+        f"The {signal} acts {by} ({between}, {abs(shift.value):.2f} samples) {when} than it is filed, and is read so "
+        "everywhere: what happens between two samples, or a clock or filter that is late."
     )
