@@ -156,15 +156,17 @@ class Judged:
         self, error: Mapping[str, float], reference: Mapping[str, Mapping[str, float]], least: str = "floor"
     ) -> float:
         """(E − least) / (nominal − least), each pooled over output groups in units of the nominal error; inf: none."""
-        if not error or not reference.get("nominal"):
+        floor = self.pooled(reference.get(least, {}), reference)
+        above = 1 - floor
+        return (self.pooled(error, reference) - floor) / above if above > 0 else math.inf
+
+    @staticmethod
+    def pooled(error: Mapping[str, float], reference: Mapping[str, Mapping[str, float]]) -> float:
+        """Root mean square over output groups of an error in units of the nominal one; inf: none is known."""
+        nominal = reference.get("nominal", {})
+        if not error or not nominal:
             return math.inf
-        nominal = reference["nominal"]
-
-        def pooled(of: Mapping[str, float]) -> float:
-            return math.sqrt(sum((of[g] / nominal[g]) ** 2 for g in nominal) / len(nominal))
-
-        above = 1 - pooled(reference[least])
-        return (pooled(error) - pooled(reference[least])) / above if above > 0 else math.inf
+        return math.sqrt(sum((error[g] / nominal[g]) ** 2 for g in nominal) / len(nominal))
 
     @property
     def remaining(self) -> float:

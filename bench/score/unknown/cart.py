@@ -38,7 +38,8 @@ class CartPendulum(StateSpace):
     }
     alike: ClassVar[tuple[str, ...]] = ()
     equation: ClassVar[str] = (
-        "(M + m sin²θ) x'' = F − d x' + m sin θ (l θ'² + g cos θ);  l θ'' = −g sin θ − x'' cos θ − b l θ'"
+        "(M + m sin²θ) x'' = F − d x' + m sin θ (l θ'² + g cos θ) + m l b θ' cos θ;  "
+        "l θ'' = −g sin θ − x'' cos θ − b l θ'"
     )
 
     def own_rate(self, state: Tensor, inputs: Tensor) -> Tensor:
@@ -49,6 +50,7 @@ class CartPendulum(StateSpace):
         _, angle, speed, swing = state.unbind(-1)
         sine, cosine = torch.sin(angle), torch.cos(angle)
         push = inputs[..., 0] - friction * speed + light * sine * (length * swing**2 + 9.81 * cosine)
+        push = push + light * length * damping * swing * cosine
         acceleration = push / (heavy + light * sine**2)
         turning = -(9.81 * sine + acceleration * cosine) / length - damping * swing
         return torch.stack([speed, swing, acceleration, turning], dim=-1)

@@ -51,17 +51,13 @@ class JudgedUnknown(Judged):
         return self.case.condition in SWINGS
 
     @property
-    def without(self) -> float:
-        """What the calibrated model leaves of the error above the floor."""
-        error = self.said["error"]
-        return self.left(error.get("calibrated", {}), error)
-
-    @property
     def worse(self) -> bool:
         """Whether the answer's model forecasts held-out recordings worse than the nominal and calibrated ones."""
         if self.verdict == "data_problem":
             return False
-        return not self.remaining <= max(min(self.without, 1.0), 0.0) + ROUNDING
+        error = self.said["error"]
+        last, before, floor = (self.pooled(error.get(k, {}), error) for k in ("extended", "calibrated", "floor"))
+        return not last <= max(min(before, 1.0), floor) + ROUNDING
 
     def matching(self, term: Term) -> dict[str, Any] | None:
         """What was learned along the axis and of the signals of a hidden term; a product's order does not matter."""
