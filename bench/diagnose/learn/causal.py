@@ -28,24 +28,22 @@ def consequences(
         signals: what they follow, as measured and, where inputs are noisy, with more noise.
     """
     leads = [max(1, round(lead / search.stack.dt)) for lead in LEARNING.leads]
-    columns = [s.made.columns for s in splines]
-    first = len(columns)
-    rough = [s.made.roughness for s in splines]
+    tried = [s.made for s in splines]
+    first = len(tried)
     for s in splines:
         for lead in leads:
             later = [{n: _advanced(x, lead) if n in s.pair.signals else x for n, x in of.items()} for of in signals]
-            made = splines_of(s.pair, later, len(s.made.knots)) or s.made
-            columns.append(made.columns)
-            rough.append(made.roughness)
-    view, places = view_of(search, look, base, columns)
+            tried.append(splines_of(s.pair, later, len(s.made.knots), bool(s.made.waves)) or s.made)
+    view, places = view_of(search, look, base, [m.columns for m in tried])
     fits = HeldOut(view, own_columns(view, base, upright=True))
-    blocks = [fits.smoothed(places[i], rough[i], ())[0] for i in range(first)]
+    blocks = [m.blocks(at) for m, at in zip(tried, places, strict=True)]
+    alone = [some[fits.best(some, ())[0]] for some in blocks[:first]]
     out = []
     for i, s in enumerate(splines):
-        beside = [b for j, b in enumerate(blocks) if j != i]
-        without, now = float(fits.losses(beside).sum()), float(fits.smoothed(places[i], rough[i], beside)[1].sum())
+        beside = [b for j, b in enumerate(alone) if j != i]
+        without, now = float(fits.losses(beside).sum()), float(fits.best(blocks[i], beside)[1].sum())
         at = range(first + i * len(leads), first + (i + 1) * len(leads))
-        later_losses = [float(fits.smoothed(places[k], rough[k], beside)[1].sum()) for k in at]
+        later_losses = [float(fits.best(blocks[k], beside)[1].sum()) for k in at]
         if now - min(later_losses) > LEARNING.better * (without - now):
             out.append(s)
     return out

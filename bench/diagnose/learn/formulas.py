@@ -64,6 +64,11 @@ def options(x: np.ndarray) -> list[Option]:
     return found
 
 
+def waves_of(x: np.ndarray) -> tuple[Option, ...]:
+    """Waves of a signal, of every length that is tried."""
+    return tuple(o for o in options(x) if o.shape.name == "wave")
+
+
 def _one_sided(shape: str, values: tuple[float, ...], x: np.ndarray) -> bool:
     """Whether a signal meets one edge of a dead zone at most: that is what goes on above an edge, or below one."""
     if shape != "dead_zone":
@@ -114,7 +119,7 @@ def fitted(
         x: what the formulas follow.
     """
     best: dict[str, Formula] = {}
-    for option, block in zip(some, _blocks(some, places), strict=True):
+    for option, block in zip(some, blocks_of(some, places), strict=True):
         losses = fits.losses([*beside, block])
         name = option.shape.name
         if name not in best or losses.sum() < best[name].losses.sum():
@@ -125,14 +130,17 @@ def fitted(
     return best
 
 
-def _blocks(some: Sequence[Option], places: np.ndarray) -> list[Block]:
+def blocks_of(some: Sequence[Option], places: np.ndarray) -> list[Block]:
+    """The columns of each formula, of those of ``some`` in ``places``."""
     ends = np.cumsum([o.width for o in some])
     return [Block(places[end - option.width : end]) for option, end in zip(some, ends, strict=True)]
 
 
 def block_of(shape: str, some: Sequence[Option], places: np.ndarray) -> Block:
     """The columns of the first formula of a shape, of those of ``some`` in ``places``."""
-    return next(block for option, block in zip(some, _blocks(some, places), strict=True) if option.shape.name == shape)
+    return next(
+        block for option, block in zip(some, blocks_of(some, places), strict=True) if option.shape.name == shape
+    )
 
 
 def refined(best: Mapping[str, Formula]) -> list[Option]:

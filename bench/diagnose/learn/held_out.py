@@ -7,7 +7,6 @@ import numpy as np
 
 from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.select.search import View
-from bench.diagnose.settings import SPLINING
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +56,11 @@ class HeldOut:
         ends = len(self.own) + np.cumsum([len(b.places) for b in blocks])
         return [beta[end - len(b.places) : end] for b, end in zip(blocks, ends, strict=True)]
 
-    def smoothed(self, places: np.ndarray, roughness: np.ndarray, beside: Sequence[Block]) -> tuple[Block, np.ndarray]:
-        """The block with the penalty that held-out recordings prefer, and their losses (folds,)."""
-        options = [Block(places, roughness, p) for p in SPLINING.penalties]
-        losses = [self.losses([*beside, b]) for b in options]
-        best = int(np.argmin([loss.sum() for loss in losses]))
-        return options[best], losses[best]
+    def best(self, blocks: Sequence[Block], beside: Sequence[Block]) -> tuple[int, np.ndarray]:
+        """Which of some blocks held-out recordings prefer beside others, and their losses (folds,) with it."""
+        losses = [self.losses([*beside, b]) for b in blocks]
+        at = int(np.argmin([loss.sum() for loss in losses]))
+        return at, losses[at]
 
     def _penalty(self, index: list[int], blocks: Sequence[Block], some: tuple[np.ndarray, ...]) -> np.ndarray:
         out = self.held[some].copy()

@@ -103,10 +103,19 @@ class _Seen:
         view, places = view_of(self.search, self.look, self.base, columns)
         return HeldOut(view, own_columns(view, self.base, upright)), places
 
-    def made(self, some: Sequence[Pair], fine: bool = False) -> list[Made]:
-        """The splines of pairs whose signals vary; ``fine``: in what says where a system is, as short waves need."""
-        poses = poses_of(self.look.linear.model)
-        return [m for pair in some if (m := splines_of(pair, self.signals, _knots(pair, poses, fine))) is not None]
+    def made(self, some: Sequence[Pair], waves: bool = False, fine: bool = False) -> list[Made]:
+        """The splines of pairs whose signals vary.
+
+        Args:
+            some: the pairs.
+            waves: whether waves stand beside the splines of what says where a system is.
+            fine: whether these have as many knots as the shortest wave needs.
+        """
+        poses, found = poses_of(self.look.linear.model), []
+        for pair in some:
+            wavy = waves and len(pair.signals) == 1 and _of_a_pose(pair, poses)
+            found.append(splines_of(pair, self.signals, _knots(pair, poses, fine), wavy))
+        return [m for m in found if m is not None]
 
     def asked(self, only: Pair) -> list[Spline]:
         """The one term that was asked for."""
@@ -114,26 +123,27 @@ class _Seen:
         if not made:
             raise BenchError(f"{only.signals[0]} hardly varies in these recordings: nothing can follow it.")
         fits, places = self.fits([made[0].columns])
-        return [Spline(only, made[0], fits.smoothed(places[0], made[0].roughness, ())[0])]
+        return [Spline(only, made[0], fits.best(made[0].blocks(places[0]), ())[0])]
 
     def sought(self, offered: Sequence[Pair]) -> list[Spline]:
         """The terms that recordings left out of the fit confirm, of what acts now; of nothing else, short waves."""
         poses = poses_of(self.look.linear.model)
-        return self._coarse(offered) or self._acting([p for p in offered if _of_a_pose(p, poses)], fine=True)
+        of_poses = [p for p in offered if _of_a_pose(p, poses)]
+        waves = len(of_poses) <= LEARNING.few_waves
+        return self._coarse(offered, waves) or self._acting(of_poses, waves=True, fine=True)
 
-    def _coarse(self, offered: Sequence[Pair]) -> list[Spline]:
+    def _coarse(self, offered: Sequence[Pair], waves: bool) -> list[Spline]:
         """With the knots that most shapes need."""
-        few = len(offered) ** 2 <= LEARNING.few
-        splines = self._acting([*offered, *products(offered)] if few else offered)
-        if few:
-            return splines
+        if len(offered) ** 2 <= LEARNING.few:
+            return self._acting([*offered, *products(offered)], waves)
+        splines = self._acting(offered, waves)
         crossed = self._crossed(offered, splines)
         if not splines and not crossed:
             return []
         found = [s.pair for s in splines]
         axes = {p.axis for p in (*found, *crossed)}
         alone = [p for p in offered if p.axis in axes]
-        return self._acting([*alone, *dict.fromkeys((*products(alone, found), *crossed))])
+        return self._acting([*alone, *dict.fromkeys((*products(alone, found), *crossed))], waves)
 
     def _crossed(self, offered: Sequence[Pair], splines: Sequence[Spline]) -> list[Pair]:
         """Products of two signals that recordings left out confirm, though neither signal may matter by itself."""
@@ -143,7 +153,7 @@ class _Seen:
         signals = self.signals
         made = [Columns(p, tuple((of[p.signals[0]] * of[p.signals[1]])[None] for of in signals)) for p in both]
         fits, places = self.fits([*made, *(s.made.columns for s in splines)], upright=True)
-        beside = [replace(s.block, places=at) for s, at in zip(splines, places[len(both) :], strict=True)]
+        beside = [s.block(at) for s, at in zip(splines, places[len(both) :], strict=True)]
         now = fits.losses(beside)
         gains = [now - fits.losses([*beside, Block(at)]) for at in places[: len(both)]]
         least = SPLINING.gain * fits.rows
@@ -151,10 +161,10 @@ class _Seen:
         best = [both[i] for i in order if confirmed(gains[i], least)][: SPLINING.first]
         return [Pair(p.axis, names) for p in best for names in (p.signals, p.signals[::-1])]
 
-    def _acting(self, offered: Sequence[Pair], fine: bool = False) -> list[Spline]:
+    def _acting(self, offered: Sequence[Pair], waves: bool = False, fine: bool = False) -> list[Spline]:
         splines: list[Spline] = []
         for _ in range(LEARNING.tries):
-            made = self.made(offered, fine)
+            made = self.made(offered, waves, fine)
             if not made:
                 return []
             fits, places = self.fits([m.columns for m in made], upright=True)
@@ -186,27 +196,30 @@ class _Seen:
         """Every spline as the simplest formula that is not worse, or as it is."""
         signals = self.signals
         some = [options(signals[0][s.pair.signals[0]]) for s in splines]
-        blocks, found = [s.block for s in splines], list[Formula | None]([None] * len(splines))
+        found: list[Formula | None] = [None] * len(splines)
+        which = [s.which for s in splines]
         terms: list[LearnedTerm] = []
         for _ in range(LEARNING.rounds):
             columns = [s.made.columns for s in splines]
             columns += [option_columns(s.pair, tried, signals) for s, tried in zip(splines, some, strict=True)]
             fits, places = self.fits(columns)
             smooth, formulas = places[: len(splines)], places[len(splines) :]
-            for i, formula in enumerate(found):
-                blocks[i] = replace(blocks[i], places=smooth[i])
-                if formula is not None:
-                    blocks[i] = block_of(formula.shape, some[i], formulas[i])
+            blocks = [
+                s.made.blocks(smooth[i])[which[i]]
+                if (f := found[i]) is None
+                else block_of(f.shape, some[i], formulas[i])
+                for i, s in enumerate(splines)
+            ]
             terms = []
             for i, s in enumerate(splines):
                 beside = [b for j, b in enumerate(blocks) if j != i]
-                spline, losses = fits.smoothed(smooth[i], s.made.roughness, beside)
+                which[i], losses = fits.best(s.made.splines(smooth[i]), beside)
                 best = fitted(fits, some[i], formulas[i], beside, signals[0][s.pair.signals[0]])
                 formula = found[i] = simplest(best, losses, fits.losses(beside))
                 some[i] = refined(best)
                 if formula is None:
-                    blocks[i] = spline
-                    values = tuple(map(float, s.made.turn @ fits.fit([*beside, spline])[-1]))
+                    blocks[i] = s.made.splines(smooth[i])[which[i]]
+                    values = tuple(map(float, s.made.turn @ fits.fit([*beside, blocks[i]])[-1]))
                     span = span_of(signals[0][s.pair.signals[0]])
                     terms.append(LearnedTerm(s.pair.axis, s.pair.signals, SPLINE, values, s.made.knots, span))
                 else:

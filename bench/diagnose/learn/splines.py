@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from bench.diagnose.learn.candidates import PRODUCT, Columns, Pair
+from bench.diagnose.learn.formulas import Option, blocks_of, option_columns, waves_of
 from bench.diagnose.learn.held_out import Block, HeldOut
 from bench.diagnose.settings import CHOOSING, SPLINING
 from registry.terms.spline import basis, roughness
@@ -15,24 +16,38 @@ from registry.terms.spline import basis, roughness
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """A term as a spline."""
+    """A term as one of the functions that were tried."""
 
     pair: Pair
     made: "Made"
-    block: Block
+    which: int
+    """Of `Made.blocks`."""
+
+    def block(self, places: np.ndarray) -> Block:
+        """It, where the columns of all functions are in some places."""
+        return self.made.blocks(places)[self.which]
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """The splines of a pair, as columns."""
+    """The splines of a pair and, if asked, waves of which no spline is as good a likeness, as columns."""
 
     columns: Columns
-    """From the smoothest on: a constant, a straight line, then what bends more and more."""
+    """From the smoothest on: a constant, a straight line, then what bends more and more; then the waves."""
     knots: tuple[float, ...]
     turn: np.ndarray
     """(K, K): coefficients of the columns to values at the knots."""
     roughness: np.ndarray
-    """(K, K) of the columns' coefficients, of unit size."""
+    """(K, K) of the coefficients of the splines' columns, of unit size."""
+    waves: tuple[Option, ...] = ()
+
+    def splines(self, places: np.ndarray, penalties: Sequence[float] = SPLINING.penalties) -> list[Block]:
+        """The splines of each penalty, where all columns are in some places."""
+        return [Block(places[: len(self.turn)], self.roughness, p) for p in penalties]
+
+    def blocks(self, places: np.ndarray, penalties: Sequence[float] = SPLINING.penalties) -> list[Block]:
+        """These, then the waves."""
+        return [*self.splines(places, penalties), *blocks_of(self.waves, places[len(self.turn) :])]
 
 
 def knots_of(x: np.ndarray, count: int) -> tuple[float, ...]:
@@ -51,8 +66,8 @@ def knots_of(x: np.ndarray, count: int) -> tuple[float, ...]:
     return tuple(kept)
 
 
-def splines_of(pair: Pair, signals: Sequence[dict[str, np.ndarray]], count: int) -> Made | None:
-    """All splines of a pair's first signal, times the second; None: the signal does not vary."""
+def splines_of(pair: Pair, signals: Sequence[dict[str, np.ndarray]], count: int, waves: bool = False) -> Made | None:
+    """All splines of a pair's first signal, and waves if asked, times the second; None: the signal does not vary."""
     knots = knots_of(signals[0][pair.signals[0]], count)
     if len(knots) < 3:
         return None
@@ -65,24 +80,30 @@ def splines_of(pair: Pair, signals: Sequence[dict[str, np.ndarray]], count: int)
         values.append(found * paths[pair.signals[1]] if len(pair.signals) > 1 else found)
     rough = turn.T @ rough @ turn
     rough[:2], rough[:, :2] = 0.0, 0.0
-    return Made(Columns(pair, tuple(values)), knots, turn, rough / (np.trace(rough) / len(rough)))
+    some = waves_of(signals[0][pair.signals[0]]) if waves else ()
+    if some:
+        more = option_columns(pair, some, signals).values
+        values = [np.concatenate(both) for both in zip(values, more, strict=True)]
+    return Made(Columns(pair, tuple(values)), knots, turn, rough / (np.trace(rough) / len(rough)), some)
 
 
-_Addition = tuple[int, Block, np.ndarray]
-"""A candidate's number, its columns with their penalty, and the losses (folds,) with them."""
+_Addition = tuple[int, int, np.ndarray]
+"""A candidate's number, which of its functions, and the losses (folds,) with it."""
 
 
 def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) -> list[Spline]:
     """The pairs that held-out recordings ask for, in the order in which they were added."""
     taken: list[Spline] = []
+    beside: list[Block] = []
     now = fits.losses([])
     gained: dict[str, float] = defaultdict(float)
 
     def best(beside: Sequence[Block], among: Sequence[int]) -> _Addition | None:
         """The candidate that leaves least beside some blocks."""
-        quick = {i: float(fits.losses([*beside, Block(places[i], made[i].roughness, 1e-3)]).sum()) for i in among}
+        few = SPLINING.penalties[1::2]
+        quick = {i: float(fits.best(made[i].blocks(places[i], few), beside)[1].sum()) for i in among}
         first = sorted(quick, key=lambda i: quick[i])[: SPLINING.first]
-        found = [(i, *fits.smoothed(places[i], made[i].roughness, beside)) for i in first]
+        found = [(i, *fits.best(made[i].blocks(places[i]), beside)) for i in first]
         return min(found, key=lambda f: float(f[2].sum()), default=None)
 
     def least(pair: Pair, before: np.ndarray, losses: np.ndarray) -> float:
@@ -97,26 +118,27 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
         return max(SPLINING.gain * fits.rows, relevant)
 
     for _ in range(SPLINING.most):
-        beside, used = [s.block for s in taken], {s.pair for s in taken}
+        used = {s.pair for s in taken}
         free = [i for i, m in enumerate(made) if len(places[i]) and m.columns.pair not in used]
         by_length = {n: [i for i in free if made[i].columns.pair.length == n] for n in (1, 2, PRODUCT)}
         found = {n: addition for n, among in by_length.items() if (addition := best(beside, among))}
         if not found:
             break
-        i, block, losses = found[min(found)]
+        i, which, losses = found[min(found)]
         # Two signals must be better than one, for they hold much of that; and a product better than a sum of two terms.
         for length in sorted(found)[1:]:
             if confirmed(losses - found[length][2], least(made[i].columns.pair, losses, losses)):
                 if length == PRODUCT:
                     alone = [j for n in found if n < PRODUCT for j in by_length[n] if j != i]
-                    second = best([*beside, block], alone)
+                    second = best([*beside, made[i].blocks(places[i])[which]], alone)
                     if second and second[2].sum() <= found[length][2].sum():
                         continue
-                i, block, losses = found[length]
+                i, which, losses = found[length]
         if not confirmed(now - losses, least(made[i].columns.pair, now, losses)):
             break
         gained[made[i].columns.pair.equation] += float((now - losses).sum())
-        taken.append(Spline(made[i].columns.pair, made[i], block))
+        taken.append(Spline(made[i].columns.pair, made[i], which))
+        beside.append(taken[-1].block(places[i]))
         now = losses
     return taken
 

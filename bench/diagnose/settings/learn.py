@@ -84,6 +84,13 @@ class Learning:
         Basis.EFFORT,
         "count",
     )
+    few_waves: int = threshold(
+        12,
+        "axes times signals that say where the system is, with which waves stand beside splines from the first; where "
+        "there are more, if nothing else is found",
+        Basis.EFFORT,
+        "count",
+    )
     tries: int = threshold(
         4, "times that terms are sought without what turned out to be a consequence", Basis.EFFORT, "count"
     )
