@@ -46,6 +46,7 @@ ROOM = {
     "position.z": (0.5, 2.5, 1.0),
     "velocity": (-2.0, 2.0, None),
     "body_rates": (-3.0, 3.0, None),
+    "yaw": (-np.pi / 2, np.pi / 2, 2.0),
 }
 """Where a set-point or a state may go and how fast; SI."""
 

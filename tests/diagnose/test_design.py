@@ -235,6 +235,7 @@ def test_a_tie_is_told_by_what_was_designed(forward: Subject, tmp_path: Path) ->
     assert "offset_force" in names
     found = design(forward, model, names, limits={"voltage": (-1.0, 1.0, 5.0), "displacement": (-30.0, 30.0, None)})
     assert found.plan.told[:, -1].min() > 0.95
+    assert found.stock is not None and found.plan.told.mean() >= found.stock.told.mean()
     page.write_csv(tmp_path / "design.csv", found)
     head, *rows = (tmp_path / "design.csv").read_text().splitlines()
     assert head == "t [s],voltage [1]" and len(rows) == 1001

@@ -40,6 +40,11 @@ class Plan:
     needed_s: float
     """After which the mean chance is 95 %; infinite: not within hours, NaN: no candidates."""
 
+    @property
+    def worth(self) -> float:
+        """Mean chance over all truths and lengths; of half widths what is gained, by how many times they shrink."""
+        return float(-np.log(self.told).mean() if np.isnan(self.needed_s) else self.told.mean())
+
 
 @dataclass(frozen=True, eq=False)
 class Design(Displayed):
@@ -165,10 +170,15 @@ def design(
     player = Player(subject, bounds, _samples(subject, lengths[0]), noise)
     judge = _judge(subject, question, player, round(lengths[len(lengths) // 2] / lengths[0]), tick)
     others = _stock(player, question.effects)
-    found = search.best(judge, np.stack([x for _, x in others]) if others else _none(player), _share(tick))
+    sought = search.best(judge, np.stack([x for _, x in others]) if others else _none(player), _share(tick))
     tick("judging")
-    plan = _plan(judge, found, lengths)
-    phrase, stock = _best_stock(judge, others, lengths)
+    own = [(name, _plan(judge, x[None], lengths)) for name, x in others]
+
+    def value(plan: Plan) -> tuple[bool, float]:
+        return judge.inside(plan.asked[None]), plan.worth
+
+    phrase, stock = max(own, key=lambda x: value(x[1]), default=("", None))
+    plan = max([p for _, p in own] + [_plan(judge, sought, lengths)], key=value)
     return Design(
         dataset=subject.name,
         rows=_rows(judge, question),
@@ -179,8 +189,8 @@ def design(
         drives=bounds.drives,
         plan=plan,
         stock=stock,
-        phrase=phrase,
-        states=_states(judge, found),
+        phrase=phrase_of(phrase),
+        states=_states(judge, plan.asked[None]),
         outputs=tuple((c.name, c.unit) for c in subject.model.state_channels),
         pilot=player.model.pilot(),
         without=question.without,
@@ -235,17 +245,6 @@ def _stock(player: Player, effects: Sequence[str]) -> list[tuple[str, np.ndarray
 
 def _none(player: Player) -> np.ndarray:
     return player.asked(np.full((1, player.size), 0.5))
-
-
-def _best_stock(
-    judge: Judge, others: Sequence[tuple[str, np.ndarray]], lengths: Sequence[float]
-) -> tuple[str, Plan | None]:
-    """The phrase of the stock manoeuvre that tells most, and what it tells."""
-    if not others:
-        return "", None
-    values = judge.weigh(np.stack([x for _, x in others]))
-    name, signals = others[int(np.argmax(values))]
-    return phrase_of(name), _plan(judge, signals[None], lengths)
 
 
 def _plan(judge: Judge, asked: np.ndarray, lengths: Sequence[float]) -> Plan:

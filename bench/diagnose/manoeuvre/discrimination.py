@@ -66,6 +66,12 @@ class Judge:
                 value[inside] += self._value(_part(played, inside), i)
         return np.where(over <= ASSURING.inside, value, -1e3 - 1e3 * np.minimum(over, 1e3))
 
+    @torch.inference_mode()
+    def inside(self, asked: np.ndarray) -> bool:
+        """Whether no candidate leaves the limits in one manoeuvre, (1, R, N, c)."""
+        over = (self.player.play(c.model, asked).outside(self.player.limits) for c in self.candidates)
+        return bool(all((o <= ASSURING.inside).all() for o in over))
+
     def _value(self, played: Played, truth: int) -> np.ndarray:
         """(W,) if this candidate is the truth, which ``played`` shows."""
         count, logs = len(played.asked), self.player.logs(played)
