@@ -109,9 +109,9 @@ def test_an_error_below_the_floor_is_not_worse() -> None:
     none = replace(CASE, condition="undersampled", terms=(), verdicts=("nothing",))
     quiet = {**said(), "verdict": "nothing", "extra": {"terms": []}}
     quiet["error"] = {"nominal": {"q": 0.9}, "calibrated": {"q": 0.8}, "extended": {"q": 0.8}, "floor": {"q": 1.0}}
-    assert judged(none, quiet).right
+    assert judged(none, quiet).right and not judged(none, quiet).worse
     quiet["error"]["extended"] = {"q": 1.1}
-    assert judged(none, quiet).worse and not judged(none, quiet).right
+    assert judged(none, quiet).worse
 
 
 def test_a_force_on_the_cart_may_be_said_where_its_motor_pushes() -> None:

@@ -124,10 +124,10 @@ class JudgedUnknown(Judged):
     def right(self) -> bool:
         """Whether the answer as a whole is the one that counts."""
         kind = self.case.condition
+        if not self.hidden:  # what calibration alone makes of gusts is no answer
+            return self.verdict in self.case.verdicts and not self.learned
         if self.verdict == "error" or self.worse:
             return False
-        if not self.hidden:
-            return self.verdict in self.case.verdicts and not self.learned
         if kind == "twisted":
             return self.verdict in ("unknown_effect", "data_problem")
         if self.swings:
