@@ -91,6 +91,21 @@ class Hearing:
     segment: int = threshold(
         128, "length of a spectrum; half or a quarter of it where no recording is as long", Basis.JUDGED, "samples"
     )
+    stepped: float = threshold(
+        0.5, "share of the samples at which an input changes below which it goes in steps", Basis.CONVENTION
+    )
+    answered: int = threshold(
+        64,
+        "samples over which what follows a step is told from noise, at most: half a spectrum",
+        Basis.JUDGED,
+        "samples",
+    )
+    rows: int = threshold(
+        20,
+        "samples a number of that answer, at least: it then takes 5 % of the noise for its own",
+        Basis.JUDGED,
+        "count",
+    )
     unlike: float = threshold(
         0.35,
         "mean distance, in natural logarithms, from which no known filter has the spectrum that was found",
