@@ -1,9 +1,11 @@
-"""A shaft that steps of a voltage drive and of which the speed alone is logged, by plain numpy."""
+"""What steps drive and of which one state is logged: a shaft's speed by plain numpy, a temperature by SciPy's exact
+discrete system."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import cont2discrete
 
 from bench.diagnose import diagnose
 from bench.diagnose.logs.load import load
@@ -29,6 +31,27 @@ class Motor(Mechanical):
 
     def own_force(self, state, inputs):
         return 0.05 * (inputs[..., :1] - 0.05 * state[..., 1:]) / 1.2
+"""
+OVEN = """
+from dataclasses import dataclass
+from typing import Any
+
+from registry.contracts import Channel
+from registry.dynamics import constant, tensor
+from registry.physics.state_space import StateSpace
+from registry.units import Signal
+
+
+@dataclass(frozen=True)
+class Oven(StateSpace):
+    capacity: Any = constant(100.0, "C", "J/K", low=1.0)
+    state_channels = (Channel("temperature.oven", "K"),)
+    input_signals = ("power",)
+    signals = {"power": Signal("W", ("",))}
+    equation = "C dT/dt = P - 2 (T - 290)"
+
+    def own_rate(self, state, inputs):
+        return (inputs[..., :1] - 2 * (state - 290)) / tensor(self.capacity, state).unsqueeze(-1)
 """
 DESCRIBED = """
 name = "stepped"
@@ -72,6 +95,22 @@ def shafts(folder: Path, friction: float) -> Path:
     return written(folder, SHAFT, 100, made, **words)
 
 
+def ovens(folder: Path, lag: float, rate: float = 1.0) -> Path:
+    """Six runs of 800 samples, a time constant of 50 s behind a heater with another one; noise of .02 K."""
+    rng, made = np.random.default_rng(5), []
+    a = np.array([[-1 / 50, 1 / 100], [0, -1 / lag]])
+    ad, bd, *_ = cont2discrete((a, np.array([[0], [1 / lag]]), np.eye(2), np.zeros((2, 1))), 1 / rate)
+    for _ in range(6):
+        power, warm = np.repeat(rng.uniform(20, 180, 20), 40), np.zeros(800)
+        x = np.array([30.0, power[0]])  # the heater is as long on as a lag that nobody saw begin is taken to be
+        for k, u in enumerate(power):
+            warm[k] = 290 + x[0]
+            x = ad @ x + bd[:, 0] * u
+        made.append(np.column_stack([power, warm + rng.normal(0, 0.02, len(warm))]))
+    words = {"signal": "temperature", "unit": "K", "drive": "power", "of_drive": "W", "constant": "capacity = 100.0"}
+    return written(folder, OVEN, rate, made, **words)
+
+
 @pytest.mark.parametrize("friction", [0.0, FRICTION])
 def test_corners_that_steps_leave_in_a_speed_are_no_noise(tmp_path: Path, friction: float) -> None:
     """They had made a noise of 24 rad/s of .2, and a filter over 25 samples, the length of the steps."""
@@ -95,3 +134,13 @@ def test_nothing_is_named_where_a_shaft_lacks_nothing(tmp_path: Path) -> None:
     folder = shafts(tmp_path / "shafts", 0.0)
     found, _ = diagnose(load(folder, f"{folder}/mine.py:Motor"))
     assert found.verdict == "nothing"
+
+
+@pytest.mark.parametrize("lag", [4.0, 15.0])
+def test_a_lag_of_seconds_is_found_in_what_has_neither_place_nor_speed(tmp_path: Path, lag: float) -> None:
+    """It was sought of what moves alone, on a scale that comes of place over speed."""
+    folder = ovens(tmp_path / "ovens", lag)
+    found, _ = diagnose(load(folder, f"{folder}/mine.py:Oven"))
+    assert [e.id for e in found.effects] == ["actuator_lag"]
+    tau = found.effects[0].parameters["tau"]
+    assert tau.low <= lag <= tau.high and tau.value == pytest.approx(lag, rel=0.03 + 0.5 / lag)
