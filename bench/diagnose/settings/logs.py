@@ -39,7 +39,7 @@ class Reading:
         10.0, "shortest part: two blocks of rows, and what a whitening filter remembers twice", Basis.JUDGED, "s"
     )
     part_samples: int = threshold(
-        500, "samples of a part, at least: of slow logs ten seconds are few", Basis.JUDGED, "samples"
+        100, "samples of a part, at least: of slow logs ten seconds are few", Basis.JUDGED, "samples"
     )
     enough: int = threshold(
         180_000,
