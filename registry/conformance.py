@@ -132,7 +132,7 @@ class EffectConformance:
         found = other.simulate(other_state, other_inputs, self.dt)[-1] / by_state
         torch.testing.assert_close(found, self.final(effect), rtol=1e-8, atol=1e-10)
         before, after = (
-            {n: float(x.abs().max()) for n, x in m.followed(s, u).items()}
+            {n: float(x.abs().max()) for n, x in m.followed(s, u).items()} | {"time_scale": m.time_scale(s, u)}
             for m, s, u in ((model, state, inputs), (other, other_state, other_inputs))
         )
         for p in (p for p in effect.parameters() if p.measure):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import ClassVar
 
@@ -201,6 +202,17 @@ class PhysicsModel(ABC):
         groups = [c.group for c in self.state_channels]
         own = {g: state[..., [i for i, of in enumerate(groups) if of == g]] for g in dict.fromkeys(groups)}
         return own | ({"input": driving} if driving.shape[-1] else {})
+
+    def time_scale(self, state: Tensor, inputs: Tensor) -> float:
+        """Time [s] in which the slowest of the states (…, s) varies as far as it does, by the model's rates.
+
+        These have no noise, and not everything moves: a temperature has no speed, a shaft often no angle. 0: none does.
+        """
+        shape = torch.broadcast_shapes(state.shape[:-1], inputs.shape[:-1])
+        state, inputs = state.expand(*shape, -1), inputs.expand(*shape, -1)
+        rates = replace(self, effects=()).derivative(state, inputs)
+        spread, slope = (x.flatten(0, -2).std(0).tolist() for x in (state, rates))
+        return max((a / b for a, b in zip(spread, slope, strict=True) if a > 0 and 0 < b < math.inf), default=0.0)
 
     def input_effects(self) -> list[InputEffect]:
         """The effects between the given input and the acting one, in order."""

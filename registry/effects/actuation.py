@@ -116,11 +116,10 @@ class ActuatorLag(FirstOrderLag, DriveEffect):
         low=0,
         typical=0.03,
         source="MuJoCo's filter",
-        measure="displacement/speed",
+        measure="time_scale",
         share=0.3,
     )
     equation: ClassVar[str] = "dx/dt = (u − x)/τ, and x drives, solved exactly"
-    needs: ClassVar[tuple[str, ...]] = ("displacement", "speed")
     screen: ClassVar[dict[str, tuple[float, ...]]] = {"tau": (0.03, 0.08, 0.2, 0.5, 1.2)}
     manoeuvre: ClassVar[str] = (
         "give steps of the drive, logged at ten samples a time constant or more: a lag answers at once and settles "

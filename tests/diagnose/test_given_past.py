@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from test_compare import DT, subject_of
+from test_problems import flights, made
 
-from bench.diagnose.by_equation import ObscuredConstant
+from bench.diagnose.by_equation import GivenPast, ObscuredConstant
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.select import given_past
 from bench.diagnose.select.given_past import memory, revealed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
+from registry.dynamics import PhysicsModel
+from registry.effects.actuation import InputDelay
+from registry.effects.air import ParasiticDrag, Wind
 from registry.physics.oscillator import Oscillator
 
 STATED = Oscillator(mass=1.0, damping=0.05, stiffness=0.01)
@@ -90,6 +95,25 @@ def test_what_is_not_slow_hides_nothing() -> None:
     states, force = held_in_place(wind=0.0)
     (found,) = told_of(of(states, force), 20.0)
     assert found.repeats == 0.0 and found.told is None
+
+
+def test_what_an_input_effect_is_worth_is_asked_beside_a_wind_that_needs_its_drag(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A model without the drag and with the wind cannot be; real flights in a fan's wind had ended there."""
+    subject = made(flights(4, drag=0.06, wind=(4.0, -2.0)))
+    model = replace(subject.model, effects=(ParasiticDrag(0.06, 0.06, 0.06), Wind(4.0, -2.0), InputDelay(0.02)))
+    search = Search(replace(subject, model=model), [], lambda what: None)
+    view = search.views(search.own(model))[-1]
+    asked: list[tuple[str, ...]] = []
+
+    def foretold(weighing: object, less: PhysicsModel, more: PhysicsModel, group: str) -> GivenPast:
+        asked.append(tuple(type(e).__name__ for e in less.effects))
+        return GivenPast({}, 0.5, 0.4, 0.6, 0.1)
+
+    monkeypatch.setattr(given_past, "foretold", foretold)
+    given_past._told(None, view, model, model, "body_rates")  # type: ignore[arg-type]
+    assert asked[1:] == [("ParasiticDrag", "Wind")]
 
 
 def test_the_memory_of_an_autoregression_is_the_closed_form() -> None:

@@ -27,10 +27,12 @@ def list_command(kind: str | None, system: str | None) -> None:
     """What can be compared, one line each: everything, or one kind of it.
 
     \b
+    bench list physics                       the systems that --system names
     bench list effects                       single terms of polynomials in one line a system
     bench list effects --system quadrotor
     bench list effects --system mine.py:Arm  your own physics
     """
+    kind = "physics" if kind == "systems" else kind
     if kind is not None and kind not in KINDS:
         raise BenchError(f"There is no kind {kind!r}: {near(kind, KINDS)}")
     if system is not None and kind != "effects":

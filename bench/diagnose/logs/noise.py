@@ -62,12 +62,13 @@ def noise_of(subject: Subject) -> Noise:
     """Noise of the subject's recordings, as stated where it is stated, else from their spectra.
 
     Above `QUIET` times the sampling rate a measured state is noise that went through the filter: its spectrum has the
-    filter's shape, by which the filter is known (Whittle's likelihood), and its height gives 1σ.
+    filter's shape, by which the filter is known (Whittle's likelihood), and its height gives 1σ. Steps of an input set
+    off corners, which are no noise: what follows them linearly is taken off first.
     """
     logs, channels = subject.logs, subject.model.state_channels
     measured = tuple(i not in subject.slopes and all(log.measured[i] for log in logs) for i in range(len(channels)))
     places, length = channel_indices(channels, measured), _segment([log.valid.numpy() for log in logs])
-    height = {g: _height(logs, at, length) for g, at in places.items()}
+    height = {g: _height(logs, at, length, _steps(subject)) for g, at in places.items()}
     own = {g for g in subject.noise if g in DERIVED_FROM}  # a sensor of its own has noise of its own
     notes = []
     if subject.smoothing is None:
@@ -199,11 +200,49 @@ def _segment(valid: Sequence[np.ndarray]) -> int:
     return next((n for n in (HEARING.segment, HEARING.segment // 2) if n <= longest), HEARING.segment // 4)
 
 
-def _height(logs: Sequence[Log], at: Sequence[int], length: int) -> np.ndarray:
+def _height(logs: Sequence[Log], at: Sequence[int], length: int, steps: Sequence[np.ndarray]) -> np.ndarray:
     """Mean power (F,) of a channel at quiet frequencies; white noise has its variance everywhere."""
-    out = _spectrum([log.states[:, list(at)].numpy() for log in logs], [log.valid.numpy() for log in logs], length)
+    states, valid = [log.states[:, list(at)].numpy() for log in logs], [log.valid.numpy() for log in logs]
+    out = _spectrum(_unanswered(states, valid, steps) if len(steps) else states, valid, length)
     # About each axis: half the angle goes into a quaternion, three axes into its four numbers.
     return np.asarray((out.sum(-1) * 4 / 3 if len(at) == 4 else out.mean(-1))[QUIET])
+
+
+def _steps(subject: Subject) -> list[np.ndarray]:
+    """Of each recording the inputs (N, d) that stay as they are from most samples to the next; empty: none does.
+
+    Nobody's noise is in them, as it is in what a controller answers at every sample.
+    """
+    drives = [log.inputs[:, : log.inputs.shape[1] - len(subject.model.extras)].numpy() for log in subject.logs]
+    moves = np.mean(np.concatenate([np.diff(u, axis=0) != 0 for u in drives]), axis=0)
+    stepped = (moves > 0) & (moves < HEARING.stepped)
+    return [u[:, stepped] for u in drives] if stepped.any() else []
+
+
+def _unanswered(
+    states: Sequence[np.ndarray], valid: Sequence[np.ndarray], steps: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """The states (N, c) of each recording less what follows its steps (N, d) linearly, as their changes of slope tell.
+
+    A finite impulse response; second differences weigh the frequencies that are quiet otherwise.
+    """
+    bent = [np.convolve(good, np.ones(3), "valid") > 2.5 for good in valid]
+    lags = min(HEARING.answered, int(sum(map(np.sum, bent)) / (HEARING.rows * steps[0].shape[1])))
+    past = [_lagged(np.nan_to_num(u), lags) for u in steps]
+    width = past[0].shape[1]
+    gram, cross = np.zeros((width, width)), np.zeros((width, states[0].shape[1]))
+    for u, x, good in zip(past, states, bent, strict=True):
+        du, dx = (np.diff(of, 2, axis=0)[good] for of in (u, x))
+        gram += du.T @ du
+        cross += du.T @ dx
+    answer = np.linalg.lstsq(gram, cross, rcond=HEARING.digits)[0]
+    return [x - u @ answer for x, u in zip(states, past, strict=True)]
+
+
+def _lagged(u: np.ndarray, lags: int) -> np.ndarray:
+    """Inputs (N, d) now and at as many samples before (N, (lags + 1) · d)."""
+    before = np.concatenate([np.repeat(u[:1], lags, axis=0), u])
+    return np.concatenate([before[lags - k : len(before) - k] for k in range(lags + 1)], axis=1)
 
 
 def _spectrum(series: Sequence[np.ndarray], valid: Sequence[np.ndarray], length: int) -> np.ndarray:

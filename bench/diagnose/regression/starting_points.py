@@ -19,7 +19,8 @@ class StartingPoints:
 
     model: PhysicsModel
     sizes: Mapping[str, float]
-    """How large the signals of `PhysicsModel.followed` became, SI."""
+    """How large the signals of `PhysicsModel.followed` became, SI, and the "time_scale" [s]: that of a machine which is
+    seen to move, of others `PhysicsModel.time_scale`."""
     medians: Mapping[str, float]
     """Of the model's extras."""
 
@@ -30,7 +31,9 @@ class StartingPoints:
         medians = {name: float(inputs[..., first + i].median()) for i, name in enumerate(model.extras)}
         followed = model.followed(states, inputs).items()
         sizes = {name: float(np.quantile(np.abs(x.numpy()), LINEARISING.largest)) for name, x in followed}
-        return cls(model, sizes, medians)
+        moves = sizes.get("displacement") and sizes.get("speed")
+        time = sizes["displacement"] / sizes["speed"] if moves else model.time_scale(states, inputs)
+        return cls(model, sizes | {"time_scale": time}, medians)
 
     def neutral(self, kind: type[Effect]) -> list[Effect]:
         """Neutral for an effect that is linear in its parameters, else one a value of its search grid."""

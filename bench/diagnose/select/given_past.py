@@ -21,7 +21,7 @@ from bench.diagnose.regression.parameters import entries, with_values
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.release import obscured
 from bench.diagnose.select.search import Search, View
-from bench.diagnose.select.step import advanced, close
+from bench.diagnose.select.step import advanced, close, without
 from bench.diagnose.select.subset import Fit, Subsets
 from bench.diagnose.select.verify import estimates
 from bench.diagnose.settings import EXTENDING, MATTERING, RELEASING, STEPPING
@@ -74,8 +74,9 @@ def _told(weighing: Weighing, last: View, other: PhysicsModel, model: PhysicsMod
     worth = {
         i
         for i in range(len(effects))
-        for less in [foretold(weighing, replace(model, effects=(*effects[:i], *effects[i + 1 :])), model, group)]
-        if less.low > 0 and less.saves >= MATTERING.share and isinstance(effects[i], InputEffect)
+        if isinstance(effects[i], InputEffect)
+        for less in [foretold(weighing, without(model, [i]), model, group)]
+        if less.low > 0 and less.saves >= MATTERING.share
     }
     for x in estimates(last, last.subsets.fit()):
         e = x.entry

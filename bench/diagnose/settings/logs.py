@@ -39,7 +39,7 @@ class Reading:
         10.0, "shortest part: two blocks of rows, and what a whitening filter remembers twice", Basis.JUDGED, "s"
     )
     part_samples: int = threshold(
-        500, "samples of a part, at least: of slow logs ten seconds are few", Basis.JUDGED, "samples"
+        100, "samples of a part, at least: of slow logs ten seconds are few", Basis.JUDGED, "samples"
     )
     enough: int = threshold(
         180_000,
@@ -90,6 +90,21 @@ class Hearing:
 
     segment: int = threshold(
         128, "length of a spectrum; half or a quarter of it where no recording is as long", Basis.JUDGED, "samples"
+    )
+    stepped: float = threshold(
+        0.5, "share of the samples at which an input changes below which it goes in steps", Basis.CONVENTION
+    )
+    answered: int = threshold(
+        64,
+        "samples over which what follows a step is told from noise, at most: half a spectrum",
+        Basis.JUDGED,
+        "samples",
+    )
+    rows: int = threshold(
+        20,
+        "samples a number of that answer, at least: it then takes 5 % of the noise for its own",
+        Basis.JUDGED,
+        "count",
     )
     unlike: float = threshold(
         0.35,
