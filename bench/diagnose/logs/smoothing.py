@@ -76,8 +76,11 @@ class Smoothing:
         return np.convolve(weights, np.array([-1, 13, 13, -1]) / 24 if self.straight else [0.5, 0.5])
 
     def coarser(self, stride: int) -> "Smoothing":
-        """The same filter where only every ``stride``-th sample is kept of what comes out of it."""
-        return replace(self, stride=self.stride * stride)
+        """The same filter where only every ``stride``-th sample is kept; none where too few of these feel it."""
+        if stride == 1 or self.kind == "none":
+            return self
+        felt = 2 * round((self.window / stride - 1) / 2) + 1
+        return replace(self, stride=self.stride * stride) if felt > max(self.order, 1) else Smoothing()
 
     def __str__(self) -> str:
         """As a report says it."""
