@@ -46,6 +46,30 @@ def view_of(residual: np.ndarray, **effects: np.ndarray) -> View:
     return View(linear, (), Subsets(linear, normal), (), (), 0.0, frozenset(), ())
 
 
+@pytest.mark.parametrize("drag", [0.0, 20.0])
+def test_what_is_small_beside_another_equation_may_be_much_in_its_own(drag: float) -> None:
+    """Two rates are damped by 1.2 and .7, in some blocks more than in others; one number for both leaves a tenth."""
+    rng = np.random.default_rng(3)
+    x, noise = rng.normal(size=(2, 3, BLOCKS, ROWS))
+    x[1:] *= np.exp(0.7 * rng.normal(size=(BLOCKS, 1)))
+    still, y = np.zeros_like(x[0]), np.array([drag, 1.2, 0.7])[:, None, None] * x + noise
+    columns = [[x[0], still, still, still], [still, x[1], x[1], still], [still, x[2], still, x[2]]]
+    view = view_of(y[0], drag=x[0], alike=x[0], d_p=x[0])
+    entry = view.linear.starts[0].entries[0]
+    of = {"drag": (1,), "alike": (2,), "damping": (3, 4)}
+    starts = tuple(
+        Candidate(n, None, (entry,) * len(c), c, (-np.inf,) * len(c), (np.inf,) * len(c))  # type: ignore[arg-type]
+        for n, c in of.items()
+    )
+    linear = replace(view.linear, starts=starts)
+    channels = tuple(
+        (np.arange(6), np.stack([still, *own, left]).reshape(6, -1)) for own, left in zip(columns, y, strict=True)
+    )
+    normal = Normal(channels, 6, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
+    chosen, _ = choose(replace(view, linear=linear, subsets=Subsets(linear, normal)))
+    assert set(chosen.ids) == ({"drag", "damping"} if drag else {"damping"})
+
+
 @pytest.mark.parametrize(("gain", "named"), [(0.006, False), (0.03, True)])
 def test_what_noise_dwarfs_is_not_named_however_significant_it_is(gain: float, named: bool) -> None:
     x, noise = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))

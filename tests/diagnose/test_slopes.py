@@ -8,14 +8,19 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import torch
+from scipy.linalg import expm
 from scipy.ndimage import correlate1d
 from torch import Tensor
 
 from bench.diagnose import diagnose, load
 from bench.diagnose.checks import shifts as check
 from bench.diagnose.logs.noise import impulse_response, noise_of
-from bench.diagnose.logs.slopes import with_slopes
-from bench.diagnose.logs.smoothing import Smoothing
+from bench.diagnose.logs.sample import shortened
+from bench.diagnose.logs.slopes import with_missed, with_slopes
+from bench.diagnose.logs.smoothing import Slope, Smoothing
+from bench.diagnose.logs.subject import log_of
+from bench.diagnose.regression.test_functions import TestFunctions
+from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.select import by_simulation
 from bench.diagnose.settings import SHIFTING
 from bench.diagnose.simulate.floor import measure
@@ -29,6 +34,7 @@ from registry.units import Signal
 
 INERTIA, WEIGHT, VISCOUS, COULOMB = 0.152, 2.9, 0.03, 0.12
 RATE, FINER, COUNT = 200, 40, 2 * np.pi / 4096
+GIVEN = (Channel("torque", "N m"),)
 
 SYSTEM = '''
 from dataclasses import dataclass
@@ -155,8 +161,33 @@ def test_a_stated_filter_is_not_gone_through_twice() -> None:
     q, _, u = swung()
     filtered = Smoothing("mean", 7, derived=True)
     made = with_slopes([recording(q[0], u[0])], Shaft(), filtered)
-    assert made.slopes[1].smoothing == replace(filtered, differenced=True) and made.noise == {}
+    assert made.slopes[1].smoothing == replace(filtered, differenced=True, straight=True) and made.noise == {}
     assert made.recordings[0].outputs[2:-2, 1] == pytest.approx(np.gradient(q[0], 1 / RATE)[2:-2])
+
+
+@pytest.mark.parametrize("hold, stride", [("previous", 1), ("linear", 1), ("previous", 3)])
+def test_what_a_window_does_not_follow_is_taken_from_the_model(hold: str, stride: int) -> None:
+    """A motor whose own voltage brakes it, without noise: what a window takes off its rate brakes it as well.
+
+    Its motion is exact (matrix exponentials); the model that fills in is a tenth off, the one that is judged is not.
+    """
+    q, _, u = turned(hold)
+    exact = replace(Brushed(), input_hold=hold)
+    slope = {1: Slope(0, Smoothing("savgol", 25, 3, derived=True, straight=hold == "linear"))}
+    v = correlate1d(q, impulse_response(slope[1].smoothing, True), mode="nearest") * RATE
+    valid = np.zeros(len(q), dtype=bool)
+    valid[12:-12] = True
+    one = Recording("run", float(RATE), u[:, None], np.stack([q, v], 1), GIVEN, Shaft.state_channels, valid)
+    log = log_of(one, exact, "torque")
+    rows = []
+    for seen in (log, with_missed(log, replace(exact, mass=1.1 * exact.mass, brake=0.9 * exact.brake), slope)):
+        (seen,) = shortened([seen], len(seen), stride, hold == "previous")
+        stack, filters = LogBatch.of([seen]), [slope[1].smoothing.coarser(stride)]
+        tests = TestFunctions.over([seen], 12 // stride, filters)
+        modelled = tests.integral(0, 0, mean_rates(exact, stack)[0, :, 1].numpy(), stack.dt)
+        rows.append((tests.increment(0, seen.states[:, 1:].numpy())[:, 0] - modelled)[4:-4])
+    without, with_it = (float(np.sqrt((r**2).mean())) for r in rows)
+    assert with_it < 0.15 * without
 
 
 def test_what_noise_of_a_slope_shifts_is_no_fault_of_the_log(swing, monkeypatch) -> None:
@@ -195,7 +226,31 @@ class Shaft(Mechanical):
         return inputs[..., :1] * tensor(1.0, state)
 
 
+@dataclass(frozen=True)
+class Brushed(Shaft):
+    """A shaft that its motor brakes in proportion to its rate."""
+
+    brake: Any = constant(0.9, "K²/R", "N m s/rad", low=0)
+
+    def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:
+        return inputs[..., :1] - tensor(self.brake, state) * state[..., 1:]
+
+
+def turned(hold: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angle, rate and torque (N,) of such a shaft, which tones drive that hold or are straight between samples."""
+    t = np.arange(4000) / RATE
+    u = np.sin(2 * np.pi * np.array([0.4, 1.1, 1.7, 2.6]) * t[:, None] + np.arange(4)).sum(1)
+    model, path = Brushed(), np.zeros((len(u), 2))
+    rates = np.zeros((4, 4))
+    rates[0, 1], rates[1, 1], rates[1, 2], rates[2, 3] = 1.0, -model.brake / model.mass, 1 / model.mass, 1.0
+    step, slopes = expm(rates / RATE), 0 * u if hold == "previous" else np.append(np.diff(u), 0) * RATE
+    for k in range(len(u) - 1):
+        path[k + 1] = step[:2] @ [*path[k], u[k], slopes[k]]
+    return path[:, 0], path[:, 1], u
+
+
 def recording(q: np.ndarray, u: np.ndarray) -> Recording:
     """Of the angle alone."""
-    given, channels = (Channel("torque", "N m"),), Shaft.state_channels[:1]
-    return Recording("run", float(RATE), u[:, None], q[:, None], given, channels, np.ones(len(q), dtype=bool))
+    return Recording(
+        "run", float(RATE), u[:, None], q[:, None], GIVEN, Shaft.state_channels[:1], np.ones(len(q), dtype=bool)
+    )

@@ -49,6 +49,20 @@ def test_a_kernel_neither_adds_nor_loses():
         np.testing.assert_allclose(kernel, kernel[::-1], atol=1e-12)
 
 
+@pytest.mark.parametrize("stride", [2, 5, 8])
+def test_of_some_samples_the_same_filter_is_taken_back(stride):
+    """A window of 33 is no window of 7 at every fifth sample; what smooths one is known to the fifth moment."""
+    smoothing = Smoothing("savgol", 33, 3, True)
+    rate = savgol_filter(position(T), 33, 3, deriv=1, delta=DT)
+    increments, true = (np.diff(x[::stride]) for x in (rate, velocity(T)))
+    edge = 40 // stride + 2
+    kept, whole = increments[edge:-edge], smoothing.coarser(stride).kernel()
+    error = np.abs(kept - np.convolve(true, whole, "same")[edge:-edge]).max()
+    near = Smoothing("savgol", 2 * round((33 / stride - 1) / 2) + 1, 3, True).kernel()
+    about = np.abs(kept - np.convolve(true, near, "same")[edge:-edge]).max()
+    assert whole.sum() == pytest.approx(1) and error < 0.3 * about and error < 0.02 * np.abs(kept).max()
+
+
 @pytest.mark.parametrize(
     "table",
     [

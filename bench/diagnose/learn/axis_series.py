@@ -95,8 +95,7 @@ def axis_series(subject: Subject, model: PhysicsModel, noise: Noise) -> list[Axi
 def _beginning(log: Log, share: float) -> Log:
     """The first ``share`` of a log."""
     count = max(2, int(len(log) * share))
-    states, inputs, valid = log.states[:count], log.inputs[:count], log.valid[:count]
-    return log if share == 1 else replace(log, states=states, inputs=inputs, valid=valid, sensed=None)
+    return log if share == 1 else replace(log.part(slice(count), log.name), sensed=None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from bench.diagnose.logs.meant import as_meant
 from bench.diagnose.logs.own_system import own_class
 from bench.diagnose.logs.parts import thirds
 from bench.diagnose.logs.sample import shared
-from bench.diagnose.logs.slopes import with_slopes
+from bench.diagnose.logs.slopes import with_missed, with_slopes
 from bench.diagnose.logs.smoothing import Smoothing, stated
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.settings import READING
@@ -61,7 +61,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
     many = sum(map(len, recordings)) > READING.enough  # most of them are checked only
     smoothing = _smoothing(dataset, min(map(len, recordings)))
     sloped = with_slopes(recordings, model, smoothing)
-    logs = (log_of(r, model, drive) for r in sloped.recordings)
+    logs = (with_missed(log_of(r, model, drive), model, sloped.slopes) for r in sloped.recordings)
     subject = Subject(
         name=dataset.label,
         model=model,

@@ -107,6 +107,7 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = F
                 valid=gaps,
                 sensed=None if log.sensed is None else log.sensed[part],
                 between=None if stride == 1 else _between(log, part),
+                missed=None if stride > 1 or log.missed is None else log.missed[part.start : part.stop - 1],
                 recording=replace(
                     log.recording,
                     rate=log.rate / stride,
@@ -120,12 +121,12 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = F
 
 
 def _between(log: Log, part: slice) -> Tensor:
-    """Means (J − 1, s) of the states from each sample that is kept to the next, by the trapezoidal rule.
+    """Means (J − 1, s) of the states from each sample that is kept to the next, of those from each to each.
 
     Of what swings at ω the two ends alone would tell (ω dt)²/12 too much, which is more than noise leaves where it is
     low. Inputs are averaged alike.
     """
-    whole = ((log.states[:-1] + log.states[1:]) / 2)[part.start : part.stop]
+    whole = log.means[part.start : part.stop]
     kept = len(range(part.start, min(part.stop, len(log)), part.step)) - 1
     return whole[: kept * part.step].unflatten(0, (kept, part.step)).mean(1)
 

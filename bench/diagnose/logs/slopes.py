@@ -4,16 +4,17 @@ In the weak form nothing is differentiated by that: the polynomial's weights, su
 equation (`Smoothing.kernel`), as test functions that are twice differentiable would.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import torch
 from scipy.ndimage import binary_erosion, correlate1d
 
-from bench.diagnose.logs.consistency import Pair, pairs
+from bench.diagnose.logs.consistency import Pair, modelled, pairs
 from bench.diagnose.logs.noise import impulse_response, white_level
 from bench.diagnose.logs.smoothing import Slope, Smoothing
-from bench.diagnose.logs.subject import self_contained
+from bench.diagnose.logs.subject import Log, self_contained
 from bench.diagnose.settings import READING, SLOPING
 from registry.contracts import Recording
 from registry.datasets.reading.cleaning import runs
@@ -57,6 +58,37 @@ def with_slopes(recordings: Sequence[Recording], model: PhysicsModel, processing
     return made
 
 
+def with_missed(log: Log, model: PhysicsModel, slopes: Mapping[int, Slope]) -> Log:
+    """The log with what slopes lack as the rates in between that they stand for (`Log.missed`).
+
+    A slope is a rate seen through the kernel K, so that the model's own rate v, integrated from what is measured, tells
+    what that takes off: the integral drifts, and in a difference of two averages no drift is left. With a model that is
+    a tenth off, a tenth of it is left. The mean over an interval is that of the two ends less a twelfth of the second
+    difference, whether v bends or has a kink at each sample.
+
+    Where inputs hold, what stands for a mean is sharper than one: for the rate of change at a sample `Smoothing.kernel`
+    takes the mean of two intervals, which is right of an input that steps there and (ω dt)²/12 too little of what
+    swings. Of v with its kinks that comes to the same twelfth; of its signal, which has none, to a sixth of the rise.
+    """
+    if not slopes or len(log) < 3:
+        return log
+    before, after = log.inputs[:-1], log.inputs[1:]
+    given = before if model.input_hold == "previous" else (before + after) / 2
+    middle = replace(log, states=(log.states[:-1] + log.states[1:]) / 2, inputs=given)
+    changes = modelled(replace(model, effects=()), middle) * log.dt
+    good, missed = log.valid.numpy(), np.zeros(changes.shape)
+    for rate, slope in slopes.items():
+        steps = log.states[:, rate].diff().numpy()
+        missed[:, slope.of] = -log.dt * steps / (12 if slope.smoothing.straight else 6)
+        v, kernel = np.append(0.0, np.cumsum(changes[:, rate])), slope.smoothing.kernel()
+        bend = correlate1d(v, [-1 / 12, 1 / 6, -1 / 12], mode="nearest")
+        lacking = v + bend - correlate1d(v, kernel, mode="nearest")
+        known = binary_erosion(good, np.ones(len(kernel) + 2, dtype=bool))
+        lacking = np.where(known, lacking, 0.0)
+        missed[:, rate] = (lacking[:-1] + lacking[1:]) / 2
+    return replace(log, missed=torch.from_numpy(missed))
+
+
 def _with(made: Sloped, pair: Pair, model: PhysicsModel, processing: Smoothing | None) -> Sloped:
     """The recordings with the rates of one more pair."""
     signal, rates = ([model.state_channels[i] for i in at] for at in (pair.channels, pair.rates))
@@ -83,6 +115,7 @@ def _with(made: Sloped, pair: Pair, model: PhysicsModel, processing: Smoothing |
         )
         for r, x in zip(made.recordings, paths, strict=True)
     )
+    smoothing = replace(smoothing, straight=model.input_hold != "previous")
     slopes = {j: Slope(i, smoothing) for i, j in zip(pair.channels, pair.rates, strict=True)}
     ms = 1e3 * (len(weights) - 1) / made.recordings[0].rate
     how = f"of a local cubic over {len(weights)} samples ({ms:.3g} ms)"

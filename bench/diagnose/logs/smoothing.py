@@ -25,6 +25,11 @@ class Smoothing:
     derived: bool = False
     differenced: bool = False
     """Whether they are central differences of the smoothed pose instead (a moving mean has no other slope)."""
+    stride: int = 1
+    """Samples of which one was kept after the filter."""
+    straight: bool = False
+    """Whether what drives is a straight line from sample to sample, so that rates at a sample are read from the four
+    intervals about it; else from the two beside it, which is right where an input that holds steps there."""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -46,6 +51,13 @@ class Smoothing:
     def kernel(self) -> np.ndarray:
         """Weights (w,) with which increments of the true signal enter those of the smoothed one; they sum to 1.
 
+        Where samples were left out, weights on the increments from one that was kept to the next.
+        """
+        return _coarser(self._own_kernel(), self.stride)
+
+    def _own_kernel(self) -> np.ndarray:
+        """Weights on increments of all samples.
+
         A signal that is the derivative of a smoothed one is an average of true increments too: the derivative
         weights d_j on the pose are, summed by parts, weights on its mean velocity over the sampling intervals.
         """
@@ -61,14 +73,14 @@ class Smoothing:
         else:
             slopes = savitzky_golay(self.window, self.order, slope=True)
             weights = np.cumsum(slopes[::-1])[:-1]
-        return np.convolve(weights, [0.5, 0.5])
+        return np.convolve(weights, np.array([-1, 13, 13, -1]) / 24 if self.straight else [0.5, 0.5])
 
     def coarser(self, stride: int) -> "Smoothing":
-        """About the same filter where only every ``stride``-th sample is kept."""
+        """The same filter where only every ``stride``-th sample is kept; none where too few of these feel it."""
         if stride == 1 or self.kind == "none":
             return self
-        window = 2 * round((self.window / stride - 1) / 2) + 1
-        return replace(self, window=window) if window > max(self.order, 1) else Smoothing(derived=False)
+        felt = 2 * round((self.window / stride - 1) / 2) + 1
+        return replace(self, stride=self.stride * stride) if felt > max(self.order, 1) else Smoothing()
 
     def __str__(self) -> str:
         """As a report says it."""
@@ -79,6 +91,24 @@ class Smoothing:
         }[self.kind]
         read = ", rates are central differences of the pose" if self.differenced else ", rates read from the pose"
         return what + (read if self.derived else "")
+
+
+def _coarser(kernel: np.ndarray, stride: int) -> np.ndarray:
+    """Weights (v,) on the means over ``stride`` samples that do what a symmetric ``kernel`` (w,) does on all.
+
+    Each sample's weight goes to the six means about it as the polynomial through these says (Lagrange), so that moments
+    up to the fifth are kept: of a slope of a local cubic the fourth is the first that is not zero.
+    """
+    if stride == 1:
+        return kernel
+    at = (np.arange(len(kernel)) - len(kernel) // 2) / stride
+    nodes = np.floor(at).astype(int)[:, None] + np.arange(-2, 4)
+    same = np.eye(6, dtype=bool)
+    others = np.where(same, 1.0, (at[:, None] - nodes)[:, None, :] / (nodes[:, :, None] - nodes[:, None, :] + same))
+    reach = int(at[-1]) + 3
+    out = np.zeros(2 * reach + 1)
+    np.add.at(out, nodes + reach, kernel[:, None] * others.prod(axis=2))
+    return np.trim_zeros((out + out[::-1]) / 2)
 
 
 @dataclass(frozen=True)

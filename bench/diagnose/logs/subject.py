@@ -36,6 +36,16 @@ class Log:
     """(N, f): the integral over time of what sensors tell of the state's rates; None: there is no such sensor."""
     between: Tensor | None = None
     """(N − 1, s): means of the states from each sample to the next, where others between them were left out."""
+    missed: Tensor | None = None
+    """(N − 1, s): what the means of two samples lack as means of slopes between them; see `logs.slopes`."""
+
+    @property
+    def means(self) -> Tensor:
+        """(N − 1, s): of the states from each sample to the next."""
+        if self.between is not None:
+            return self.between
+        own = (self.states[:-1] + self.states[1:]) / 2
+        return own if self.missed is None else own + self.missed
 
     @property
     def dt(self) -> float:
@@ -61,6 +71,7 @@ class Log:
             valid=self.valid[at],
             sensed=None if self.sensed is None else self.sensed[at],
             between=None if self.between is None else self.between[at][: len(self.states[at]) - 1],
+            missed=None if self.missed is None else self.missed[at][: len(self.states[at]) - 1],
             recording=self.recording.part(at, name),
         )
 

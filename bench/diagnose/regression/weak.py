@@ -29,6 +29,7 @@ from registry.equations import models
 from registry.errors import BenchError
 from registry.terms import signals
 
+_MEANS = "between", "missed"
 M = TypeVar("M", bound=PhysicsModel)
 
 
@@ -44,11 +45,16 @@ class LogBatch:
     dt: float
     finer: Tensor | None = None
     """(L, N − 1, s): means of the states from each sample to the next, of recordings that were thinned out."""
+    missed: Tensor | None = None
+    """(L, N − 1, s): see `Log.missed`."""
 
     @property
     def between(self) -> Tensor:
-        """Means (L, N − 1, s) of the states from each sample to the next: of the two, or of all that were left out."""
-        return (self.states[:, :-1] + self.states[:, 1:]) / 2 if self.finer is None else self.finer
+        """Means (L, N − 1, s) of the states from each sample to the next: of these, or of all that were left out."""
+        if self.finer is not None:
+            return self.finer
+        own = (self.states[:, :-1] + self.states[:, 1:]) / 2
+        return own if self.missed is None else own + self.missed
 
     @property
     def sensed(self) -> bool:
@@ -79,9 +85,11 @@ class LogBatch:
         if len(rates) != 1:
             raise BenchError(f"The recordings were sampled at {sorted(rates)} Hz: resample them to one rate first.")
         states, inputs = (_padded([getattr(log, what) for log in logs]) for what in ("states", "inputs"))
-        thinned = [log.between for log in logs if log.between is not None]
-        finer = _padded(thinned) if len(thinned) == len(logs) else None
-        return cls(tuple(logs), states, inputs, logs[0].dt, finer)
+        finer, missed = (
+            _padded(given) if len(given) == len(logs) else None
+            for given in ([x for x in (getattr(log, what) for log in logs) if x is not None] for what in _MEANS)
+        )
+        return cls(tuple(logs), states, inputs, logs[0].dt, finer, missed)
 
 
 def measured(logs: Sequence[Log]) -> tuple[int, ...]:

@@ -90,20 +90,26 @@ def within_bounds(view: View, fit: Fit) -> bool:
 
 
 def _simplest(view: View, best: Fit, field: list[Fit]) -> Fit:
-    """The set with the fewest parameters among those of a field that are not worse than the best for sure."""
+    """The set with the fewest parameters among those of a field that are not worse than the best for sure.
+
+    How much that is counts in each channel by itself: beside a large drag what an effect adds to the torques is a small
+    share of everything, and may be much of what is explained there.
+    """
     subsets = view.subsets
-    level = subsets.losses(best).sum(1)
+    level = subsets.losses(best)
+    explained = np.maximum((subsets.losses(subsets.fit()) - level).sum(0), 0.0)
+    everything = max(view.explained, subsets.fit().misfit - best.misfit)
+    small = np.maximum(CHOOSING.relevant * explained, CHOOSING.visible * view.floor / len(explained))
 
     def alike(f: Fit) -> bool:
         # Where the model is exact a small difference is sure; where it is not, the blocks disagree.
-        t = t_value(subsets.losses(f).sum(1) - level)
-        worse = subsets.cost(f) - subsets.cost(best)
+        more = subsets.losses(f) - level
+        t, worse = t_value(more.sum(1)), subsets.cost(f) - subsets.cost(best)
+        trifling = worse < CHOOSING.relevant * everything and bool((more.sum(0) < small).all())
         return f.parameters < best.parameters and (
-            (t < CHOOSING.surely and worse < CHOOSING.relevant * everything)
-            or (t < CHOOSING.distinct and worse < CHOOSING.simpler * best.misfit)
+            (t < CHOOSING.surely and trifling) or (t < CHOOSING.distinct and worse < CHOOSING.simpler * best.misfit)
         )
 
-    everything = max(view.explained, subsets.fit().misfit - best.misfit)
     rivals = [f for f in field if alike(f) and within_bounds(view, f)]
     return min(rivals, key=lambda f: (f.parameters, f.loss), default=best)
 
