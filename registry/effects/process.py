@@ -10,7 +10,7 @@ from torch import Tensor
 from typing_extensions import override
 
 from registry.core import EFFECTS
-from registry.dynamics import InputEffect, RateEffect, constant, tensor
+from registry.dynamics import RateEffect, constant, tensor
 from registry.effects.actuation import DriveEffect, InputDelay
 from registry.effects.mechanics.friction import scaled
 
@@ -65,8 +65,8 @@ class TransportDelay(InputDelay):
         return inputs * (math.ceil(LONGEST_LINE / dt - 1e-9) + 1)
 
 
-class MemorylessInputEffect(InputEffect):
-    """An effect on the input that looks at nothing but its value now."""
+class StaticInputEffect(DriveEffect):
+    """An effect on the drive that has no memory."""
 
     def memory_size(self, inputs: int, dt: float) -> int:
         """None."""
@@ -90,10 +90,6 @@ class MemorylessInputEffect(InputEffect):
     @abstractmethod
     def characteristic(self, drive: Tensor) -> Tensor:
         """The drive (…, 3, m) that comes out of the one that goes in, each number by itself: the characteristic."""
-
-
-class StaticInputEffect(MemorylessInputEffect, DriveEffect):
-    """An effect on the drive that has no memory."""
 
 
 @EFFECTS.register("dead_zone")

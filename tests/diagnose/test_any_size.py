@@ -62,29 +62,6 @@ def test_a_drive_whose_force_grows_with_its_square_is_found(force: float) -> Non
     assert (found.id, found.rivals) == ("curved_drive", ()) and number.value == pytest.approx(1, abs=0.03)
 
 
-@pytest.mark.parametrize(("gain", "force"), [(0.43, 1.0), (1.3, 1e-3)])
-def test_a_drive_that_acts_with_another_strength_is_told_beside_a_spring_that_is_known(
-    gain: float, force: float
-) -> None:
-    (found,) = discover(cart(lambda u: gain * u, force=force)).found
-    (number,) = found.estimates
-    assert (found.id, found.rivals) == ("drive_gain", ()) and number.low < gain - 1 < number.high
-    assert number.value == pytest.approx(gain - 1, abs=0.05)
-
-
-def test_a_constant_that_is_known_roughly_explains_a_motion_before_the_gain_of_its_drive_does() -> None:
-    """Each 15 % off where 10 % were stated; and a mass stated to 30 % beside a spring of the strength of the drive."""
-    exact = cart(lambda u: u)
-    off = replace(exact.model, mass=1.15 * 2.0, damping=0.85 * 6.0, stiffness=1.15 * 300.0)
-    rough = replace(exact, model=off, uncertainty={"mass": 0.1, "damping": 0.1, "stiffness": 0.1})
-    assert discover(rough).found == ()
-    weak = cart(lambda u: 0.43 * u)
-    only = replace(weak.model, damping=6.0 / 0.43, stiffness=300.0 / 0.43)
-    told = discover(replace(weak, model=only, uncertainty={"mass": 0.3}))
-    mass = next(c for c in told.constants if c.entry.label == "mass")
-    assert told.found == () and mass.value == pytest.approx(2.0 / 0.43, rel=0.02)
-
-
 @pytest.mark.parametrize("length", [1.0, 1e-3])
 def test_an_actuator_that_lags_is_found_and_is_no_delay_or_joint(length: float) -> None:
     told, _ = diagnose(cart(lag, length=length), brief=True)

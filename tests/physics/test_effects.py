@@ -14,7 +14,6 @@ from registry.core import EFFECTS
 from registry.dynamics import InputEffect
 from registry.effects.actuation import InputDelay, MotorLag
 from registry.effects.air import LinearDrag
-from registry.effects.drive_gain import DriveGain
 from registry.effects.mass import CogOffset
 from registry.effects.mechanics.stiffness import JointElasticity
 from registry.effects.process import CurvedDrive, DeadZone, Saturation
@@ -198,7 +197,6 @@ MANY = torch.tensor([[0.2], [0.9]], dtype=F64)
         DeadZone(MANY),
         Saturation(0.8),
         CurvedDrive(MANY, 1.2),
-        DriveGain(MANY),
         JointElasticity(0.03, 0.2),
         JointElasticity(0.0, 0.1),
         JointElasticity(MANY / 10, MANY / 2),
