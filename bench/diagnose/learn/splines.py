@@ -100,10 +100,12 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
 
     def best(beside: Sequence[Block], among: Sequence[int]) -> _Addition | None:
         """The candidate that leaves least beside some blocks."""
+        # Beside a first spline formulas would mend what that is too coarse for.
+        tried = Made.splines if beside else Made.blocks
         few = SPLINING.penalties[1::2]
-        quick = {i: float(fits.best(made[i].blocks(places[i], few), beside)[1].sum()) for i in among}
+        quick = {i: float(fits.best(tried(made[i], places[i], few), beside)[1].sum()) for i in among}
         first = sorted(quick, key=lambda i: quick[i])[: SPLINING.first]
-        found = [(i, *fits.best(made[i].blocks(places[i]), beside)) for i in first]
+        found = [(i, *fits.best(tried(made[i], places[i]), beside)) for i in first]
         return min(found, key=lambda f: float(f[2].sum()), default=None)
 
     def least(pair: Pair, before: np.ndarray, losses: np.ndarray) -> float:
