@@ -68,7 +68,8 @@ def noise_of(subject: Subject) -> Noise:
     logs, channels = subject.logs, subject.model.state_channels
     measured = tuple(i not in subject.slopes and all(log.measured[i] for log in logs) for i in range(len(channels)))
     places, length = channel_indices(channels, measured), _segment([log.valid.numpy() for log in logs])
-    height = {g: _height(logs, at, length, _steps(subject)) for g, at in places.items()}
+    steps = _steps(subject)
+    height = {g: _height(logs, at, length, steps) for g, at in places.items()}
     own = {g for g in subject.noise if g in DERIVED_FROM}  # a sensor of its own has noise of its own
     notes = []
     if subject.smoothing is None:
