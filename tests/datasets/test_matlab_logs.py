@@ -69,6 +69,21 @@ def test_plain_variables_are_signals(version: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("version", ["5", "7.3"])
+def test_arrays_without_a_time_were_sampled_at_the_rate_that_is_said(version: str, tmp_path: Path) -> None:
+    own = {name: x for name, x in TANK.items() if name != "time"} | {"fs": np.array([[100.0]])}
+    for content in (own, {"log": own}):
+        file = save(tmp_path / "tank.mat", version, content)
+        with pytest.raises(BenchError, match="say with --rate at how many Hz"):
+            convert([file], tmp_path / "none")
+        out = tmp_path / f"out_{len(content)}"
+        convert([file], out, rate=50.0)
+        x = read(out)
+        assert Folder(str(out)).description.rate == 50
+        np.testing.assert_allclose(x["u_pump"][:, 0], np.sin(T), atol=1e-8)
+        np.testing.assert_allclose(x["level"][:, 0], 0.1 * T, atol=1e-8)
+
+
+@pytest.mark.parametrize("version", ["5", "7.3"])
 def test_a_flight_in_nested_structs_at_two_rates_is_joined(version: str, tmp_path: Path) -> None:
     slow = T[::5]
     log = {

@@ -84,7 +84,7 @@ def init_command(folder: Path, system: str) -> None:
     metavar="HZ",
     type=options.Positive(1e5),
     help="Common sample rate; default: that of the slower of body rates and motors, 100 Hz at most for a vehicle whose "
-    "signals have clocks of their own.",
+    "signals have clocks of their own. Of a MATLAB file without a time, that at which it was sampled.",
 )
 @click.option(
     "--vehicle",

@@ -66,7 +66,7 @@ def convert(files: Sequence[Path], folder: Path, rate: float | None = None, vehi
     (kind,) = formats
     if read := _reader(kind):
         return flights.write({name: read(file) for name, file in zip(names, files, strict=True)}, folder, rate, known)
-    notes, recordings = _tables(kind, dict(zip(names, files, strict=True)))
+    notes, recordings = _tables(kind, dict(zip(names, files, strict=True)), rate)
     columns = (c for tables in recordings.values() for t in tables for c in t.columns)
     sure = kind == "Crazyflie log" or (kind == "table" and any(c.startswith(FIRMWARE) for c in columns))
     return [*notes, *_write(recordings, folder, rate, Known(0.0, known, sure))]
@@ -109,13 +109,13 @@ def _stem(file: Path) -> str:
     return file.name if file.is_dir() else file.stem
 
 
-def _tables(kind: str, files: Mapping[str, Path]) -> tuple[list[str], dict[str, list[Table]]]:
+def _tables(kind: str, files: Mapping[str, Path], rate: float | None) -> tuple[list[str], dict[str, list[Table]]]:
     """Of a format that has columns: what is to be notes of the files, and the tables of each recording."""
     notes: list[str] = []
     if kind == "table":
         return notes, same_recording((name, ground_station.read_csv(file)) for name, file in files.items())
     if kind == "MATLAB file":
-        found = {name: tables for file in files.values() for name, tables in read_matlab(file).items()}
+        found = {name: tables for file in files.values() for name, tables in read_matlab(file, rate).items()}
         return notes, found
     recordings = {}
     for name, file in files.items():

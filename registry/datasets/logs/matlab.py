@@ -5,6 +5,7 @@ Versions 5 to 7 and 7.3; only numbers, texts, structs and cells are read.
 
 import re
 import zlib
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -36,8 +37,12 @@ Node = Any
 """A number array, a text, a list of nodes (cells, arrays of structs) or a dictionary of them by name (a struct)."""
 
 
-def read_matlab(file: Path) -> dict[str, list[Table]]:
+def read_matlab(file: Path, rate: float | None = None) -> dict[str, list[Table]]:
     """The tables of each recording in a file: one, or one for each element of an array of structs.
+
+    Args:
+        file: of MATLAB.
+        rate: sample rate [Hz] of what has no time.
 
     Raises:
         BenchError: the file is damaged, too large unpacked, or holds nothing with a time.
@@ -56,13 +61,29 @@ def read_matlab(file: Path) -> dict[str, list[Table]]:
         for name, nodes in arrays.items()
         for i, node in enumerate(nodes, start=1)
     }
-    found[file.stem] = list(_tables({n: node for n, node in root.items() if n not in arrays}, "", 0))
+    rest = {n: node for n, node in root.items() if n not in arrays}
+    found[file.stem] = list(_tables(rest, "", 0))
+    if rate is not None and not any(found.values()):
+        found[file.stem] = list(_tables(_timed(rest, rate), "", 0))
     recordings = {name: tables for name, tables in found.items() if tables}
     if not recordings:
         if any(isinstance(node, str) and node == _OPAQUE for node in root.values()):
             raise BenchError(f"{file} {_OPAQUE}.")
-        raise BenchError(f"{file} holds no struct or variable named time, t or tout beside others of its length.")
+        raise BenchError(
+            f"{file} holds no struct or variable named time, t or tout beside others of its length: add one, or say "
+            "with --rate at how many Hz the others were sampled."
+        )
     return recordings
+
+
+def _timed(node: Mapping[str, Node], rate: float) -> dict[str, Node]:
+    """A struct, and those in it, with a time [s] for the arrays of the length that most have."""
+    out = {n: _timed(inner, rate) if isinstance(inner, dict) else inner for n, inner in node.items()}
+    arrays = (x for x in out.values() if isinstance(x, np.ndarray) and x.dtype.kind in "fiub" and x.ndim == 2)
+    lengths = Counter(max(x.shape) for x in arrays if max(x.shape) > 2)
+    if lengths:
+        out["time"] = np.arange(lengths.most_common(1)[0][0])[:, None] / rate
+    return out
 
 
 def _tables(node: Mapping[str, Node], name: str, depth: int) -> Iterator[Table]:
