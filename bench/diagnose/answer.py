@@ -98,6 +98,7 @@ def _evidence(steps: Steps) -> Evidence:
         learned=steps.curves,
         flights=steps.flights,
         obscured=discovery.obscured,
+        contradicted_effects=discovery.contradicted_effects,
     )
 
 

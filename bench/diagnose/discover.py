@@ -19,7 +19,6 @@ from bench.diagnose.select.input_timing import mistimed, prepared, retimed
 from bench.diagnose.select.materiality import (
     Saving,
     Weighing,
-    contradiction,
     faint_traces,
     trifle,
 )
@@ -123,7 +122,7 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
     search.tick("weigh")
     _, calibrated = settled(search, bare, first)
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
-    worthy, remarks, contradicted = _worthy(search, view, weighing)
+    worthy, remarks, contradicted_effects = _worthy(search, view, weighing)
     hidden_constants = revealed(search, view, worthy.fit, worthy.model, stated, weighing)
     named, confounders = _understood(view, worthy, len(subject.model.effects), hidden_constants)
     chosen = worthy
@@ -135,7 +134,7 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
     errors = () if weighing is None else weighing.errors(chosen.model)
     traces, total = left_over(view, chosen.dropped)
     unknown = total > VERIFYING.left * view.floor
-    if unknown and errors and not contradicted and not any(e.unexplained >= MATTERING.share for e in errors):
+    if unknown and errors and not contradicted_effects and not any(e.unexplained >= MATTERING.share for e in errors):
         unknown, remarks = False, (*remarks, faint_traces(traces))
     return Discovery(
         calibrated=calibrated,
@@ -150,6 +149,7 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         notes=(*subject.notes, *search.notes),
         equations=errors,
         remarks=remarks,
+        contradicted_effects=contradicted_effects,
         uncertainty=subject.uncertainty,
         memory=search.memory,
         long_windows=search.long_windows,
@@ -291,20 +291,20 @@ def _one_by_one(search: Search, view: View, model: PhysicsModel, shortlist: set[
 
 def _worthy(
     search: Search, view: View, weighing: Weighing | None, already: Collection[int] = ()
-) -> tuple[_Choice, tuple[str, ...], bool]:
+) -> tuple[_Choice, tuple[str, ...], tuple[str, ...]]:
     """The effects that a model was found to lack which are sure and worth a term; remarks on those that are not.
 
     The one that saves least goes first: two that share what they explain would both seem idle. Those that are dropped
     ``already`` stay so.
 
     Returns:
-        The choice, the remarks, and whether held-out recordings contradict an effect that the others are sure of.
+        The choice, the remarks, and the effects that held-out recordings contradict though the others are sure of them.
     """
     subsets, numbers = view.subsets, estimates(view, view.subsets.fit())
     places = range(len(search.subject.model.effects), len(view.linear.model.effects))
     dropped = {*already, *(i for i in places if at_bound(numbers, i))}
     remarks: list[str] = []
-    contradicted = False
+    contradicted_effects: list[str] = []
     while True:
         gone = view.linear.removed(sorted(dropped))[0]
         chosen = _Choice(search, view, tuple(sorted(gone)))
@@ -312,19 +312,21 @@ def _worthy(
         unsure = [i for i in left if not accepted(view, subsets.fit(drop=[*gone, i]), chosen.fit, drop=[*gone, i])]
         if weighing is None:
             if not unsure:
-                return chosen, (), False
+                return chosen, (), ()
             dropped.add(unsure[0])
             continue
         savings = {i: _saved(weighing, chosen, i, chosen.model) for i in left}
         idle = [i for i in left if i in unsure or _worse(savings[i]) or not any(s.worth for s in savings[i])]
         if not idle:
-            return chosen, tuple(remarks), contradicted
+            return chosen, tuple(remarks), tuple(contradicted_effects)
         least = min(idle, key=lambda i: max(s.share for s in savings[i]))
         dropped.add(least)
         if least not in unsure:
-            name, worse = EFFECTS.name_of(type(view.linear.model.effects[least])), _worse(savings[least])
-            remarks.append(contradiction(name) if worse else trifle(name, savings[least]))
-            contradicted |= worse
+            name = EFFECTS.name_of(type(view.linear.model.effects[least]))
+            if _worse(savings[least]):
+                contradicted_effects.append(name)
+            else:
+                remarks.append(trifle(name, savings[least]))
 
 
 def _worse(savings: Sequence[Saving]) -> bool:

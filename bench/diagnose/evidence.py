@@ -203,6 +203,8 @@ class Evidence:
     """The same of single channels of those that have an equation of their own."""
     obscured: tuple[ObscuredConstant, ...] = ()
     """Constants of which the recordings say nothing that could be believed."""
+    contradicted_effects: tuple[str, ...] = ()
+    """Effects that the training recordings are sure of and held-out ones contradict; not named."""
     flights: tuple[Flight, ...] = ()
     """Whole recordings, held-out ones first."""
     vehicle: str = ""

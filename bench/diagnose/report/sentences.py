@@ -136,7 +136,19 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         size = f"It makes {percent(share)} {_FREE}, and n" if share > 0 else "N"
         found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
     left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
-    return [*filter(None, (" ".join(found), alike(diagnosis), left, constant_words.miscalibrated(diagnosis)))]
+    after = (alike(diagnosis), left, _contradicted(diagnosis), constant_words.miscalibrated(diagnosis))
+    return [*filter(None, (" ".join(found), *after))]
+
+
+def _contradicted(diagnosis: Diagnosis) -> str:
+    """What only some of the recordings show; empty: nothing."""
+    names = listed(map(named, diagnosis.evidence.contradicted_effects))
+    return (
+        f"The recordings that were learnt from show {names}, and those held out get worse with it: recordings differ, "
+        "and it is not named."
+        if names
+        else ""
+    )
 
 
 def alike(diagnosis: Diagnosis) -> str:

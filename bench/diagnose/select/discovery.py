@@ -84,6 +84,8 @@ class Discovery(Displayed):
     """Held-out errors equation by equation."""
     remarks: tuple[str, ...] = ()
     """Sentences about what is there and is not worth a term."""
+    contradicted_effects: tuple[str, ...] = ()
+    """Effects that the training recordings are sure of and held-out ones contradict; not named."""
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     """Relative 1σ of constants as stated, and of those that were let go; see `select.release`."""
     memory: int | None = None

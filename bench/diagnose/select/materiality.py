@@ -383,14 +383,6 @@ def trifle(name: str, savings: Sequence[Saving]) -> str:
     )
 
 
-def contradiction(name: str) -> str:
-    """A remark on an effect that held-out recordings contradict."""
-    return (
-        f"{name.replace('_', ' ')} explains the recordings that were learnt from and makes the held-out ones worse: "
-        "recordings differ, and it is not named."
-    )
-
-
 def faint_traces(traces: Sequence[ResidualTerm]) -> str:
     """A remark on what is left, significant and not worth a term."""
     signals = dict.fromkeys(t.signal.replace("_", " ") for t in traces[:2])
