@@ -172,13 +172,7 @@ def design(
     others = _stock(player, question.effects)
     sought = search.best(judge, np.stack([x for _, x in others]) if others else _none(player), _share(tick))
     tick("judging")
-    own = [(name, _plan(judge, x[None], lengths)) for name, x in others]
-
-    def value(plan: Plan) -> tuple[bool, float]:
-        return judge.inside(plan.asked[None]), plan.worth
-
-    phrase, stock = max(own, key=lambda x: value(x[1]), default=("", None))
-    plan = max([p for _, p in own] + [_plan(judge, sought, lengths)], key=value)
+    plan, stock, phrase = _telling_most(judge, sought, others, lengths)
     return Design(
         dataset=subject.name,
         rows=_rows(judge, question),
@@ -189,7 +183,7 @@ def design(
         drives=bounds.drives,
         plan=plan,
         stock=stock,
-        phrase=phrase_of(phrase),
+        phrase=phrase,
         states=_states(judge, plan.asked[None]),
         outputs=tuple((c.name, c.unit) for c in subject.model.state_channels),
         pilot=player.model.pilot(),
@@ -245,6 +239,19 @@ def _stock(player: Player, effects: Sequence[str]) -> list[tuple[str, np.ndarray
 
 def _none(player: Player) -> np.ndarray:
     return player.asked(np.full((1, player.size), 0.5))
+
+
+def _telling_most(
+    judge: Judge, sought: np.ndarray, others: Sequence[tuple[str, np.ndarray]], lengths: Sequence[float]
+) -> tuple[Plan, Plan | None, str]:
+    """What tells most of one sought (1, R, N, c) and the stock manoeuvres, then of these alone, and that in words."""
+    own = [(name, _plan(judge, x[None], lengths)) for name, x in others]
+
+    def value(plan: Plan) -> tuple[bool, float]:
+        return judge.inside(plan.asked[None]), plan.worth
+
+    name, stock = max(own, key=lambda x: value(x[1]), default=("", None))
+    return max([p for _, p in own] + [_plan(judge, sought, lengths)], key=value), stock, phrase_of(name)
 
 
 def _plan(judge: Judge, asked: np.ndarray, lengths: Sequence[float]) -> Plan:
