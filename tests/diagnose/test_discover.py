@@ -9,6 +9,7 @@ from undriven import undriven
 from bench.diagnose import diagnose, discover, extend
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.regression.parameters import effect_entries
+from bench.diagnose.report.sentences import explanation
 from bench.diagnose.select.verify import Estimate, at_bound
 from registry.core import EFFECTS
 from registry.errors import BenchError
@@ -62,7 +63,8 @@ def test_an_effect_that_spoils_the_forecast_of_held_out_recordings_is_not_named(
     )
     said, model = diagnose(replace(damped, logs=(*damped.logs[:-2], *free.logs[-2:])), brief=True)
     assert (said.verdict, said.effects, model.effects) == ("unknown_effect", (), ())
-    assert any(note.startswith("viscous friction") and "held-out ones worse" in note for note in said.evidence.notes)
+    assert said.evidence.contradicted_effects == ("viscous_friction",)
+    assert "learnt from show viscous friction" in explanation(said)
 
 
 @pytest.mark.parametrize(

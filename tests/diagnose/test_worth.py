@@ -9,9 +9,6 @@ import pytest
 from simulated_fleet import CUBIC, DRAG, vehicle
 
 from bench.diagnose import diagnose, discover, load
-from bench.diagnose.logs.subject import Subject, log_of
-from bench.diagnose.report.sentences import explanation
-from registry.contracts import Channel, Recording
 from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.mechanics.hysteresis import BoucWen
 from registry.physics.oscillator import Oscillator
@@ -85,34 +82,6 @@ def test_something_is_missing_in_temperatures_that_are_far_from_zero(tmp_path: P
     assert found.verdict == "unknown_effect"
     assert all(e.predictable < 0.5 * e.models["extended"] for e in found.equations)
     assert not found.found
-
-
-def swings(friction: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Drive [N] and state of an oscillator with dry friction [N]: semi-implicit Euler, twenty steps a sample."""
-    rng, fine = np.random.default_rng(seed), 20
-    t = np.arange(800 * fine) / 100 / fine
-    drive = 8 * np.sin(2 * np.pi * np.geomspace(0.3, 3.0, 6) * t[:, None] + rng.uniform(0, 6, 6)).sum(1)
-    out, place, speed = np.empty((len(t), 2)), 0.0, 0.0
-    for k, u in enumerate(drive):
-        out[k] = place, speed
-        speed += (u - 0.5 * speed - 100 * place - friction * np.tanh(speed / 0.01)) / 100 / fine
-        place += speed / 100 / fine
-    return drive[::fine], out[::fine] + rng.normal(size=(800, 2)) * [1e-3, 1e-2]
-
-
-def test_that_recordings_differ_is_said_where_nothing_is_named() -> None:
-    """Four were made before the bearing was changed, two, which are held out, after it."""
-    model = Oscillator(mass=1.0, damping=0.5, stiffness=100.0)
-    channel, logs = Channel("force", "N"), []
-    for i, friction in enumerate([2.0] * 4 + [0.0] * 2):
-        drive, states = swings(friction, i)
-        good = np.ones(len(drive), dtype=bool)
-        record = Recording(f"run_{i}", 100.0, drive[:, None], states, (channel,), Oscillator.state_channels, good)
-        logs.append(log_of(record, model, "force"))
-    names, signals = tuple(log.name for log in logs), ("displacement", "speed", "force")
-    said, _ = diagnose(Subject("carts", model, tuple(logs), names[:4], names[4:], signals=signals), brief=True)
-    assert not said.effects and "coulomb_friction" in said.evidence.contradicted_effects
-    assert "learnt from show coulomb friction" in explanation(said)
 
 
 @pytest.mark.parametrize(
