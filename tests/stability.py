@@ -25,7 +25,6 @@ from scipy.signal import savgol_filter
 
 from bench.claims.manifest import entered
 from bench.diagnose import discover, load
-from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.select.verify import Estimate
@@ -66,14 +65,6 @@ def _scaled(value: object, by: float) -> object:
     return tuple(_scaled(v, by) for v in value) if isinstance(value, tuple) else float(value) * by  # type: ignore[arg-type]
 
 
-def coarser(smoothing: Smoothing, every: float) -> Smoothing:
-    """About the same filter of recordings that have every so many-th sample only."""
-    if smoothing.kind == "none":
-        return smoothing
-    window = 2 * round((smoothing.window / every - 1) / 2) + 1
-    return replace(smoothing, window=window) if window > max(smoothing.order, 1) else Smoothing()
-
-
 def thinned(subject: Subject, every: int = 2) -> Subject:
     """Of each recording every second sample."""
 
@@ -84,14 +75,14 @@ def thinned(subject: Subject, every: int = 2) -> Subject:
         some = {n: getattr(log, n)[::every].contiguous() for n in ("states", "inputs", "valid")}
         return replace(log, rate=log.rate / every, recording=own, sensed=sensed, **some)
 
-    smoothing = subject.smoothing and coarser(subject.smoothing, every)
+    smoothing = subject.smoothing and subject.smoothing.resampled(every)
     return replace(subject, logs=tuple(map(kept, subject.logs)), smoothing=smoothing)
 
 
 def smoothed(subject: Subject, times: float) -> Subject:
     """A speed that is the slope of a window so many times as long, and stated so."""
     assert subject.smoothing is not None and subject.smoothing.derived
-    smoothing = coarser(subject.smoothing, 1 / times)
+    smoothing = subject.smoothing.resampled(1 / times)
     logs = []
     for log in subject.logs:
         states, valid, edge = log.states.clone(), log.valid.clone(), smoothing.window // 2

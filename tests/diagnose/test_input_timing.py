@@ -94,8 +94,7 @@ def test_held_commands_act_earlier_than_filed_where_all_else_is_filed_late() -> 
     assert float(note.split("(")[1].split(" ms, ")[1].split(" ")[0]) == pytest.approx(0.05, abs=0.011)
     first, read = subject.logs[0].inputs[:, 0], timed.logs[0].inputs[:, 0]
     share = ((read - first)[19] / (first[20] - first[19])).item()  # of the sample before a step
-    assert share == pytest.approx(0.05, abs=0.011)
-    torch.testing.assert_close(read[:19], first[:19], rtol=1e-14, atol=0.0)  # but for rounding, until then
+    assert share == pytest.approx(0.05, abs=0.011) and torch.equal(read[:19], first[:19])
 
 
 def test_held_commands_that_act_late_are_left_to_a_delay() -> None:

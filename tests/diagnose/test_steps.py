@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
+from test_worth import OVEN
 
 from bench.diagnose import diagnose
 from bench.diagnose.logs.load import load
@@ -31,27 +32,6 @@ class Motor(Mechanical):
 
     def own_force(self, state, inputs):
         return 0.05 * (inputs[..., :1] - 0.05 * state[..., 1:]) / 1.2
-"""
-OVEN = """
-from dataclasses import dataclass
-from typing import Any
-
-from registry.contracts import Channel
-from registry.dynamics import constant, tensor
-from registry.physics.state_space import StateSpace
-from registry.units import Signal
-
-
-@dataclass(frozen=True)
-class Oven(StateSpace):
-    capacity: Any = constant(100.0, "C", "J/K", low=1.0)
-    state_channels = (Channel("temperature.oven", "K"),)
-    input_signals = ("power",)
-    signals = {"power": Signal("W", ("",))}
-    equation = "C dT/dt = P - 2 (T - 290)"
-
-    def own_rate(self, state, inputs):
-        return (inputs[..., :1] - 2 * (state - 290)) / tensor(self.capacity, state).unsqueeze(-1)
 """
 DESCRIBED = """
 name = "stepped"

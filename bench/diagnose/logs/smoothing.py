@@ -79,8 +79,15 @@ class Smoothing:
         """The same filter where only every ``stride``-th sample is kept; none where too few of these feel it."""
         if stride == 1 or self.kind == "none":
             return self
-        felt = 2 * round((self.window / stride - 1) / 2) + 1
-        return replace(self, stride=self.stride * stride) if felt > max(self.order, 1) else Smoothing()
+        felt = self.resampled(stride).kind != "none"
+        return replace(self, stride=self.stride * stride) if felt else Smoothing()
+
+    def resampled(self, apart: float) -> "Smoothing":
+        """About the same filter of samples so many times as far apart, as if it was they that went through it."""
+        if self.kind == "none":
+            return self
+        window = 2 * round((self.window / apart - 1) / 2) + 1
+        return replace(self, window=window) if window > max(self.order, 1) else Smoothing()
 
     def __str__(self) -> str:
         """As a report says it."""

@@ -230,11 +230,14 @@ def _share(tick: Callable[[str], None]) -> Callable[[float], None]:
 
 
 def _stock(player: Player, effects: Sequence[str]) -> list[tuple[str, np.ndarray]]:
-    """By effect, its stock manoeuvre (R, N, c)."""
+    """Of each kind of stock manoeuvre the first effect that it shows, and its signals (R, N, c)."""
     if not player.driven:
         return []
+    first: dict[str, str] = {}
+    for name in effects:
+        first.setdefault(kind_of(name), name)
     drives = player.limits.drives
-    return [(n, stock_signals(kind_of(n), drives, player.samples, player.dt)) for n in effects]
+    return [(name, stock_signals(kind, drives, player.samples, player.dt)) for kind, name in first.items()]
 
 
 def _none(player: Player) -> np.ndarray:
@@ -245,13 +248,16 @@ def _telling_most(
     judge: Judge, sought: np.ndarray, others: Sequence[tuple[str, np.ndarray]], lengths: Sequence[float]
 ) -> tuple[Plan, Plan | None, str]:
     """What tells most of one sought (1, R, N, c) and the stock manoeuvres, then of these alone, and that in words."""
-    own = [(name, _plan(judge, x[None], lengths)) for name, x in others]
 
-    def value(plan: Plan) -> tuple[bool, float]:
-        return judge.inside(plan.asked[None]), plan.worth
+    def judged(asked: np.ndarray) -> tuple[tuple[bool, float], Plan]:
+        plan = _plan(judge, asked, lengths)
+        return (judge.inside(asked), plan.worth), plan
 
-    name, stock = max(own, key=lambda x: value(x[1]), default=("", None))
-    return max([p for _, p in own] + [_plan(judge, sought, lengths)], key=value), stock, phrase_of(name)
+    found = judged(sought)
+    if not others:
+        return found[1], None, ""
+    name, best = max(((n, judged(x[None])) for n, x in others), key=lambda x: x[1][0])
+    return max(best, found, key=lambda x: x[0])[1], best[1], phrase_of(name)
 
 
 def _plan(judge: Judge, asked: np.ndarray, lengths: Sequence[float]) -> Plan:

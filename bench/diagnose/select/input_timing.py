@@ -125,20 +125,15 @@ def read_at(inputs: torch.Tensor, drives: int, shift: float, held: bool = False)
     """
     whole = int(np.floor(shift))
     x, n = shift - whole, len(inputs)
-    weights = (
-        [0.0, 1 - x, x, 0.0]
-        if held
-        else [
-            -x * (x - 1) * (x - 2) / 6,
-            (x + 1) * (x - 1) * (x - 2) / 2,
-            -(x + 1) * x * (x - 2) / 2,
-            (x + 1) * x * (x - 1) / 6,
-        ]
-    )
-    at = torch.arange(n)
+    before, now, then, after = (inputs[(torch.arange(n) + whole + k).clamp(0, n - 1), :drives] for k in (-1, 0, 1, 2))
     out = inputs.clone()
-    out[:, :drives] = sum(
-        w * inputs[(at + whole + k).clamp(0, n - 1), :drives] for k, w in zip((-1, 0, 1, 2), weights, strict=True)
+    out[:, :drives] = (
+        torch.lerp(now, then, x)  # to the bit what it is, until it changes
+        if held
+        else -x * (x - 1) * (x - 2) / 6 * before
+        + (x + 1) * (x - 1) * (x - 2) / 2 * now
+        + -(x + 1) * x * (x - 2) / 2 * then
+        + (x + 1) * x * (x - 1) / 6 * after
     )
     return out
 
