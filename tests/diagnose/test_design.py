@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from bench.cli.commands.models import parse_limits
 from bench.diagnose import design, diagnose
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.manoeuvre import page
+from bench.diagnose.manoeuvre.design import _telling_most
 from bench.diagnose.manoeuvre.discrimination import scores
 from bench.diagnose.manoeuvre.limits import Limit, shown
 from bench.diagnose.manoeuvre.rivals import of_diagnosis
@@ -26,7 +28,7 @@ from bench.diagnose.manoeuvre.separation import (
     log_determinant,
     predictions,
 )
-from bench.diagnose.manoeuvre.stock import KINDS, stock_signals
+from bench.diagnose.manoeuvre.stock import KINDS, phrase_of, stock_signals
 from bench.diagnose.manoeuvre.waveform import PARAMETERS, multisine, signals
 from bench.diagnose.manoeuvre.waveform import _Grid as Grid
 from bench.diagnose.regression.parameters import entries
@@ -99,6 +101,29 @@ def test_what_few_blocks_show_is_worth_less_than_what_all_do() -> None:
     lumped = Distance(np.r_[np.full(2, 50.0), np.zeros(18)][None], np.zeros(1))
     assert scores(even)[0] > 3 > 0 > scores(lumped)[0]
     assert scores(even, often=2)[0] > scores(even)[0] > scores(even, beside=30)[0]
+
+
+@pytest.mark.parametrize(
+    ("limit", "kept", "stock"),
+    [(10.0, 3.0, "dead_zone"), (2.5, 2.0, "backlash"), (1.5, 1.0, "dead_zone"), (0.5, 3.0, "dead_zone")],
+)
+def test_what_tells_most_within_the_limits_is_kept(limit: float, kept: float, stock: str) -> None:
+    """A manoeuvre as large as it tells; where all leave the limits there is nothing to choose by but what they tell."""
+
+    class Judge(SimpleNamespace):
+        asked = ()
+
+        def inside(self, asked: np.ndarray) -> bool:
+            return float(asked.max()) <= limit
+
+        def chances(self, asked: np.ndarray, often: list[int]) -> tuple[np.ndarray, int]:
+            return np.full((2, len(often)), float(asked.max()) / 10), 1
+
+    sizes = {"backlash": 2.0, "dead_zone": 3.0}
+    others = [(name, np.full((1, 5, 1), size)) for name, size in sizes.items()]
+    plan, best, phrase = _telling_most(Judge(), np.full((1, 1, 5, 1), 1.0), others, (10.0, 20.0))  # type: ignore[arg-type]
+    assert plan.asked.max() == kept and best is not None
+    assert best.asked.max() == sizes[stock] and phrase == phrase_of(stock)
 
 
 # -------------------------------------------------------------------------------------------------- the signals
