@@ -141,7 +141,7 @@ def test_signals_stay_within_their_limits_and_rates() -> None:
 
 
 def test_a_multisine_has_power_in_its_band_alone_and_a_low_crest() -> None:
-    grid = Grid(1000, DT, (0.1, 10.0))
+    grid = Grid(1000, DT, (0.1, 10.0), 2)
     wave = multisine(grid, np.array([1.0]), np.array([4.0]), 0, 1)[0]
     power = np.abs(np.fft.rfft(wave)) ** 2
     at = np.fft.rfftfreq(1000, DT)
@@ -150,6 +150,16 @@ def test_a_multisine_has_power_in_its_band_alone_and_a_low_crest() -> None:
     other = multisine(grid, np.array([1.0]), np.array([4.0]), 1, 2)[0]
     mine = multisine(grid, np.array([1.0]), np.array([4.0]), 0, 2)[0]
     assert abs(mine @ other) < 1e-6 * (mine @ mine)
+
+
+def test_a_manoeuvre_shorter_than_the_slowest_waves_still_gives_each_channel_one_of_its_own() -> None:
+    limits = tuple(Limit(name, "m", -1.0, 1.0) for name in "abcd")
+    z = np.random.default_rng(2).uniform(size=(8, 4 * PARAMETERS))
+    found = signals(z, limits, 101, DT, (0.05, 0.5))  # one second
+    assert np.isfinite(found).all()
+    grid, band = Grid(101, DT, (0.05, 0.5), 4), (np.array([0.1]), np.array([0.5]))
+    waves = np.concatenate([multisine(grid, *band, i, 4) for i in range(4)])
+    assert np.abs(np.triu(waves @ waves.T, 1)).max() < 0.05 * np.diag(waves @ waves.T).min()
 
 
 def test_every_stock_manoeuvre_stays_within_the_limits() -> None:

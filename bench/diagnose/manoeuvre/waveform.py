@@ -24,21 +24,22 @@ def signals(z: np.ndarray, limits: Sequence[Limit], samples: int, dt: float, ban
         dt: [s].
         band: lowest and highest frequency of a multisine [Hz].
     """
+    grid = _Grid(samples, dt, band, len(limits))
     out = [
-        _channel(part, limit, i, len(limits), _Grid(samples, dt, band))
+        _channel(part, limit, i, len(limits), grid)
         for i, (limit, part) in enumerate(zip(limits, np.split(z, len(limits), axis=1), strict=True))
     ]
     return np.stack(out, axis=-1)
 
 
 class _Grid:
-    """Times, and frequencies that fit them."""
+    """Times, and frequencies that fit them: one for each of ``channels`` at least."""
 
-    def __init__(self, samples: int, dt: float, band: tuple[float, float]) -> None:
+    def __init__(self, samples: int, dt: float, band: tuple[float, float], channels: int) -> None:
         self.samples, self.dt, self.t = samples, dt, np.arange(samples) * dt
         length = samples * dt
         self.low, self.high = max(band[0], 1 / length), max(band[1], 2 / length)
-        self.harmonics = np.arange(1, max(2, int(self.high * length)) + 1)
+        self.harmonics = np.arange(1, max(2, channels, int(self.high * length)) + 1)
         self.frequencies = self.harmonics / length
 
 
