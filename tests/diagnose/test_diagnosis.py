@@ -292,9 +292,9 @@ def test_a_constant_that_calibration_held_back_is_told_where_free_runs_still_err
     d = replace(d, evidence=replace(d.evidence, calibration=(held,)))
     near = replace(d, error=replace(d.error, extended=d.noise_floor))
     far = replace(d, error=replace(d.error, extended=d.error.nominal))
-    assert constant_words.miscalibrated(near) == ""
+    assert constant_words.miscalibrated(near) == []
     said = constant_words.miscalibrated(far)
-    assert said.startswith("Calibration stopped at 3 stated standard deviations of damping.")
+    assert said[0] == "Calibration stopped at 3 stated standard deviations of damping."
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, 9.995, 0.00099951, 99999.0, -2.5e-7, 1.234e-4, 123456.0, 0.1, -0.0314])
@@ -326,7 +326,8 @@ def test_constants_are_said_to_have_moved_where_their_interval_leaves_the_stated
     d = samples.named()
 
     def said(*constants: Calibration) -> str:
-        return constant_words.miscalibrated(replace(d, evidence=replace(d.evidence, calibration=constants)))
+        found = replace(d, evidence=replace(d.evidence, calibration=constants))
+        return " ".join(constant_words.miscalibrated(found))
 
     held = Calibration("mass", 0.5, 0.506, "kg", 1.2, 0.499, 0.513)
     unknown = Calibration("mass", 0.5, 0.506, "kg", 1.2)
@@ -350,7 +351,8 @@ def test_a_constant_that_went_where_it_cannot_be_is_no_finding() -> None:
     told = GivenPast({"inertia[1]": (1.37e-5, "kg m^2")}, 0.16, 0.05, 0.28, 0.1)
 
     def said(c: ObscuredConstant) -> str:
-        return constant_words.miscalibrated(replace(d, evidence=replace(d.evidence, calibration=(far,), obscured=(c,))))
+        found = replace(d, evidence=replace(d.evidence, calibration=(far,), obscured=(c,)))
+        return " ".join(constant_words.miscalibrated(found))
 
     plain = said(hidden)
     assert plain.startswith(
@@ -361,7 +363,7 @@ def test_a_constant_that_went_where_it_cannot_be_is_no_finding() -> None:
     assert "slow (96 % of it follows from its own past)" in text and "--set" not in text
     assert "inertia about y: about 1.37×10⁻⁵ kg m²" in text and "falls by 16 %" in text
     page = page_sections._constants(replace(d, evidence=replace(d.evidence, calibration=(far,), obscured=(hidden,))))
-    assert [row.change for row in page] == ["not to be believed"]
+    assert page is not None and [row.change for row in page.rows] == ["not to be believed"]
 
 
 @pytest.mark.parametrize(("taken", "told"), [(0.9, True), (0.1, False), (math.nan, False)])

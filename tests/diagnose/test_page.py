@@ -1,14 +1,15 @@
 """The HTML page: whole, offline, and safe against names that are markup."""
 
-import dataclasses
 import re
+from dataclasses import replace
 from functools import lru_cache
 
 import pytest
 import samples
 from parsed_page import Parsed
 
-from bench.diagnose.report import page, phrases, sentences
+from bench.diagnose.evidence import Calibration
+from bench.diagnose.report import constant_words, page, phrases, sentences
 from bench.diagnose.result import VERDICTS
 
 
@@ -70,6 +71,20 @@ def test_named_page_shows_every_part_with_the_units_of_a_reader() -> None:
         assert said in parsed.text, said
 
 
+def test_of_the_constants_one_sentence_stands_at_the_top_and_all_of_them_in_their_section() -> None:
+    d = samples.named()
+    own = Calibration("torque_coefficient", 1.0, 1.04, "", 0.2, 1.02, 1.06)
+    held = Calibration("damping", 700.0, 659.2, "N m s/rad", -2.9, 606.0, 712.0, stopped=True)
+    d = replace(
+        d, evidence=replace(d.evidence, calibration=(own, held)), error=replace(d.error, extended=d.error.nominal)
+    )
+    source = page.render(d)
+    top, section = source.partition("</header>")[0], source.partition('<section id="constants">')[2]
+    first, *rest = constant_words.miscalibrated(d)
+    assert first in top and 'href="#constants">More' in top and rest and not any(said in top for said in rest)
+    assert all(said in Parsed(section).text for said in (first, *rest))
+
+
 def test_forces_and_torques_are_shown_apart_each_with_what_each_effect_saves_in_it() -> None:
     d = samples.named()
     source = rendered("named")
@@ -95,26 +110,26 @@ def test_forces_and_torques_are_shown_apart_each_with_what_each_effect_saves_in_
         "rotor reaction torque, torque z 97 % 91 % to 100 %",
     ):
         assert said in torques, said
-    without = Parsed(page.render(dataclasses.replace(d, by_equation={}))).text
+    without = Parsed(page.render(replace(d, by_equation={}))).text
     assert "Equation by equation" not in without
     # 0.034 of 0.320 m/s remain, 0.300 before
     assert '<i class="extended before" style="width:93.8%">' in source[start:middle]
     assert '<i class="extended" style="width:10.6%">' in source[start:middle]
-    left = dataclasses.replace(d, verdict="nothing", effects=())
+    left = replace(d, verdict="nothing", effects=())
     assert "What each effect saves" not in Parsed(page.render(left)).text
 
 
 def test_a_card_says_what_an_effect_saves_where_it_acts_before_its_share_of_free_runs() -> None:
     d = samples.named()
-    yaw = dataclasses.replace(d.effects[1], share_explained=-0.0005, acts_on="torques: torque z")
-    card = Parsed(page.render(dataclasses.replace(d, effects=(yaw,)))).text.partition("What")[0]
+    yaw = replace(d.effects[1], share_explained=-0.0005, acts_on="torques: torque z")
+    card = Parsed(page.render(replace(d, effects=(yaw,)))).text.partition("What")[0]
     assert "97 % explained in torques about z" in card
     assert card.index("torques about z 97 % 91 % to 100 %") < card.index("free runs −0.05 %")
 
 
 def test_a_set_that_was_given_up_is_not_called_taken() -> None:
     d = samples.named()
-    shown = Parsed(page.render(dataclasses.replace(d, effects=d.effects[:1]))).text
+    shown = Parsed(page.render(replace(d, effects=d.effects[:1]))).text
     assert "Round 1: rotor drag is taken" in shown
     assert "Round 2: rotor reaction torque is best, and dropped in a later step" in shown
 

@@ -10,17 +10,18 @@ from bench.diagnose.result import Diagnosis
 from bench.diagnose.settings import CALIBRATING, DECIDING, TELLING
 
 
-def miscalibrated(diagnosis: Diagnosis) -> str:
-    """A sentence about base constants whose intervals exclude what was stated, and ratios of them that do."""
+def miscalibrated(diagnosis: Diagnosis) -> list[str]:
+    """Sentences about base constants whose intervals exclude what was stated, and ratios of them that do."""
     ratios, parts, others = moved(diagnosis)
-    found = [*map(obscured, diagnosis.evidence.obscured)]
+    found = [said for c in diagnosis.evidence.obscured for said in _obscured(c)]
     found += [f"Calibration moved stated constants: {_first(others)}."] if others else []
     if ratios:
         also = " also" if others else ""
-        found.append(f"Calibration{also} moved ratios of stated constants: {_first(ratios)}. {_either(ratios[0])}.")
+        found.append(f"Calibration{also} moved ratios of stated constants: {_first(ratios)}.")
+        found.append(f"{_either(ratios[0])}.")
     if parts:
         found.append(f"What is stated of the constants makes of these ratios: {_first(parts)}.")
-    return " ".join((*found, *_stopped(diagnosis)))
+    return [*found, *_stopped(diagnosis)]
 
 
 def _stopped(diagnosis: Diagnosis) -> list[str]:
@@ -30,13 +31,14 @@ def _stopped(diagnosis: Diagnosis) -> list[str]:
     if not constants or all(error**2 <= DECIDING.high_excess * floor**2 for error, floor in squares):
         return []
     return [
-        f"Calibration stopped at {CALIBRATING.within:g} stated standard deviations of {constants}. If they are known "
-        "less well than that, state it under [physics.uncertainty] in dataset.toml and diagnose again."
+        f"Calibration stopped at {CALIBRATING.within:g} stated standard deviations of {constants}.",
+        "What may be further off needs a larger one under [physics.uncertainty] in dataset.toml; what cannot be stands "
+        "for something else that is wrong.",
     ]
 
 
-def obscured(c: ObscuredConstant) -> str:
-    """What is said of a constant that went where it cannot be, in place of its value."""
+def _obscured(c: ObscuredConstant) -> list[str]:
+    """Sentences that are said of a constant that went where it cannot be, in place of its value."""
     name = named(c.constant)
     way = f"{number(c.times, 2)} times" if c.times > 1 else f"{number(c.times, 2)} of"
     said = [
@@ -58,7 +60,7 @@ def obscured(c: ObscuredConstant) -> str:
         )
     elif c.finer:
         said.append(f"With --set {c.finer} the {named(c.group)} are read from a finer sensor, which may tell.")
-    return " ".join(said)
+    return said
 
 
 def _plain(name: str, value: float, unit: str) -> str:

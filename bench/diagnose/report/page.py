@@ -9,7 +9,7 @@ from jinja2 import Environment
 from markupsafe import Markup, escape
 
 from bench.diagnose.evidence import Candidate
-from bench.diagnose.report import page_figures, phrases, sentences
+from bench.diagnose.report import constant_words, page_figures, phrases, sentences
 from bench.diagnose.report.page_flights import script
 from bench.diagnose.report.page_sections import sections
 from bench.diagnose.result import Diagnosis, NamedEffect, ParameterEstimate, write_text
@@ -49,6 +49,7 @@ def render(diagnosis: Diagnosis) -> str:
         facts=_facts(diagnosis),
         headline=sentences.headline(diagnosis),
         paragraphs=sentences.paragraphs(diagnosis),
+        constants=constant_words.miscalibrated(diagnosis),
         falls=sentences.falls(diagnosis),
     )
 

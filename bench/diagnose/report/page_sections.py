@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.diagnose.evidence import LINES, Calibration, Candidate
-from bench.diagnose.report import ceiling_words, phrases, sentences
+from bench.diagnose.report import ceiling_words, constant_words, phrases, sentences
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report.page_equations import equation_by_equation
 from bench.diagnose.report.page_flights import over_time
@@ -56,6 +56,12 @@ class _Constant:
     change: str
     sigma: str
     off: bool
+
+
+@dataclass(frozen=True)
+class _Constants:
+    said: str
+    rows: Sequence[_Constant]
 
 
 @dataclass(frozen=True)
@@ -160,7 +166,7 @@ def _left(d: Diagnosis) -> _Left | None:
     return _Left(said, d.evidence.hypothesis, [ceiling_words.row(f) for f in d.evidence.predictable_axes])
 
 
-def _constants(d: Diagnosis) -> list[_Constant]:
+def _constants(d: Diagnosis) -> _Constants | None:
     rows, hidden = [], {c.constant for c in d.evidence.obscured}
     for c in d.evidence.calibration:
         unit, factor = phrases.shown(c.unit, c.constant, [c.nominal, c.calibrated])
@@ -174,7 +180,7 @@ def _constants(d: Diagnosis) -> list[_Constant]:
                 off=abs(c.sigma) > TELLING.constant_off,
             )
         )
-    return rows
+    return _Constants(" ".join(constant_words.miscalibrated(d)), rows) if rows else None
 
 
 def _change(c: Calibration, obscured: bool) -> str:

@@ -86,11 +86,11 @@ def _count(items: Sequence[str]) -> str:
 
 def explanation(diagnosis: Diagnosis) -> str:
     """What follows the headline."""
-    return " ".join(paragraphs(diagnosis))
+    return " ".join((*paragraphs(diagnosis), *constant_words.miscalibrated(diagnosis)))
 
 
 def paragraphs(diagnosis: Diagnosis) -> list[str]:
-    """What follows the headline: what was found, then what is left, then what became of the stated constants."""
+    """What follows the headline: what was found, then what is left; not what became of the stated constants."""
     found: list[str] = []
     beside = diagnosis.verdict != "unknown_effect"
     shares = [e.share_explained for e in diagnosis.effects if not (beside and e.learned)]
@@ -136,7 +136,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         size = f"It makes {percent(share)} {_FREE}, and n" if share > 0 else "N"
         found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
     left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
-    after = (alike(diagnosis), left, _contradicted(diagnosis), constant_words.miscalibrated(diagnosis))
+    after = (alike(diagnosis), left, _contradicted(diagnosis))
     return [*filter(None, (" ".join(found), *after))]
 
 
