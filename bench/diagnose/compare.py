@@ -17,6 +17,7 @@ from bench.diagnose.evidence import LINES as DRAWN
 from bench.diagnose.evidence import Curves, Line, plot_curves
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.sample import typical_length
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import ByGroup, GroupError
 from bench.diagnose.select.input_timing import prepared
@@ -320,7 +321,7 @@ def _alike(squared: np.ndarray, recording: np.ndarray) -> int:
     level = np.log(np.maximum(np.minimum(squared, 1e30), 1e-30)).mean(1)
     series = [level[recording == r] - level.mean() for r in np.unique(recording)]
     power = sum(float(x @ x) for x in series)
-    for lag in range(1, min(map(len, series)) // 4):
+    for lag in range(1, typical_length(series) // 4):
         if sum(float(x[:-lag] @ x[lag:]) for x in series) < power / math.e:
             return lag
     return 1

@@ -8,9 +8,12 @@ import torch
 
 from bench.diagnose.logs.sample import sampled, shared, shortened
 from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.regression.parameters import Prior
 from bench.diagnose.regression.rows import Rows
+from bench.diagnose.regression.starting_points import StartingPoints
 from bench.diagnose.regression.weak import LogBatch
-from bench.diagnose.settings import FOLDING, READING
+from bench.diagnose.select.search import Search, noise_filters
+from bench.diagnose.settings import FOLDING, READING, SEARCHING
 from registry.contracts import Channel, Recording
 from registry.physics.oscillator import Oscillator
 
@@ -55,6 +58,42 @@ def test_states_that_a_recording_holds_as_they_are_take_no_memory_until_they_are
     many = subject(30, READING.enough // 15)
     many = replace(many, logs=tuple(replace(x, states=x.states.T.contiguous().T) for x in many.logs))
     assert not many.logs[0].states.is_contiguous() and all(x.states.is_contiguous() for x in sampled(many).logs)
+
+
+def moving(name: str, samples: int) -> Log:
+    """A recording of an oscillator that swings; its force is noise of .1 N."""
+    rng, t = np.random.default_rng([*name.encode()]), np.arange(samples) / 100
+    swing = np.stack([np.sin(5 * t), 5 * np.cos(5 * t)], axis=1) + rng.normal(scale=0.01, size=(samples, 2))
+    force = rng.normal(scale=0.1, size=(samples, 1))
+    made = log(name, samples)
+    recording = replace(made.recording, inputs=force, outputs=swing)
+    return replace(made, recording=recording, states=torch.from_numpy(swing), inputs=torch.from_numpy(force))
+
+
+def test_short_recordings_among_long_ones_change_little_of_what_these_say_of_noise_and_motion() -> None:
+    """Side by side the short ones are padded: what does not move there is neither noise nor motion."""
+    long, short = ([moving(f"{n}{i}", n) for i in range(count)] for n, count in ((2000, 4), (60, 8)))
+    searches = []
+    for logs in (long, long + short):
+        names = tuple(x.name for x in logs)
+        searches.append(
+            Search(replace(subject(1, 9), logs=tuple(logs), training=names, held_out=()), None, lambda _: None)
+        )
+    some, all_ = searches
+    assert all_.stride == some.stride
+    for search in searches:
+        assert search.noisy is not None
+        drawn = search.stack.samples(search.noisy.inputs - search.stack.inputs)
+        assert float(drawn.std()) == pytest.approx(0.1, rel=0.05)
+    points = [
+        StartingPoints.of(Oscillator(), s.stack.samples(s.stack.states), s.stack.samples(s.stack.inputs))
+        for s in searches
+    ]
+    assert points[1].sizes["speed"] == pytest.approx(points[0].sizes["speed"], rel=0.02)
+    rng = np.random.default_rng(3)
+    parts = tuple((rng.normal(size=(n, 1)),) for n in (900, 900, 900, 30))
+    free = Prior(*(np.zeros(0) for _ in range(4)))
+    assert len(noise_filters(Rows(parts, (np.array([0]),), 0, 0.02), free)[0]) == SEARCHING.memory + 1
 
 
 def test_what_is_enough_stays_as_it_is() -> None:

@@ -77,7 +77,8 @@ def axis_series(subject: Subject, model: PhysicsModel, noise: Noise) -> list[Axi
         linear = directions(with_axes(model), subject.model, subject.uncertainty, stack)
         kept = [k for k, c in enumerate(linear.channels) if c < stack.states.shape[-1]]
         words = dictionary(model, stack, tuple(linear.channels[k] for k in kept))
-        still = replace(stack, inputs=stack.inputs.mean(1, keepdim=True).expand_as(stack.inputs))
+        means = torch.stack([log.inputs.mean(0, keepdim=True) for log in stack.logs])
+        still = replace(stack, inputs=means.expand_as(stack.inputs))
         driven = linear.rates - mean_rates(model, still).numpy()[..., list(linear.channels)]
     tests = TestFunctions.over(stack.logs, stride, [noise.smoothing_of(linear.channels[k]) for k in kept])
     order, places = dynamic_axes(model), {}

@@ -1,7 +1,7 @@
 """Of many recordings a sample: what a diagnosis costs must not grow with what it does not need."""
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence, Sized
 from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
@@ -42,6 +42,12 @@ def sampled(subject: Subject) -> Subject:
         f"fitted to {len(training)} and tested on {len(held_out)}. More would be slower and no surer."
     )
     return replace(subject, logs=logs, training=training, held_out=held_out, notes=(*subject.notes, note))
+
+
+def typical_length(series: Iterable[Sized]) -> int:
+    """Length of the series that a sample lies in, on average: a short one among long ones changes it little."""
+    lengths = np.array([len(x) for x in series])
+    return round(float((lengths**2).sum() / max(1, lengths.sum())))
 
 
 def shared(log: Log) -> Log:

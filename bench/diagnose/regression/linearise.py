@@ -148,7 +148,7 @@ def directions(
     more, reduced = _without(model, dependants, at, constants, stack, first=len(own))
     columns += more
     starts: list[Candidate] = []
-    points = StartingPoints.of(model, stack.states, stack.inputs)
+    points = StartingPoints.of(model, stack.samples(stack.states), stack.samples(stack.inputs))
     for name, kind in candidates:
         tick(name)
         starts += _starts(points, name, kind, at, wide=wide, stack=stack, columns=columns)

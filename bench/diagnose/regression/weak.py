@@ -48,6 +48,10 @@ class LogBatch:
     missed: Tensor | None = None
     """(L, N − 1, s): see `Log.missed`."""
 
+    def samples(self, x: Tensor) -> Tensor:
+        """Those (…, n, c) of series (…, L, N, c) that are no padding, one log after the other."""
+        return torch.cat([x[..., i, : len(log), :] for i, log in enumerate(self.logs)], dim=-2)
+
     @property
     def between(self) -> Tensor:
         """Means (L, N − 1, s) of the states from each sample to the next: of these, or of all that were left out."""

@@ -9,7 +9,7 @@ import torch
 from scipy.ndimage import convolve1d
 
 from bench.diagnose.logs.noise import Noise, noise_of
-from bench.diagnose.logs.sample import left_out, shortened
+from bench.diagnose.logs.sample import left_out, shortened, typical_length
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.generic import Dictionary, Folds, Term, dictionary, follow
@@ -323,8 +323,10 @@ def drive_is_noisy(subject: Subject) -> bool:
 
 def stride_of(stack: LogBatch) -> int:
     """Samples between test functions: short against the motion, long against the sampling."""
-    x = stack.states.numpy()
-    power = (np.abs(np.fft.rfft(x - x.mean(1, keepdims=True), axis=1)) ** 2).sum(0)
+    x = np.zeros(tuple(stack.states.shape))
+    for i, log in enumerate(stack.logs):
+        x[i, : len(log)] = (log.states - log.states.mean(0)).numpy()
+    power = (np.abs(np.fft.rfft(x, axis=1)) ** 2).sum(0)
     share = np.cumsum(power, axis=0) / np.maximum(power.sum(0), 1e-300)
     moving = np.flatnonzero(power.sum(0) > 0)
     fastest = max((int(np.searchsorted(share[:, c], 0.95)) for c in moving), default=1) / x.shape[1]  # cycles a sample
@@ -336,9 +338,9 @@ def input_noise(stack: LogBatch, drives: int, through: np.ndarray) -> np.ndarray
 
     From third differences: an upper bound where inputs are lively.
     """
-    u = stack.inputs.numpy()
     third = np.linalg.norm(np.convolve(through, [1.0, -3.0, 3.0, -1.0]))  # √20 without a filter
-    sigma = np.diff(u, n=3, axis=1).std((0, 1)) / third if u.shape[1] > 3 else np.zeros(u.shape[-1])
+    rough = np.concatenate([np.diff(log.inputs.numpy(), n=3, axis=0) for log in stack.logs])
+    sigma = rough.std(0) / third if len(rough) else np.zeros(stack.inputs.shape[-1])
     sigma[drives:] = 0.0
     return sigma
 
@@ -377,7 +379,7 @@ def noise_filters(rows: Rows, prior: Prior, memory: int = SEARCHING.memory) -> l
         del grams  # as large as those of the next round
         left = rows.residuals(beta)
         if memory:
-            order = min(memory, max(1, min(map(len, left)) // 20))
+            order = min(memory, max(1, typical_length(left) // 20))
             filters = [whitening([r[:, c] for r in left], order) for c in range(rows.channels)]
         else:
             filters = [np.array([1 / max(rms, 1e-300)]) for rms in _rms(left)]

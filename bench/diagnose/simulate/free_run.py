@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.diagnose.logs.sample import typical_length
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.weak import LogBatch, how_many, memories, narrowed, own_states
 from bench.diagnose.settings import BEGINNING, RUNNING
@@ -42,7 +43,7 @@ def groups(channels: Sequence[Channel], measured: Sequence[bool]) -> list[Group]
 def default_steps(logs: Sequence[Log]) -> int:
     """Samples of the default horizon; where states are estimated, so many that their beginning is forgotten."""
     if hidden(logs):
-        return max(RUNNING.fewest, min(map(len, logs)) // 4)
+        return max(RUNNING.fewest, typical_length(logs) // 4)
     return max(RUNNING.fewest, round(RUNNING.longest * logs[0].rate))
 
 
