@@ -170,7 +170,7 @@ def _transmitted(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, after delays and lags."""
     driving, extras, held = _driven(model, stack)
     for effect in narrowed(model).input_effects():
-        driving = effect.transmitted(driving[..., 0, 0, :], driving, stack.dt, held)
+        driving = effect.transmitted(effect.steady(driving[..., 0, 0, :], stack.dt), driving, stack.dt, held)
     return torch.cat([driving, extras], dim=-1)
 
 
@@ -185,7 +185,7 @@ def memories(model: PhysicsModel, stack: LogBatch) -> Tensor:
     driving, _, held = _driven(model, stack)
     parts = []
     for effect in narrowed(model).input_effects():
-        memory, driving = effect.over(driving[..., 0, 0, :], driving, stack.dt, held)
+        memory, driving = effect.over(effect.steady(driving[..., 0, 0, :], stack.dt), driving, stack.dt, held)
         parts.append(memory)
     (out,) = _of_all(how_many(model), torch.cat(parts, dim=-1))
     return out
