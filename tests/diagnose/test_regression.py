@@ -89,7 +89,7 @@ def test_rows_of_the_columns_that_act_give_the_normal_equations_of_all():
     np.testing.assert_allclose(sum(white.folds()), full.sum((0, 1)), atol=1e-12)
     np.testing.assert_allclose(white.power(), full.sum(0).diagonal(axis1=1, axis2=2), atol=1e-12)
     crossings, all_of_them = Crossings(white), np.stack(white.folds())
-    for some in ([2, 0], [0, -1, 1]):
+    for some in ([2, 0], [0, -1, 1], list[int]()):
         np.testing.assert_allclose(crossings.of(some), all_of_them[:, some], atol=1e-12)
     np.testing.assert_allclose(crossings.squares, full.sum((0, 1)).diagonal(), atol=1e-12)
     np.testing.assert_allclose(np.concatenate([r.T.ravel() for r in rows.residuals(beta)]), np.concatenate(left))

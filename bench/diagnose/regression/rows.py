@@ -185,9 +185,9 @@ class Crossings:
         """(folds, k, c + 1) products of k columns with all; −1 is the residual."""
         places = [c % (self._rows.width + 1) for c in columns]
         new = [c for c in dict.fromkeys(places) if c not in self._made]
-        if new:
-            self._made |= dict(zip(new, self._rows.crossed(new).swapaxes(0, 1), strict=True))
-        return np.stack([self._made[c] for c in places], axis=1)
+        found = self._rows.crossed(new)
+        self._made |= dict(zip(new, found.swapaxes(0, 1), strict=True))
+        return np.stack([self._made[c] for c in places], axis=1) if places else found
 
 
 class Products:
