@@ -16,11 +16,13 @@ from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.parameters import entries, probes, with_values
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.simulate.free_run import free_run
+from bench.diagnose.simulate.unmeasured import completed
 from registry.core import EFFECTS
 from registry.dynamics import LoadEffect, Motion, PhysicsModel, constant
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.equations import lanes, models
 from registry.physics.quadrotor import Quadrotor
+from registry.physics.tanks import Tanks
 
 pytestmark = pytest.mark.skipif(not lanes.available(), reason="there is no compiler")
 WIDTH = 37
@@ -95,6 +97,16 @@ def test_rates_and_free_runs_are_those_of_torch(name: str) -> None:
         at, drift = [np.array([3, 9]), np.array([2])], 1e-4 * torch.rand(3, 8, len(one.state_channels)).double()
         for push in (None, drift) if one is model else (None,):
             assert near(*both(partial(free_run, one, logs, at, 8, push)))
+
+
+def test_states_that_were_not_measured_are_carried_as_torch_carries_them() -> None:
+    model = with_effects(Tanks, ["overflow", "dead_zone", "actuator_lag"])
+    for one in (model, several(model), replace(several(model), input_hold="previous")):
+        logs = [replace(log, measured=(False, True), estimated=(True, False)) for log in logs_of(one)]
+        assert models.carried(one, 1, logs[0].dt, (0,))
+        found, wanted = both(partial(completed, one, LogBatch.of(logs)))
+        torch.testing.assert_close(found, wanted, rtol=1e-9, atol=1e-9)
+        assert found[..., 0].diff(dim=-1).abs().max() > 1e-4  # it moves
 
 
 def test_one_program_serves_all_models_alike() -> None:

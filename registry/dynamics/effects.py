@@ -264,11 +264,11 @@ class InputEffect(Effect):
             The memory at its end and the segment (…, 3, m) that comes out.
         """
 
-    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
-        """Pass a whole recording; an effect that can do it at once may, with the same result.
+    def over(self, memory: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """Pass many time steps; an effect that can do them at once may, with the same result.
 
         Args:
-            first: (…, m) the input until the recording begins.
+            memory: (…, memory_size) at their start.
             segments: (…, K, 3, m) the input over each of K time steps.
             dt: length of a step [s].
             held: as for `act`.
@@ -276,14 +276,13 @@ class InputEffect(Effect):
         Returns:
             The memory (…, K + 1, memory_size) at every sample and the segments (…, K, 3, m) that come out.
         """
-        memory, out = self.steady(first, dt), []
-        memories = [memory]
+        memories, out = [memory], []
         for k in range(segments.shape[-3]):
             memory, segment = self.act(memory, segments[..., k, :, :], dt, held)
             memories.append(memory)
             out.append(segment)
         return torch.stack(memories, dim=-2), torch.stack(out, dim=-3)
 
-    def transmitted(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> Tensor:
+    def transmitted(self, memory: Tensor, segments: Tensor, dt: float, held: bool) -> Tensor:
         """The segments (…, K, 3, m) that come out of `over`, where nobody asks for the memory between."""
-        return self.over(first, segments, dt, held)[1]
+        return self.over(memory, segments, dt, held)[1]

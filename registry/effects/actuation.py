@@ -60,13 +60,13 @@ class FirstOrderLag(InputEffect):
         first = torch.where(torch.maximum(up, down) > 0, memory, segment[..., 0, :])
         return speed, torch.stack([first, *out[1:]], dim=-2)
 
-    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+    def over(self, memory: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
         """`act` step after step without its overhead; see `InputEffect.over`."""
         up, down = (tensor(t, segments).unsqueeze(-1) for t in self.times)
-        if segments.device.type != "cpu" or any(x.requires_grad for x in (first, segments, up, down)):
-            return super().over(first, segments, dt, held)
-        shape = np.broadcast_shapes(first.shape, up.shape, down.shape)
-        path = torch.from_numpy(_lagged(first.expand(shape), segments, up.expand(shape), down.expand(shape), dt / 2))
+        if segments.device.type != "cpu" or any(x.requires_grad for x in (memory, segments, up, down)):
+            return super().over(memory, segments, dt, held)
+        shape = np.broadcast_shapes(memory.shape, up.shape, down.shape)
+        path = torch.from_numpy(_lagged(memory.expand(shape), segments, up.expand(shape), down.expand(shape), dt / 2))
         memories = path[::2].movedim(0, -2).contiguous()
         out = segments.new_empty(*shape[:-1], segments.shape[-3], 3, shape[-1])
         lags = (torch.maximum(up, down) > 0).unsqueeze(-2)
@@ -203,21 +203,21 @@ class InputDelay(InputEffect):
         delayed = (weight.unsqueeze(-1) * past.unsqueeze(-3)).sum(-2)
         return past[..., 1:-1, :].flatten(-2), delayed
 
-    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+    def over(self, memory: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
         """Look a whole recording up at once; see `InputEffect.over`."""
-        windows = self._past(first, segments, dt).unfold(-2, self.memory_size(1, dt), 1)
+        windows = self._past(memory, segments, dt).unfold(-2, self.memory_size(1, dt), 1)
         memories = windows.flip(-1).transpose(-1, -2)  # (…, K + 1, slots, m)
-        return memories.flatten(-2), self.transmitted(first, segments, dt, held)
+        return memories.flatten(-2), self.transmitted(memory, segments, dt, held)
 
-    def _past(self, first: Tensor, segments: Tensor, dt: float) -> Tensor:
+    def _past(self, memory: Tensor, segments: Tensor, dt: float) -> Tensor:
         """The samples (…, slots + K, m); the one k steps before the start of step i is slots + i − k."""
-        before = first.unsqueeze(-2).expand(*first.shape[:-1], self.memory_size(1, dt), first.shape[-1])
+        before = memory.unflatten(-1, (self.memory_size(1, dt), segments.shape[-1])).flip(-2)
         return torch.cat([before, segments[..., 0, :]], dim=-2)
 
-    def transmitted(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> Tensor:
+    def transmitted(self, memory: Tensor, segments: Tensor, dt: float, held: bool) -> Tensor:
         """Look a whole recording up at once; see `InputEffect.transmitted`."""
         steps, m, slots = segments.shape[-3], segments.shape[-1], self.memory_size(1, dt)
-        ends, past = segments[..., 2, :], self._past(first, segments, dt)
+        ends, past = segments[..., 2, :], self._past(memory, segments, dt)
         moments = tensor((0.0, 0.0, 0.0) if held else (0.0, 0.5, 1.0), segments)
         age = tensor(self.delay, segments).unsqueeze(-1) / dt + 1 - moments  # (…, 3)
         whole = age.floor().clamp(0, slots)

@@ -81,7 +81,7 @@ class StaticInputEffect(DriveEffect):
         return memory, self.characteristic(segment)
 
     @override
-    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+    def over(self, memory: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
         """All samples at once; see `InputEffect.over`."""
         steps, inputs = segments.shape[-3], segments.shape[-1]
         out = self.characteristic(segments.transpose(-3, -2).flatten(-2)).unflatten(-1, (steps, inputs))

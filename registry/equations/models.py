@@ -105,6 +105,33 @@ def step(model: PhysicsModel, inputs: int, dt: float, drifting: bool = False) ->
     return _compiled(model, inputs, ("step", dt, drifting), widths, function)
 
 
+def carried(model: PhysicsModel, inputs: int, dt: float, at: Sequence[int]) -> Compiled | None:
+    """Some states and the effects' own a time step later, as `PhysicsModel.step` makes them, the other states known.
+
+    Args:
+        model: its numbers may be tensors (B, …), for B models at once.
+        inputs: channels of the inputs.
+        dt: [s].
+        at: H places of these states in the state proper.
+
+    Returns:
+        these and the own states, state proper, inputs at start, middle and end (3 m) → these and the own states; None:
+        torch has to do it.
+    """
+    size, places = len(model.state_channels), list(at)
+    if type(model).step is not PhysicsModel.step:
+        return None
+
+    def function(of: PhysicsModel, derivative: Rates, carried: Tensor, known: Tensor, segment: Tensor) -> Tensor:
+        proper = [carried[..., places.index(i)] if i in places else known[..., i] for i in range(size)]
+        state = torch.cat([torch.stack(proper, dim=-1), carried[..., len(places) :]], dim=-1)
+        after = of.project(runge_kutta(derivative, state, segment.unflatten(-1, (3, inputs)), dt))
+        return torch.cat([torch.stack([after[..., i] for i in places], dim=-1), after[..., size:]], dim=-1)
+
+    widths = (len(places) + model.internal_size, size, 3 * inputs)
+    return _compiled(model, inputs, ("carried", dt, tuple(at)), widths, function)
+
+
 Rates = Callable[[Tensor, Tensor, Tensor], Tensor]
 """State, inputs, their rates of change → rates of the state; see `PhysicsModel.derivative`."""
 

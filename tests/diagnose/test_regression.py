@@ -6,7 +6,7 @@ from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from bench.diagnose.regression.least_squares import Normal, bounded, whitening
-from bench.diagnose.regression.rows import Rows, filtered
+from bench.diagnose.regression.rows import Crossings, Rows, filtered
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -88,6 +88,10 @@ def test_rows_of_the_columns_that_act_give_the_normal_equations_of_all():
     white = rows.whitened(filters)
     np.testing.assert_allclose(sum(white.folds()), full.sum((0, 1)), atol=1e-12)
     np.testing.assert_allclose(white.power(), full.sum(0).diagonal(axis1=1, axis2=2), atol=1e-12)
+    crossings, all_of_them = Crossings(white), np.stack(white.folds())
+    for some in ([2, 0], [0, -1, 1], list[int]()):
+        np.testing.assert_allclose(crossings.of(some), all_of_them[:, some], atol=1e-12)
+    np.testing.assert_allclose(crossings.squares, full.sum((0, 1)).diagonal(), atol=1e-12)
     np.testing.assert_allclose(np.concatenate([r.T.ravel() for r in rows.residuals(beta)]), np.concatenate(left))
     np.testing.assert_allclose(white.less(white.some([0, 1, 2, 3, 4])).power(), 0.0, atol=1e-12)
     some = [1, 2, 5]  # the last is the residual

@@ -169,6 +169,14 @@ def test_units_of_parameters_are_read():
             exponents(wrong)
 
 
+def both_ways(effect, segments, held):
+    """Memories and segments of the later half at once and step by step, from what the first half left."""
+    start = effect.steady(segments[..., 0, 0, :], 0.01)
+    before, after = segments.tensor_split(2, dim=-3)
+    memory = InputEffect.over(effect, start, before, 0.01, held)[0][..., -1, :]
+    return effect.over(memory, after, 0.01, held), InputEffect.over(effect, memory, after, 0.01, held)
+
+
 @pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize("delay", [0.0, 0.0137, 0.02, 0.2, torch.tensor([[0.01], [0.033]], dtype=F64)])
 def test_a_delay_of_a_whole_recording_at_once_is_that_of_its_steps(held, delay):
@@ -177,12 +185,7 @@ def test_a_delay_of_a_whole_recording_at_once_is_that_of_its_steps(held, delay):
     segments = torch.stack([before] * 3 if held else [before, (before + after) / 2, after], dim=-2)
     if isinstance(delay, torch.Tensor):
         segments = segments.expand(2, *segments.shape)
-    first = segments[..., 0, 0, :]
-    for at_once, stepped in zip(
-        InputDelay(delay).over(first, segments, 0.01, held),
-        InputEffect.over(InputDelay(delay), first, segments, 0.01, held),
-        strict=True,
-    ):
+    for at_once, stepped in zip(*both_ways(InputDelay(delay), segments, held), strict=True):
         torch.testing.assert_close(at_once, stepped, rtol=1e-13, atol=1e-13)
 
 
@@ -209,9 +212,7 @@ def test_a_drive_of_a_whole_recording_at_once_is_that_of_its_steps(held, effect)
     segments = torch.stack([before] * 3 if held else [before, (before + after) / 2, after], dim=-2)
     if any(isinstance(p.value, torch.Tensor) for p in effect.parameters()):
         segments = segments.expand(2, *segments.shape)
-    first = segments[..., 0, 0, :]
-    stepped = InputEffect.over(effect, first, segments, 0.01, held)
-    for at_once, one_by_one in zip(effect.over(first, segments, 0.01, held), stepped, strict=True):
+    for at_once, one_by_one in zip(*both_ways(effect, segments, held), strict=True):
         torch.testing.assert_close(at_once, one_by_one, rtol=1e-11, atol=1e-12)
 
 
@@ -230,11 +231,9 @@ def test_a_lag_of_a_whole_recording_at_once_is_bit_for_bit_that_of_its_steps(hel
     segments = torch.stack([before] * 3 if held else [before, (before + after) / 2, after], dim=-2)
     if isinstance(up, torch.Tensor):
         segments = segments.expand(2, *segments.shape)
-    first, lag = segments[..., 0, 0, :], MotorLag(up, down)
-    for at_once, stepped in zip(
-        lag.over(first, segments, 0.01, held), InputEffect.over(lag, first, segments, 0.01, held), strict=True
-    ):
+    lag = MotorLag(up, down)
+    for at_once, stepped in zip(*both_ways(lag, segments, held), strict=True):
         torch.testing.assert_close(at_once, stepped, rtol=0, atol=0)
     moved = segments.clone().requires_grad_()
-    lag.transmitted(first, moved, 0.01, held).sum().backward()  # where a gradient is asked for, it is still there
+    lag.transmitted(segments[..., 0, 0, :], moved, 0.01, held).sum().backward()  # where a gradient is asked for
     assert moved.grad.abs().max() > 0.5

@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations_with_replacement
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -163,28 +165,68 @@ def _functions(base: Signals, described: Description) -> Signals:
     return found
 
 
+@runtime_checkable
+class Table(Protocol):
+    """Products of columns, fold by fold; see `bench.diagnose.regression.rows.Crossings`."""
+
+    @property
+    def squares(self) -> np.ndarray:
+        """(c + 1,) of every column, all folds together."""
+
+    def of(self, columns: Sequence[int]) -> np.ndarray:
+        """(folds, k, c + 1) products of k columns with all; −1 is the residual."""
+
+
+class Whole:
+    """Products that were all made: a fold (c + 1, c + 1)."""
+
+    def __init__(self, grams: Sequence[np.ndarray]) -> None:
+        self._grams = grams
+
+    @cached_property
+    def squares(self) -> np.ndarray:
+        """See `Table`."""
+        return np.asarray(sum(np.diag(gram) for gram in self._grams))
+
+    def of(self, columns: Sequence[int]) -> np.ndarray:
+        """See `Table`."""
+        return np.stack([gram[list(columns)] for gram in self._grams])
+
+
 @dataclass(frozen=True, eq=False)
 class Folds:
     """Normal equations of the rows of every fold, as they are fitted; of hundreds of columns none is copied."""
 
-    grams: Sequence[np.ndarray]
-    """A fold: (c + 1, c + 1)."""
+    table: "Table"
+    """Products of columns with all of them."""
     kept: Sequence[int]
     """Columns (k,) that are always fitted."""
     tails: Sequence[np.ndarray]
-    """A fold: products (c + 1,) of all columns with the residual, which may be another one than in `grams`."""
+    """A fold: products (c + 1,) of all columns with the residual, which may be another one than in `table`."""
     held: np.ndarray | float = 0.0
     """(k, k) what is added to the products of the kept columns in each."""
 
     @classmethod
-    def of(cls, grams: Sequence[np.ndarray], kept: Sequence[int], shift: np.ndarray | None = None) -> "Folds":
-        """As they are, but for ``shift`` (c + 1,) times the columns, which is added to the residual."""
-        return cls(grams, kept, [gram[-1] if shift is None else shifted(gram, shift) for gram in grams])
+    def of(
+        cls, products: "Table | Sequence[np.ndarray]", kept: Sequence[int], shift: np.ndarray | None = None
+    ) -> "Folds":
+        """As they are, but for ``shift`` (c + 1,) times the columns, which is added to the residual.
+
+        Args:
+            products: of columns; or of all of them, a fold (c + 1, c + 1).
+            kept: columns that are always fitted.
+            shift: see above; default: nothing.
+        """
+        table = products if isinstance(products, Table) else Whole(products)
+        if shift is None:
+            return cls(table, kept, list(table.of([-1])[:, 0]))
+        moved = np.flatnonzero(shift)
+        return cls(table, kept, [shifted(some, shift, moved) for some in table.of([*moved, -1])])
 
     def products(self, more: Sequence[int] = ()) -> list[np.ndarray]:
         """A fold: (n, n) of the kept columns, some more and the residual."""
         index = [*self.kept, *more, -1]
-        out = [gram[np.ix_(index, index)] for gram in self.grams]
+        out = [rows[:, index] for rows in self.table.of(index)]
         for block, tail in zip(out, self.tails, strict=True):
             block[: len(self.kept), : len(self.kept)] += self.held
             block[-1] = block[:, -1] = tail[index]
@@ -202,22 +244,19 @@ def follow(folds: Folds, first: int, most: int = 8, allowed: Sequence[int] | Non
         most: terms at most.
         allowed: columns to choose from; default: all of the dictionary.
     """
-    total = folds.grams[0].copy()
-    for gram in folds.grams[1:]:
-        total += gram  # in place: of hundreds of columns each is tens of megabytes
-    always, among = list(folds.kept), np.ix_(folds.kept, folds.kept)
-    total[among] = sum(gram[among] + folds.held for gram in folds.grams)
-    tail = np.asarray(sum(folds.tails))
+    always = list(folds.kept)
+    squares, tail = folds.table.squares, np.asarray(sum(folds.tails))
     chosen, found = always.copy(), []
     last = _held_out(folds, [])
     for _ in range(most):
-        inner = total[np.ix_(chosen, chosen)]
+        cross = folds.table.of(chosen).sum(0)
+        cross[: len(always), always] += len(folds.tails) * np.asarray(folds.held)
+        inner = cross[:, chosen]
         scale = equilibrium(np.diag(inner))
         inverse = np.linalg.inv(inner * np.outer(scale, scale) + 1e-9 * np.eye(len(chosen))) * np.outer(scale, scale)
-        cross = total[chosen]
         left = tail - tail[chosen] @ inverse @ cross  # what each column shares with the residual that is left
-        power = np.diag(total) - np.einsum("ij,ik,kj->j", cross, inverse, cross, optimize=True)
-        free = power > 1e-6 * np.abs(np.diag(total))  # noise that was taken off may leave less than nothing
+        power = squares - np.einsum("ij,ik,kj->j", cross, inverse, cross, optimize=True)
+        free = power > 1e-6 * np.abs(squares)  # noise that was taken off may leave less than nothing
         gain = np.where(free, left**2 / np.where(free, power, 1.0), 0.0)
         gain[:first] = gain[-1] = 0.0
         if allowed is not None:

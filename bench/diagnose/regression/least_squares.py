@@ -89,10 +89,16 @@ def regularised(
     return bounded(scaled, (gram[index, -1] + prior * centre) * scale, low / scale, high / scale) * scale
 
 
-def shifted(gram: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """The last column (c,) of normal equations (c, c) whose residual has ``shift`` (c,) times the columns added."""
-    more: np.ndarray = gram @ shift
-    out = gram[-1] + more
+def shifted(rows: np.ndarray, shift: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """The last column (c,) of normal equations whose residual has ``shift`` (c,) times the columns added.
+
+    Args:
+        rows: (k + 1, c) of them, those of the k columns that the shift has and the last one.
+        shift: no more than these columns.
+        moved: (k,) their places.
+    """
+    more: np.ndarray = shift[moved] @ rows[:-1]
+    out = rows[-1] + more
     out[-1] += more[-1] + shift @ more
     return out
 

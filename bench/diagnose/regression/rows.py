@@ -6,6 +6,7 @@ equations over all channels and columns alike would multiply zeros.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -116,6 +117,28 @@ class Rows:
                     out[fold][np.ix_(acting, acting)] += rows.T @ rows
         return out
 
+    def crossed(self, columns: Sequence[int]) -> np.ndarray:
+        """A fold: products (folds, k, c + 1) of k columns with all, all channels together, as in `folds`.
+
+        Columns are not filtered for it: to filter both sides is to filter one of them there and back.
+        """
+        last = max(self._folds_of(len(self.parts) - 1))
+        out = np.zeros((last + 1, len(columns), self.width + 1))
+        for c, acting in enumerate(self.acting):
+            which = np.flatnonzero(np.isin(columns, acting))
+            if not len(which):
+                continue
+            at = np.searchsorted(acting, np.asarray(columns)[which])
+            for i, log in enumerate(self.parts):
+                x, folds = log[c][:, at], self._folds_of(i)
+                seen = filtered(x, self.filters[c]) if self.filters else x
+                for fold, rows in zip(folds, np.array_split(np.arange(len(seen)), len(folds)), strict=True):
+                    if len(rows):
+                        back = refiltered(seen[rows], self.filters[c]) if self.filters else seen[rows]
+                        crossed = back.T @ log[c][rows[0] : rows[0] + len(back)]
+                        out[fold][np.ix_(which, acting)] += crossed
+        return out
+
     def normal(self) -> Normal:
         """The rows in blocks, with their normal equations."""
         fold, count, kept = [], [], []
@@ -141,6 +164,30 @@ class Rows:
             return range(log * FOLDING.most // logs, log * FOLDING.most // logs + 1)
         each = 1 if logs >= FOLDING.folds else -(-FOLDING.folds // logs)
         return range(log * each, (log + 1) * each)
+
+
+class Crossings:
+    """Products of some columns of rows with all of them, fold by fold, made when they are first asked for.
+
+    Of a dictionary's hundreds of columns few are ever chosen: all products would take many times as long.
+    """
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows = rows
+        self._made: dict[int, np.ndarray] = {}
+
+    @cached_property
+    def squares(self) -> np.ndarray:
+        """(c + 1,) of every column, all folds together."""
+        return np.asarray(self._rows.power().sum(0))
+
+    def of(self, columns: Sequence[int]) -> np.ndarray:
+        """(folds, k, c + 1) products of k columns with all; −1 is the residual."""
+        places = [c % (self._rows.width + 1) for c in columns]
+        new = [c for c in dict.fromkeys(places) if c not in self._made]
+        found = self._rows.crossed(new)
+        self._made |= dict(zip(new, found.swapaxes(0, 1), strict=True))
+        return np.stack([self._made[c] for c in places], axis=1) if places else found
 
 
 class Products:
@@ -183,3 +230,9 @@ def filtered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         np.multiply(coefficients[order - k], series[k : k + count], out=lagged)
         out += lagged
     return out
+
+
+def refiltered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """The transpose of `filtered`: of a whitened series (J − order, n) one (J, n)."""
+    order = len(coefficients) - 1
+    return filtered(np.pad(series, ((order, order), (0, 0))), coefficients[::-1])

@@ -23,7 +23,7 @@ from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.recall import RECALLED, recall
 from bench.diagnose.regression.recurrence import solved
 from bench.diagnose.settings import LINEARISING
-from registry.dynamics import Effect, PhysicsModel, joined
+from registry.dynamics import Effect, InputEffect, PhysicsModel, joined
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.equations import models
 from registry.errors import BenchError
@@ -172,10 +172,33 @@ def _for_all(model: PhysicsModel, many: int | None, *signals: Tensor) -> list[Te
 
 def _transmitted(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, after delays and lags."""
-    driving, extras, held = _driven(model, stack)
-    for effect in narrowed(model).input_effects():
-        driving = effect.transmitted(driving[..., 0, 0, :], driving, stack.dt, held)
-    return torch.cat([driving, extras], dim=-1)
+    few, which = _driven_apart(model)
+    driving, extras, held = _driven(few, stack)
+    for effect in narrowed(few).input_effects():
+        driving = effect.transmitted(effect.steady(driving[..., 0, 0, :], stack.dt), driving, stack.dt, held)
+    out = torch.cat([driving, extras], dim=-1)
+    return out if which is None else out[which]
+
+
+def _driven_apart(model: M) -> tuple[M, list[int] | None]:
+    """Of many models those whose input effects differ, and for each model its place among them; None: it is its own."""
+    values = _tensors(*model.input_effects())
+    many = _most(values)
+    if many is None:
+        return model, None
+    table = torch.cat([v.reshape(len(v), -1).expand(many, -1) for _, v in values], dim=1)
+    keys = list(map(tuple, table.tolist()))
+    places = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    if len(places) == many:
+        return model, None
+    first = [keys.index(key) for key in places]
+
+    def some(effect: Effect) -> Effect:
+        changes: dict[str, Any] = {n: v.expand(many, *v.shape[1:])[first] for n, v in _tensors(effect)}
+        return replace(effect, **changes)
+
+    effects = tuple(some(e) if isinstance(e, InputEffect) else e for e in model.effects)
+    return replace(model, effects=effects), [places[key] for key in keys]
 
 
 def acting(model: PhysicsModel, log: Log) -> Tensor:
@@ -189,7 +212,7 @@ def memories(model: PhysicsModel, stack: LogBatch) -> Tensor:
     driving, _, held = _driven(model, stack)
     parts = []
     for effect in narrowed(model).input_effects():
-        memory, driving = effect.over(driving[..., 0, 0, :], driving, stack.dt, held)
+        memory, driving = effect.over(effect.steady(driving[..., 0, 0, :], stack.dt), driving, stack.dt, held)
         parts.append(memory)
     (out,) = _of_all(how_many(model), torch.cat(parts, dim=-1))
     return out

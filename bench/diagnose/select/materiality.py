@@ -335,14 +335,16 @@ def _left_of(folds: Sequence[np.ndarray], held_out: np.ndarray, axes: int) -> tu
     """
     power = np.asarray(sum(folds)).diagonal()[:-axes]
     used = np.flatnonzero(power > 0)
-    size = np.append(1 / np.sqrt(power[used]), 1.0)
+    size, sizes = (np.append(1 / np.sqrt(power[used]), np.ones(n)) for n in (1, axes))
     left = []
-    for axis in range(len(held_out) - axes, len(held_out)):
+    every = [*used, *range(len(held_out) - axes, len(held_out))]
+    all_axes = [gram[np.ix_(every, every)] * np.outer(sizes, sizes) for gram in folds]
+    by_ridge = {s: _ridge_losses(all_axes, s, axes) for s in MATTERING.shrinkage}
+    for place, axis in enumerate(range(len(held_out) - axes, len(held_out))):
         some = np.ix_([*used, axis], [*used, axis])
         grams = [gram[some] * np.outer(size, size) for gram in folds]
         whole = np.asarray(sum(grams))
-        losses = {0.0: float(whole[-1, -1])}
-        losses |= {s: _ridge_loss(grams, whole, s) for s in MATTERING.shrinkage}
+        losses = {0.0: float(whole[-1, -1])} | {s: float(loss[place]) for s, loss in by_ridge.items()}
         penalty = min(losses, key=lambda s: losses[s])
         beta = np.zeros(len(used))
         if penalty:
@@ -359,16 +361,17 @@ def _left_of(folds: Sequence[np.ndarray], held_out: np.ndarray, axes: int) -> tu
     return np.array(left), held_out.diagonal()[-axes:]
 
 
-def _ridge_loss(grams: Sequence[np.ndarray], whole: np.ndarray, shrinkage: float) -> float:
-    """Squares of the last column that the others leave, each part by a fit to the rest."""
-    loss = 0.0
+def _ridge_losses(grams: Sequence[np.ndarray], shrinkage: float, axes: int) -> np.ndarray:
+    """Squares (axes,) of the last columns that the others leave, each part by a fit to the rest."""
+    whole, losses = np.asarray(sum(grams)), np.zeros(axes)
     for gram in grams:
-        rest = (whole - gram)[:-1, :-1]
-        strength = max(shrinkage * np.trace(rest) / len(rest), 1e-300)
-        beta = np.linalg.solve(rest + strength * np.eye(len(rest)), (whole - gram)[:-1, -1])
-        vector = np.append(-beta, 1.0)
-        loss += float(vector @ gram @ vector)
-    return loss
+        rest = whole - gram
+        inner = rest[:-axes, :-axes]
+        strength = max(shrinkage * np.trace(inner) / len(inner), 1e-300)
+        beta = np.linalg.solve(inner + strength * np.eye(len(inner)), rest[:-axes, -axes:])
+        vectors = np.concatenate([-beta, np.eye(axes)])
+        losses += ((gram @ vectors) * vectors).sum(0)
+    return losses
 
 
 def trifle(name: str, savings: Sequence[Saving]) -> str:

@@ -16,7 +16,7 @@ from bench.diagnose.regression.generic import Dictionary, Folds, Term, dictionar
 from bench.diagnose.regression.least_squares import Normal, regularised, whitening
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
-from bench.diagnose.regression.rows import Products, Rows
+from bench.diagnose.regression.rows import Crossings, Products, Rows
 from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.select.subset import Fit, Subsets
@@ -363,20 +363,19 @@ def noise_filters(rows: Rows, prior: Prior, memory: int = SEARCHING.memory) -> l
     filters = [np.array([1 / s]) for s in spread]
     own = list(range(len(prior.low)))
     for _ in range(2):
-        grams = rows.whitened(filters).folds()
-        columns = [*own, *_telling(grams, prior)]
+        products = Crossings(rows.whitened(filters))
+        columns = [*own, *_telling(products, prior)]
         more = len(columns) - len(own)
         none, free = np.zeros(more), np.full(more, np.inf)
         beta = np.zeros(rows.width)
         beta[columns] = regularised(
-            np.asarray(sum(Folds.of(grams, columns).products())),
+            np.asarray(sum(Folds.of(products, columns).products())),
             range(len(columns)),
             np.append(prior.precision, none),
             np.append(prior.centre, none),
             np.append(prior.low, -free),
             np.append(prior.high, free),
         )
-        del grams  # as large as those of the next round
         left = rows.residuals(beta)
         if memory:
             order = min(memory, max(1, typical_length(left) // 20))
@@ -391,12 +390,12 @@ def _rms(left: Sequence[np.ndarray]) -> np.ndarray:
     return np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0))
 
 
-def _telling(grams: Sequence[np.ndarray], prior: Prior) -> list[int]:
+def _telling(products: Crossings, prior: Prior) -> list[int]:
     """Columns beyond the model's own numbers that tell most of what these leave; those at a bound stay there."""
     own = range(len(prior.low))
-    total = np.asarray(sum(Folds.of(grams, own).products()))
+    total = np.asarray(sum(Folds.of(products, own).products()))
     beta = regularised(total, own, prior.precision, prior.centre, prior.low, prior.high)
-    shift = np.zeros(len(grams[0]))
+    shift = np.zeros(len(products.squares))
     shift[list(own)] = -beta
     inside = [c for c in own if prior.low[c] < beta[c] < prior.high[c]]
-    return [c for c, _ in follow(Folds.of(grams, inside, shift), len(own), SEARCHING.telling)]
+    return [c for c, _ in follow(Folds.of(products, inside, shift), len(own), SEARCHING.telling)]

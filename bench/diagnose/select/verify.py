@@ -1,14 +1,14 @@
 """What speaks against a choice: a better neighbour, or something left that it only imitates. Its rivals: `tie`."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from scipy.special import stdtrit
 
 from bench.diagnose.regression.generic import Folds, follow
-from bench.diagnose.regression.least_squares import ridge, shifted
+from bench.diagnose.regression.least_squares import ridge
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.select.choose import accepted, within_bounds
 from bench.diagnose.select.search import View
@@ -159,8 +159,9 @@ def _anchored(view: View, dropped: Sequence[int] = ()) -> Folds:
     offset = subsets.centre[free] - at[free]
     tail[kept] = pull = subsets.anchor[free] * offset
     tail[-1] = pull @ offset
-    tails = [shifted(gram, shift) + tail / len(view.grams) for gram in view.grams]
-    return Folds(view.grams, kept, tails, np.diag(subsets.anchor[free]) / len(view.grams))
+    folds, count = Folds.of(view.grams, kept, shift), len(view.grams)
+    tails = [own + tail / count for own in folds.tails]
+    return replace(folds, tails=tails, held=np.diag(subsets.anchor[free]) / count)
 
 
 def understood(

@@ -9,7 +9,8 @@ from torch import Tensor
 from bench.diagnose.logs.noise import DERIVED_FROM, Noise, channel_indices, impulse_response
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.settings import RUNNING
-from bench.diagnose.simulate.free_run import Group, errors, past, roll, windows
+from bench.diagnose.simulate.free_run import Group, errors, past, windows
+from bench.diagnose.simulate.roll import roll
 from registry.contracts import Channel
 from registry.dynamics import PhysicsModel
 

@@ -10,13 +10,13 @@ from torch import Tensor
 
 from bench.diagnose.logs.sample import typical_length
 from bench.diagnose.logs.subject import Log
-from bench.diagnose.regression.weak import LogBatch, how_many, memories, narrowed, own_states
+from bench.diagnose.regression.weak import LogBatch, memories, own_states
 from bench.diagnose.settings import BEGINNING, RUNNING
+from bench.diagnose.simulate.roll import roll
 from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.contracts import Channel
 from registry.datasets.reading import cleaning
 from registry.dynamics import PhysicsModel
-from registry.equations import models
 from registry.errors import BenchError
 
 
@@ -92,56 +92,6 @@ def past(model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray]) -> 
     """Full states (…, W, full) at the samples ``at`` of each log, as its past says."""
     full = full_states(model, LogBatch.of(logs))
     return torch.cat([full[..., i, k, :] for i, k in enumerate(map(torch.as_tensor, at))], dim=-2)
-
-
-def roll(model: PhysicsModel, state: Tensor, inputs: Tensor, dt: float, drift: Tensor | None = None) -> Tensor:
-    """Full states (…, W, N, full) of a free run from ``state`` (…, W, full) under inputs (W, N, m).
-
-    ``drift`` (…, W, N − 1, s) is added to the states of the model after every step.
-    """
-    many, fast = how_many(model), models.step(model, inputs.shape[-1], dt, drift is not None)
-    model = narrowed(model)
-    if drift is not None:
-        state = state.expand(*drift.shape[:-2], state.shape[-1])
-    if many is not None:
-        state = state.expand(many, *state.shape[-2:])
-    if fast is not None:
-        return _rolled(fast, model, state, inputs, dt, drift)
-    inputs = inputs.expand(*state.shape[:-2], *inputs.shape[-3:])
-    out = [state]
-    for k in range(inputs.shape[-2] - 1):
-        after = model.step(out[-1], inputs[..., k, :], inputs[..., k + 1, :], dt)
-        if drift is not None:
-            after = after.clone()
-            after[..., : drift.shape[-1]] += drift[..., k, :]
-        out.append(after)
-    return torch.stack(out, dim=-2)
-
-
-def _rolled(
-    fast: models.Compiled, model: PhysicsModel, state: Tensor, inputs: Tensor, dt: float, drift: Tensor | None
-) -> Tensor:
-    """As `roll`, by a program; delays and lags, which follow the inputs alone, before."""
-    size = len(model.state_channels) + model.internal_size
-    memory, before, after = state[..., size:], inputs[..., :-1, :], inputs[..., 1:, :]
-    memories = memory.unsqueeze(-2).expand(*memory.shape[:-1], inputs.shape[-2], -1)
-    if model.input_effects():
-        remembered, segments = [memory], []
-        for u, v in zip(before.unbind(-2), after.unbind(-2), strict=True):
-            shape = (*memory.shape[:-1], u.shape[-1])
-            memory, segment = model.transmit(memory, u.expand(shape), v.expand(shape), dt)
-            remembered.append(memory)
-            segments.append(segment)
-        acting, memories = torch.stack(segments, dim=-3), torch.stack(remembered, dim=-2)
-    else:
-        acting = model.transmit(memory[..., None, :0], before, after, dt)[1]
-    width, steps = state.shape[-2], before.shape[-2]
-    begin = state[..., :size].reshape(math.prod(state.shape[:-2]), width, size)
-    given = [acting.flatten(-2)] if drift is None else [acting.flatten(-2), drift]
-    body = fast(begin, *(x.reshape(math.prod(x.shape[:-3]), width, steps, x.shape[-1]) for x in given), steps=steps)
-    path = torch.cat([begin.expand(len(body), -1, -1).unsqueeze(-2), body], dim=-2)
-    path = path.reshape(*state.shape[:-1], steps + 1, size)
-    return torch.cat([path, memories], dim=-1) if memories.shape[-1] else path
 
 
 def windows(series: Sequence[Tensor], at: Sequence[np.ndarray], steps: int) -> Tensor:

@@ -15,8 +15,9 @@ from torch import Tensor
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import bounded, equilibrium
 from bench.diagnose.regression.parameters import Entry, Prior, entries, with_values
-from bench.diagnose.regression.weak import LogBatch, memories, narrowed
+from bench.diagnose.regression.weak import LogBatch, memories
 from bench.diagnose.settings import SIMULATING
+from bench.diagnose.simulate.roll import roll
 from bench.diagnose.simulate.unmeasured import completed, hidden
 from registry.dynamics import PhysicsModel
 
@@ -160,7 +161,8 @@ class _Runs:
         state = states[:, 0].expand(len(values), -1, -1).clone()
         state[..., list(self.at)] = torch.from_numpy(begun)
         before = self.past.repeat_interleave(len(values) // len(self.past), 0)
-        found = _run(model, torch.cat([state, before], dim=-1), self.windows)[..., 1:, seen] - states[:, 1:, seen]
+        run = roll(model, torch.cat([state, before], dim=-1), self.windows.inputs, self.windows.logs[0].dt)
+        found = run[..., 1:, seen] - states[:, 1:, seen]
         far = SIMULATING.far
         out: np.ndarray = np.clip(np.nan_to_num(found.numpy(), nan=far, posinf=far, neginf=-far), -far, far)
         return out
@@ -345,13 +347,3 @@ def _past(model: PhysicsModel, windows: Windows) -> Tensor:
         return own
     found = memories(model, LogBatch.of(windows.logs))[..., windows.log, windows.first, :]
     return torch.cat([own.expand(*found.shape[:-1], -1), found], dim=-1)
-
-
-def _run(model: PhysicsModel, state: Tensor, windows: Windows) -> Tensor:
-    """States (B, W, T + 1, s) of free runs from full states (B, W, full)."""
-    size, narrow, dt = windows.states.shape[-1], narrowed(model), windows.logs[0].dt
-    inputs, out = windows.inputs.expand(*state.shape[:-1], *windows.inputs.shape[-2:]), [state[..., :size]]
-    for k in range(inputs.shape[-2] - 1):
-        state = narrow.step(state, inputs[..., k, :], inputs[..., k + 1, :], dt)
-        out.append(state[..., :size])
-    return torch.stack(out, dim=-2)

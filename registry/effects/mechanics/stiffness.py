@@ -98,7 +98,7 @@ class JointElasticity(InputEffect):
         return torch.cat([force, slope], dim=-1), torch.stack(out, dim=-2)
 
     @override
-    def over(self, first: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+    def over(self, memory: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
         """The same of a whole recording at once; see `InputEffect.over`.
 
         z = F − i (T dF/dt + ζ F) / √(1 − ζ²) only turns and shrinks beside what follows a ramp.
@@ -113,8 +113,8 @@ class JointElasticity(InputEffect):
         ramp = (end - start) / (dt / 2) * period
         turn = torch.polar(torch.exp(-zeta * time), root * time)
         added = turning(end - 2 * zeta * ramp, ramp) - turn * turning(start - 2 * zeta * ramp, ramp)
-        begun = first.unsqueeze(-2).expand(*added.shape[:-2], 1, -1)
-        path, reach = torch.cat([turning(begun, torch.zeros_like(begun)), added], dim=-2), 1
+        begun = (x.unsqueeze(-2).expand(*added.shape[:-2], 1, -1) for x in memory.chunk(2, dim=-1))
+        path, reach = torch.cat([turning(*begun), added], dim=-2), 1
         while reach < path.shape[-2]:  # each sum reaches twice as far back with every round
             path = torch.cat([path[..., :reach, :], path[..., reach:, :] + turn * path[..., :-reach, :]], dim=-2)
             turn, reach = turn * turn, 2 * reach

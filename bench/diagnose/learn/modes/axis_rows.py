@@ -12,12 +12,11 @@ import numpy as np
 
 from bench.diagnose.learn.axis_series import AxisSeries, Stretch
 from bench.diagnose.learn.modes.filters import Pole
+from bench.diagnose.learn.modes.whitened import Whitened, left_of
 from bench.diagnose.regression.generic import Folds, follow
-from bench.diagnose.regression.least_squares import ridge, whitening
+from bench.diagnose.regression.least_squares import whitening
 from bench.diagnose.regression.rows import filtered
 from bench.diagnose.settings import UNSEEN
-
-_RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,29 +110,10 @@ class AxisRows:
             found[s.recording] = found.get(s.recording, np.zeros(2)) + told
         return np.stack(list(found.values()), axis=1)
 
-    def scan(self, pole: Pole, whiten: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Squares (drivers,) left if each drives a mode of these poles, and the log-likelihood that driving saves."""
-        many, width = len(self.drivers), len(self.columns)
-        static, cross, own = 0.0, 0.0, np.zeros((many, pole.order, pole.order))
-        for s in self.seen:
-            rest = np.column_stack([s.beside[:, self.columns], s.measured[:, self.drivers], s.left])
-            basis = np.linalg.qr(filtered(_free(s, pole), whiten))[0]
-            moved = np.concatenate(pole.response(s.measured[:, self.drivers], self.series.step), axis=1)
-            rest, moved = (x - basis @ (basis.T @ x) for x in (filtered(rest, whiten), filtered(moved, whiten)))
-            static, cross = static + rest.T @ rest, cross + moved.T @ rest
-            by = moved.reshape(len(moved), pole.order, many)
-            own += np.einsum("jad,jbd->dab", by, by)
-        losses, gains = np.zeros(many), np.zeros(many)
-        for d in range(many):
-            fixed = [*range(width), width + d, -1]
-            gram = np.asarray(static)[np.ix_(fixed, fixed)]
-            between = np.asarray(cross)[d::many][:, fixed]
-            inner = np.block([[gram[:-1, :-1], between[:, :-1].T], [between[:, :-1], own[d]]])
-            last = np.concatenate([gram[-1, :-1], between[:, -1]])
-            whole = np.block([[inner, last[:, None]], [last, gram[-1, -1]]])
-            losses[d] = max(_loss(whole)[0], 1e-300)
-            gains[d] = self.count / 2 * np.log(max(_loss(gram)[0], 1e-300) / losses[d])
-        return losses, gains
+    def whitened(self, drivers: Sequence[int], whiten: np.ndarray) -> Whitened:
+        """The training stretches through a filter, for scans of poles; ``drivers`` are numbers among the drivers."""
+        places = [self.drivers[d] for d in drivers]
+        return Whitened(self.seen, self.series.step, self.columns, places, whiten)
 
     def _static(self, s: Stretch, driver: int) -> np.ndarray:
         return np.column_stack([s.beside[:, self.columns], s.measured[:, self.drivers[driver]]])
@@ -161,7 +141,7 @@ def _solved(
             across = np.linalg.qr(filtered(basis, whiten))[0]
             rows = rows - across @ (across.T @ rows)
         gram += rows.T @ rows
-    loss, values = _loss(gram)
+    loss, values = left_of(gram)
     rest = []
     for x, basis, y in zip(columns, bases, left, strict=True):
         now = y - x @ values
@@ -170,10 +150,3 @@ def _solved(
             now = now - (basis @ amounts)[:, 0]
         rest.append(now)
     return Fitted(loss, values, rest)
-
-
-def _loss(gram: np.ndarray) -> tuple[float, np.ndarray]:
-    """Squares that the columns of normal equations leave of the last one, and their coefficients."""
-    values = ridge(gram, _RIDGE)
-    vector = np.append(-values, 1.0)
-    return float(vector @ gram @ vector), values

@@ -40,7 +40,8 @@ def sought(series: AxisSeries, drivers: dict[str, int], training: Sequence[str],
     names = list(drivers)
     whiten = rows.colour(rows.plain(0, rows.colour([s.left for s in rows.seen])).left)
     poles = _grid(rows)
-    seen = [rows.scan(p, whiten) for p in poles]
+    whitened = rows.whitened(range(len(names)), whiten)
+    seen = [whitened.scan(p) for p in poles]
     look = float(np.log(max(1, len(poles) * len(names)) * tries / HIDING.false_alarm))
     out: list[Mode] = []
     for order in (2, 1):
@@ -105,8 +106,7 @@ def _refined(rows: AxisRows, pole: Pole, driver: int, names: Sequence[str], look
 
 def _nearest(rows: AxisRows, pole: Pole, driver: int, whiten: np.ndarray) -> Pole:
     """The poles near these at which least is left."""
-    series = rows.series
-    top = HIDING.highest / series.step
+    top, whitened = HIDING.highest / rows.series.step, rows.whitened([driver], whiten)
 
     def made(x: np.ndarray) -> Pole:
         damping = float(np.clip(np.exp(x[1]), HIDING.least_damped, 0.99)) if pole.order == 2 else 0.0
@@ -116,7 +116,7 @@ def _nearest(rows: AxisRows, pole: Pole, driver: int, whiten: np.ndarray) -> Pol
     wide = [0.5 * HIDING.spacing * pole.damping, 0.5] if pole.order == 2 else [0.3]
     simplex = np.vstack([begin, *(begin + np.diag(wide))])
     found = scipy.optimize.minimize(
-        lambda x: np.log(rows.fit(made(x), driver, whiten).loss),
+        lambda x: np.log(whitened.scan(made(x))[0][0]),
         begin,
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "maxfev": HIDING.refined, "xatol": 1e-4, "fatol": 1e-7},
