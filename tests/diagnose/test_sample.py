@@ -116,6 +116,16 @@ def test_of_many_recordings_whole_ones_are_taken_evenly_and_said() -> None:
     assert "900 recordings were read and checked, and 180 of them" in said and "fitted to 120 and tested on 60" in said
 
 
+def test_of_a_recording_whose_middle_is_not_valid_a_stretch_is_taken_that_is() -> None:
+    one = log("f", 2000)
+    valid = torch.ones(2000, dtype=torch.bool)
+    valid[700:1300] = False
+    (part,) = shortened([replace(one, valid=valid)], 500)
+    assert len(part) == 500 and part.valid.all() and part.states[0, 0] == 200  # 200 to 700, nearest to the middle
+    valid[:] = False
+    assert len(shortened([replace(one, valid=valid)], 500)[0]) == 500
+
+
 @pytest.mark.parametrize("recordings", [4, 9])
 def test_of_long_recordings_the_middle_is_taken_with_all_that_was_measured(recordings: int) -> None:
     long = subject(recordings, 2 * READING.enough // recordings)

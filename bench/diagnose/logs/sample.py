@@ -84,6 +84,7 @@ def spread(some: Sequence[T], most: int) -> Sequence[T]:
 def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = False) -> list[Log]:
     """The middle of each log, every ``stride``-th sample; all together have no more than ``longest``.
 
+    Where that is not valid, the stretch nearest to it that has the most valid samples.
     Of more logs than can have a stretch worth looking at, as many as can, evenly spread. Inputs are their means about
     the samples that are kept: what drives a slow motion is their integral, and picked ones would keep all their noise.
 
@@ -98,8 +99,9 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = F
     share = min(1.0, samples / sum(map(len, logs)))
     out = []
     for log in logs:
-        first = int(len(log) * (1 - share) / 2)
-        part = slice(first, first + max(1, int(len(log) * share)), stride)
+        length = max(1, int(len(log) * share))
+        first = _nearest_valid(log, length, int(len(log) * (1 - share) / 2))
+        part = slice(first, first + length, stride)
         # A sample that is left out must not hide that it is not valid.
         gaps = torch.from_numpy(
             np.minimum.reduceat(log.valid[part.start : part.stop].numpy(), np.arange(0, part.stop - first, stride))
@@ -124,6 +126,14 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = F
             )
         )
     return out
+
+
+def _nearest_valid(log: Log, length: int, wanted: int) -> int:
+    """Where so many samples begin of which the most are valid; of several such places the one nearest to ``wanted``."""
+    valid = np.concatenate([[0], np.cumsum(log.valid.numpy())])
+    count = valid[length:] - valid[: len(valid) - length]
+    most = np.flatnonzero(count == count.max())
+    return int(most[np.abs(most - wanted).argmin()])
 
 
 def _between(log: Log, part: slice) -> Tensor:
