@@ -24,10 +24,10 @@ from bench.diagnose.learn.held_out import Block, HeldOut
 from bench.diagnose.learn.splines import Made, Spline, chosen, confirmed, splines_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.select.choose import updated
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
 from bench.diagnose.select.search import Look, Search
+from bench.diagnose.select.step import settled
 from bench.diagnose.settings import LEARNING, SPLINING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import Effect, PhysicsModel
@@ -309,10 +309,7 @@ def worthy(
 
 def refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
     """The model with all its numbers fitted together in the weak form: without a term they stood in for it."""
-    for _ in range(LEARNING.steps):
-        view = min(search.views(search.own(model, settled=True)), key=lambda v: v.subsets.fit().prior)
-        model = updated(view, view.subsets.fit())
-    return model
+    return settled(search, model)[1]
 
 
 def _worth(saving: Saving, doubtful: bool) -> bool:

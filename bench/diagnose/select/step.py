@@ -16,7 +16,7 @@ from bench.diagnose.select.choose import updated
 from bench.diagnose.select.discovery import supported
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Fit
-from bench.diagnose.select.verify import neighbour
+from bench.diagnose.select.verify import neighbours
 from bench.diagnose.settings import CHOOSING, STEPPING, VERIFYING
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
@@ -52,22 +52,26 @@ def advanced(search: Search, view: View, fit: Fit) -> Step:
 def next_step(search: Search, view: View, known: int) -> Step:
     """The next model: with one effect more, less or exchanged where that is better, else with better numbers.
 
+    What a linearisation likes best may not keep its promise, and the next best may.
+
     Args:
         search: tells what a model leaves.
         view: of the present model.
         known: effects that the model had from the start, which stay.
     """
-    here, changed = view.subsets.fit(), neighbour(view, known)
+    here = view.subsets.fit()
     stay = advanced(search, view, here)
-    if changed is None:
-        return stay
-    other, promised = advanced(search, view, changed), here.loss - changed.loss
-    kept = stay.loss - other.loss >= min(promised, STEPPING.kept * promised) - CHOOSING.visible * view.floor
-    return other if kept else stay
+    for changed in neighbours(view, known):
+        other, promised = advanced(search, view, changed), here.loss - changed.loss
+        if stay.loss - other.loss >= min(promised, STEPPING.kept * promised) - CHOOSING.visible * view.floor:
+            return other
+    return stay
 
 
 def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tuple[View, PhysicsModel]:
     """A model with its own numbers fitted until they move no more, and the last view on the way there.
+
+    Of a widely uncertain constant a step may be small and its promise not kept: then the next one is as needed.
 
     Args:
         search: tells what a model leaves.
@@ -75,9 +79,11 @@ def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tu
         like: a view whose whitening filters are kept, of as many channels or more; default: anew in every step.
     """
     for _ in range(STEPPING.steps):
-        view = min(search.views(search.own(model), like=like), key=lambda v: v.subsets.fit().prior)
-        before, model = model, advanced(search, view, view.subsets.fit()).model
-        if close(before, model, search.subject):
+        view = min(search.views(search.own(model, settled=True), like=like), key=lambda v: v.subsets.fit().prior)
+        fit = view.subsets.fit()
+        step = advanced(search, view, fit)
+        before, model = model, step.model
+        if close(before, model, search.subject) and step.loss <= fit.loss + VERIFYING.left * view.floor:
             break
     return view, model
 
