@@ -52,7 +52,8 @@ def advanced(search: Search, view: View, fit: Fit) -> Step:
 def next_step(search: Search, view: View, known: int) -> Step:
     """The next model: with one effect more, less or exchanged where that is better, else with better numbers.
 
-    What a linearisation likes best may not keep its promise, and the next best may.
+    What a linearisation likes best may not keep its promise: with a wind a drag becomes another one, and its first step
+    goes too far. Then the numbers are fitted once more, and if that does not help, the next best is tried.
 
     Args:
         search: tells what a model leaves.
@@ -62,8 +63,13 @@ def next_step(search: Search, view: View, known: int) -> Step:
     here = view.subsets.fit()
     stay = advanced(search, view, here)
     for changed in neighbours(view, known):
-        other, promised = advanced(search, view, changed), here.loss - changed.loss
-        if stay.loss - other.loss >= min(promised, STEPPING.kept * promised) - CHOOSING.visible * view.floor:
+        promised = here.loss - changed.loss
+        least = min(promised, STEPPING.kept * promised) - CHOOSING.visible * view.floor
+        other = advanced(search, view, changed)
+        if other.exchanged and stay.loss - other.loss < least:
+            _, model = settled(search, other.model, view)
+            other = replace(other, model=model, loss=search.loss(view, model))
+        if stay.loss - other.loss >= least:
             return other
     return stay
 
@@ -71,20 +77,24 @@ def next_step(search: Search, view: View, known: int) -> Step:
 def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tuple[View, PhysicsModel]:
     """A model with its own numbers fitted until they move no more, and the last view on the way there.
 
-    Of a widely uncertain constant a step may be small and its promise not kept: then the next one is as needed.
+    Of a widely uncertain constant a step may be small and its promise not kept: then the next one is as needed, as long
+    as steps help.
 
     Args:
         search: tells what a model leaves.
         model: with the effects that it keeps.
         like: a view whose whitening filters are kept, of as many channels or more; default: anew in every step.
     """
+    last = np.inf
     for _ in range(STEPPING.steps):
         view = min(search.views(search.own(model, settled=True), like=like), key=lambda v: v.subsets.fit().prior)
         fit = view.subsets.fit()
         step = advanced(search, view, fit)
         before, model = model, step.model
-        if close(before, model, search.subject) and step.loss <= fit.loss + VERIFYING.left * view.floor:
+        little = VERIFYING.left * view.floor
+        if close(before, model, search.subject) and (step.loss <= fit.loss + little or last - step.loss <= little):
             break
+        last = step.loss
     return view, model
 
 
