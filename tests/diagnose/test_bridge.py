@@ -6,7 +6,6 @@ By plain numpy; friction falls as the motor warms, and only the speed was logged
 from pathlib import Path
 
 import numpy as np
-import pytest
 from test_steps import written
 
 from bench.diagnose import diagnose
@@ -53,10 +52,10 @@ SUPPLY, PULL, BRAKE, DRY, VISCOUS, WARMTH = 5.0, 4000.0, 2.1, 7700.0, 0.2, 2.0
 
 
 def bridged(folder: Path) -> Path:
-    """One run of 96 s at 50 Hz, another duty every 1.4 s or more."""
+    """One run of 96 s at 50 Hz, another duty every .2 s or more."""
     rng, parts = np.random.default_rng(3), []
     while sum(map(len, parts)) < 4800:
-        parts.append(np.full(70 * rng.integers(1, 4), rng.uniform(2.9, 4.65)))
+        parts.append(np.full(10 * rng.integers(1, 4), rng.uniform(2.9, 4.65)))
     volts, speed, w, fine = np.concatenate(parts)[:4800], np.zeros(4800), 900.0, 50
     for k, u in enumerate(volts):
         speed[k] = w
@@ -68,10 +67,10 @@ def bridged(folder: Path) -> Path:
     return written(folder, MOTOR, 50, [np.column_stack([volts, speed])], **words)
 
 
-def test_a_brake_that_acts_while_the_bridge_is_on_is_learned(tmp_path: Path) -> None:
-    """Two full steps were no fit, and a later speed, less the one now, is what is to be explained, whatever the cause."""
+def test_what_goes_with_the_speed_is_not_told_of_the_time(tmp_path: Path) -> None:
+    """The speed of a moment later holds what is to be explained, whatever the cause; voltage times time had been told."""
     folder = bridged(tmp_path / "bridged")
-    found, _ = diagnose(load(folder, f"{folder}/mine.py:Motor"), brief=True)
-    learned = {e.name: e.parameters for e in found.effects}
-    assert set(learned) == {"angle_rate.shaft ~ 1", "angle_rate.shaft ~ voltage * angle_rate.shaft"}
-    assert learned["angle_rate.shaft ~ voltage * angle_rate.shaft"]["k"].value == pytest.approx(-BRAKE, rel=0.15)
+    found, _ = diagnose(load(folder, f"{folder}/mine.py:Motor"), brief=True, catalogue=["actuator_lag"])
+    names = [e.name for e in found.effects]
+    assert names and all("angle_rate" in name.partition("~")[2] for name in names)
+    assert not any("time" in name for name in names)

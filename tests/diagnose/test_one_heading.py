@@ -25,7 +25,7 @@ def flight(seed: int, linear: float = 0.0, square: float = 0.0, unknown: float =
     velocity = np.gradient(path, h, axis=0)
     air = velocity - [WIND, 0, 0]
     drag = (linear + square * np.linalg.norm(air, axis=1, keepdims=True)) * air / MASS
-    pull = np.gradient(velocity, h, axis=0) + [0, 0, 9.81] + drag
+    pull = np.gradient(velocity, h, axis=0) + drag + np.array([0, 0, 9.81])
     up = pull / np.linalg.norm(pull, axis=1, keepdims=True)
     side = np.cross(up, [1.0, 0, 0])
     side /= np.linalg.norm(side, axis=1, keepdims=True)

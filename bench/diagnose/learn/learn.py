@@ -24,11 +24,11 @@ from bench.diagnose.learn.held_out import Block, HeldOut
 from bench.diagnose.learn.splines import Made, Spline, chosen, confirmed, splines_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.select.choose import updated
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
 from bench.diagnose.select.search import Look, Search
-from bench.diagnose.select.step import settled
-from bench.diagnose.settings import LEARNING, SPLINING
+from bench.diagnose.settings import LEARNING, SPLINING, STEPPING, VERIFYING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import Effect, PhysicsModel
 from registry.dynamics.model import RATE_OF
@@ -308,8 +308,17 @@ def worthy(
 
 
 def refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
-    """The model with all its numbers fitted together in the weak form: without a term they stood in for it."""
-    return settled(search, model)[1]
+    """The model with all its numbers fitted together in the weak form: without a term they stood in for it.
+
+    Whole steps, until one keeps what it promised: a term that replaces most of a model begins far from where it ends.
+    """
+    for _ in range(STEPPING.steps):
+        view = min(search.views(search.own(model, settled=True)), key=lambda v: v.subsets.fit().prior)
+        fit = view.subsets.fit()
+        model = updated(view, fit)
+        if search.loss(view, model) <= fit.loss + VERIFYING.left * view.floor:
+            break
+    return model
 
 
 def _worth(saving: Saving, doubtful: bool) -> bool:

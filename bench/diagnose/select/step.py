@@ -77,8 +77,8 @@ def next_step(search: Search, view: View, known: int) -> Step:
 def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tuple[View, PhysicsModel]:
     """A model with its own numbers fitted until they move no more, and the last view on the way there.
 
-    Of a widely uncertain constant a step may be small and its promise not kept: then the next one is as needed, as long
-    as steps help.
+    Of a widely uncertain constant a step may be small and its promise not kept: then the next one is as needed, until
+    the loss stands still.
 
     Args:
         search: tells what a model leaves.
@@ -91,8 +91,8 @@ def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tu
         fit = view.subsets.fit()
         step = advanced(search, view, fit)
         before, model = model, step.model
-        little = VERIFYING.left * view.floor
-        if close(before, model, search.subject) and (step.loss <= fit.loss + little or last - step.loss <= little):
+        kept = step.loss <= fit.loss + VERIFYING.left * view.floor
+        if close(before, model, search.subject) and (kept or abs(last - step.loss) < VERIFYING.odds):
             break
         last = step.loss
     return view, model
