@@ -68,7 +68,7 @@ def bridged(folder: Path) -> Path:
 
 
 def test_what_goes_with_the_speed_is_not_told_of_the_time(tmp_path: Path) -> None:
-    """The speed of a moment later holds what is to be explained, whatever the cause; voltage times time had been told."""
+    """What the speed becomes holds what is to be explained, whatever the cause; voltage times time had been told."""
     folder = bridged(tmp_path / "bridged")
     found, _ = diagnose(load(folder, f"{folder}/mine.py:Motor"), brief=True, catalogue=["actuator_lag"])
     names = [e.name for e in found.effects]
