@@ -28,7 +28,7 @@ from bench.diagnose.select.choose import updated
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
 from bench.diagnose.select.search import Look, Search
-from bench.diagnose.settings import LEARNING, SPLINING, STEPPING, VERIFYING
+from bench.diagnose.settings import LEARNING, SPLINING, VERIFYING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import Effect, PhysicsModel
 from registry.dynamics.model import RATE_OF
@@ -312,7 +312,7 @@ def refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
 
     Whole steps, until one keeps what it promised: a term that replaces most of a model begins far from where it ends.
     """
-    for _ in range(STEPPING.steps):
+    for _ in range(LEARNING.steps):
         view = min(search.views(search.own(model, settled=True)), key=lambda v: v.subsets.fit().prior)
         fit = view.subsets.fit()
         model = updated(view, fit)

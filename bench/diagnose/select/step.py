@@ -77,24 +77,16 @@ def next_step(search: Search, view: View, known: int) -> Step:
 def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tuple[View, PhysicsModel]:
     """A model with its own numbers fitted until they move no more, and the last view on the way there.
 
-    Of a widely uncertain constant a step may be small and its promise not kept: then the next one is as needed, until
-    the loss stands still.
-
     Args:
         search: tells what a model leaves.
         model: with the effects that it keeps.
         like: a view whose whitening filters are kept, of as many channels or more; default: anew in every step.
     """
-    last = np.inf
     for _ in range(STEPPING.steps):
-        view = min(search.views(search.own(model, settled=True), like=like), key=lambda v: v.subsets.fit().prior)
-        fit = view.subsets.fit()
-        step = advanced(search, view, fit)
-        before, model = model, step.model
-        kept = step.loss <= fit.loss + VERIFYING.left * view.floor
-        if close(before, model, search.subject) and (kept or abs(last - step.loss) < VERIFYING.odds):
+        view = min(search.views(search.own(model), like=like), key=lambda v: v.subsets.fit().prior)
+        before, model = model, advanced(search, view, view.subsets.fit()).model
+        if close(before, model, search.subject):
             break
-        last = step.loss
     return view, model
 
 

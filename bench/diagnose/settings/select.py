@@ -161,7 +161,7 @@ class Stepping:
         0.5, "share of a promised gain that an exchange of effects must keep when it is measured", Basis.JUDGED
     )
     steps: int = threshold(
-        20,
+        6,
         "steps of a model's own numbers at most, from one look at candidates to the next",
         Basis.EFFORT,
         "count",
