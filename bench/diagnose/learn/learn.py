@@ -28,7 +28,7 @@ from bench.diagnose.select.choose import updated
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
 from bench.diagnose.select.search import Look, Search
-from bench.diagnose.settings import LEARNING, SPLINING, VERIFYING
+from bench.diagnose.settings import LEARNING, SPLINING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import Effect, PhysicsModel
 from registry.dynamics.model import RATE_OF
@@ -308,16 +308,10 @@ def worthy(
 
 
 def refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
-    """The model with all its numbers fitted together in the weak form: without a term they stood in for it.
-
-    Whole steps, until one keeps what it promised: a term that replaces most of a model begins far from where it ends.
-    """
+    """The model with all its numbers fitted together in the weak form: without a term they stood in for it."""
     for _ in range(LEARNING.steps):
         view = min(search.views(search.own(model, settled=True)), key=lambda v: v.subsets.fit().prior)
-        fit = view.subsets.fit()
-        model = updated(view, fit)
-        if search.loss(view, model) <= fit.loss + VERIFYING.left * view.floor:
-            break
+        model = updated(view, view.subsets.fit())
     return model
 
 

@@ -94,7 +94,7 @@ class Learning:
     tries: int = threshold(
         4, "times that terms are sought without what turned out to be a consequence", Basis.EFFORT, "count"
     )
-    steps: int = threshold(20, "whole steps at most to the numbers with which terms are weighed", Basis.EFFORT, "count")
+    steps: int = threshold(2, "Gauss–Newton steps to the numbers with which terms are weighed", Basis.EFFORT, "count")
     rounds: int = threshold(
         3, "times that every term's formula is chosen, bent better, beside those of the others", Basis.EFFORT, "count"
     )
