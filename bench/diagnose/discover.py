@@ -30,9 +30,9 @@ from bench.diagnose.select.tie import rivals
 from bench.diagnose.select.verify import (
     at_bound,
     estimates,
+    least_imitation,
     left_over,
     ratios,
-    understood,
 )
 from bench.diagnose.settings import DISCOVERING, MATTERING, VERIFYING
 from bench.diagnose.simulate.unmeasured import hidden
@@ -339,23 +339,27 @@ def _understood(
 ) -> tuple[list[int], list[int]]:
     """Places of the effects that are what they seem, and of those that only imitate something else.
 
-    What is left of an equation in which the inputs seem to do nothing and do, beside a slow disturbance, is known.
+    What is left of an equation in which the inputs seem to do nothing and do, beside a slow disturbance, is known. The
+    effect that explains least goes first: two that share what they explain would both seem less than what is left.
     """
-    left = [i for i in range(known, len(view.linear.model.effects)) if i not in worthy.dropped]
-    traces, total = left_over(view, worthy.dropped)
     told = {c.group for c in hidden if c.told is not None}
-    known_channels = {
-        k for k, c in enumerate(view.linear.channels) if view.linear.model.measured_channels[c].group in told
-    }
+    channels = enumerate(view.linear.channels)
+    known_channels = {k for k, c in channels if view.linear.model.measured_channels[c].group in told}
     first = len(view.linear.columns)
-    explained = [t for t in traces if view.reach[t.column - first] <= known_channels]
-    traces = [t for t in traces if t not in explained]
-    total -= view.floor * sum(t.gain for t in explained)
-    if total <= VERIFYING.left * view.floor:
-        return left, []
-    kept = understood(view, left, traces, worthy.dropped)
-    gone = view.linear.removed([i for i in left if i not in kept])[0]
-    return [i for i in kept if i not in gone], sorted(gone - set(worthy.dropped))
+    gone = set(worthy.dropped)
+    while True:
+        left = [i for i in range(known, len(view.linear.model.effects)) if i not in gone]
+        traces, total = left_over(view, sorted(gone))
+        explained = [t for t in traces if view.reach[t.column - first] <= known_channels]
+        total -= view.floor * sum(t.gain for t in explained)
+        if total > VERIFYING.left * view.floor:
+            rest = [t for t in traces if t not in explained]
+            least = least_imitation(view, left, rest, sorted(gone))
+        else:
+            least = None
+        if least is None:
+            return left, sorted(gone - set(worthy.dropped))
+        gone |= view.linear.removed([least])[0]
 
 
 def _saved(weighing: Weighing | None, chosen: _Choice, place: int, extended: PhysicsModel) -> tuple[Saving, ...]:

@@ -1,7 +1,8 @@
 """Whether what a term follows is a cause: a vehicle that leans against a gust has a lean that goes with the force.
 
 The force is then there before the lean is, so that the signal of a moment later explains more of what is left than the
-signal of now. A term acts now.
+signal of now. A term acts now. Of a machine's own rate this says nothing: less what it is now, which the model's own
+damping tells, its later value is the very change that is to be explained, whatever makes it. Time follows nothing.
 """
 
 from collections.abc import Sequence
@@ -30,9 +31,10 @@ def consequences(
     leads = [max(1, round(lead / search.stack.dt)) for lead in LEARNING.leads]
     tried = [s.made for s in splines]
     first = len(tried)
-    for s in splines:
+    may_follow = [{*s.pair.signals} - {s.pair.axis, "time"} for s in splines]
+    for s, names in zip(splines, may_follow, strict=True):
         for lead in leads:
-            later = [{n: _advanced(x, lead) if n in s.pair.signals else x for n, x in of.items()} for of in signals]
+            later = [{n: _advanced(x, lead) if n in names else x for n, x in of.items()} for of in signals]
             tried.append(splines_of(s.pair, later, len(s.made.knots), bool(s.made.waves)) or s.made)
     view, places = view_of(search, look, base, [m.columns for m in tried])
     fits = HeldOut(view, own_columns(view, base, upright=True))
@@ -40,6 +42,8 @@ def consequences(
     alone = [some[fits.best(some, ())[0]] for some in blocks[:first]]
     out = []
     for i, s in enumerate(splines):
+        if not may_follow[i]:
+            continue
         beside = [b for j, b in enumerate(alone) if j != i]
         without, now = float(fits.losses(beside).sum()), float(fits.best(blocks[i], beside)[1].sum())
         at = range(first + i * len(leads), first + (i + 1) * len(leads))

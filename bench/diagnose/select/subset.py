@@ -114,9 +114,12 @@ class Subsets:
             starts: effects to add.
             more: columns with free coefficients.
             without: a fold that is not fitted.
-            drop: places in ``model.effects`` of effects to do without; what needs them goes too.
+            drop: places in ``model.effects`` of effects to do without; what needs them goes too, but stays with its
+                numbers where one of ``starts`` will do: a wind acts through another drag.
         """
         removed, taken = self.linear.removed(drop)
+        ids = {s.id for s in starts}
+        gone = {i for i in removed if i in drop or not self.linear.model.effects[i].met_by(ids)}
         own = self.linear.changed(self.own, drop, starts)
         columns = [*own, *(c for s in starts for c in s.columns), *more, *taken]
         extra = len(columns) - len(self.own)
@@ -129,7 +132,7 @@ class Subsets:
         prior, centre = np.concatenate([precision, np.zeros(extra)]), np.concatenate([self.centre, np.zeros(extra)])
         beta, misfit = self.normal.fit(columns, prior, centre, low, high, without)
         count = sum(len(s.entries) for s in starts) + len(more)
-        count += sum(not e.constant and e.owner not in removed for e in self.linear.own)
+        count += sum(not e.constant and e.owner not in gone for e in self.linear.own)
         distance = float((prior * (beta - centre) ** 2).sum())
         return Fit(
             tuple(starts),
@@ -138,7 +141,7 @@ class Subsets:
             misfit,
             prior=distance,
             parameters=count,
-            dropped=tuple(sorted(removed)),
+            dropped=tuple(sorted(gone)),
         )
 
     def losses(self, fit: Fit) -> np.ndarray:

@@ -1,6 +1,6 @@
 """What speaks against a choice: a better neighbour, or something left that it only imitates. Its rivals: `tie`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -87,8 +87,8 @@ def ratios(view: View, fit: Fit) -> list[Ratio]:
     return out
 
 
-def neighbour(view: View, known: int) -> Fit | None:
-    """A set one step from the model's that is better: an effect more, less or exchanged; None: there is none."""
+def neighbours(view: View, known: int) -> Iterator[Fit]:
+    """Sets one step from the model's that are better, as linearised: an effect less, exchanged or more."""
     subsets, starts = view.subsets, view.subsets.starts
     current = subsets.fit()
     places = range(known, len(view.linear.model.effects))
@@ -99,18 +99,18 @@ def neighbour(view: View, known: int) -> Fit | None:
         plain = less.misfit - current.misfit > VERIFYING.plainly * view.floor
         told = plain or any(_told(x) for x in numbers if x.entry.owner == i)
         if not told or at_bound(numbers, i) or not accepted(view, less, current, drop=[i]):
-            return less
+            yield less
     options = [f for s in starts for i in places if within_bounds(view, f := subsets.fit([s], drop=[i]))]
     best = min(options, key=subsets.cost, default=None)
     if best is not None and subsets.cost(best) < subsets.cost(current) - VERIFYING.odds:
         difference = (subsets.losses(current) - subsets.losses(best)).sum(1)
         sure = t_value(difference) > CHOOSING.distinct and difference.sum() > CHOOSING.relevant * view.explained
         if sure or best.parameters < current.parameters:
-            return best
-    for more in sorted((subsets.fit([s]) for s in starts), key=subsets.cost)[:3]:
-        if len(places) < CHOOSING.most and within_bounds(view, more) and accepted(view, current, more):
-            return more
-    return None
+            yield best
+    if len(places) < CHOOSING.most:
+        for more in sorted((subsets.fit([s]) for s in starts), key=subsets.cost)[:3]:
+            if within_bounds(view, more) and accepted(view, current, more):
+                yield more
 
 
 def _told(x: Estimate) -> bool:
@@ -164,10 +164,10 @@ def _anchored(view: View, dropped: Sequence[int] = ()) -> Folds:
     return replace(folds, tails=tails, held=np.diag(subsets.anchor[free]) / count)
 
 
-def understood(
+def least_imitation(
     view: View, places: Sequence[int], traces: Sequence[ResidualTerm], dropped: Sequence[int] = ()
-) -> list[int]:
-    """Of the effects in these places, those that neither imitate nor are a small part of something unknown.
+) -> int | None:
+    """Of the effects in these places that imitate or are a small part of something unknown, the one that gains least.
 
     What is left where an effect does not act counts where it is something missing by itself: what the catalogue has not
     may act in forces and torques, and an effect imitate one half of it. A trace that is none is no rival.
@@ -177,12 +177,15 @@ def understood(
         places: of effects in ``model.effects``.
         traces: what is left.
         dropped: places of effects that the model does without.
+
+    Returns:
+        Its place; None: all are what they seem.
     """
-    kept = [i for i in places if needed(view, i, traces, dropped)]
     gains = {i: _gains(view, i, dropped) for i in places}
+    imitations = [i for i in places if not needed(view, i, traces, dropped)]
 
     def unknown(acting: set[int]) -> float:
-        others = sum(float(gain[sorted(acting)].sum()) for i, gain in gains.items() if i not in kept)
+        others = sum(float(gains[i][sorted(acting)].sum()) for i in imitations)
         return _left_where(view, traces, acting) + others
 
     everything = unknown(set(range(len(view.linear.channels))))
@@ -191,7 +194,8 @@ def understood(
         there = unknown(_acting(gains[place]))
         return there if everything - there <= VERIFYING.left * view.floor else everything
 
-    return [i for i in kept if gains[i].sum() > VERIFYING.part * rival(i)]
+    small = [i for i in places if i not in imitations and gains[i].sum() <= VERIFYING.part * rival(i)]
+    return min((*imitations, *small), key=lambda i: float(gains[i].sum()), default=None)
 
 
 def _gains(view: View, place: int, dropped: Sequence[int]) -> np.ndarray:
