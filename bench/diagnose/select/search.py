@@ -121,9 +121,7 @@ class Search:
         self.smoothing = {c.name: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
         drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
         through = noise.input_smoothing.coarser(stride).kernel()
-        sigma = input_noise(self.stack, drives, through)
-        if subject.model.input_hold == "previous":
-            sigma = sigma * 0.0  # commands are known
+        sigma = input_noise(self.stack, drives, through) * (not held)  # commands are known
         generator = np.random.default_rng(0)
         drawn = convolve1d(generator.normal(size=self.stack.inputs.shape) * sigma, through, axis=1)
         self.noisy = replace(self.stack, inputs=self.stack.inputs + torch.from_numpy(drawn)) if sigma.any() else None

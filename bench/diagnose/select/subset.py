@@ -88,6 +88,16 @@ class Subsets:
             out.prior[i], (out.low[i], out.high[i]) = (spread * value) ** -2, sign_kept(value)
         return out
 
+    def as_stated(self) -> "Subsets":
+        """The same with every constant known as stated, to exchange effects: what noise buries it does not for all.
+
+        Free beside one effect and held beside another, a constant would lend the first what noise seems to explain.
+        """
+        out = copy(self)
+        out.prior, out.low, out.high = (of.copy() for of in (self.stated.precision, self.stated.low, self.stated.high))
+        out.drowned = []
+        return out
+
     def _known(self, own: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Precision and bounds of the model's own numbers where these are their columns.
 

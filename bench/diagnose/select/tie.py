@@ -23,7 +23,7 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
     One of them makes a tie. It is as likely, within what blocks of the recordings differ; it gains most of what the
     effect gains; and where the effect leaves nothing but noise, it does not leave plainly more.
     """
-    subsets = view.subsets
+    subsets = view.subsets.as_stated()
     current = subsets.fit()
     own = EFFECTS.name_of(type(view.linear.model.effects[place]))
     level = subsets.losses(current).sum(1)
