@@ -4,13 +4,16 @@ Two kinds of evidence, and a rule for each: normal equations, where every state 
 were simulated, where one was not. Thresholds: `Verifying`, and `Growing` of the second, in `bench.diagnose.settings`.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from bench.diagnose.regression.linearise import Candidate
+from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.select.search import View
 from bench.diagnose.select.simulated_set import SimulatedSet
-from bench.diagnose.select.subset import t_value
-from bench.diagnose.settings import CHOOSING, GROWING, VERIFYING
+from bench.diagnose.select.subset import Fit, Subsets, t_value
+from bench.diagnose.settings import CHOOSING, EXTENDING, GROWING, VERIFYING
 from registry.core import EFFECTS
 
 SAME = ({"rotor_gyroscopic_torque", "rotor_reaction_torque"},)
@@ -21,7 +24,8 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
     """Effects that would explain the data as well as the one in this place of the model, the likeliest first.
 
     One of them makes a tie. It is as likely, within what blocks of the recordings differ; it gains most of what the
-    effect gains; and where the effect leaves nothing but noise, it does not leave plainly more.
+    effect gains; and where the effect leaves nothing but noise, it does not leave plainly more. Parameters count that
+    differ from no effect: a torque of three axes of which two act is no larger than an offset of two.
     """
     subsets = view.subsets.as_stated()
     current = subsets.fit()
@@ -29,13 +33,17 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
     level = subsets.losses(current).sum(1)
     best: dict[str, tuple[float, Candidate]] = {}
     without = subsets.cost(subsets.fit(drop=[place]))
+    mine = {i: e for i, e in enumerate(view.linear.own) if e.owner == place}
+    parameters = _acting(subsets, current, mine)
     for s in subsets.starts:
         if any({own, s.id} <= same for same in SAME):
             continue
         other = subsets.fit([s], drop=[place])
         difference = subsets.losses(other).sum(1) - level
         spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
-        margin = subsets.cost(other) - subsets.cost(current)
+        first = len(view.linear.own) + len(s.columns) - len(s.entries)
+        more = _acting(subsets, other, dict(enumerate(s.entries, first))) - parameters
+        margin = other.loss - current.loss + subsets.penalty * more
         close = margin < VERIFYING.odds + CHOOSING.distinct * spread
         replaces = without - subsets.cost(other) > VERIFYING.replaces * (without - subsets.cost(current))
         exact = current.misfit < VERIFYING.exact * view.floor
@@ -43,6 +51,13 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
         if close and replaces and not misses and margin < best.get(s.id, (np.inf, s))[0]:
             best[s.id] = margin, s
     return {name: start for name, (_, start) in sorted(best.items(), key=lambda item: item[1][0])}
+
+
+def _acting(subsets: Subsets, fit: Fit, entries: Mapping[int, Entry]) -> int:
+    """How many parameters, by place in a fit, differ from no effect by more than chance; one at least."""
+    spread = np.sqrt(np.maximum(np.diag(subsets.covariance(fit)), 0.0))
+    away = [abs(e.value + fit.beta[i] - e.neutral) > EXTENDING.interval * spread[i] for i, e in entries.items()]
+    return max(1, sum(map(bool, away)))
 
 
 def does_as_well(other: SimulatedSet, taken: SimulatedSet) -> bool:
