@@ -329,7 +329,7 @@ def test_what_noise_buries_decides_no_exchange_of_effects() -> None:
     linear = Linearization(None, None, (inertia,), (rival,), nothing, nothing, (), (1,), (frozenset(),), ({0: 2},))  # type: ignore[arg-type]
     normal = Normal(((np.arange(5), rows),), 5, np.repeat(np.arange(4), 10), np.full(40, 100))
     free = Subsets(linear, normal, {0})
-    apart = [s.fit([rival], drop=[0]).loss - s.fit().loss for s in (free, free.as_stated())]
+    apart = [s.fit([rival], drop=[0]).loss - free.fit().loss for s in (free, free.holding(free.fit()))]
     assert apart[0] > 500 and abs(apart[1]) < 1
 
 

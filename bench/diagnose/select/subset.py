@@ -88,14 +88,14 @@ class Subsets:
             out.prior[i], (out.low[i], out.high[i]) = (spread * value) ** -2, sign_kept(value)
         return out
 
-    def as_stated(self) -> "Subsets":
-        """The same with every constant known as stated, to exchange effects: what noise buries it does not for all.
+    def holding(self, fit: Fit) -> "Subsets":
+        """The same with the constants that noise buries held where a fit has them, to exchange effects.
 
-        Free beside one effect and held beside another, a constant would lend the first what noise seems to explain.
+        Free beside one effect and known beside another, a constant would lend the first what noise seems to explain.
         """
         out = copy(self)
-        out.prior, out.low, out.high = (of.copy() for of in (self.stated.precision, self.stated.low, self.stated.high))
-        out.drowned = []
+        out.low, out.high, out.drowned = self.low.copy(), self.high.copy(), []
+        out.low[self.drowned] = out.high[self.drowned] = fit.beta[self.drowned]
         return out
 
     def _known(self, own: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -27,12 +27,12 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
     effect gains; and where the effect leaves nothing but noise, it does not leave plainly more. Parameters count that
     differ from no effect: a torque of three axes of which two act is no larger than an offset of two.
     """
-    subsets = view.subsets.as_stated()
-    current = subsets.fit()
+    known, current = view.subsets, view.subsets.fit()
+    subsets = known.holding(current)
     own = EFFECTS.name_of(type(view.linear.model.effects[place]))
     level = subsets.losses(current).sum(1)
     best: dict[str, tuple[float, Candidate]] = {}
-    without = subsets.cost(subsets.fit(drop=[place]))
+    without = known.cost(known.fit(drop=[place]))
     mine = {i: e for i, e in enumerate(view.linear.own) if e.owner == place}
     parameters = _acting(subsets, current, mine)
     for s in subsets.starts:
@@ -45,7 +45,8 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
         more = _acting(subsets, other, dict(enumerate(s.entries, first))) - parameters
         margin = other.loss - current.loss + subsets.penalty * more
         close = margin < VERIFYING.odds + CHOOSING.distinct * spread
-        replaces = without - subsets.cost(other) > VERIFYING.replaces * (without - subsets.cost(current))
+        gained = without - known.cost(known.fit([s], drop=[place]))
+        replaces = gained > VERIFYING.replaces * (without - known.cost(current))
         exact = current.misfit < VERIFYING.exact * view.floor
         misses = exact and other.misfit - view.floor > VERIFYING.loud * view.floor
         if close and replaces and not misses and margin < best.get(s.id, (np.inf, s))[0]:

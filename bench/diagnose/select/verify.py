@@ -100,13 +100,13 @@ def neighbours(view: View, known: int) -> Iterator[Fit]:
         told = plain or any(_told(x) for x in numbers if x.entry.owner == i)
         if not told or at_bound(numbers, i) or not accepted(view, less, current, drop=[i]):
             yield less
-    alike = subsets.as_stated()
+    alike = subsets.holding(current)
     options = [f for s in starts for i in places if within_bounds(view, f := alike.fit([s], drop=[i]))]
-    best, now = min(options, key=alike.cost, default=None), alike.fit()
-    if best is not None and alike.cost(best) < alike.cost(now) - VERIFYING.odds:
-        difference = (alike.losses(now) - alike.losses(best)).sum(1)
+    best = min(options, key=alike.cost, default=None)
+    if best is not None and alike.cost(best) < alike.cost(current) - VERIFYING.odds:
+        difference = (alike.losses(current) - alike.losses(best)).sum(1)
         sure = t_value(difference) > CHOOSING.distinct and difference.sum() > CHOOSING.relevant * view.explained
-        if sure or best.parameters < now.parameters:
+        if sure or best.parameters < current.parameters:
             yield subsets.fit(best.starts, drop=[i for i in places if i in best.dropped])
     if len(places) < CHOOSING.most:
         for more in sorted((subsets.fit([s]) for s in starts), key=subsets.cost)[:3]:
