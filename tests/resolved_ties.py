@@ -146,7 +146,7 @@ def row(case: Case, cache: Path, scratch: Path) -> tuple[str, ...]:
     return (
         case.id,
         answer(said),
-        *(f"{r.seconds:g} s; {r.said}" for r in results),
+        *(f"{f'{r.seconds:g} s' if np.isfinite(r.seconds) else 'never'}; {r.said}" for r in results),
         f"{(time.process_time() - begun) / 60:.1f}",
     )
 
