@@ -35,21 +35,28 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
     without = known.cost(known.fit(drop=[place]))
     mine = {i: e for i, e in enumerate(view.linear.own) if e.owner == place}
     parameters = _acting(subsets, current, mine)
+
+    def misses(other: Fit) -> bool:
+        exact = current.misfit < VERIFYING.exact * view.floor
+        return exact and other.misfit - view.floor > VERIFYING.loud * view.floor
+
+    def replaces(s: Candidate) -> bool:
+        gained = without - known.cost(known.fit([s], drop=[place]))
+        return gained > VERIFYING.replaces * (without - known.cost(current))
+
     for s in subsets.starts:
         if any({own, s.id} <= same for same in SAME):
             continue
         other = subsets.fit([s], drop=[place])
         difference = subsets.losses(other).sum(1) - level
         spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
+        worse, limit = other.loss - current.loss, VERIFYING.odds + CHOOSING.distinct * spread
+        if misses(other) or worse + subsets.penalty * (1 - parameters) >= limit:
+            continue  # its parameters are costly to count
         first = len(view.linear.own) + len(s.columns) - len(s.entries)
         more = _acting(subsets, other, dict(enumerate(s.entries, first))) - parameters
-        margin = other.loss - current.loss + subsets.penalty * more
-        close = margin < VERIFYING.odds + CHOOSING.distinct * spread
-        gained = without - known.cost(known.fit([s], drop=[place]))
-        replaces = gained > VERIFYING.replaces * (without - known.cost(current))
-        exact = current.misfit < VERIFYING.exact * view.floor
-        misses = exact and other.misfit - view.floor > VERIFYING.loud * view.floor
-        if close and replaces and not misses and margin < best.get(s.id, (np.inf, s))[0]:
+        margin = worse + subsets.penalty * more
+        if margin < min(limit, best.get(s.id, (np.inf, s))[0]) and replaces(s):
             best[s.id] = margin, s
     return {name: start for name, (_, start) in sorted(best.items(), key=lambda item: item[1][0])}
 
