@@ -20,9 +20,11 @@ from bench.diagnose.select.discovery import needs_first, supported
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced
 from bench.diagnose.select.subset import Subsets
+from bench.diagnose.select.tie import rivals
 from registry.core import EFFECTS
 from registry.effects.actuation import LONGEST_DELAY
 from registry.effects.air import LinearDrag
+from registry.effects.mass import CogOffset
 from registry.effects.torque import TorqueBias
 from registry.physics.quadrotor import Quadrotor
 from tests.diagnose.machines_of_any_size import cart
@@ -326,11 +328,31 @@ def test_what_noise_buries_decides_no_exchange_of_effects() -> None:
     inertia = Entry(-1, "inertia", None, "kg m^2", 1.0, 0.01, 0.97, 1.03, stated=1.0)
     rival = Candidate("rival", TorqueBias(), (), (3,), (-9.0,), (9.0,))
     nothing = np.empty(0)
-    linear = Linearization(None, None, (inertia,), (rival,), nothing, nothing, (), (1,), (frozenset(),), ({0: 2},))  # type: ignore[arg-type]
+    model = SimpleNamespace(effects=(CogOffset(),))
+    linear = Linearization(model, None, (inertia,), (rival,), nothing, nothing, (), (1,), (frozenset(),), ({0: 2},))  # type: ignore[arg-type]
     normal = Normal(((np.arange(5), rows),), 5, np.repeat(np.arange(4), 10), np.full(40, 100))
     free = Subsets(linear, normal, {0})
     apart = [s.fit([rival], drop=[0]).loss - free.fit().loss for s in (free, free.holding(free.fit()))]
     assert apart[0] > 500 and abs(apart[1]) < 1
+    view = SimpleNamespace(subsets=free, linear=linear, floor=4000.0)
+    assert list(rivals(view, 0)) == ["rival"]  # type: ignore[arg-type]
+
+
+def test_a_rival_is_as_large_as_those_of_its_parameters_that_differ_from_no_effect() -> None:
+    """A torque of three axes does what an offset of two does; its third axis does nothing, and makes it no larger."""
+    rng = np.random.default_rng(4)
+    x, y, z = rng.normal(size=(3, 4000))
+    offset = 5 * x + 5 * y
+    rows = np.stack([x, y, -offset, x, y, z, rng.normal(size=4000)])
+    own = tuple(Entry(0, name, None, "m", 5.0, 1.0, -99.0, 99.0) for name in "xy")
+    axes = tuple(Entry(1, f"t_{name}", None, "N m", 0.0, 1.0, -99.0, 99.0) for name in "xyz")
+    torque = Candidate("torque_bias", TorqueBias(), axes, (3, 4, 5), (-99.0,) * 3, (99.0,) * 3)
+    model = SimpleNamespace(effects=(CogOffset(x=5.0, y=5.0),))
+    nothing = np.empty(0)
+    linear = Linearization(model, None, own, (torque,), nothing, nothing, (), (2,), (frozenset(),), ({},))  # type: ignore[arg-type]
+    normal = Normal(((np.arange(7), rows),), 7, np.repeat(np.arange(4), 10), np.full(40, 100))
+    view = SimpleNamespace(subsets=Subsets(linear, normal), linear=linear, floor=4000.0)
+    assert list(rivals(view, 0)) == ["torque_bias"]  # type: ignore[arg-type]
 
 
 def test_what_needs_an_effect_goes_with_it() -> None:
