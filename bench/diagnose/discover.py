@@ -6,22 +6,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.linearise import Candidate
+from bench.diagnose.regression.parameters import effect_entries, with_values
 from bench.diagnose.select import by_simulation
 from bench.diagnose.select.choose import accepted, compared, select_across_views
-from bench.diagnose.select.discovery import Discovery, Found, needs_first
+from bench.diagnose.select.discovery import Discovery, Found, faint_traces, needs_first, trifle
 from bench.diagnose.select.given_past import revealed
 from bench.diagnose.select.input_timing import mistimed, prepared, retimed
-from bench.diagnose.select.materiality import (
-    Saving,
-    Weighing,
-    faint_traces,
-    trifle,
-)
+from bench.diagnose.select.materiality import Saving, Weighing
 from bench.diagnose.select.release import contradicted
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced, next_step, settled, without
@@ -93,8 +91,7 @@ def _searched(
     """What a model lacks of measurements whose states were all measured and whose inputs are read when they act."""
     first = _discovered(Search(subject, catalogue, tick, noise), noise)
     for long in (False, True):
-        # What is left in plain sight is no matter of how rows are weighed.
-        if (first.found and first.traces) or not any(e.lost for e in first.equations):
+        if not any(e.lost for e in first.equations):
             break
         again = _discovered(Search(subject, catalogue, tick, noise, memory=0, long_windows=long), noise)
         if again.found and _clearer(again, first):
@@ -125,11 +122,11 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
     worthy, remarks, contradicted_effects = _worthy(search, view, weighing)
     hidden_constants = revealed(search, view, worthy.fit, worthy.model, stated, weighing)
     named, confounders = _understood(view, worthy, len(subject.model.effects), hidden_constants)
-    chosen = worthy
+    chosen, sought = worthy, [_names(view)[i] for i in (*named, *confounders)]
     if confounders:  # what was worth a term beside an imitation may save nothing without it
-        chosen, *_ = _worthy(search, view, weighing, {*worthy.dropped, *confounders})
-        named = [i for i in named if i not in chosen.dropped]
-        confounders = sorted({*chosen.dropped} - {*worthy.dropped})
+        view = _relinearised(search, view, {*worthy.dropped, *confounders})
+        chosen, *_ = _worthy(search, view, weighing)
+        named = [i for i in range(len(subject.model.effects), len(_names(view))) if i not in chosen.dropped]
     found = _found(weighing, chosen, named, worthy.model, sure=not confounders)
     errors = () if weighing is None else weighing.errors(chosen.model)
     traces, total = left_over(view, chosen.dropped)
@@ -144,7 +141,7 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         traces=tuple(traces) if unknown else (),
         constants=tuple(x for x in estimates(view, chosen.fit) if x.entry.constant),
         ratios=tuple(ratios(view, chosen.fit)),
-        confounders=tuple(_names(view)[i] for i in confounders),
+        confounders=tuple(sorted({*sought} - {f.id for f in found})),
         faint=tuple(t for t in traces if t.gain > DISCOVERING.faint_trace),
         notes=(*subject.notes, *search.notes),
         equations=errors,
@@ -179,6 +176,13 @@ class _Choice:
     def less(self, place: int) -> PhysicsModel:
         """The model less the effect in one more place."""
         return advanced(self.search, self.view, self.view.subsets.fit(drop=[*self.dropped, place])).model
+
+    def faded(self, place: int) -> PhysicsModel:
+        """The model with half of the effect in this place, all other numbers as they are."""
+        kind = type(self.view.linear.model.effects[place])
+        (at,) = (i for i, e in enumerate(self.model.effects) if type(e) is kind)
+        numbers = effect_entries(self.model.effects[at], at)
+        return with_values(self.model, numbers, np.array([(e.value + e.neutral) / 2 for e in numbers]))
 
     def exchanged(self, place: int, start: Candidate) -> PhysicsModel:
         """The model with another effect in place of one, fitted until its numbers move no more, as those here do."""
@@ -289,20 +293,23 @@ def _one_by_one(search: Search, view: View, model: PhysicsModel, shortlist: set[
     return view
 
 
-def _worthy(
-    search: Search, view: View, weighing: Weighing | None, already: Collection[int] = ()
-) -> tuple[_Choice, tuple[str, ...], tuple[str, ...]]:
+def _relinearised(search: Search, view: View, dropped: Collection[int]) -> View:
+    """The view of a model without the effects in these places, its numbers fitted anew until they move no more."""
+    _, model = settled(search, without(view.linear.model, sorted(dropped)), view)
+    return min(search.views(search.look(model, ()), view.explained), key=lambda v: v.subsets.fit().prior)
+
+
+def _worthy(search: Search, view: View, weighing: Weighing | None) -> tuple[_Choice, tuple[str, ...], tuple[str, ...]]:
     """The effects that a model was found to lack which are sure and worth a term; remarks on those that are not.
 
-    The one that saves least goes first: two that share what they explain would both seem idle. Those that are dropped
-    ``already`` stay so.
+    The one that saves least goes first: two that share what they explain would both seem idle.
 
     Returns:
         The choice, the remarks, and the effects that held-out recordings contradict though the others are sure of them.
     """
     subsets, numbers = view.subsets, estimates(view, view.subsets.fit())
     places = range(len(search.subject.model.effects), len(view.linear.model.effects))
-    dropped = {*already, *(i for i in places if at_bound(numbers, i))}
+    dropped = {i for i in places if at_bound(numbers, i)}
     remarks: list[str] = []
     contradicted_effects: list[str] = []
     while True:
@@ -319,7 +326,7 @@ def _worthy(
         idle = [i for i in left if i in unsure or _worse(savings[i]) or not any(s.worth for s in savings[i])]
         if not idle:
             return chosen, tuple(remarks), tuple(contradicted_effects)
-        least = min(idle, key=lambda i: max(s.share for s in savings[i]))
+        least = min(idle, key=lambda i: max((s.share for s in savings[i]), default=0.0))
         dropped.add(least)
         if least not in unsure:
             name = EFFECTS.name_of(type(view.linear.model.effects[least]))
@@ -331,7 +338,7 @@ def _worthy(
 
 def _worse(savings: Sequence[Saving]) -> bool:
     """Whether an effect makes held-out recordings worse for sure, in every equation, or loses one of them."""
-    return all(s.high < 0 for s in savings) or any(s.harms for s in savings)
+    return bool(savings) and (all(s.high < 0 for s in savings) or any(s.harms for s in savings))
 
 
 def _understood(
@@ -363,10 +370,11 @@ def _understood(
 
 
 def _saved(weighing: Weighing | None, chosen: _Choice, place: int, extended: PhysicsModel) -> tuple[Saving, ...]:
-    """What the effect in this place saves on held-out recordings, the rest fitted anew without it."""
+    """What the effect in this place saves on held-out recordings of the equations it acts in, the rest fitted anew."""
     if weighing is None:
         return ()
-    return weighing.savings(chosen.less(place), chosen.model, extended)
+    acts_on = weighing.channels_moved(chosen.faded(place), chosen.model)
+    return weighing.savings(chosen.less(place), chosen.model, extended, acts_on)
 
 
 def _rivals(

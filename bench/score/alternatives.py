@@ -21,7 +21,7 @@ from bench.diagnose.regression.least_squares import bounded, ridge
 from bench.diagnose.regression.linearise import Candidate, Linearization, directions
 from bench.diagnose.regression.parameters import entries, with_values
 from bench.diagnose.regression.weak import LogBatch
-from bench.diagnose.select.search import admissible
+from bench.diagnose.select.catalogue import admissible
 from bench.score.case import Case
 from bench.score.chains import measured
 from registry.core import EFFECTS
@@ -155,7 +155,7 @@ class Problem:
 
     def effects(self, beta: np.ndarray, starts: Sequence[Candidate]) -> list[Effect]:
         """The effects that these coefficients stand for."""
-        return [s.effect_at(beta[list(s.columns)].tolist()) for s in starts]
+        return [e for s in starts for e in s.effects_at(beta[list(s.columns)].tolist())]
 
 
 def _bic(problem: Problem, starts: Sequence[Candidate]) -> float:

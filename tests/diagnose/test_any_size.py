@@ -15,8 +15,8 @@ from bench.diagnose import diagnose, discover
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.report import model_file
+from bench.diagnose.select.catalogue import admissible, drive_is_noisy
 from bench.diagnose.select.input_timing import read_at
-from bench.diagnose.select.search import admissible, drive_is_noisy
 from registry.contracts import Channel
 from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import constant, tensor

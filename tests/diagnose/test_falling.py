@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bench.diagnose import diagnose, extend, load
-from bench.diagnose.select.search import admissible
+from bench.diagnose.select.catalogue import admissible
 from registry.dynamics import InputEffect
 from registry.errors import BenchError
 

@@ -177,7 +177,7 @@ def test_what_is_linearised_at_a_value_is_believed_to_the_next_one_that_is_tried
     tried = [0.0, *EFFECTS.get("input_delay").screen["delay"], LONGEST_DELAY]
     assert len(starts) == len(tried) - 2
     for before, start, after in zip(tried, starts, tried[2:], strict=False):
-        ends = [start.effect_at(b).delay for b in (start.low, start.high)]  # type: ignore[attr-defined]
+        ends = [start.effects_at(b)[0].delay for b in (start.low, start.high)]  # type: ignore[attr-defined]
         assert ends == pytest.approx([before, after])
 
 
@@ -353,6 +353,23 @@ def test_a_rival_is_as_large_as_those_of_its_parameters_that_differ_from_no_effe
     normal = Normal(((np.arange(7), rows),), 7, np.repeat(np.arange(4), 10), np.full(40, 100))
     view = SimpleNamespace(subsets=Subsets(linear, normal), linear=linear, floor=4000.0)
     assert list(rivals(view, 0)) == ["torque_bias"]  # type: ignore[arg-type]
+
+
+def test_an_effect_that_is_taken_away_is_no_free_coefficient() -> None:
+    """What two rotors lift more is known as well as without the common factor that they replace, which is their sum."""
+    rng = np.random.default_rng(4)
+    one, two = rng.normal(size=(2, 4000))
+    rows = np.stack([one + two, -0.1 * (one + two), one, two, rng.normal(size=4000)])
+    own = (Entry(0, "eps", None, "1", 0.1, 0.1, -0.5, 0.5),)
+    each = tuple(Entry(1, f"eps_{i}", None, "1", 0.0, 0.1, -0.5, 0.5) for i in (1, 2))
+    rotors = Candidate("unequal_rotors", TorqueBias(), each, (2, 3), (-0.5,) * 2, (0.5,) * 2)
+    model, nothing = SimpleNamespace(effects=(CogOffset(),)), np.empty(0)
+    linear = Linearization(model, None, own, (rotors,), nothing, nothing, (), (1,), (frozenset(),), ({},))  # type: ignore[arg-type]
+    subsets = Subsets(linear, Normal(((np.arange(5), rows),), 5, np.repeat(np.arange(4), 10), np.full(40, 100)))
+    fit = subsets.fit([rotors], drop=[0])
+    spread = np.sqrt(np.diag(subsets.covariance(fit)))
+    assert spread[[0, 3]] == pytest.approx(0.0)
+    assert spread[[1, 2]] == pytest.approx(np.sqrt(np.diag(np.linalg.inv(rows[2:4] @ rows[2:4].T))), rel=0.3)
 
 
 def test_what_needs_an_effect_goes_with_it() -> None:

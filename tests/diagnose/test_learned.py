@@ -27,9 +27,9 @@ from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.report.learned_words import known_as
 from bench.diagnose.result import Diagnosis, schema
-from bench.diagnose.select.catalogue import check_catalogue
+from bench.diagnose.select.catalogue import admissible, check_catalogue
 from bench.diagnose.select.input_timing import prepared
-from bench.diagnose.select.search import Search, admissible
+from bench.diagnose.select.search import Search
 from bench.diagnose.settings import LEARNING
 from registry.contracts import Channel, Recording
 from registry.effects.learned_term import LearnedTerm

@@ -16,16 +16,51 @@ from registry.core import EFFECTS
 from registry.physics.quadrotor import Quadrotor
 
 
-def test_what_needs_an_effect_goes_with_it() -> None:
-    rng, samples = np.random.default_rng(0), 200
+def wandering(samples: int = 200) -> LogBatch:
+    """A flight that drifts and turns at random."""
+    rng = np.random.default_rng(0)
     wander = np.cumsum(rng.normal(0, 0.02, (samples, 9)), axis=0)
     turned = Rotation.from_rotvec(wander[:, :3]).as_quat()
     states = np.column_stack([wander[:, :3], wander[:, 3:6], turned, wander[:, 6:]])
     inputs = np.full((samples, 4), 496.0) + rng.normal(0, 5, (samples, 4))
-    drag, wind = EFFECTS.get("rotor_drag")(k_d=1e-4), EFFECTS.get("wind")(w_x=2.0, w_y=-1.0)
-    model = Quadrotor(effects=(drag, wind))
     x, u, valid = torch.from_numpy(states), torch.from_numpy(inputs), torch.ones(samples, dtype=torch.bool)
-    stack = LogBatch.of([Log("flight", 100.0, x, (True,) * 13, u, valid, None)])  # type: ignore[arg-type]
+    return LogBatch.of([Log("flight", 100.0, x, (True,) * 13, u, valid, None)])  # type: ignore[arg-type]
+
+
+def test_a_drag_and_a_wind_are_linear_together() -> None:
+    """In the drag and its product with the wind; alone, a wind does nothing and a drag pulls the other way."""
+    drag, wind, model, stack = EFFECTS.get("rotor_drag"), EFFECTS.get("wind"), Quadrotor(), wandering()
+    linear = directions(model, model, {}, stack, [("rotor_drag", drag)], pairs=[("wind", wind)])
+    alone, both = linear.starts
+    assert (alone.ids, both.ids) == (("rotor_drag",), ("rotor_drag", "wind"))
+    k_d, w_x, w_y = 1e-4, 9.0, -4.0
+    size = both.size([k_d, 0.0, 0.0])
+    beta = [k_d, size * w_x, size * w_y]
+    hidden = drag(k_d=k_d), wind(w_x=w_x, w_y=w_y)
+    expected = mean_rates(replace(model, effects=hidden), stack).numpy()[..., list(linear.channels)]
+    added = sum(b * linear.columns[c] for b, c in zip(beta, both.columns, strict=True))
+    assert linear.rates + added == pytest.approx(expected, abs=1e-9)
+    found = both.effects_at(beta)
+    assert [p.value for e in found for p in e.parameters()] == pytest.approx([k_d, w_x, w_y])
+    assert both.effects_at([0.0, 1.0, 1.0])[1] == wind.neutral()  # without a drag nothing is known of the wind
+
+
+def test_without_the_wind_a_drag_acts_on_the_velocity_over_ground() -> None:
+    drag, wind = EFFECTS.get("linear_drag")(d_x=0.3, d_y=0.3, d_z=0.3), EFFECTS.get("wind")(w_x=9.0)
+    model, stack = Quadrotor(effects=(drag, wind)), wandering()
+    linear = directions(model, model, {}, stack)
+    still = replace(model, effects=(drag,))
+    expected = directions(still, still, {}, stack)
+    for place, e in enumerate(linear.own):
+        if e.owner == 0:
+            mine = linear.columns[linear.changed([place], [1])[0]]
+            (its,) = (i for i, o in enumerate(expected.own) if (o.owner, o.name) == (0, e.name))
+            assert mine == pytest.approx(expected.columns[its], abs=1e-9)
+
+
+def test_what_needs_an_effect_goes_with_it() -> None:
+    drag, wind = EFFECTS.get("rotor_drag")(k_d=1e-4), EFFECTS.get("wind")(w_x=2.0, w_y=-1.0)
+    model, stack = Quadrotor(effects=(drag, wind)), wandering()
     linear = directions(model, model, {}, stack)
     assert linear.removed([1]) == ({1}, [linear.removals[1]])
     assert linear.removed([0]) == linear.removed([0, 1]) == ({0, 1}, [linear.removals[0]])

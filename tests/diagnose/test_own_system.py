@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.diagnose.logs.load import load, physics_class
-from bench.diagnose.select.search import admissible
+from bench.diagnose.select.catalogue import admissible
 from registry.core import EFFECTS, PHYSICS
 from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.mechanics.stiffness import CubicStiffness

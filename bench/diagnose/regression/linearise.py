@@ -31,12 +31,40 @@ class Candidate:
     high: tuple[float, ...]
     instead: Mapping[int, int] = field(default_factory=dict)
     """By column of a widely uncertain constant, the one that it has with the effect, where that acts on the inputs."""
+    through: Effect | None = None
+    """An effect that acts through this one alone and comes with it, as wind does with a drag. Nothing is linear in both
+    at once, but all is in the one and in their product: the last columns are those of its parameters, times `size`."""
 
-    def effect_at(self, beta: Sequence[float]) -> Effect:
-        """The effect with the parameters that coefficients of its columns say."""
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Of all effects that it brings."""
+        return (self.id,) if self.through is None else (self.id, EFFECTS.name_of(type(self.through)))
+
+    def effects_at(self, beta: Sequence[float]) -> tuple[Effect, ...]:
+        """The effects with the parameters that coefficients of its columns say."""
+        at = list(zip(self.entries, self._values(beta), strict=True))
+        effect = replace(self.effect, **{e.name: float(np.clip(v, e.low, e.high)) for e, v in at[: self._own]})
+        if self.through is None:
+            return (effect,)
+        size = self.size(beta)
+        products = {e.name: v / size if size > 0 else 0.0 for e, v in at[self._own :]}
+        ends = {p.name: (p.low, p.high) for p in self.through.parameters()}
+        return effect, replace(self.through, **{n: float(np.clip(v, *ends[n])) for n, v in products.items()})
+
+    def size(self, beta: Sequence[float]) -> float:
+        """The effect's own parameters that coefficients say, as a mean share of typical values."""
+        at = zip(self.entries[: self._own], self._values(beta), strict=False)
+        return float(np.mean([(v - e.neutral) / e.scale for e, v in at]))
+
+    def _values(self, beta: Sequence[float]) -> list[float]:
+        """Values of the entries."""
         steps = list(beta)[len(self.columns) - len(self.entries) :]
-        values = {e.name: float(np.clip(e.value + b, e.low, e.high)) for e, b in zip(self.entries, steps, strict=True)}
-        return replace(self.effect, **values)
+        return [e.value + b for e, b in zip(self.entries, steps, strict=True)]
+
+    @property
+    def _own(self) -> int:
+        """How many of the entries are the effect's."""
+        return sum(hasattr(self.effect, e.name) for e in self.entries)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +87,8 @@ class Linearization:
     dependants: tuple[frozenset[int], ...]
     """An effect of the model: the places of those that cannot do without it."""
     reduced: tuple[Mapping[int, int], ...]
-    """An effect of the model: by column of a constant, the one that it has without the effect."""
+    """An effect of the model: by column of a constant, or of another effect through which it acts, the one that it has
+    without the effect."""
 
     def removed(self, dropped: Collection[int]) -> tuple[set[int], list[int]]:
         """Places of all effects that go with those in the places ``dropped``, and the columns that take them away."""
@@ -76,10 +105,10 @@ class Linearization:
         """These directions with those of the same names as ``noisy`` has them."""
         same = len(self.own) + len(self.removals) + sum(map(len, self.reduced))
         by = dict(enumerate(noisy.columns.responses[:same]))
-        same_start = {(s.id, s.effect): s for s in noisy.starts}
+        same_start = {(s.ids, s.effect): s for s in noisy.starts}
         for s in self.starts:
-            if (s.id, s.effect) in same_start:
-                its = same_start[s.id, s.effect]
+            if (s.ids, s.effect) in same_start:
+                its = same_start[s.ids, s.effect]
                 mine, theirs = ((*of.columns, *of.instead.values()) for of in (s, its))
                 by |= {j: noisy.columns.responses[i] for j, i in zip(mine, theirs, strict=True)}
         return replace(self, rates=noisy.rates, columns=self.columns.replaced(by))
@@ -119,6 +148,7 @@ def directions(
     candidates: Sequence[tuple[str, type[Effect]]] = (),
     tick: Callable[[str], None] = lambda name: None,
     settled: bool = False,
+    pairs: Sequence[tuple[str, type[Effect]]] = (),
 ) -> Linearization:
     """Linearise ``model`` in its numbers, and in those of every candidate effect added to it.
 
@@ -133,6 +163,7 @@ def directions(
         candidates: ids and kinds of effects that could be added.
         tick: called with the id of each.
         settled: whether no effect of the model is to go: what each does alone need not be known then.
+        pairs: ids and kinds of effects that act only through candidates, each of which is tried with them too.
     """
     own = entries(model, uncertainty, nominal)
     values, steps = probes(own)
@@ -144,14 +175,15 @@ def directions(
     wide = {j: e for j, e in enumerate(own) if e.constant and e.scale > LINEARISING.wide * abs(e.value)}
     dependants = tuple(_dependants(model, i) for i in range(0 if settled else len(model.effects)))
     removals = tuple(range(len(own), len(own) + len(dependants)))
-    constants = {j: e for j, e in enumerate(own) if e.constant}
-    more, reduced = _without(model, dependants, at, constants, stack, first=len(own))
+    more, reduced = _without(model, dependants, at, own, stack)
     columns += more
     starts: list[Candidate] = []
     points = StartingPoints.of(model, stack.samples(stack.states), stack.samples(stack.inputs))
     for name, kind in candidates:
         tick(name)
         starts += _starts(points, name, kind, at, wide=wide, stack=stack, columns=columns)
+    for _, kind in pairs:
+        starts += [_paired(points, s, kind, stack, columns) for s in starts if s.id in kind.requires]
     channels = tuple(i for i in stack.measured if any(i in c for c in columns))
     return Linearization(
         model=model,
@@ -180,34 +212,36 @@ def _without(
     model: PhysicsModel,
     dependants: Sequence[frozenset[int]],
     at: np.ndarray,
-    constants: Mapping[int, Entry],
+    own: Sequence[Entry],
     stack: LogBatch,
-    first: int,
 ) -> tuple[list[Response], tuple[Mapping[int, int], ...]]:
-    """What taking each effect of a model away adds to its rates, and how constants act without it.
+    """What taking each effect of a model away adds to its rates, and how other numbers act without it.
 
     Args:
         model: with the effects.
         dependants: by effect, the places of those that go with it.
         at: rates of the model.
-        constants: by column.
+        own: the model's numbers, the first columns.
         stack: the recordings.
-        first: place of the first column that comes of it.
 
     Returns:
-        A column an effect, then those of the constants, and `Linearization.reduced`.
+        A column an effect, then those of the numbers, and `Linearization.reduced`.
     """
     removals: list[Response] = []
-    by_constant: list[Response] = []
+    changed: list[Response] = []
     reduced: list[Mapping[int, int]] = []
     for i, others in enumerate(dependants):
-        rest = replace(model, effects=tuple(e for j, e in enumerate(model.effects) if j not in {i, *others}))
+        left = [j for j in range(len(model.effects)) if j not in {i, *others}]
+        rest = replace(model, effects=tuple(model.effects[j] for j in left))
         without = mean_rates(rest, stack).numpy()
         removals.append(response(without, at, stack.measured))
-        next_one = first + len(dependants) + len(by_constant)
-        reduced.append({j: next_one + k for k, j in enumerate(constants)})
-        by_constant += _by_constant(rest, list(constants.values()), without, stack)
-    return [*removals, *by_constant], tuple(reduced)
+        through = [j for j in left if EFFECTS.name_of(type(model.effects[j])) in model.effects[i].requires]
+        numbers = [(c, e) for c, e in enumerate(own) if e.constant or e.owner in through]
+        first = len(own) + len(dependants) + len(changed)
+        reduced.append({c: first + k for k, (c, _) in enumerate(numbers)})
+        there = [e if e.constant else replace(e, owner=left.index(e.owner)) for _, e in numbers]
+        changed += _with_each(rest, there, without, stack)
+    return [*removals, *changed], tuple(reduced)
 
 
 def _starts(
@@ -242,10 +276,33 @@ def _starts(
         if issubclass(kind, InputEffect) and offset:
             instead = {j: len(columns) + k for k, j in enumerate(wide)}
             here = replace(model, effects=(*model.effects, effect))
-            columns += _by_constant(here, list(wide.values()), x[0], stack)
+            columns += _with_each(here, list(wide.values()), x[0], stack)
         own = tuple(range(first, first + width))
         starts.append(Candidate(name, effect, tuple(where), own, low=low, high=high, instead=instead))
     return starts
+
+
+def _paired(
+    points: StartingPoints, start: Candidate, kind: type[Effect], stack: LogBatch, columns: list[Response]
+) -> Candidate:
+    """An effect with another one that acts through it; what its typical size makes of that goes to ``columns``."""
+    model, second = points.model, points.neutral(kind)[0]
+    typical = replace(start.effect, **{e.name: e.neutral + e.scale for e in start.entries})
+    both = replace(model, effects=(*model.effects, typical, second))
+    where = effect_entries(second, len(model.effects) + 1)
+    values, steps = probes(where)
+    found = mean_rates(with_values(both, where, values), stack).numpy()
+    more = tuple(range(len(columns), len(columns) + len(where)))
+    columns += _slopes(found[1:], found[0], steps, stack)
+    free = (np.inf,) * len(where)
+    return replace(
+        start,
+        entries=(*start.entries, *(replace(e, low=-np.inf, high=np.inf) for e in where)),
+        columns=(*start.columns, *more),
+        low=(*start.low, *(-f for f in free)),
+        high=(*start.high, *free),
+        through=second,
+    )
 
 
 def _probed(
@@ -279,12 +336,12 @@ def _probed(
                 yield effect, where, x, steps
 
 
-def _by_constant(model: PhysicsModel, constants: Sequence[Entry], at: np.ndarray, stack: LogBatch) -> list[Response]:
-    """How the rates ``at`` of ``model`` change with each of its constants."""
-    if not constants:
+def _with_each(model: PhysicsModel, numbers: Sequence[Entry], at: np.ndarray, stack: LogBatch) -> list[Response]:
+    """How the rates ``at`` of ``model`` change with each of some numbers of it."""
+    if not numbers:
         return []
-    values, steps = probes(constants)
-    return _slopes(mean_rates(with_values(model, constants, values[1:]), stack).numpy(), at, steps, stack)
+    values, steps = probes(numbers)
+    return _slopes(mean_rates(with_values(model, numbers, values[1:]), stack).numpy(), at, steps, stack)
 
 
 def _dependants(model: PhysicsModel, place: int) -> frozenset[int]:

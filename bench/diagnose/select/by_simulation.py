@@ -15,9 +15,9 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import Prior
 from bench.diagnose.regression.starting_points import StartingPoints
 from bench.diagnose.regression.weak import LogBatch
+from bench.diagnose.select.catalogue import admissible
 from bench.diagnose.select.choose import RejectedCandidate
 from bench.diagnose.select.discovery import Discovery, Found
-from bench.diagnose.select.search import admissible
 from bench.diagnose.select.simulated_set import SimulatedSet, independent
 from bench.diagnose.select.subset import t_value
 from bench.diagnose.select.tie import does_as_well

@@ -35,7 +35,7 @@ def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
     subsets, starts = view.subsets, view.subsets.starts
     taken, fields = subsets.fit(), [[subsets.fit()]]
     among: Sequence[Candidate] = starts
-    promising: dict[str, Candidate] = {}
+    promising: dict[tuple[str, ...], Candidate] = {}
     for size in range(1, CHOOSING.most + 1):
         grown = _grown(view, fields[-1][0]) if size > 2 else []
         if size > CHOOSING.largest:
@@ -47,7 +47,7 @@ def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
             break
         fields.append(field)
         if size == 1:
-            promising = {s.id: s for f in field for s in f.starts}
+            promising = {s.ids: s for f in field for s in f.starts}
         larger = next((f for f in field if within_bounds(view, f) and accepted(view, taken, f)), None)
         if larger is not None:
             larger = _simplest(view, larger, field)
@@ -55,9 +55,9 @@ def choose(view: View) -> tuple[Fit, list[list[Fit]]]:
             break
         taken = larger or taken
         if size == 2:
-            best: dict[str, Candidate] = {}
+            best: dict[tuple[str, ...], Candidate] = {}
             for s in (s for f in field for s in f.starts):
-                best.setdefault(s.id, s)
+                best.setdefault(s.ids, s)
             among = list(best.values())[:10]
     return taken, fields
 
@@ -67,22 +67,24 @@ def _grown(view: View, fit: Fit) -> list[Fit]:
 
     They hold what shows only beside the others, and so in no smaller set.
     """
-    known, best = set(fit.ids), dict[str, Fit]()
+    known, best = set(fit.ids), dict[tuple[str, ...], Fit]()
     for s in view.subsets.starts:
-        if s.id not in known:
+        if known.isdisjoint(s.ids):
             larger = view.subsets.fit((*fit.starts, s))
-            if s.id not in best or larger.loss < best[s.id].loss:
-                best[s.id] = larger
+            if s.ids not in best or larger.loss < best[s.ids].loss:
+                best[s.ids] = larger
     return sorted(best.values(), key=view.subsets.cost)[:5]
 
 
 def within_bounds(view: View, fit: Fit) -> bool:
-    """Whether no parameter of the added effects is pushed to a bound that is not its neutral value."""
-    at = len(view.linear.own)
-    for s in fit.starts:
-        steps = fit.beta[at : at + len(s.columns)][len(s.columns) - len(s.entries) :]
-        at += len(s.columns)
-        for e, b in zip(s.entries, steps, strict=True):
+    """Whether no parameter of the added effects is pushed to a bound that is not its neutral value.
+
+    Of two effects of which one acts through the other, that one is there.
+    """
+    for s, beta in fit.numbers(len(view.linear.own)):
+        if s.through is not None and s.size(beta) <= 0:
+            return False
+        for e, b in zip(s.entries, beta[len(s.columns) - len(s.entries) :], strict=True):
             value = e.value + b
             if value != e.neutral and b != 0 and (value <= e.low or value >= e.high):
                 return False

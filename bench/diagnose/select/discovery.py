@@ -12,6 +12,7 @@ from bench.diagnose.result import effect_frame
 from bench.diagnose.select.choose import RejectedCandidate
 from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate, Ratio, ResidualTerm
+from bench.diagnose.settings import MATTERING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
 
@@ -131,3 +132,24 @@ class Discovery(Displayed):
         limits = [[100 * getattr(s, end) for _, s in rows] for end in ("low", "high")]
         draw_bars(axes, [name for name, _ in rows], shares, "share of what can be explained [%]", limits)
         return axes
+
+
+def trifle(name: str, savings: Sequence[Saving]) -> str:
+    """A remark on an effect that is not worth a term."""
+    best = max(savings, key=lambda s: (s.matters, s.share))
+    if not best.matters:
+        return f"A trace of {name.replace('_', ' ')} shows where hardly anything can be explained: not worth a term."
+    low, share, high = (f"{100 * x:.0f}".replace("-", "−") for x in (best.low, best.share, best.high))
+    return (
+        f"A trace of {name.replace('_', ' ')} shows; it saves {share} % ({low} to {high}) of what can be explained in "
+        f"{best.equation} on held-out recordings: not worth a term, or not for sure."
+    )
+
+
+def faint_traces(traces: Sequence[ResidualTerm]) -> str:
+    """A remark on what is left, significant and not worth a term."""
+    signals = dict.fromkeys(t.signal.replace("_", " ") for t in traces[:2])
+    return (
+        f"A trace that follows {' and '.join(signals)} is left; less than {100 * MATTERING.share:.0f} % of what can be "
+        "explained goes with it on held-out recordings: not worth a term."
+    )

@@ -26,7 +26,8 @@ from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import LogBatch, mean_rates, own_states
-from bench.diagnose.select.search import Search, admissible, noise_filters, stride_of
+from bench.diagnose.select.catalogue import admissible
+from bench.diagnose.select.search import Search, noise_filters, stride_of
 from bench.diagnose.settings import TIMING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel

@@ -6,7 +6,7 @@ some effects are about. What can be explained at all is what the best predictor 
 by a ridge regression of what it leaves on functions of every measured signal.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,10 +16,10 @@ from bench.analysis.stats import uneven_gain
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.columns import moves
 from bench.diagnose.regression.generic import Dictionary, Folds, dictionary, follow
 from bench.diagnose.regression.least_squares import ridge
-from bench.diagnose.regression.weak import LogBatch, measured
-from bench.diagnose.select.verify import ResidualTerm
+from bench.diagnose.regression.weak import LogBatch, mean_rates, measured
 from bench.diagnose.settings import FOLDING, MATTERING
 from bench.diagnose.simulate.teacher_forced import (
     Equation,
@@ -205,14 +205,19 @@ class Weighing:
         """What noise alone leaves of the held-out recordings."""
         return noise_increments(self.calibrated, self.held, self.noise)
 
-    def savings(self, without: PhysicsModel, full: PhysicsModel, extended: PhysicsModel) -> tuple[Saving, ...]:
+    def savings(
+        self, without: PhysicsModel, full: PhysicsModel, extended: PhysicsModel, channels: Collection[int] | None = None
+    ) -> tuple[Saving, ...]:
         """What ``full`` saves of the error of ``without``, of each error of `by_axis` of ``extended``.
 
         Without an effect nothing is worse than the calibrated model, which has none: where ``without`` is, because the
         rest was fitted beside the effect, the calibrated model stands for it. Of an axis only what is worth a term.
+
+        Only equations of some ``channels`` are asked, default all: where an effect does not act, only constants moved.
         """
         out = []
-        for error in self.by_axis(extended):
+        asked = {e.name for e in self.equations if channels is None or not set(channels).isdisjoint(e.group.at)}
+        for error in (e for e in self.by_axis(extended) if e.equation in asked):
             others = (self._at(error, self.increments(m)) for m in (without, self.calibrated))
             before, block = min(others, key=lambda found: float(found[0].mean()))
             after, _ = self._at(error, self.increments(full))
@@ -230,6 +235,11 @@ class Weighing:
             if not error.axis or saving.worth:
                 out.append(saving)
         return tuple(out)
+
+    def channels_moved(self, before: PhysicsModel, after: PhysicsModel) -> frozenset[int]:
+        """The channels whose rates on the held-out recordings differ between two models."""
+        change = (mean_rates(after, self.held) - mean_rates(before, self.held)).numpy()
+        return frozenset(c for c in range(change.shape[-1]) if moves(change[..., c]))
 
     def refutes(self, other: PhysicsModel, full: PhysicsModel, extended: PhysicsModel) -> bool:
         """Whether ``full`` surely saves what is worth a term where ``other`` errs more than noise makes it err.
@@ -372,24 +382,3 @@ def _ridge_losses(grams: Sequence[np.ndarray], shrinkage: float, axes: int) -> n
         vectors = np.concatenate([-beta, np.eye(axes)])
         losses += ((gram @ vectors) * vectors).sum(0)
     return losses
-
-
-def trifle(name: str, savings: Sequence[Saving]) -> str:
-    """A remark on an effect that is not worth a term."""
-    best = max(savings, key=lambda s: (s.matters, s.share))
-    if not best.matters:
-        return f"A trace of {name.replace('_', ' ')} shows where hardly anything can be explained: not worth a term."
-    low, share, high = (f"{100 * x:.0f}".replace("-", "−") for x in (best.low, best.share, best.high))
-    return (
-        f"A trace of {name.replace('_', ' ')} shows; it saves {share} % ({low} to {high}) of what can be explained in "
-        f"{best.equation} on held-out recordings: not worth a term, or not for sure."
-    )
-
-
-def faint_traces(traces: Sequence[ResidualTerm]) -> str:
-    """A remark on what is left, significant and not worth a term."""
-    signals = dict.fromkeys(t.signal.replace("_", " ") for t in traces[:2])
-    return (
-        f"A trace that follows {' and '.join(signals)} is left; less than {100 * MATTERING.share:.0f} % of what can be "
-        "explained goes with it on held-out recordings: not worth a term."
-    )

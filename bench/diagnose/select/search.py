@@ -19,14 +19,12 @@ from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Crossings, Products, Rows
 from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.select.catalogue import acting_through, admissible
 from bench.diagnose.select.subset import Fit, Subsets
 from bench.diagnose.settings import CALIBRATING, CHOOSING, SEARCHING
 from bench.diagnose.simulate.free_run import default_steps
-from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Channel
-from registry.core import EFFECTS
-from registry.dynamics import Effect, InputEffect, PhysicsModel
-from registry.effects.actuation import DriveEffect
+from registry.dynamics import InputEffect, PhysicsModel
 
 _OF_INPUT = ("input", "input_rate")
 """Signals of the dictionary that noise of the inputs is in."""
@@ -171,13 +169,14 @@ class Search:
         if only is not None:
             candidates = [(n, k) for n, k in candidates if n in only or not k.screen]
         nominal, spread = self.subject.model, self.subject.uncertainty
-        linear = directions(model, nominal, spread, self.stack, candidates, self.tick)
+        pairs = acting_through(self.subject, model, self.catalogue)
+        linear = directions(model, nominal, spread, self.stack, candidates, self.tick, pairs=pairs)
         words = dictionary(model, self.stack, linear.channels) if broad else None
         if self.noisy is None:
             return Look(linear, None, words, None)
         # Of the costly candidates those that act on the inputs themselves carry their noise.
         touched = [(n, k) for n, k in candidates if not k.screen or issubclass(k, InputEffect)]
-        moved = linear.moved(directions(model, nominal, spread, self.noisy, touched))
+        moved = linear.moved(directions(model, nominal, spread, self.noisy, touched, pairs=pairs))
         return Look(linear, moved, words, dictionary(model, self.noisy, linear.channels) if broad else None)
 
     def views(self, look: Look, explained: float = 0.0, like: View | None = None) -> list[View]:
@@ -259,64 +258,6 @@ class Search:
         left = bare.project(self.tests(view.linear)).whitened(view.filters).normal()
         now = Prior.of(entries(model, self.subject.uncertainty, self.subject.model))
         return float(left.total[-1, -1] + (now.precision * now.centre**2).sum())
-
-
-def admissible(
-    subject: Subject, model: PhysicsModel, catalogue: Sequence[str] | None
-) -> list[tuple[str, type[Effect]]]:
-    """Effects of the catalogue that fit the system, whose signals were measured and that the model lacks.
-
-    Raises:
-        BenchError: an id that is not in the catalogue.
-    """
-    kinds = [(name, EFFECTS.get(name)) for name in (EFFECTS.names() if catalogue is None else catalogue)]
-    return [(name, kind) for name, kind in kinds if not unfit(subject, model, name, kind)]
-
-
-def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect]) -> str:
-    """Why an effect cannot be looked for; empty: it can."""
-    simulated = {model.state_channels[i].group for i in hidden(subject.logs)}  # it stands in for the measurement
-    measured = set(subject.signals) | set(model.extras) | simulated
-    drive = set(type(model).input_signals) & measured
-    if drive & {"rotor_command", "pwm"}:
-        measured |= {"rotor_speed", "rotor_command"}  # a command stands for the speed that it asks for
-    measured |= type(model).also_measured(measured)
-    held = {EFFECTS.name_of(type(e)) for e in model.effects} | set(model.provides)
-    if issubclass(kind, InputEffect) and not type(model).input_signals:
-        return f"it acts on an input, and {type(model).system_name()} has none"
-    if not kind.suits(type(model)):
-        return f"it is an effect of {', '.join(kind.systems)}, not of {type(model).system_name()}"
-    if name == "input_delay" and model.drive_acts_at_once:
-        return "what drives the model was measured, and acts at once: a delay of it is one of the log"
-    if issubclass(kind, DriveEffect) and drive_is_noisy(subject):
-        return (
-            "what drives the model was measured, with noise: so it is what acts, after an actuator, and not its command"
-        )
-    if "rotor_command" in kind.needs and getattr(model, "drive", "") not in ("rotor_command", "pwm"):
-        return "the model is not driven by a command"
-    if not kind.met_by(held):
-        return f"it acts beside {' or '.join(kind.requires)}, which the model has not"
-    if kind.learned:
-        return "it is learned from what the catalogue leaves, by `bench extend DATA --add learned`"
-    if name in held:
-        return "the model has it"
-    if why := kind.neutral_for(model, {}).misfit(model):
-        return why.rstrip(".")
-    missing = [n for n in kind.needs if n not in measured]
-    return f"{', '.join(missing)} was not measured" if missing else ""
-
-
-def drive_is_noisy(subject: Subject) -> bool:
-    """Whether a signal that drives the model, and is no command, has noise beside which thresholds mean nothing.
-
-    The median of third differences: steps are no noise.
-    """
-    if subject.model.input_hold == "previous":
-        return False
-    drives = [log.inputs.numpy()[:, : log.inputs.shape[-1] - len(subject.model.extras)] for log in subject.logs]
-    third = np.concatenate([np.abs(np.diff(u, n=3, axis=0)) for u in drives])
-    sigma = np.median(third, axis=0) / (0.6745 * 20**0.5) if len(third) else np.zeros(1)
-    return bool((sigma > SEARCHING.noisy_drive * np.concatenate(drives).std(0)).any())
 
 
 def stride_of(stack: LogBatch) -> int:

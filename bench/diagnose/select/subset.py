@@ -28,24 +28,31 @@ class Fit:
     """Parameters of the effects."""
     dropped: tuple[int, ...] = ()
     """Places in ``model.effects`` of effects that it does without."""
+    fixed: tuple[int, ...] = ()
+    """Places in ``columns`` of those whose coefficients were given, and not fitted."""
 
     @property
     def ids(self) -> tuple[str, ...]:
         """Added effects."""
-        return tuple(s.id for s in self.starts)
+        return tuple(i for s in self.starts for i in s.ids)
 
     @property
     def loss(self) -> float:
         """Twice the negative logarithm of the posterior, up to a constant."""
         return self.misfit + self.prior
 
-    def effects(self, own: int) -> dict[str, Effect]:
-        """The added effects with fitted parameters, by id; ``own`` columns come first."""
-        out, at = {}, own
+    def numbers(self, own: int) -> list[tuple[Candidate, list[float]]]:
+        """The added effects and the coefficients of each; ``own`` columns come first."""
+        out, at = [], own
         for s in self.starts:
-            out[s.id] = s.effect_at(self.beta[at : at + len(s.columns)].tolist())
+            out.append((s, self.beta[at : at + len(s.columns)].tolist()))
             at += len(s.columns)
         return out
+
+    def effects(self, own: int) -> dict[str, Effect]:
+        """The added effects with fitted parameters, by id; ``own`` columns come first."""
+        found = [dict(zip(s.ids, s.effects_at(beta), strict=True)) for s, beta in self.numbers(own)]
+        return {i: e for one in found for i, e in one.items()}
 
 
 class Subsets:
@@ -128,7 +135,7 @@ class Subsets:
                 numbers where one of ``starts`` will do: a wind acts through another drag.
         """
         removed, taken = self.linear.removed(drop)
-        ids = {s.id for s in starts}
+        ids = {i for s in starts for i in s.ids}
         gone = {i for i in removed if i in drop or not self.linear.model.effects[i].met_by(ids)}
         own = self.linear.changed(self.own, drop, starts)
         columns = [*own, *(c for s in starts for c in s.columns), *more, *taken]
@@ -152,6 +159,7 @@ class Subsets:
             prior=distance,
             parameters=count,
             dropped=tuple(sorted(gone)),
+            fixed=tuple(np.flatnonzero(low == high).tolist()),
         )
 
     def losses(self, fit: Fit) -> np.ndarray:
@@ -179,8 +187,8 @@ class Subsets:
         found: dict[frozenset[str], Fit] = {}
         required = set(map(id, one_of))
         for chosen in combinations(among, size):
-            ids = frozenset(s.id for s in chosen)
-            if len(ids) == size and (not one_of or required.intersection(map(id, chosen))):
+            ids = frozenset(i for s in chosen for i in s.ids)
+            if len(ids) == sum(len(s.ids) for s in chosen) and (not one_of or required.intersection(map(id, chosen))):
                 fit = self.fit(chosen)
                 if ids not in found or fit.loss < found[ids].loss:
                     found[ids] = fit
@@ -190,22 +198,24 @@ class Subsets:
         """Covariance (p, p) of a fit's coefficients.
 
         The larger, coefficient by coefficient, of what white residuals would give and of a sandwich over blocks, which
-        does not need them white; coefficients at a bound count as free.
+        does not need them white; coefficients at a bound count as free, those that were given have none.
         """
         own = self._known(fit.columns[: len(self.own)])[0]
-        prior = np.concatenate([own, np.zeros(len(fit.columns) - len(own))])
-        index = list(fit.columns)
+        fitted = np.setdiff1d(np.arange(len(fit.columns)), fit.fixed)
+        prior = np.concatenate([own, np.zeros(len(fit.columns) - len(own))])[fitted]
+        index = [fit.columns[i] for i in fitted]
         posterior = self.normal.total[np.ix_(index, index)] + np.diag(prior)
         scale = equilibrium(np.diag(posterior))
         inverse = np.linalg.inv(posterior * np.outer(scale, scale) + 1e-9 * np.eye(len(index))) * np.outer(scale, scale)
-        scores = self.normal.scores(index, fit.beta)
+        scores = self.normal.scores(fit.columns, fit.beta)[:, fitted]
         scores = scores - scores.mean(0)  # their sum is what the priors and bounds pull
         blocks = len(scores)
         meat = scores.T @ scores * (blocks / max(1, blocks - 1)) + np.diag(prior)
         white = inverse * max(1.0, fit.misfit / max(1, self.normal.rows - len(index)))
         sandwich = inverse @ meat @ inverse
         wider = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(white), 1e-300), 1.0))
-        out: np.ndarray = white * np.outer(wider, wider)
+        out = np.zeros((len(fit.columns), len(fit.columns)))
+        out[np.ix_(fitted, fitted)] = white * np.outer(wider, wider)
         return out
 
 

@@ -45,7 +45,7 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
         return gained > VERIFYING.replaces * (without - known.cost(current))
 
     for s in subsets.starts:
-        if any({own, s.id} <= same for same in SAME):
+        if s.through is not None or any({own, s.id} <= same for same in SAME):
             continue
         other = subsets.fit([s], drop=[place])
         difference = subsets.losses(other).sum(1) - level
