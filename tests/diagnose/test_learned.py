@@ -207,7 +207,9 @@ def test_it_says_what_it_looks_like(said: tuple[Subject, Diagnosis, Oscillator])
     assert "looks like quadratic drag, which would do 100 % of it; elsewhere such a shape is drag at high" in text
     assert "To tell it from quadratic drag: " in text
     odd = replace(model, effects=(LearnedTerm("speed.q", ("speed.q",), "sine", (1.0, 20.0)),))
-    assert nearest(Search(of, None, lambda what: None).look(odd, broad=False).linear, 0) is None
+    driven = replace(model, effects=(LearnedTerm("speed.q", ("speed.q",), "signed_square", (0.4,)),))
+    for unlike in (odd, driven):  # a force along the motion is no drag, whatever its shape
+        assert nearest(Search(of, None, lambda what: None).look(unlike, broad=False).linear, 0) is None
 
 
 @pytest.mark.parametrize(
