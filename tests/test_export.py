@@ -28,6 +28,7 @@ from registry.equations.program import ON_NUMBERS, Program
 from registry.equations.trace import traced
 from registry.errors import BenchError
 from registry.physics.quadrotor import Quadrotor
+from tests.cranes import Cranes
 
 DT, STEPS, BATCH = 0.01, 12, 3
 STIFF = {"bouc_wen": 1e-4}
@@ -50,8 +51,7 @@ def every() -> dict[str, Callable[[], PhysicsModel]]:
     """Every system alone, and every effect of the catalogue in the first system that it suits, a few at a time."""
     found: dict[str, Callable[[], PhysicsModel]] = {}
     left = [n for n in EFFECTS.names() if not EFFECTS.get(n).learned]
-    for system in PHYSICS.names():
-        kind = PHYSICS.get(system)
+    for system, kind in [*((name, PHYSICS.get(name)) for name in PHYSICS.names()), ("cranes", Cranes)]:
         found[system] = kind
         own = [n for n in left if EFFECTS.get(n).suits(kind)]
         left = [n for n in left if n not in own]

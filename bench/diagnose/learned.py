@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from bench.diagnose.extend import Extension, extend, ordered
 from bench.diagnose.learn.all_terms import learn_all_terms, left_by
@@ -206,7 +207,7 @@ def nearest(linear: Linearization, place: int) -> Likeness | None:
     for c, x in gone.items():
         power[group[c]] += float(np.mean(x**2))
     scale = {c: power[g] ** 0.5 for c, g in group.items()}
-    y = np.concatenate([x.ravel() / scale[c] for c, x in gone.items()])
+    y = -np.concatenate([x.ravel() / scale[c] for c, x in gone.items()])  # what goes with the term is what it does
     shares: dict[str, float] = {}
     for s in linear.starts:
         shares[s.id] = max(shares.get(s.id, 0.0), _told(linear, s, gone, scale, y))
@@ -218,17 +219,22 @@ def nearest(linear: Linearization, place: int) -> Likeness | None:
 def _told(
     linear: Linearization, start: Candidate, gone: Mapping[int, np.ndarray], scale: Mapping[int, float], y: np.ndarray
 ) -> float:
-    """R² of a candidate's columns on what the term does."""
+    """R² of a candidate, with numbers that it may have, on what the term does: what pushes away is no spring."""
     zeros = np.zeros(linear.columns.shape)
     columns = [
         np.concatenate([linear.columns.responses[j].get(c, zeros).ravel() / scale[c] for c in gone])
         for j in start.columns
     ]
-    x = np.stack(columns, axis=1)
-    x = x[:, np.isfinite(x).all(0) & (np.abs(x).max(0) > 0)]
-    if not x.shape[1]:
-        return 0.0
-    rest = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    x, low, high = np.stack(columns, axis=1), np.array(start.low), np.array(start.high)
+    acts = np.isfinite(x).all(0) & (np.abs(x).max(0) > 0)
+    given = acts & (low == high)  # an effect that is not linear in its numbers, as it is at this value of them
+    rest = y - x[:, given] @ low[given]
+    free = acts & ~given
+    if free.any():
+        size = np.linalg.norm(x[:, free], axis=0)
+        triangle = np.asarray(np.linalg.qr(np.column_stack([x[:, free] / size, rest]), mode="r"))
+        fit = lsq_linear(triangle[:, :-1], triangle[:, -1], (low[free] * size, high[free] * size), method="bvls")
+        rest = rest - x[:, free] @ (fit.x / size)
     return float(1 - rest @ rest / (y @ y))
 
 

@@ -65,6 +65,8 @@ class Effect(ABC):
     """Ids of effects one of which must be in the model (a model can bring them itself, `provides`)."""
     systems: ClassVar[tuple[str, ...]] = ()
     """Physics models the effect fits; empty: all."""
+    acts_in: ClassVar[str] = ""
+    """What models it `suits`, where that is not told by their names, as a phrase that follows "it is for "."""
     screen: ClassVar[dict[str, tuple[float, ...]]] = {}
     """Of parameters that the effect is not linear in: values from which a search for them starts.
 

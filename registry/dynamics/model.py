@@ -27,6 +27,8 @@ def unsuited(name: str, effect: Effect | type[Effect], kind: type[PhysicsModel])
     kinds = effect if isinstance(effect, type) else type(effect)
     if issubclass(kinds, InputEffect) and not kind.input_signals:
         return f"The effect {name} does not fit {kind.system_name()}: it acts on an input, and that has none."
+    if effect.acts_in:
+        return f"The effect {name} does not fit {kind.system_name()}: it is for {effect.acts_in}."
     return (
         f"The effect {name} does not fit {kind.system_name()}: it is for {', '.join(effect.systems)}, and for a class "
         f'of your own that says alike = ("{effect.systems[0]}",).'

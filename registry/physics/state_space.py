@@ -27,7 +27,9 @@ class StateSpace(PhysicsModel):
 
     @override
     def effect_unit(self, unit: str) -> str:
-        """In volts are what stands for the drive, whatever its unit is: 1/V is 1/N of a force."""
+        """In volts is what stands for the drive, whatever its unit: 1/V is 1/N of a force; in rad a joint's path."""
+        if (joints := self.joints()) and self.state_channels[joints[0]].unit == "m/s":
+            unit = re.sub(r"\brad\b", "m", unit)
         drive = next(iter(type(self).input_signals), "")
         its = type(self).signal(drive)
         if its is None or not re.search(r"\bV\b", unit):
@@ -38,8 +40,35 @@ class StateSpace(PhysicsModel):
     def equation_names(self) -> dict[str, str]:
         """See `PhysicsModel.equation_names`; a pose of any name is known by its rate, which is another state itself."""
         groups = [c.group for c in self.state_channels]
-        moves = {g for g, sums_up in zip(groups, _sums_up(type(self)), strict=True) if not sums_up}
+        moves = {g for g, rate in zip(groups, _rate_of(type(self)), strict=True) if rate is None}
         return {g: name for g, name in super().equation_names().items() if g in moves or not moves}
+
+    @classmethod
+    def joints(cls) -> tuple[int, ...]:
+        """Of every driving channel the place of the rate that it drives, where each drives one; else none.
+
+        Those are the states that are the rate of another one, as many as channels: by the names of their axes where
+        both have the same, else in order.
+        """
+        rates = [place for place in _rate_of(cls) if place is not None]
+        drive = next((cls.signal(name) for name in cls.input_signals), None)
+        axes = () if drive is None else drive.axes
+        if not rates or len(axes) != len(rates) or len({cls.state_channels[r].unit for r in rates}) > 1:
+            return ()
+        moved = {cls.state_channels[r].axis: r for r in rates}
+        return tuple(moved[a] for a in axes) if set(moved) == set(axes) else tuple(rates)
+
+    @classmethod
+    @override
+    def also_measured(cls, measured: Set[str]) -> set[str]:
+        """To an effect the rates of joints are "angle_rate", whatever the class calls them."""
+        return {"angle_rate"} if measured & {cls.state_channels[j].group for j in cls.joints()} else set()
+
+    @override
+    def followed(self, state: Tensor, inputs: Tensor) -> dict[str, Tensor]:
+        """See `PhysicsModel.followed`; and the rates of joints, each in the unit of its own."""
+        joints = {"joint_rate": state[..., list(self.joints())]} if self.joints() else {}
+        return super().followed(state, inputs) | joints
 
     def derivative(self, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None) -> Tensor:
         """Time derivative (…, s) of the state (…, s); see `PhysicsModel.derivative`."""
@@ -61,15 +90,15 @@ class StateSpace(PhysicsModel):
 
 
 @cache
-def _sums_up(kind: type[StateSpace]) -> tuple[bool, ...]:
-    """Of each state, whether its rate is another state itself, at all states and inputs: found by trying three."""
+def _rate_of(kind: type[StateSpace]) -> tuple[int | None, ...]:
+    """Of each state the place of another one that is its rate at all states and inputs, found by trying three."""
     generator, plain = torch.Generator().manual_seed(0), kind()
     state = 0.5 + torch.rand(3, len(kind.state_channels), generator=generator, dtype=torch.float64)
     driving = torch.full((3, plain.driving_channels), 0.5, dtype=torch.float64)
     with torch.no_grad():
         rate = plain.own_rate(state, driving)
-    found: list[bool] = (rate[:, :, None] == state[:, None, :]).all(dim=0).any(dim=1).tolist()
-    return tuple(found)
+    same: list[list[bool]] = (rate[:, :, None] == state[:, None, :]).all(dim=0).tolist()
+    return tuple(row.index(True) if any(row) else None for row in same)
 
 
 class Mechanical(StateSpace):
@@ -78,6 +107,12 @@ class Mechanical(StateSpace):
     mass: Any
 
     alike: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator")
+
+    @classmethod
+    @override
+    def joints(cls) -> tuple[int, ...]:
+        """None: friction is a force along the path."""
+        return ()
 
     @classmethod
     @override

@@ -118,6 +118,22 @@ def test_a_clock_that_stumbles_and_drifts_is_refused(tmp_path: Path) -> None:
             logged(tmp_path, 200, change)
 
 
+def test_the_little_that_runs_at_another_rate_is_left_out_and_said(tmp_path: Path) -> None:
+    """A computer that has just started is slow for a moment; a log that is slow for long is refused."""
+
+    def slow(samples: int) -> Callable[[pd.DataFrame], pd.DataFrame]:
+        step = np.where(np.arange(2000) < samples, 1.3 + 0.2 * (np.arange(2000) % 9 == 4), 1.0)
+        return lambda d: d.assign(t=np.cumsum(step) / 1000)
+
+    loaded = logged(tmp_path, 1000, slow(60))
+    valid = np.concatenate([r.valid for r in loaded.recordings])
+    (finding,) = (f for f in loaded.findings if f.kind == "odd rate")
+    assert not valid[:75].any() and valid[140:].all()
+    assert "samples from 0 s on run at" in finding.detail and finding.detail.endswith("Hz: left out")
+    with pytest.raises(BenchError, match="the clock runs from 7"):
+        logged(tmp_path, 1000, slow(500))
+
+
 def test_what_was_made_of_a_log_is_said_wherever_it_is_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in "ab":
         t = np.arange(300) / 80

@@ -358,6 +358,7 @@ def test_a_constant_that_went_where_it_cannot_be_is_no_finding() -> None:
     assert plain.startswith(
         "Torques are not understood: the inertia would go to 88 times what was stated, which is not"
     )
+    assert said(replace(hidden, equation="speed")).startswith("The equation of speed is not understood: the inertia")
     assert "With --set gyroscope=true the body rates" in plain and "Calibration moved" not in plain
     text = said(replace(hidden, repeats=0.96, told=told))
     assert "slow (96 % of it follows from its own past)" in text and "--set" not in text

@@ -207,23 +207,28 @@ def test_it_says_what_it_looks_like(said: tuple[Subject, Diagnosis, Oscillator])
     assert "looks like quadratic drag, which would do 100 % of it; elsewhere such a shape is drag at high" in text
     assert "To tell it from quadratic drag: " in text
     odd = replace(model, effects=(LearnedTerm("speed.q", ("speed.q",), "sine", (1.0, 20.0)),))
-    assert nearest(Search(of, None, lambda what: None).look(odd, broad=False).linear, 0) is None
+    driven = replace(model, effects=(LearnedTerm("speed.q", ("speed.q",), "signed_square", (0.4,)),))
+    for unlike in (odd, driven):  # a force along the motion is no drag, whatever its shape
+        assert nearest(Search(of, None, lambda what: None).look(unlike, broad=False).linear, 0) is None
 
 
 @pytest.mark.parametrize(
-    ("axis", "signal", "shape", "said"),
+    ("axis", "signal", "shape", "slope", "said"),
     [
-        ("world_force_x", "position.x", "linear", "a spring"),
-        ("world_force_z", "height", "above", "a wall or an end stop"),
-        ("world_force_x", "position.y", "linear", ""),
-        ("torque_x", "body_rates.p", "linear", "viscous friction or slow drag"),
-        ("force_z", "rotor_speed.1", "linear", ""),
-        ("force_z", "airspeed", "square", ""),
+        ("world_force_x", "position.x", "linear", -1.0, "a spring"),
+        ("world_force_z", "height", "above", -1.0, "a wall or an end stop"),
+        ("world_force_x", "position.y", "linear", -1.0, ""),
+        ("force_x", "body_velocity.x", "linear", 1.0, "less friction or drag than the model has"),
+        ("torque_x", "body_rates.p", "linear", -1.0, "viscous friction or slow drag"),
+        ("force_z", "rotor_speed.1", "linear", -1.0, ""),
+        ("force_z", "airspeed", "square", -1.0, ""),
     ],
 )
-def test_a_shape_is_known_where_it_acts_along_what_it_follows(axis: str, signal: str, shape: str, said: str) -> None:
-    count = len(SHAPES[shape].parameters)
-    assert known_as(LearnedTerm(axis, (signal,), shape, (1.0,) * count), Quadrotor()) == said
+def test_a_shape_is_known_where_it_acts_along_what_it_follows(
+    axis: str, signal: str, shape: str, slope: float, said: str
+) -> None:
+    values = (slope,) * len(SHAPES[shape].parameters)
+    assert known_as(LearnedTerm(axis, (signal,), shape, values), Quadrotor()) == said
 
 
 @pytest.mark.parametrize(

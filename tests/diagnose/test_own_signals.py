@@ -142,6 +142,11 @@ def test_an_arm_of_two_joints_is_compared_joint_by_joint(mine: Path, tmp_path: P
     assert [c.name for c in subject.logs[0].recording.input_channels] == ["torque.shoulder", "torque.elbow"]
     measured = compare(subject, {}).error("nominal")
     assert measured["angle"].rmse > np.deg2rad(1)
+    (damping,) = discover(subject).found  # of both joints, in the order of the motors
+    assert damping.id == "joint_damping"
+    for estimate in damping.estimates:
+        assert estimate.value == pytest.approx(DAMPING, abs=0.01) and estimate.low < DAMPING < estimate.high
+    assert len(damping.estimates) == 2
     (tmp_path / "arm" / "dataset.toml").write_text(
         HEAD.format(name="arm") + described.replace('["u0", "u1"]', '["u0"]')
     )

@@ -138,7 +138,7 @@ def both(chosen, seed, wind=(0.0, 0.0), battery=True):
 
 
 def test_the_catalogue_is_complete():
-    quadrotor = {n for n in EFFECTS.names() if not EFFECTS.get(n).systems or "quadrotor" in EFFECTS.get(n).systems}
+    quadrotor = {n for n in EFFECTS.names() if EFFECTS.get(n).suits(Quadrotor)}
     assert {*IDS, *ELSEWHERE} <= quadrotor and len({*IDS, *ELSEWHERE}) == 26
 
 

@@ -3,19 +3,30 @@
 from typing import Any
 
 import pytest
+import torch
 
 from registry.conformance import EffectConformance
 from registry.core import EFFECTS
 from registry.effects.air import LinearDrag
 from registry.effects.polynomial import Monomial
+from registry.errors import BenchError
+from registry.physics.mass_on_rail import MassOnRail
+from tests.cranes import Cranes
 
 TESTS = [name for name in dir(EffectConformance) if name.startswith("test_")]
 SINKING = (0.1, -0.2, 0.35, 1.5, -0.8, -5.0, 0.1, -0.05, 0.2, 0.97, 0.6, -0.7, 0.5)
 """State of a vehicle in its own wake."""
+
+CRANES: dict[str, Any] = {
+    "model": lambda self, *effects, **more: Cranes(effects=effects, **more),
+    "start": (0.3, -0.2, 0.7, -0.4),
+}
 MORE: dict[str, dict[str, Any]] = {
     "battery_sag": {"extras": ("time", "battery")},
     "battery_sag, time alone": {"extras": ("time",)},
     "bouc_wen": {"dt": 1e-3},
+    "joint_damping": CRANES,
+    "joint_friction": CRANES,
     "overflow": {"dt": 4.0},
     "transport_delay": {"dt": 4.0},
     "vortex_ring_state": {"start": SINKING},
@@ -41,3 +52,16 @@ def test_it_conforms(case: str, test: str) -> None:
     name = case.partition(",")[0]
     given = {"effect": EFFECTS.get(name), "visible_after": steps(name), **MORE.get(case, {})}
     getattr(type(name, (EffectConformance,), given)(), test)()
+
+
+def test_friction_of_a_joint_acts_where_its_motor_does() -> None:
+    """By hand: the numbers are in the order of the motors, and what resists the heavy trolley moves the light one."""
+    state, rest = torch.tensor([0.0, 0.0, 0.7, -0.4], dtype=torch.float64), torch.zeros(2, dtype=torch.float64)
+    damped = Cranes(effects=(EFFECTS.get("joint_damping")(f_1=0.5, f_2=0.2),)).derivative(state, rest)
+    assert damped.tolist() == pytest.approx([0.7, -0.4, -0.2 * 0.7 - 0.5 * 0.4 / 2, 0.5 * 0.4 / 3])
+    dry = Cranes(effects=(EFFECTS.get("joint_friction")(f_1=0.5, f_2=0.2),)).derivative(state, rest)
+    assert dry.tolist() == pytest.approx([0.7, -0.4, -0.2 - 0.5 / 2, 0.5 / 3])
+    with pytest.raises(BenchError, match=r"numbers of 1 joint\(s\), and the model 2"):
+        Cranes(effects=(EFFECTS.get("joint_friction")(f_1=0.5, f_2=None),))
+    with pytest.raises(BenchError, match="is for a class of your own with a motor in each joint"):
+        MassOnRail(effects=(EFFECTS.get("joint_friction")(),))

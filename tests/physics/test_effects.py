@@ -30,7 +30,7 @@ F64 = torch.float64
 
 
 def of_the_quadrotor():
-    of_it = [e for e in map(EFFECTS.get, EFFECTS.names()) if not e.systems or "quadrotor" in e.systems]
+    of_it = [e for e in map(EFFECTS.get, EFFECTS.names()) if e.suits(Quadrotor)]
     return [e for e in of_it if not e.learned]  # what was learned is data, of any system: see test_learned_term.py
 
 

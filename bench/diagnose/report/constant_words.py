@@ -41,10 +41,9 @@ def _obscured(c: ObscuredConstant) -> list[str]:
     """Sentences that are said of a constant that went where it cannot be, in place of its value."""
     name = named(c.constant)
     way = f"{number(c.times, 2)} times" if c.times > 1 else f"{number(c.times, 2)} of"
-    said = [
-        f"{c.equation.capitalize()} are not understood: the {name} would go to {way} what was stated, which is not to "
-        "be believed."
-    ]
+    many = c.equation.endswith("s")
+    what = f"{c.equation.capitalize()} are" if many else f"The equation of {c.equation} is"
+    said = [f"{what} not understood: the {name} would go to {way} what was stated, which is not to be believed."]
     if c.repeats:
         said.append(
             f"Beside the {name} as stated, what is left there is slow ({percent(c.repeats)} of it follows from its own "

@@ -57,6 +57,14 @@ _KNOWN = {
     _TIME: {"linear": "a drift", "affine": "a drift", "exponential": "something that warms up or settles"},
 }
 
+_STRAIGHT = ("linear", "affine", "sign", "saturation", "signed_square")
+"""Shapes whose first number is the slope."""
+_FORWARD = {
+    _PLACE: "a force away from a place, as at the top of a pendulum, or a spring that is weaker than stated",
+    _PACE: "less friction or drag than the model has",
+}
+"""What they are where they act along what they follow, not against it."""
+
 
 def axis_named(axis: str, model: PhysicsModel) -> str:
     """An axis as a reader says it."""
@@ -106,6 +114,9 @@ def known_as(term: LearnedTerm, model: PhysicsModel) -> str:
     (signal,) = term.signals
     driven = signal in signals.input_names(type(model), *signals.drive_of(model))
     kind = _DRIVE if driven else _UNITS.get(signals.available(model).get(signal, ""), "")
+    own = term.axis.rpartition(".")[2] == signal.rpartition(".")[2] or signals.flies(type(model))
+    if own and kind in _FORWARD and term.shape in _STRAIGHT and float(term.values[0]) > 0:
+        return _FORWARD[kind]
     return _KNOWN.get(kind, {}).get(term.shape, "")
 
 

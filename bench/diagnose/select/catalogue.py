@@ -58,7 +58,7 @@ def unfit(subject: Subject, model: PhysicsModel, name: str, kind: type[Effect], 
     if issubclass(kind, InputEffect) and not type(model).input_signals:
         return f"it acts on an input, and {type(model).system_name()} has none"
     if not kind.suits(type(model)):
-        return f"it is an effect of {', '.join(kind.systems)}, not of {type(model).system_name()}"
+        return f"it is an effect of {kind.acts_in or ', '.join(kind.systems)}, not of {type(model).system_name()}"
     if name == "input_delay" and model.drive_acts_at_once:
         return "what drives the model was measured, and acts at once: a delay of it is one of the log"
     if issubclass(kind, DriveEffect) and drive_is_noisy(subject):

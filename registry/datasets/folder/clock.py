@@ -1,13 +1,13 @@
 """From the samples of a file, as its clock has them, to signals on a uniform grid."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from registry.contracts import Finding
-from registry.datasets.reading.cleaning import resample
+from registry.datasets.reading.cleaning import resample, runs
 from registry.datasets.reading.tables import first_row
 from registry.errors import BenchError
 
@@ -25,6 +25,8 @@ BURSTS = 0.3
 """Share of the steps from which on long ones are no gaps: samples come in bursts."""
 DRIFT, STRETCH = 0.05, 50
 """How far the rate may vary within a file, measured over so many samples."""
+ODD = 0.1
+"""Share of a file that may run at another rate than the rest, as a computer does that has just started: left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +39,21 @@ class Clock:
     """Of the grid [Hz]."""
     grid: Array
     """(M,) [s]; ``t`` itself where the samples are taken as they are."""
+    odd: tuple[tuple[float, float], ...] = ()
+    """From when to when [s] its rate is another one: the times are not those of the samples."""
 
     @property
     def as_it_is(self) -> bool:
         """Whether the samples lie on the grid already."""
         return self.grid is self.t
+
+    @property
+    def steady(self) -> Array:
+        """(M,) whether the grid lies outside of what is ``odd``."""
+        lies = np.ones(len(self.grid), dtype=bool)
+        for start, end in self.odd:
+            lies &= (self.grid < start) | (self.grid > end)
+        return lies
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +73,8 @@ class Pace:
     high: float = 0.0
     worst: int = 0
     """Sample at which the stretch begins whose rate is farthest from the others'."""
+    odd: Array = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """(N - 1,) steps in stretches whose rate is not that of most; as many as there are, or few enough to leave out."""
 
     @property
     def varies(self) -> float:
@@ -128,22 +142,41 @@ def _paced(step: Array, gaps: Array) -> Pace:
     n = min(STRETCH, len(own) // 4)
     if not n:
         return Pace(period, gaps, spread, 0)
-    total = np.concatenate([[0.0], np.cumsum(own)])
-    rates = n / (total[n:] - total[:-n])
-    worst = int(np.abs(rates - np.median(rates)).argmax())
+    rates = _rates(own, n)
+    usual = np.median(rates)
+    off = np.convolve(np.abs(rates / usual - 1) > _allowed(n), np.ones(n)) > 0  # (len(own),) in such a stretch
+    odd = np.zeros(len(step), dtype=bool)
+    if off.mean() <= ODD and len(kept := _rates(own[~off], n)):
+        odd[at[off]], period = True, float(own[~off].mean())
+        for a, b in runs(odd | gaps):  # those that are long among them are no samples that are missing
+            odd[a:b] = odd[a:b].any()
+    else:
+        kept = rates
     return Pace(
         period=period,
         gaps=gaps,
         spread=spread,
         stretch=n,
-        low=float(rates.min()),
-        high=float(rates.max()),
-        worst=int(at[worst]),
+        low=float(kept.min()),
+        high=float(kept.max()),
+        worst=int(at[int(np.abs(rates - usual).argmax())]),
+        odd=odd,
     )
 
 
-def refuse_drift(file: Path, column: str, of: Clock, logged: Sequence[Array]) -> None:
-    """Raise where the rate of a signal varies within a file: its times are not those of the samples.
+def _rates(steps: Array, n: int) -> Array:
+    """Of every stretch of ``n`` steps (N,) [s] [Hz]."""
+    total = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(n / (total[n:] - total[:-n]))
+
+
+def _allowed(stretch: int) -> float:
+    """How far the rates of stretches of so many steps may be apart, as a share."""
+    return DRIFT + 4 * JITTER / stretch
+
+
+def without_drift(file: Path, column: str, of: Clock, logged: Sequence[Array]) -> Clock:
+    """The clock with the little left out where the rate of a signal is another one: its times are not the samples'.
 
     Args:
         file: named in errors.
@@ -152,19 +185,23 @@ def refuse_drift(file: Path, column: str, of: Clock, logged: Sequence[Array]) ->
         logged: (N,) rows that hold each signal.
 
     Raises:
-        BenchError: with the lowest and highest rate, and where.
+        BenchError: the rate varies elsewhere too, with the lowest and highest rate, and where.
     """
+    odd: set[tuple[float, float]] = set()
     for rows in {r.tobytes(): r for r in logged}.values():
         if of.as_it_is or rows.sum() < 2:
             continue
-        found = pace(of.t[rows])
-        if not found.stretch or found.varies <= DRIFT + 4 * JITTER / found.stretch:
+        t = of.t[rows]
+        found = pace(t)
+        if not found.stretch or found.varies <= _allowed(found.stretch):
+            odd |= {(float(t[a]), float(t[b])) for a, b in runs(found.odd)}
             continue
         row = first_row(file) + int(np.flatnonzero(rows)[found.worst])
         raise BenchError(
             f"{file}, column {column!r}: the clock runs from {found.low:.4g} to {found.high:.4g} Hz, worst from row "
             f"{row} on, where rate_hz = {of.rate:g}: mend the clock, or split the file where its rate changes."
         )
+    return replace(of, odd=tuple(sorted(odd)))
 
 
 def gridded(of: Clock, x: Array, logged: Array, late: float = 0.0, held: bool = False) -> tuple[Array, Array]:
@@ -206,6 +243,10 @@ def clock_findings(name: str, of: Clock, logged: Mapping[str, Array], near: Mapp
     if len(of.t) < 3:
         return found
     own, wanted = pace(of.t), of.rate
+    for start, end in of.odd:
+        n = int(((of.t >= start) & (of.t < end)).sum())
+        detail = f"{n} samples from {start - of.t[0]:.3g} s on run at {n / (end - start):.4g} Hz: left out"
+        found.append(Finding(name, "odd rate", n, detail))
     off = abs(own.period * wanted - 1) > UNIFORM + 2 * own.spread / len(of.t)
     if not of.as_it_is and off and any(rows.all() for rows in logged.values()):
         detail = f"logged at {1 / own.period:.5g} Hz, put on {wanted:g} Hz by straight lines between samples"

@@ -12,7 +12,7 @@ from typing_extensions import override
 
 from registry.contracts import Channel, Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, PHYSICS, option
-from registry.datasets.folder.clock import Clock, clock, clock_findings, gridded, refuse_drift
+from registry.datasets.folder.clock import Clock, clock, clock_findings, gridded, without_drift
 from registry.datasets.folder.conversion import attitude, in_frames, own_units
 from registry.datasets.folder.description import FILE, FolderDescription, describe
 from registry.datasets.folder.draft import draft
@@ -217,7 +217,7 @@ def read_columns(file: Path, description: FolderDescription) -> tuple[Clock, dic
     columns = dict(zip(names, table[:, 1:].T, strict=True))
     commands = description.inputs if description.input_hold == "previous" else ()  # may be logged at any time
     measured = [s for n, s in description.signals.items() if n not in commands]
-    refuse_drift(file, description.time, of, [_whole([columns[c] for c in s.names]) for s in measured])
+    of = without_drift(file, description.time, of, [_whole([columns[c] for c in s.names]) for s in measured])
     return of, columns
 
 
@@ -234,7 +234,7 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
         values = _attitude(file, values, s, np.flatnonzero(logged[n])) if n == "attitude" else values
         held = n in description.inputs and description.input_hold == "previous"
         x[n], close[n] = gridded(of, values, logged[n], s.delay, held)
-    valid = np.logical_and.reduce(list(close.values()))
+    valid = np.logical_and.reduce([of.steady, *close.values()])
     findings = clock_findings(name, of, logged, close)
     if "attitude" in x:
         x["attitude"] = unit_quaternion(x["attitude"])
