@@ -9,6 +9,7 @@ import pytest
 from simulated_fleet import CUBIC, DRAG, vehicle
 
 from bench.diagnose import diagnose, discover, load
+from bench.diagnose.select.materiality import Saving, trifle
 from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.mechanics.hysteresis import BoucWen
 from registry.physics.oscillator import Oscillator
@@ -23,6 +24,13 @@ def test_two_effects_that_act_in_few_moments_are_named(tmp_path):
     assert set(numbers) == {"cubic_stiffness", "quadratic_drag"}
     for told, true in ((numbers["cubic_stiffness"]["k_3"], CUBIC), (numbers["quadratic_drag"]["c"], DRAG)):
         assert told.value == pytest.approx(size * true, rel=0.01)
+
+
+def test_a_trifle_is_told_of_the_equation_in_which_it_is_sure():
+    """A moment does nothing to forces, whose small errors make of chance a share that is large and unsure."""
+    forces = Saving("forces", 0.5, 0.58, -1.77, 3.15, matters=True)
+    torques = Saving("torques", 0.1, 0.034, 0.024, 0.044, matters=True)
+    assert "3 % (2 to 4) of what can be explained in torques" in trifle("munk_moment", [forces, torques])
 
 
 OVEN = """

@@ -120,10 +120,12 @@ class Normal:
     """(blocks,) rows a channel; those of a block follow those of the one before."""
     noise: np.ndarray | None = None
     """(channels, c, c) what a row owes to noise, which is taken off."""
+    drawn: tuple[np.ndarray, ...] = ()
+    """A fold: (c, c) what its rows owe to noise that was drawn for them, all channels together."""
 
-    def less(self, noise: np.ndarray) -> "Normal":
-        """The same with what a row owes to noise (channels, c, c) taken off."""
-        return replace(self, noise=noise if self.noise is None else self.noise + noise)
+    def less(self, noise: np.ndarray, drawn: Sequence[np.ndarray] = ()) -> "Normal":
+        """The same with what a row owes to noise (channels, c, c) taken off; ``drawn``: fold by fold, its draws."""
+        return replace(self, noise=noise if self.noise is None else self.noise + noise, drawn=tuple(drawn))
 
     @property
     def rows(self) -> int:
@@ -174,6 +176,21 @@ class Normal:
         index = list(columns)
         inner, moment = gram[np.ix_(index, index)], gram[index, -1]
         return beta, float(gram[-1, -1] - 2 * moment @ beta + beta @ inner @ beta)
+
+    def scatter(self, columns: Sequence[int], beta: np.ndarray) -> float:
+        """1σ of what a sum of squared residuals differs by, by chance, from what it is without the noise taken off.
+
+        That of the noise in the recordings, as of so many independent rows, and that of the draws that were taken for
+        it: each fold has noise of its own, so that what is taken off is the mean of several draws, with its error.
+        """
+        vector = self._vector(columns, beta)
+        owed = np.array([vector @ gram @ vector for gram in self.drawn])
+        left = max(float(self.rows), vector @ self.total @ vector + owed.sum())
+        chance = 2 * left**2 / self.rows
+        if len(owed) > 1:
+            share = np.bincount(self.fold, self.count, len(owed)) / self.count.sum()
+            chance += len(owed) / (len(owed) - 1) * float(((owed - share * owed.sum()) ** 2).sum())
+        return float(chance**0.5)
 
     def losses(self, columns: Sequence[int], beta: np.ndarray) -> np.ndarray:
         """Sum of squared whitened residuals (blocks, channels) with these coefficients."""

@@ -110,11 +110,14 @@ class Rows:
     def folds(self) -> list[np.ndarray]:
         """A fold: normal equations (c + 1, c + 1) of its rows, all channels together."""
         out = [np.zeros((self.width + 1, self.width + 1)) for _ in range(max(self._folds_of(len(self.parts) - 1)) + 1)]
-        for i in range(len(self.parts)):
-            folds = self._folds_of(i)
-            for c, acting in enumerate(self.acting):
+        for c, acting in enumerate(self.acting):
+            pending: dict[int, np.ndarray] = {}
+            for i in range(len(self.parts)):
+                folds = self._folds_of(i)
                 for fold, rows in zip(folds, np.array_split(self.seen(i, c), len(folds)), strict=True):
-                    out[fold][np.ix_(acting, acting)] += rows.T @ rows
+                    pending[fold] = pending.get(fold, 0.0) + rows.T @ rows
+            for fold, gram in pending.items():
+                out[fold][np.ix_(acting, acting)] += gram
         return out
 
     def crossed(self, columns: Sequence[int]) -> np.ndarray:

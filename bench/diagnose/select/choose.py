@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bench.analysis.stats import uneven_gain
 from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import with_values
 from bench.diagnose.select.search import View
@@ -139,8 +140,10 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
     everywhere = all(saved[subsets.normal.fold == f].sum() > 0 for f in np.unique(subsets.normal.fold))
     if everywhere and gained > CHOOSING.large * view.floor:
         return True  # from few manoeuvres, but from some of every recording
+    if saved.sum() <= 0 or sure > CHOOSING.significant:
+        return bool(saved.sum() > 0)
     plain = gained > CHOOSING.plain * view.floor
-    return bool(saved.sum() > 0) and (sure > CHOOSING.significant or (sure > CHOOSING.sure and plain))
+    return plain and (sure > CHOOSING.sure or uneven_gain(saved) > 0)
 
 
 def select_across_views(views: Sequence[View]) -> tuple[View, Fit, list[list[Fit]]]:

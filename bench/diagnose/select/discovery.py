@@ -136,7 +136,7 @@ class Discovery(Displayed):
 
 def trifle(name: str, savings: Sequence[Saving]) -> str:
     """A remark on an effect that is not worth a term."""
-    best = max(savings, key=lambda s: (s.matters, s.share))
+    best = max(savings, key=lambda s: (s.matters, s.low))
     if not best.matters:
         return f"A trace of {name.replace('_', ' ')} shows where hardly anything can be explained: not worth a term."
     low, share, high = (f"{100 * x:.0f}".replace("-", "−") for x in (best.low, best.share, best.high))

@@ -55,7 +55,7 @@ class View:
 
     def overcorrected(self, fit: Fit) -> bool:
         """Whether less than nothing is left, by more than chance: what was taken for noise of the inputs acts."""
-        return fit.misfit < -CHOOSING.overcorrected * (2 * self.floor) ** 0.5
+        return fit.misfit < -CHOOSING.overcorrected * self.subsets.normal.scatter(fit.columns, fit.beta)
 
     @property
     def grams(self) -> tuple[np.ndarray, ...]:
@@ -200,8 +200,9 @@ class Search:
             filters = [like.filters[like.linear.channels.index(c)] for c in linear.channels]
         white = rows.whitened(filters)
         mine, some = white.some(range(count)), sum(white.counts())
-        noise = None if again is None else rows.some(noisy).less(again).whitened(filters).mean_gram()
-        del again
+        owed = None if again is None else rows.some(noisy).less(again).whitened(filters)
+        noise, drawn = (None, []) if owed is None else (owed.mean_gram(), owed.some(range(count)).folds())
+        del again, owed
         products = Products(white)
         cleaned = products
         buried, doubtful = frozenset[int](), frozenset[int]()
@@ -231,7 +232,7 @@ class Search:
         plain = view(normal, products)
         if noise is None:
             return [plain]
-        less = view(normal.less(noise), cleaned)
+        less = view(normal.less(noise, drawn), cleaned)
         return [plain] if less.overcorrected(less.subsets.fit()) else [less, plain]
 
     def as_known(self, view: View) -> View:

@@ -122,8 +122,8 @@ class Choosing:
     )
     overcorrected: float = threshold(
         3.0,
-        "standard deviations of what noise leaves (√2 of its number of rows) that a fit leaves less than nothing, from "
-        "which what was taken for noise of the inputs acts",
+        "standard deviations of what noise leaves, and of the noise that was drawn to be taken off, that a fit leaves "
+        "less than nothing, from which what was taken for noise of the inputs acts",
         Basis.CONVENTION,
     )
     visible: float = threshold(0.01, "least gain of an effect, as a share of what noise leaves", Basis.JUDGED)
