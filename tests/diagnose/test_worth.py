@@ -9,7 +9,8 @@ import pytest
 from simulated_fleet import CUBIC, DRAG, vehicle
 
 from bench.diagnose import diagnose, discover, load
-from bench.diagnose.select.materiality import Saving, trifle
+from bench.diagnose.select.discovery import trifle
+from bench.diagnose.select.materiality import Saving
 from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.mechanics.hysteresis import BoucWen
 from registry.physics.oscillator import Oscillator

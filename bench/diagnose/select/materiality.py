@@ -69,6 +69,11 @@ class EquationError:
         return self.models["extended"] > MATTERING.lost * self.predictable
 
     @property
+    def missed(self) -> bool:
+        """Whether it is lost, and the effects found explain next to nothing of it."""
+        return self.lost and self.unexplained > 1 - MATTERING.share
+
+    @property
     def _best(self) -> float:
         return min(self.models["extended"], self.predictable)
 
