@@ -85,7 +85,7 @@ class Nanodrone(Dataset):
     }
     uncertainty: ClassVar[dict[str, float]] = {"inertia": 0.7, "torque_coefficient": 10.0, "thrust_coefficient": 0.05}
     """The inertia is another vehicle's. The published torque coefficient, .2 mm of the thrust's, is far too small for
-    the yaw: that of a Crazyflie 2.0 is 6 mm (J. Förster, System Identification of the Crazyflie 2.0, ETH 2015)."""
+    the yaw: that of a Crazyflie is 6 mm (`thrustToTorque` of Bitcraze's firmware)."""
 
     def __post_init__(self) -> None:
         if self.smoothing and (self.smoothing < 5 or self.smoothing % 2 == 0):
