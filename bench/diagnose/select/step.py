@@ -53,7 +53,8 @@ def next_step(search: Search, view: View, known: int) -> Step:
     """The next model: with one effect more, less or exchanged where that is better, else with better numbers.
 
     What a linearisation likes best may not keep its promise: with a wind a drag becomes another one, and its first step
-    goes too far. Then the numbers are fitted once more, and if that does not help, the next best is tried.
+    goes too far. Then the numbers are fitted once more, those of the present effects too, or these would seem worse
+    than they are; and if that does not help, the next best is tried.
 
     Args:
         search: tells what a model leaves.
@@ -61,17 +62,24 @@ def next_step(search: Search, view: View, known: int) -> Step:
         known: effects that the model had from the start, which stay.
     """
     here = view.subsets.fit()
-    stay = advanced(search, view, here)
+    stay, small = advanced(search, view, here), CHOOSING.visible * view.floor
+    if stay.loss - here.loss > small:
+        stay = _refitted(search, view, stay)
     for changed in neighbours(view, known):
         promised = here.loss - changed.loss
-        least = min(promised, STEPPING.kept * promised) - CHOOSING.visible * view.floor
+        least = min(promised, STEPPING.kept * promised) - small
         other = advanced(search, view, changed)
         if other.exchanged and stay.loss - other.loss < least:
-            _, model = settled(search, other.model, view)
-            other = replace(other, model=model, loss=search.loss(view, model))
+            other = _refitted(search, view, other)
         if stay.loss - other.loss >= least:
             return other
     return stay
+
+
+def _refitted(search: Search, view: View, step: Step) -> Step:
+    """A step with its model's numbers fitted until they move no more."""
+    _, model = settled(search, step.model, view)
+    return replace(step, model=model, loss=search.loss(view, model))
 
 
 def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tuple[View, PhysicsModel]:
