@@ -215,15 +215,16 @@ class Weighing:
     ) -> tuple[Saving, ...]:
         """What ``full`` saves of the error of ``without``, of each error of `by_axis` of ``extended``.
 
-        Without an effect nothing is worse than the calibrated model, which has none: where ``without`` is, because the
-        rest was fitted beside the effect, the calibrated model stands for it. Of an axis only what is worth a term.
+        Without an effect nothing is worse than the calibrated model, which has none, nor than the one as stated: where
+        ``without`` is, because the rest was fitted beside the effect, the better of them stands for it. Of an axis only
+        what is worth a term.
 
         Only equations of some ``channels`` are asked, default all: where an effect does not act, only constants moved.
         """
         out = []
         asked = {e.name for e in self.equations if channels is None or not set(channels).isdisjoint(e.group.at)}
         for error in (e for e in self.by_axis(extended) if e.equation in asked):
-            others = (self._at(error, self.increments(m)) for m in (without, self.calibrated))
+            others = (self._at(error, self.increments(m)) for m in (without, self.calibrated, self.subject.model))
             before, block = min(others, key=lambda found: float(found[0].mean()))
             after, _ = self._at(error, self.increments(full))
             gains = np.bincount(block, before - after) / np.maximum(np.bincount(block), 1)
