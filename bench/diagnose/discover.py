@@ -91,9 +91,9 @@ def _searched(
     """What a model lacks of measurements whose states were all measured and whose inputs are read when they act."""
     first = _discovered(Search(subject, catalogue, tick, noise), noise)
     for long in (False, True):
-        # What is left in plain sight is no matter of how rows are weighed, but where nothing was found it may be.
-        understood = first.found and first.traces and not any(e.missed for e in first.equations)
-        if understood or not any(e.lost for e in first.equations):
+        # Traces beside what was found tell what is left in other words, unless an equation was missed altogether.
+        told = first.found and first.traces and not any(e.missed for e in first.equations)
+        if told or not any(e.lost for e in first.equations):
             break
         again = _discovered(Search(subject, catalogue, tick, noise, memory=0, long_windows=long), noise)
         if again.found and _clearer(again, first):

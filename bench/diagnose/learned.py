@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
+import scipy  # scipy.optimize is imported when it is used
 
 from bench.diagnose.extend import Extension, extend, ordered
 from bench.diagnose.learn.all_terms import learn_all_terms, left_by
@@ -209,7 +209,7 @@ def nearest(linear: Linearization, place: int) -> Likeness | None:
     scale = {c: power[g] ** 0.5 for c, g in group.items()}
     y = -np.concatenate([x.ravel() / scale[c] for c, x in gone.items()])  # what goes with the term is what it does
     shares: dict[str, float] = {}
-    for s in linear.starts:
+    for s in (s for s in linear.starts if s.through is None):
         shares[s.id] = max(shares.get(s.id, 0.0), _told(linear, s, gone, scale, y))
     best = max(shares.values(), default=0.0)
     near = sorted((i for i in shares if shares[i] >= best - TELLING.as_near), key=lambda i: -shares[i])
@@ -233,7 +233,8 @@ def _told(
     if free.any():
         size = np.linalg.norm(x[:, free], axis=0)
         triangle = np.asarray(np.linalg.qr(np.column_stack([x[:, free] / size, rest]), mode="r"))
-        fit = lsq_linear(triangle[:, :-1], triangle[:, -1], (low[free] * size, high[free] * size), method="bvls")
+        ends = low[free] * size, high[free] * size
+        fit = scipy.optimize.lsq_linear(triangle[:, :-1], triangle[:, -1], ends, method="bvls")
         rest = rest - x[:, free] @ (fit.x / size)
     return float(1 - rest @ rest / (y @ y))
 

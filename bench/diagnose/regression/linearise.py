@@ -33,7 +33,9 @@ class Candidate:
     """By column of a widely uncertain constant, the one that it has with the effect, where that acts on the inputs."""
     through: Effect | None = None
     """An effect that acts through this one alone and comes with it, as wind does with a drag. Nothing is linear in both
-    at once, but all is in the one and in their product: the last columns are those of its parameters, times `size`."""
+    at once, but all is in the one and in their product: the last columns are those of its parameters, times `size`.
+    Exact for an effect of one parameter; of several it takes them in the proportion of their typical values, which is
+    near enough to start from."""
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -46,10 +48,29 @@ class Candidate:
         effect = replace(self.effect, **{e.name: float(np.clip(v, e.low, e.high)) for e, v in at[: self._own]})
         if self.through is None:
             return (effect,)
-        size = self.size(beta)
-        products = {e.name: v / size if size > 0 else 0.0 for e, v in at[self._own :]}
         ends = {p.name: (p.low, p.high) for p in self.through.parameters()}
-        return effect, replace(self.through, **{n: float(np.clip(v, *ends[n])) for n, v in products.items()})
+        return effect, replace(self.through, **{n: float(np.clip(v, *ends[n])) for n, v in self._carried(beta).items()})
+
+    def within_bounds(self, beta: Sequence[float]) -> bool:
+        """Whether no parameter is pushed to a bound that is not its neutral value; if one acts through it, it acts."""
+        steps = list(beta)[len(self.columns) - len(self.entries) :]
+        for e, value, b in zip(self.entries, self._values(beta), steps, strict=True):
+            if value != e.neutral and b != 0 and (value <= e.low or value >= e.high):
+                return False
+        if self.through is None:
+            return True
+        carried = self._carried(beta)
+        ends = (
+            (p.name, -np.inf if p.low is None else p.low, np.inf if p.high is None else p.high)
+            for p in self.through.parameters()
+        )
+        return self.size(beta) > 0 and all(low < carried[n] < high for n, low, high in ends if n in carried)
+
+    def _carried(self, beta: Sequence[float]) -> dict[str, float]:
+        """Parameters of the effect that acts through this one: neutral where this one does nothing."""
+        size, mine = self.size(beta), self._own
+        at = zip(self.entries[mine:], self._values(beta)[mine:], strict=True)
+        return {e.name: v / size if size > 0 else e.neutral for e, v in at}
 
     def size(self, beta: Sequence[float]) -> float:
         """The effect's own parameters that coefficients say, as a mean share of typical values."""
@@ -64,7 +85,7 @@ class Candidate:
     @property
     def _own(self) -> int:
         """How many of the entries are the effect's."""
-        return sum(hasattr(self.effect, e.name) for e in self.entries)
+        return sum(e.owner == self.entries[0].owner for e in self.entries)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,13 +108,18 @@ class Linearization:
     dependants: tuple[frozenset[int], ...]
     """An effect of the model: the places of those that cannot do without it."""
     reduced: tuple[Mapping[int, int], ...]
-    """An effect of the model: by column of a constant, or of another effect through which it acts, the one that it has
-    without the effect."""
+    """An effect of the model: by column of a constant, or of an effect through which it acts or that acts through it,
+    the one that this has without the effect."""
+    carriers: tuple[frozenset[int], ...] = ()
+    """An effect of the model: the places of those through one of which it must act; empty: it acts by itself."""
 
     def removed(self, dropped: Collection[int]) -> tuple[set[int], list[int]]:
         """Places of all effects that go with those in the places ``dropped``, and the columns that take them away."""
         follow = {j for i in dropped for j in self.dependants[i]}
-        return follow | set(dropped), [self.removals[i] for i in sorted(set(dropped) - follow)]
+        gone = follow | set(dropped)
+        while more := {j for j, through in enumerate(self.carriers) if through and through <= gone} - gone:
+            gone |= more  # through one of several that go, each by itself with its share
+        return gone, [self.removals[i] for i in sorted(set(dropped) - follow)]
 
     def changed(self, columns: Sequence[int], dropped: Collection[int], added: Sequence[Candidate] = ()) -> list[int]:
         """Columns of ``own`` as they are without the effects in the places ``dropped``, and with those ``added``."""
@@ -182,8 +208,9 @@ def directions(
     for name, kind in candidates:
         tick(name)
         starts += _starts(points, name, kind, at, wide=wide, stack=stack, columns=columns)
+    singles = tuple(starts)
     for _, kind in pairs:
-        starts += [_paired(points, s, kind, stack, columns) for s in starts if s.id in kind.requires]
+        starts += [_paired(points, s, kind, stack, columns) for s in singles if s.id in kind.requires]
     channels = tuple(i for i in stack.measured if any(i in c for c in columns))
     return Linearization(
         model=model,
@@ -196,6 +223,7 @@ def directions(
         removals=removals,
         dependants=dependants,
         reduced=reduced,
+        carriers=tuple(_carriers(model, e) for e in model.effects),
     )
 
 
@@ -235,13 +263,18 @@ def _without(
         rest = replace(model, effects=tuple(model.effects[j] for j in left))
         without = mean_rates(rest, stack).numpy()
         removals.append(response(without, at, stack.measured))
-        through = [j for j in left if EFFECTS.name_of(type(model.effects[j])) in model.effects[i].requires]
+        through = [j for j in left if _tied(model.effects[i], model.effects[j])]
         numbers = [(c, e) for c, e in enumerate(own) if e.constant or e.owner in through]
         first = len(own) + len(dependants) + len(changed)
         reduced.append({c: first + k for k, (c, _) in enumerate(numbers)})
         there = [e if e.constant else replace(e, owner=left.index(e.owner)) for _, e in numbers]
         changed += _with_each(rest, there, without, stack)
     return [*removals, *changed], tuple(reduced)
+
+
+def _tied(one: Effect, other: Effect) -> bool:
+    """Whether one of two effects acts through the other, maybe among others."""
+    return any(EFFECTS.name_of(type(b)) in a.requires for a, b in ((one, other), (other, one)))
 
 
 def _starts(
@@ -342,6 +375,13 @@ def _with_each(model: PhysicsModel, numbers: Sequence[Entry], at: np.ndarray, st
         return []
     values, steps = probes(numbers)
     return _slopes(mean_rates(with_values(model, numbers, values[1:]), stack).numpy(), at, steps, stack)
+
+
+def _carriers(model: PhysicsModel, effect: Effect) -> frozenset[int]:
+    """The places of effects through one of which this one must act; empty: the model does that, or it needs none."""
+    if effect.met_by(model.provides):
+        return frozenset()
+    return frozenset(j for j, e in enumerate(model.effects) if EFFECTS.name_of(type(e)) in effect.requires)
 
 
 def _dependants(model: PhysicsModel, place: int) -> frozenset[int]:

@@ -114,7 +114,7 @@ def known_as(term: LearnedTerm, model: PhysicsModel) -> str:
     (signal,) = term.signals
     driven = signal in signals.input_names(type(model), *signals.drive_of(model))
     kind = _DRIVE if driven else _UNITS.get(signals.available(model).get(signal, ""), "")
-    own = term.axis.rpartition(".")[2] == signal.rpartition(".")[2] or signals.flies(type(model))
+    own = term.axis.partition(".")[2] == signal.partition(".")[2] or signals.flies(type(model))
     if own and kind in _FORWARD and term.shape in _STRAIGHT and float(term.values[0]) > 0:
         return _FORWARD[kind]
     return _KNOWN.get(kind, {}).get(term.shape, "")

@@ -78,18 +78,8 @@ def _grown(view: View, fit: Fit) -> list[Fit]:
 
 
 def within_bounds(view: View, fit: Fit) -> bool:
-    """Whether no parameter of the added effects is pushed to a bound that is not its neutral value.
-
-    Of two effects of which one acts through the other, that one is there.
-    """
-    for s, beta in fit.numbers(len(view.linear.own)):
-        if s.through is not None and s.size(beta) <= 0:
-            return False
-        for e, b in zip(s.entries, beta[len(s.columns) - len(s.entries) :], strict=True):
-            value = e.value + b
-            if value != e.neutral and b != 0 and (value <= e.low or value >= e.high):
-                return False
-    return True
+    """Whether no parameter of the added effects is pushed to a bound that is not its neutral value."""
+    return all(s.within_bounds(beta) for s, beta in fit.numbers(len(view.linear.own)))
 
 
 def _simplest(view: View, best: Fit, field: list[Fit]) -> Fit:

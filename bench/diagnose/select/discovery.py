@@ -136,6 +136,8 @@ class Discovery(Displayed):
 
 def trifle(name: str, savings: Sequence[Saving]) -> str:
     """A remark on an effect that is not worth a term."""
+    if not savings:
+        return f"A trace of {name.replace('_', ' ')} shows; nothing held out confirms it: it does not act there."
     best = max(savings, key=lambda s: (s.matters, s.low))
     if not best.matters:
         return f"A trace of {name.replace('_', ' ')} shows where hardly anything can be explained: not worth a term."

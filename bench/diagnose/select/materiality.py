@@ -70,7 +70,7 @@ class EquationError:
 
     @property
     def missed(self) -> bool:
-        """Whether it is lost, and the effects found explain next to nothing of it."""
+        """Whether it is lost, and the effects found explain next to nothing of it, or make it worse."""
         return self.lost and self.unexplained > 1 - MATTERING.share
 
     @property
@@ -219,11 +219,12 @@ class Weighing:
         ``without`` is, because the rest was fitted beside the effect, the better of them stands for it. Of an axis only
         what is worth a term.
 
-        Only equations of some ``channels`` are asked, default all: where an effect does not act, only constants moved.
+        Where an effect does not act, that is outside of some ``channels``, only constants moved: that is no harm that
+        it does. But constants that are bent without it may speak for it, where nothing else does.
         """
         out = []
-        asked = {e.name for e in self.equations if channels is None or not set(channels).isdisjoint(e.group.at)}
-        for error in (e for e in self.by_axis(extended) if e.equation in asked):
+        acts = {e.name for e in self.equations if channels is None or not set(channels).isdisjoint(e.group.at)}
+        for error in self.by_axis(extended):
             others = (self._at(error, self.increments(m)) for m in (without, self.calibrated, self.subject.model))
             before, block = min(others, key=lambda found: float(found[0].mean()))
             after, _ = self._at(error, self.increments(full))
@@ -240,11 +241,12 @@ class Weighing:
             )
             if not error.axis or saving.worth:
                 out.append(saving)
-        return tuple(out)
+        there = tuple(s for s in out if s.equation in acts)
+        return there if any(s.worth for s in there) else (*there, *(s for s in out if s not in there and s.worth))
 
     def channels_moved(self, before: PhysicsModel, after: PhysicsModel) -> frozenset[int]:
-        """The channels whose rates on the held-out recordings differ between two models."""
-        change = (mean_rates(after, self.held) - mean_rates(before, self.held)).numpy()
+        """The channels whose rates on the held-out recordings differ between two models, or are no numbers."""
+        change = (mean_rates(after, self.held) - mean_rates(before, self.held)).nan_to_num(nan=np.inf).numpy()
         return frozenset(c for c in range(change.shape[-1]) if moves(change[..., c]))
 
     def refutes(self, other: PhysicsModel, full: PhysicsModel, extended: PhysicsModel) -> bool:

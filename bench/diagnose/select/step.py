@@ -77,9 +77,9 @@ def next_step(search: Search, view: View, known: int) -> Step:
 
 
 def _refitted(search: Search, view: View, step: Step) -> Step:
-    """A step with its model's numbers fitted until they move no more."""
+    """A step with its model's numbers fitted until they move no more, where that is better."""
     _, model = settled(search, step.model, view)
-    return replace(step, model=model, loss=search.loss(view, model))
+    return min(step, replace(step, model=model, loss=search.loss(view, model)), key=lambda s: s.loss)
 
 
 def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tuple[View, PhysicsModel]:

@@ -34,7 +34,7 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
     best: dict[str, tuple[float, Candidate]] = {}
     without = known.cost(known.fit(drop=[place]))
     mine = {i: e for i, e in enumerate(view.linear.own) if e.owner == place}
-    parameters = _acting(subsets, current, mine)
+    parameters = _acting(subsets, subsets.fit(), mine)
 
     def misses(other: Fit) -> bool:
         exact = current.misfit < VERIFYING.exact * view.floor

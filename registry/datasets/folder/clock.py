@@ -125,7 +125,11 @@ def pace(t: Array) -> Pace:
     step = np.diff(t)
     own = float(np.median(step))
     readings = [step > (1 + JITTER) * own, step > MAX_GAP * own, np.zeros(len(step), dtype=bool)]
-    return min((_paced(step, gaps) for gaps in readings if _rare(gaps)), key=lambda p: p.varies)
+    rare = [gaps for gaps in readings if _rare(gaps)]
+    whole = min((_paced(step, gaps, whole=True) for gaps in rare), key=lambda p: p.varies)
+    if not whole.stretch or whole.varies <= _allowed(whole.stretch):
+        return whole
+    return min((_paced(step, gaps) for gaps in rare), key=lambda p: p.varies)
 
 
 def _rare(gaps: Array) -> bool:
@@ -134,7 +138,8 @@ def _rare(gaps: Array) -> bool:
     return bool(gaps.mean() < BURSTS and not (n and (np.convolve(gaps, np.ones(n), "valid") > n / 2).any()))
 
 
-def _paced(step: Array, gaps: Array) -> Pace:
+def _paced(step: Array, gaps: Array, whole: bool = False) -> Pace:
+    """The pace of steps (N - 1,) [s] of which some are gaps; ``whole``: with what runs at another rate."""
     at = np.flatnonzero(~gaps)
     own = step[at]
     period = float(own.mean())
@@ -146,7 +151,7 @@ def _paced(step: Array, gaps: Array) -> Pace:
     usual = np.median(rates)
     off = np.convolve(np.abs(rates / usual - 1) > _allowed(n), np.ones(n)) > 0  # (len(own),) in such a stretch
     odd = np.zeros(len(step), dtype=bool)
-    if off.mean() <= ODD and len(kept := _rates(own[~off], n)):
+    if not whole and off.mean() <= ODD and len(kept := _rates(own[~off], n)):
         odd[at[off]], period = True, float(own[~off].mean())
         for a, b in runs(odd | gaps):  # those that are long among them are no samples that are missing
             odd[a:b] = odd[a:b].any()
@@ -201,7 +206,12 @@ def without_drift(file: Path, column: str, of: Clock, logged: Sequence[Array]) -
             f"{file}, column {column!r}: the clock runs from {found.low:.4g} to {found.high:.4g} Hz, worst from row "
             f"{row} on, where rate_hz = {of.rate:g}: mend the clock, or split the file where its rate changes."
         )
-    return replace(of, odd=tuple(sorted(odd)))
+    apart: list[tuple[float, float]] = []
+    for start, end in sorted(odd):
+        if apart and start <= apart[-1][1]:
+            start, end = apart[-1][0], max(end, apart.pop()[1])
+        apart.append((start, end))
+    return replace(of, odd=tuple(apart))
 
 
 def gridded(of: Clock, x: Array, logged: Array, late: float = 0.0, held: bool = False) -> tuple[Array, Array]:

@@ -129,7 +129,7 @@ def of_folder(source: Folder) -> Recorded:
     for file in _spread(source.files):
         of, columns = read_columns(file, description)
         near = {n: nearest(of, v) for n, v in columns.items()}
-        valid = np.logical_and.reduce([found for _, found in near.values()])
+        valid = np.logical_and.reduce([of.steady, *(found for _, found in near.values())])
         flight = Flight(file.name.split(".")[0], description.rate, {n: v for n, (v, _) in near.items()}, valid)
         if description.input:
             x = flight.signals(reading, ("attitude", "velocity", "body_rates", description.input))
