@@ -48,7 +48,7 @@ class StateSpace(PhysicsModel):
         """Of every driving channel the place of the rate that it drives, where each drives one; else none.
 
         Those are the states that are the rate of another one, as many as channels: by the names of their axes where
-        both have the same, else in order.
+        both have the same, else in the order of the states that they are the rates of.
         """
         rates = [place for place in _rate_of(cls) if place is not None]
         drive = next((cls.signal(name) for name in cls.input_signals), None)

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from bench.cli import cli
 from bench.cli.diagnosing import load
 from registry.contracts import RecordingSet
+from registry.datasets.folder.clock import pace
 from registry.datasets.folder.dataset import Folder, check
 from registry.errors import BenchError
 
@@ -116,6 +117,16 @@ def test_a_clock_that_stumbles_and_drifts_is_refused(tmp_path: Path) -> None:
     ):
         with pytest.raises(BenchError, match="the clock runs from"):
             logged(tmp_path, 200, change)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_dropouts_of_an_irregular_clock_are_gaps_and_no_other_rate(seed: int) -> None:
+    """A reading that leaves out the stretches with the gaps has fewer left, and by chance the smaller range."""
+    rng = np.random.default_rng(seed)
+    step = 0.01 * (1 + rng.uniform(-0.1, 0.1, 6000))
+    step[rng.choice(6000, 4, replace=False)] = 0.12
+    found = pace(np.concatenate([[0.0], np.cumsum(step)]))
+    assert found.gaps.sum() == 4 and not found.odd.any()
 
 
 def test_the_little_that_runs_at_another_rate_is_left_out_and_said(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select import verify
 from bench.diagnose.select.choose import accepted, choose, select_across_views
-from bench.diagnose.select.discovery import needs_first, supported
+from bench.diagnose.select.discovery import needs_first, supported, trifle
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced
 from bench.diagnose.select.subset import Subsets, t_value
@@ -401,6 +401,11 @@ def test_an_effect_that_is_taken_away_is_no_free_coefficient() -> None:
     spread = np.sqrt(np.diag(subsets.covariance(fit)))
     assert spread[[0, 3]] == pytest.approx(0.0)
     assert spread[[1, 2]] == pytest.approx(np.sqrt(np.diag(np.linalg.inv(rows[2:4] @ rows[2:4].T))), rel=0.3)
+
+
+def test_what_acts_in_nothing_that_was_held_out_is_told_without_a_figure() -> None:
+    """A motor saturates in the recordings learnt from, and those held out are too gentle for that."""
+    assert "nothing held out confirms it" in trifle("saturation", ())
 
 
 def test_what_needs_an_effect_goes_with_it() -> None:

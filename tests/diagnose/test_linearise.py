@@ -7,12 +7,14 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from bench.diagnose.learned import nearest
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.columns import Columns, response
 from bench.diagnose.regression.linearise import directions
 from bench.diagnose.regression.parameters import entries, probes, with_values
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from registry.core import EFFECTS
+from registry.effects.learned_term import LearnedTerm
 from registry.physics.quadrotor import Quadrotor
 
 
@@ -68,7 +70,21 @@ def test_what_needs_an_effect_goes_with_it() -> None:
         expected = mean_rates(replace(model, effects=left), stack).numpy()[..., list(linear.channels)]
         assert linear.rates + linear.columns[linear.removals[place]] == pytest.approx(expected, abs=1e-12)
     both = Quadrotor(effects=(drag, wind, EFFECTS.get("linear_drag").typical()))
-    assert directions(both, both, {}, stack).removed([0])[0] == {0}  # the other drag still carries the wind
+    two = directions(both, both, {}, stack)
+    assert two.removed([0])[0] == {0} and two.removed([0, 2])[0] == {0, 1, 2}  # each of the drags carries the wind
+    ((place, w_x),) = ((i, e) for i, e in enumerate(two.own) if e.name == "w_x")
+    less = replace(both, effects=both.effects[1:])
+    (its,) = (i for i, e in enumerate(directions(less, less, {}, stack).own) if e.name == w_x.name)
+    carried = directions(less, less, {}, stack).columns[its]
+    assert two.columns[two.changed([place], [0])[0]] == pytest.approx(carried, abs=1e-9)
+
+
+def test_a_drag_with_a_wind_is_no_likeness_of_a_force_along_the_motion() -> None:
+    """What goes with the wind is free, and would let the drag push."""
+    pushed = Quadrotor(effects=(LearnedTerm("world_force_x", ("velocity.x",), "affine", (0.3, 3.0)),))
+    kinds = [(name, EFFECTS.get(name)) for name in ("linear_drag", "rotor_drag")]
+    linear = directions(pushed, pushed, {}, wandering(400), kinds, pairs=[("wind", EFFECTS.get("wind"))])
+    assert len(linear.starts) == 4 and nearest(linear, 0) is None
 
 
 def test_every_effect_is_tried_on_six_rotors() -> None:

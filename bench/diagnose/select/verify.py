@@ -54,7 +54,8 @@ def estimates(view: View, fit: Fit) -> list[Estimate]:
     """Numbers of the model with 95 % intervals."""
     own = view.linear.own
     variance = np.diag(view.subsets.covariance(fit))[: len(own)]
-    # Where more noise was taken off a column than there is of it, the data say nothing of its coefficient.
+    # Where more noise was taken off a column than there is of it, the data say nothing of its coefficient; nor do they
+    # of one that was given.
     stated = np.array([e.scale if e.constant else np.inf for e in own])
     spread = np.where(variance > 0, np.sqrt(np.abs(variance)), stated)
     blocks = len(view.subsets.normal.fold)
