@@ -284,7 +284,7 @@ def _one_by_one(search: Search, view: View, model: PhysicsModel, shortlist: set[
     for _ in range(DISCOVERING.exchanges):
         search.tick("what is left")
         view = view.light()
-        view = min(search.views(search.look(model, shortlist), everything), key=lambda v: v.subsets.fit().prior)
+        view = _viewed(search, model, shortlist, everything)
         changed = False
         while search.let_go(contradicted(view, view.subsets.fit())):
             view, changed = search.as_known(view), True
@@ -298,7 +298,12 @@ def _one_by_one(search: Search, view: View, model: PhysicsModel, shortlist: set[
 def _relinearised(search: Search, view: View, dropped: Collection[int]) -> View:
     """The view of a model without the effects in these places, its numbers fitted anew until they move no more."""
     _, model = settled(search, without(view.linear.model, sorted(dropped)), view)
-    return min(search.views(search.look(model, ()), view.explained), key=lambda v: v.subsets.fit().prior)
+    return _viewed(search, model, (), view.explained)
+
+
+def _viewed(search: Search, model: PhysicsModel, only: Collection[str], explained: float) -> View:
+    """The view of a model whose constants lie nearest to what is known of them; ``only``: see `Search.look`."""
+    return min(search.views(search.look(model, only), explained), key=lambda v: v.subsets.fit().prior)
 
 
 def _worthy(search: Search, view: View, weighing: Weighing | None) -> tuple[_Choice, tuple[str, ...], tuple[str, ...]]:
@@ -372,7 +377,7 @@ def _understood(
 
 
 def _saved(weighing: Weighing | None, chosen: _Choice, place: int, extended: PhysicsModel) -> tuple[Saving, ...]:
-    """What the effect in this place saves on held-out recordings of the equations it acts in, the rest fitted anew."""
+    """What the effect in this place saves on held-out recordings, the rest fitted anew without it."""
     if weighing is None:
         return ()
     acts_on = weighing.channels_moved(chosen.faded(place), chosen.model)

@@ -10,7 +10,7 @@ from simulated_fleet import CUBIC, DRAG, vehicle
 
 from bench.diagnose import diagnose, discover, load
 from bench.diagnose.select.discovery import trifle
-from bench.diagnose.select.materiality import Saving
+from bench.diagnose.select.materiality import EquationError, Saving, Weighing
 from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.mechanics.hysteresis import BoucWen
 from registry.physics.oscillator import Oscillator
@@ -25,6 +25,37 @@ def test_two_effects_that_act_in_few_moments_are_named(tmp_path):
     assert set(numbers) == {"cubic_stiffness", "quadratic_drag"}
     for told, true in ((numbers["cubic_stiffness"]["k_3"], CUBIC), (numbers["quadratic_drag"]["c"], DRAG)):
         assert told.value == pytest.approx(size * true, rel=0.01)
+
+
+def test_savings_are_told_beside_constants_as_stated_and_where_an_effect_acts():
+    """Squared errors by model, of an equation that the effect acts in and of one in which only constants moved."""
+    left = {"stated": (1.0, 9.0), "calibrated": (9.0, 1.0), "without": (9.0, 9.0), "full": (4.0, 4.0)}
+
+    def saved(channels, **others):
+        found = left | others
+        errors = [
+            EquationError(name, 0.1, "m/s", {"calibrated": 3.0, "extended": 2.0}, predictable=1.0, floor=0.1)
+            for name in ("forces", "torques")
+        ]
+        weighing = SimpleNamespace(
+            equations=[SimpleNamespace(name=e.equation, group=SimpleNamespace(at=(i,))) for i, e in enumerate(errors)],
+            by_axis=lambda extended: errors,
+            increments=lambda model: model,
+            _at=lambda error, model: (
+                np.full(40, found[model][error.equation == "torques"]) + 0.01 * np.arange(40),
+                np.repeat(np.arange(8), 5),
+            ),
+            calibrated="calibrated",
+            subject=SimpleNamespace(model="stated"),
+        )
+        return {s.equation: s.share for s in Weighing.savings(weighing, "without", "full", "full", channels)}
+
+    assert saved(None)["forces"] < 0 and saved(None)["torques"] < 0  # what is stated errs less, and what is calibrated
+    assert "torques" not in saved({0}) and saved({0})["forces"] < 0  # no harm where it does not act
+    bent = saved({0}, stated=(9.0, 9.0), calibrated=(4.0, 9.0))  # constants that are bent without it speak for it
+    assert bent["torques"] > 0 and bent["forces"] == pytest.approx(0)
+    told = saved({0}, stated=(9.0, 9.0), calibrated=(9.0, 9.0))
+    assert set(told) == {"forces"} and told["forces"] > 0
 
 
 def test_a_trifle_is_told_of_the_equation_in_which_it_is_sure():
