@@ -147,6 +147,27 @@ def test_without_speeds_the_thrust_curve_tells_what_a_command_does(tmp_path: Pat
     assert np.polyfit(speed**2, thrust, 1, full=True)[1] < 1e-5
 
 
+def test_before_outputs_had_names_those_of_a_gimbal_are_no_motors(tmp_path: Path) -> None:
+    """ArduPilot until 3.4 names no motors; RC5_FUNCTION and RC6_FUNCTION 7 and 8 are pan and tilt of a camera."""
+    rows, old = {k: v for k, v in flight().items() if k != "ESC"}, {"FRAME": 1}
+    rows["RCOU"] = [(us, *row[:2], row[0] + 1, *row[3:]) for us, *row in rows["RCOU"]]
+    for name, functions, motors in (("gimbal", {"RC5_FUNCTION": 7, "RC6_FUNCTION": 8}, 4), ("six", {}, 6)):
+        (tmp_path / f"{name}.bin").write_bytes(dataflash(rows, old | functions))
+        said = " ".join(convert([tmp_path / f"{name}.bin"], tmp_path / name))
+        (r,) = check(tmp_path / name).recordings
+        assert len(r.input_channels) == motors
+        # Signs of a quadrotor's four rotors are none of six.
+        assert ("rotor_directions" in Folder(str(tmp_path / name)).physics) == (motors == 4)
+        assert ("another number of rotors than the 6" in said) == (motors == 6)
+
+
+def test_a_file_without_motors_is_named_among_the_others(tmp_path: Path) -> None:
+    (tmp_path / "flown.bin").write_bytes(dataflash(flight()))
+    (tmp_path / "glider.bin").write_bytes(dataflash({k: v for k, v in flight().items() if k not in ("RCOU", "ESC")}))
+    with pytest.raises(BenchError, match=r"^glider: no motor signal"):
+        convert([tmp_path / "flown.bin", tmp_path / "glider.bin"], tmp_path / "out")
+
+
 def test_fast_speeds_of_the_motor_controllers_drive(tmp_path: Path) -> None:
     (tmp_path / "12.bin").write_bytes(dataflash(flight(esc=100)))
     convert([tmp_path / "12.bin"], tmp_path / "out")

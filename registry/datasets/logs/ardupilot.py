@@ -99,12 +99,14 @@ def _columns(columns: Columns, names: tuple[str, ...]) -> np.ndarray | None:
 def _motors(outputs: Columns, parameters: dict[str, float]) -> np.ndarray | None:
     """What drives the motors (N, c), in their order, 0 to 1 between the least and the most that they are told.
 
-    Without parameters that name their outputs, those that move.
+    Without parameters that name their outputs (before ArduPilot 3.5), those that move and that no RCn_FUNCTION gives to
+    a gimbal, a gripper or the like.
     """
     channels = [n for i in range(1, 15) for n in (f"C{i}", f"Ch{i}") if n in outputs]
     of = {int(parameters.get(f"SERVO{i}_FUNCTION", 0)): f"C{i}" for i in range(1, 15)}
     named = [of[m] for m in range(_MOTOR_1, _MOTOR_1 + 8) if of.get(m) in outputs]
-    moving = [n for n in channels if len(outputs[n]) and np.ptp(np.asarray(outputs[n], dtype=float)) > 0]
+    others = {n for n in channels if parameters.get(f"RC{n.lstrip('Ch')}_FUNCTION", 0.0)}
+    moving = [n for n in channels if n not in others and len(outputs[n]) and np.ptp(outputs[n].astype(float)) > 0]
     pulses = _columns(outputs, tuple(named or moving)) if named or moving else None
     low, high = (parameters.get(f"MOT_PWM_{k}", 0.0) or usual for k, usual in (("MIN", 1000.0), ("MAX", 2000.0)))
     return None if pulses is None or not low < high else (pulses - low) / (high - low)

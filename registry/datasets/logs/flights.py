@@ -99,11 +99,10 @@ def write(logs: Mapping[str, Log], folder: Path, rate: float | None, known: Mapp
         notes.append(f"Left out, because not every file has it or another tells more: {', '.join(left)}.")
     driver = choice.inputs[0] if choice.inputs[0] in DRIVERS else ""
     constants, hints = _constants(list(logs.values()), list(tables.values()), driver, known)
-    if driver and len(
-        {len(c.value) for n, c in constants.items() if n.startswith("rotor_p")} - {choice.counts[driver]}
-    ):
+    places = {n: len(c.value) for n, c in constants.items() if n.startswith(("rotor_p", "rotor_d"))}
+    if driver and set(places.values()) - {choice.counts[driver]}:
         notes.append(f"The vehicle's parameters name another number of rotors than the {choice.counts[driver]} logged.")
-        constants = {n: c for n, c in constants.items() if not n.startswith(("rotor_p", "rotor_d"))}
+        constants = {n: c for n, c in constants.items() if n not in places}
     _write(folder, tables, choice, _lines(folder, choice, driver, constants, hints))
     return notes
 
@@ -145,9 +144,11 @@ def _choose(logs: Mapping[str, Log], rate: float | None) -> _Choice:
     outer = {"velocity_command"} if "thrust_command" in common else set()  # the loop that made the thrust
     inputs = [driver] if driver else [s for s in SETPOINTS if s in common - outer]
     if not inputs:
+        without = [name for name, log in logs.items() if not {*DRIVERS, *SETPOINTS} & set(log.signals)]
+        which = f"{', '.join(without)}: no motor signal" if without else "No motor signal is in all of the files"
         raise BenchError(
-            "The files hold no motor signal that all of them have: log esc_status, actuator_motors or actuator_outputs "
-            "(PX4), an Actuators or RCOut message or cmd_vel (ROS), or RCOU (ArduPilot)."
+            f"{which}: log esc_status, actuator_motors or actuator_outputs (PX4), an Actuators or RCOut message or "
+            "cmd_vel (ROS), or RCOU (ArduPilot), or import the others without."
         )
     slow = set(motors) - {driver}
     unused = {d for d in slow if rates[d] < NEARLY * best} | (set(SETPOINTS) - set(inputs))
