@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +29,7 @@ from bench.diagnose.simulate.free_run import (
     clear_starts,
     default_steps,
     errors,
+    followed,
     free_run,
     groups,
     margin,
@@ -60,6 +61,8 @@ class Comparison(Displayed):
     """What the intervals rest on."""
     noise: Noise
     """That the floor was made with."""
+    lost_s: float | None = None
+    """Default horizon, where even a perfect model would be lost at its end: runs are shorter then [s]."""
 
     @property
     def curves(self) -> dict[str, Curves]:
@@ -114,7 +117,9 @@ class Comparison(Displayed):
     def notes(self) -> tuple[str, ...]:
         """What was done, in sentences."""
         what = f"{self.starts} free runs of {self.horizon_s[-1]:.3g} s a model, one every {self.every_s:.2g} s"
-        return (f"{what}; intervals: {self.basis}.", *self.noise.notes)
+        grows = "the noise of their start grows so fast that even a perfect model is lost"
+        lost = [] if self.lost_s is None else [f"Shorter than {self.lost_s:.3g} s, where {grows}."]
+        return (f"{what}; intervals: {self.basis}.", *lost, *self.noise.notes)
 
 
 def refuse_long(subject: Subject, horizon_s: float | None) -> None:
@@ -158,6 +163,9 @@ def compare(
     runs = free_runs(subject, noise, names, horizon_s)
     with torch.no_grad():
         every_sample = _squared(subject, models, noise, runs)
+        told = runs.steps if horizon_s else followed(every_sample["floor"].mean(0), runs.measured, runs.groups)
+    lost_s = runs.steps / runs.logs[0].rate if told < runs.steps else None
+    runs = replace(runs, steps=told)
     squared = {name: finite(of[:, runs.ends]) for name, of in every_sample.items()}
     repeated = Repetition.of(runs, squared[next(reversed(models))])
     return Comparison(
@@ -169,6 +177,7 @@ def compare(
         every_s=runs.every * runs.logs[0].dt,
         basis=repeated.basis,
         noise=noise,
+        lost_s=lost_s,
     )
 
 
@@ -189,6 +198,11 @@ class FreeRuns:
     def recording(self) -> np.ndarray:
         """(W,) the log of each free run."""
         return np.repeat(np.arange(len(self.logs)), [len(a) for a in self.at])
+
+    @property
+    def measured(self) -> Tensor:
+        """What was measured (W, steps + 1, s)."""
+        return measured_windows(self.logs, self.at, self.steps)
 
     @property
     def ends(self) -> np.ndarray:
@@ -223,8 +237,7 @@ def free_runs(
 
 def _squared(subject: Subject, models: dict[str, PhysicsModel], noise: Noise, runs: FreeRuns) -> dict[str, Tensor]:
     """Squared errors (W, steps + 1, groups) of every line."""
-    logs, at, steps = runs.logs, runs.at, runs.steps
-    measured = measured_windows(logs, at, steps)
+    logs, at, steps, measured = runs.logs, runs.at, runs.steps, runs.measured
     squared = {name: errors(free_run(model, logs, at, steps), measured, runs.groups) for name, model in models.items()}
     last = next(reversed(models.values()))
     observed = with_observer(subject, last, noise, runs)

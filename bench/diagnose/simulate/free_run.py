@@ -132,3 +132,29 @@ def errors(predicted: Tensor, measured: Tensor, of: Sequence[Group]) -> Tensor:
         else:
             out.append((a - b).square().sum(-1))
     return torch.stack(out, dim=-1)
+
+
+def followed(squared: Tensor, measured: Tensor, of: Sequence[Group]) -> int:
+    """For how many samples free runs tell anything: in one group at least they err less than its mean would.
+
+    Where a system is unstable the noise of the start grows until even a perfect model is lost.
+
+    Args:
+        squared: (T, groups) mean squared errors from the start of the runs on.
+        measured: (W, T, s) what was measured in the same windows.
+        of: the groups.
+
+    Returns:
+        1 to T − 1.
+    """
+    every = measured.flatten(0, 1)
+    middle = every.mean(0, keepdim=True)
+    for group in of:
+        if group.name == "attitude":
+            q = every[..., list(group.at)]
+            near = torch.where((q * q[:1]).sum(-1, keepdim=True) < 0, -q, q)  # q and −q are one attitude
+            middle[..., list(group.at)] = torch.nn.functional.normalize(near.mean(0, keepdim=True), dim=-1)
+    spread = errors(every, middle, of).mean(0)
+    lost = ~(squared < spread).any(-1)
+    lost[:2] = False
+    return int(lost.long().argmax()) - 1 if lost.any() else len(squared) - 1

@@ -14,7 +14,17 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.least_squares import bounded, equilibrium
 from bench.diagnose.regression.parameters import Entry, Prior, entries, probes, with_values
 from bench.diagnose.settings import SHOOTING
-from bench.diagnose.simulate.free_run import Group, between, default_steps, free_run, groups, measured_windows, starts
+from bench.diagnose.simulate.free_run import (
+    Group,
+    between,
+    default_steps,
+    errors,
+    followed,
+    free_run,
+    groups,
+    measured_windows,
+    starts,
+)
 from registry.dynamics import PhysicsModel
 
 
@@ -54,13 +64,14 @@ def multiple_shooting(
     at = [starts(log, steps, every) for log in logs]
     where = _free(model, subject, held)
     judged = groups(model.state_channels, logs[0].measured)
+    runs, measured = free_run(model, logs, at, steps), measured_windows(logs, at, steps)
+    steps = followed(errors(runs, measured, judged).mean(0), measured, judged)
     points = np.unique(np.linspace(0, steps, SHOOTING.points + 1).round().astype(int))[1:]
-    measured = measured_windows(logs, at, steps)[:, points]
-    first = _errors(free_run(model, logs, at, steps)[:, points], measured, judged)
+    first, measured = _errors(runs[:, points], measured[:, points], judged), measured[:, points]
     size = np.sqrt(np.mean(first**2, axis=0, keepdims=True)) + 1e-300  # (1, points, axes)
 
-    def cost(errors: np.ndarray) -> float:
-        return float(np.mean((errors / size) ** 2))
+    def cost(of: np.ndarray) -> float:
+        return float(np.mean((of / size) ** 2))
 
     # As many independent observations as windows and axes: the points of one window err together.
     weight = len(first) * first.shape[2]
@@ -71,12 +82,12 @@ def multiple_shooting(
         tick("shooting")
         values, widths = probes(current)
         runs = free_run(with_values(best, current, values), logs, at, steps)[:, :, points]
-        errors = np.stack([_errors(r, measured, judged) for r in runs]) / size
-        jacobian = ((errors[1:] - errors[0]) / widths[:, None, None, None]).reshape(len(widths), -1)
+        off = np.stack([_errors(r, measured, judged) for r in runs]) / size
+        jacobian = ((off[1:] - off[0]) / widths[:, None, None, None]).reshape(len(widths), -1)
         scale = weight / jacobian.shape[1]
         prior = Prior.of(current)
         gram = jacobian @ jacobian.T * scale + np.diag(prior.precision)
-        moment = -jacobian @ errors[0].ravel() * scale + prior.precision * prior.centre
+        moment = -jacobian @ off[0].ravel() * scale + prior.precision * prior.centre
         factor = equilibrium(np.diag(gram))
         scaled = gram * np.outer(factor, factor) + 1e-9 * np.eye(len(factor))
         step = bounded(scaled, moment * factor, prior.low / factor, prior.high / factor) * factor
