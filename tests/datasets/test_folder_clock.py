@@ -119,6 +119,23 @@ def test_a_clock_that_stumbles_and_drifts_is_refused(tmp_path: Path) -> None:
             logged(tmp_path, 200, change)
 
 
+def test_samples_that_came_irregularly_are_taken_at_their_times_where_that_is_said(tmp_path: Path) -> None:
+    """A computer reads a robot when it has time: slower for a while, and each time is true."""
+    t = np.cumsum(np.where(np.arange(400) // 100 % 2, 1.2, 0.9)) / 200
+
+    def read(d: pd.DataFrame) -> pd.DataFrame:
+        return d.assign(t=t, y=motion(t), u=np.floor(4 * t))
+
+    with pytest.raises(BenchError, match=r"say clock = .exact. if the samples were taken at just these times"):
+        logged(tmp_path, 200, read)
+    (tmp_path / "dataset.toml").write_text('clock = "exact"\n' + TOML.format(rate=200) + SIGNALS)
+    loaded = check(tmp_path)
+    (finding,) = (f for f in loaded.findings if f.kind == "irregular")
+    assert "samples come at 166.7 to 222.2 Hz, put on 200 Hz" in finding.detail
+    y = np.concatenate([r.outputs[:, 0] for r in loaded.recordings])
+    np.testing.assert_allclose(y, motion(t[0] + np.arange(len(y)) / 200), atol=1e-3)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_dropouts_of_an_irregular_clock_are_gaps_and_no_other_rate(seed: int) -> None:
     """A reading that leaves out the stretches with the gaps has fewer left, and by chance the smaller range."""

@@ -102,7 +102,7 @@ def test_a_fit_is_led_past_valleys_of_missed_periods(spring):
 
 
 def test_starting_points_are_simulated_together_as_one_by_one(spring):
-    kinds = [JointElasticity(period=p, damping=d) for p, d in ((0.002, 0.05), (0.01, 0.3), (0.03, 0.1))]
+    kinds = [JointElasticity(resonance_period=p, damping=d) for p, d in ((0.0126, 0.05), (0.063, 0.3), (0.19, 0.1))]
     models = [replace(spring.model, effects=(k,)) for k in kinds]
     windows = Windows.of(spring.logs)
     together = starts(windows, models)

@@ -200,9 +200,9 @@ MANY = torch.tensor([[0.2], [0.9]], dtype=F64)
         DeadZone(MANY),
         Saturation(0.8),
         CurvedDrive(MANY, 1.2),
-        JointElasticity(0.03, 0.2),
+        JointElasticity(0.19, 0.2),
         JointElasticity(0.0, 0.1),
-        JointElasticity(MANY / 10, MANY / 2),
+        JointElasticity(MANY / 2, MANY / 2),
     ],
     ids=lambda e: type(e).__name__,
 )

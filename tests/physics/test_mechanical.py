@@ -185,7 +185,7 @@ def test_what_lies_between_drive_and_force():
 
 def test_joint_elasticity_is_exact_for_a_step():
     w, zeta, t = 1 / 0.03, 0.2, np.arange(1, 60) * 0.01
-    step = acting(JointElasticity(period=0.03, damping=zeta), [0.0] + [1.0] * 60, held=True)[1:]
+    step = acting(JointElasticity(resonance_period=2 * math.pi * 0.03, damping=zeta), [0.0] + [1.0] * 60, held=True)[1:]
     damped = w * math.sqrt(1 - zeta**2)
     expected = 1 - np.exp(-zeta * w * t) * (np.cos(damped * t) + zeta * w / damped * np.sin(damped * t))
     assert step == pytest.approx(expected.tolist(), abs=1e-12)

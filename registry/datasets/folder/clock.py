@@ -204,7 +204,8 @@ def without_drift(file: Path, column: str, of: Clock, logged: Sequence[Array]) -
         row = first_row(file) + int(np.flatnonzero(rows)[found.worst])
         raise BenchError(
             f"{file}, column {column!r}: the clock runs from {found.low:.4g} to {found.high:.4g} Hz, worst from row "
-            f"{row} on, where rate_hz = {of.rate:g}: mend the clock, or split the file where its rate changes."
+            f"{row} on, where rate_hz = {of.rate:g}: mend the clock, split the file where its rate changes, or say "
+            'clock = "exact" if the samples were taken at just these times.'
         )
     apart: list[tuple[float, float]] = []
     for start, end in sorted(odd):
@@ -257,6 +258,9 @@ def clock_findings(name: str, of: Clock, logged: Mapping[str, Array], near: Mapp
         n = int(((of.t >= start) & (of.t < end)).sum())
         detail = f"{n} samples from {start - of.t[0]:.3g} s on run at {n / (end - start):.4g} Hz: left out"
         found.append(Finding(name, "odd rate", n, detail))
+    if own.stretch and own.varies > _allowed(own.stretch):
+        detail = f"samples come at {own.low:.4g} to {own.high:.4g} Hz, put on {wanted:g} Hz by the times they were taken"
+        found.append(Finding(name, "irregular", len(of.t), detail))
     off = abs(own.period * wanted - 1) > UNIFORM + 2 * own.spread / len(of.t)
     if not of.as_it_is and off and any(rows.all() for rows in logged.values()):
         detail = f"logged at {1 / own.period:.5g} Hz, put on {wanted:g} Hz by straight lines between samples"

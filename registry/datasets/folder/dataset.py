@@ -217,7 +217,8 @@ def read_columns(file: Path, description: FolderDescription) -> tuple[Clock, dic
     columns = dict(zip(names, table[:, 1:].T, strict=True))
     commands = description.inputs if description.input_hold == "previous" else ()  # may be logged at any time
     measured = [s for n, s in description.signals.items() if n not in commands]
-    of = without_drift(file, description.time, of, [_whole([columns[c] for c in s.names]) for s in measured])
+    if description.clock != "exact":
+        of = without_drift(file, description.time, of, [_whole([columns[c] for c in s.names]) for s in measured])
     return of, columns
 
 

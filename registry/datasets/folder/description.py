@@ -21,7 +21,7 @@ LARGEST_NOISE = 1e9
 """1σ of any signal, SI: larger ones overflow where they are squared."""
 _REQUIRED = ("name", "rate_hz", "files", "time", "signals")
 _TABLES = ("physics", "processing", "environment")
-_OPTIONAL = ("system", "input", "input_hold", "targets", "time_unit", "vehicle", "date", *_TABLES)
+_OPTIONAL = ("system", "input", "input_hold", "targets", "time_unit", "clock", "vehicle", "date", *_TABLES)
 _ENVIRONMENT = ("gravity", "ground_z", "air_density")
 
 
@@ -42,6 +42,8 @@ class FolderDescription:
     """Signals that drive the system, the physics model's first; empty: it is not driven."""
     input_hold: str
     signals: dict[str, SignalColumns]
+    clock: str = "steady"
+    """"exact": its times are those of the samples, however irregularly they came."""
     targets: tuple[str, ...] = ()
     """What is predicted where a run names nothing; empty: what the system makes of it."""
     physics: dict[str, Any] = field(default_factory=dict)
@@ -97,6 +99,7 @@ def describe(folder: Path) -> FolderDescription:
         inputs=inputs,
         input_hold=table.get("input_hold", "linear"),
         signals=signals,
+        clock=table.get("clock", "steady"),
         targets=targets,
         physics=physics,
         processing=_processing(path, table.get("processing", {}), signals),
@@ -120,7 +123,8 @@ def _table(folder: Path, path: Path) -> dict[str, Any]:
     rate = table["rate_hz"]
     if not finite(rate) or not SLOWEST <= rate <= FASTEST:
         raise BenchError(f"{path}: rate_hz must be a number from {SLOWEST:g} to {FASTEST:g}, not {rate!r:.60}.")
-    for key, choices in (("input_hold", ("linear", "previous")), ("time_unit", tuple(SECONDS))):
+    chosen = {"input_hold": ("linear", "previous"), "time_unit": tuple(SECONDS), "clock": ("steady", "exact")}
+    for key, choices in chosen.items():
         if key in table and table[key] not in choices:
             raise BenchError(f"{path}: {key} = {table[key]!r:.60}: choose {', '.join(choices[:-1])} or {choices[-1]}.")
     for key in ("signals", *_TABLES):

@@ -12,8 +12,9 @@ from registry.core import EFFECTS
 from registry.dynamics import InputEffect, constant, tensor
 from registry.effects.mechanics.friction import ForceEffect, scaled
 
+_TURN = 2 * math.pi
 _RIGID = 1e-9
-"""Period [s] up to which a joint does not bend at all, so that rounding errors of zero are zero."""
+"""T = 1/ω [s] up to which a joint does not bend at all, so that rounding errors of zero are zero."""
 
 
 @EFFECTS.register("cubic_stiffness")
@@ -65,11 +66,16 @@ class JointElasticity(InputEffect):
     out. The motor's inertia is part of the mass.
     """
 
-    period: Any = constant(0.0, "T = 1/ω of the resonance", "s", low=0, high=1.0, typical=0.01)
+    resonance_period: Any = constant(
+        0.0, "2π T: one swing of the resonance", "s", low=0, high=_TURN, typical=0.01 * _TURN
+    )
     damping: Any = constant(0.1, "ζ: damping ratio", "1", low=1e-3, high=0.9, typical=0.1)
     equation: ClassVar[str] = "T² d²F/dt² + 2 ζ T dF/dt + F = u, solved exactly"
     systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator")
-    screen: ClassVar[dict[str, tuple[float, ...]]] = {"period": (0.002, 0.005, 0.01, 0.03), "damping": (0.05, 0.3)}
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {
+        "resonance_period": tuple(_TURN * t for t in (0.002, 0.005, 0.01, 0.03)),
+        "damping": (0.05, 0.3),
+    }
     manoeuvre: ClassVar[str] = "start and stop abruptly, or sweep the drive through the resonance"
 
     def memory_size(self, inputs: int, dt: float) -> int:
@@ -82,7 +88,7 @@ class JointElasticity(InputEffect):
 
     def act(self, memory: Tensor, segment: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
         """Exact for a drive that is linear over each half step; see `InputEffect.act`."""
-        period, zeta = scaled(self.period, segment), scaled(self.damping, segment)
+        period, zeta = scaled(self.resonance_period, segment) / _TURN, scaled(self.damping, segment)
         force, slope = memory.chunk(2, dim=-1)
         time = dt / 2 / period.clamp(min=_RIGID)  # in units of T
         root = (1 - zeta * zeta).sqrt()
@@ -103,7 +109,8 @@ class JointElasticity(InputEffect):
 
         z = F − i (T dF/dt + ζ F) / √(1 − ζ²) only turns and shrinks beside what follows a ramp.
         """
-        period, zeta = (tensor(p, segments).unsqueeze(-1).unsqueeze(-1) for p in (self.period, self.damping))
+        swing, zeta = (tensor(p, segments).unsqueeze(-1).unsqueeze(-1) for p in (self.resonance_period, self.damping))
+        period = swing / _TURN
         root, time = (1 - zeta * zeta).sqrt(), dt / 2 / period.clamp(min=_RIGID)
 
         def turning(force: Tensor, slope: Tensor) -> Tensor:
