@@ -104,6 +104,25 @@ def test_a_slow_log_is_told_with_what_it_is_good_for(flights: dict[str, Set], tm
     assert "10 Hz is too slow for rotations" in told.detail and "drag" in told.detail
 
 
+@pytest.mark.parametrize(("levels", "told"), [((46.7, 58.7), True), ((46.7, 52.0, 58.7), False)])
+def test_a_drive_of_two_levels_is_told(levels: tuple[float, ...], told: bool, tmp_path: Path) -> None:
+    """A saturation between the two, and a gain with a constant force, are one and the same on them."""
+    rng = np.random.default_rng(0)
+    for run in range(2):
+        t, u = np.arange(400) / 40, np.repeat(rng.permutation(np.tile(levels, 20))[:40], 10)
+        table = np.column_stack([t, np.sin(t), np.cos(t), u])
+        np.savetxt(tmp_path / f"run_{run}.csv", table, "%.9g", ",", header="t,q,v,u", comments="")
+    (tmp_path / "dataset.toml").write_text(
+        'name = "ball"\nsystem = "oscillator"\nrate_hz = 40\nfiles = "*.csv"\ntime = "t"\ninput = "force"\n'
+        'input_hold = "previous"\n[signals]\ndisplacement = {columns = ["q"], unit = "m"}\n'
+        'speed = {columns = ["v"], unit = "m/s"}\nforce = {columns = ["u"], unit = "N"}\n'
+        "[physics]\nmass = 1.0\ndamping = 0.1\nstiffness = 1.0\n"
+    )
+    found = [m for m in check_folder(tmp_path) if m.kind == "two levels"]
+    assert [(m.signal, m.stops) for m in found] == ([("force", False)] if told else [])
+    assert not found or "two values only, 46.7 and 58.7" in found[0].detail
+
+
 def test_time_on_the_ground_is_left_out_and_said(flights: dict[str, Set], tmp_path: Path) -> None:
     grounded = copy.deepcopy(flights["hummingbird"])
     for log in grounded.logs:

@@ -259,7 +259,9 @@ def clock_findings(name: str, of: Clock, logged: Mapping[str, Array], near: Mapp
         detail = f"{n} samples from {start - of.t[0]:.3g} s on run at {n / (end - start):.4g} Hz: left out"
         found.append(Finding(name, "odd rate", n, detail))
     if own.stretch and own.varies > _allowed(own.stretch):
-        detail = f"samples come at {own.low:.4g} to {own.high:.4g} Hz, put on {wanted:g} Hz by the times they were taken"
+        detail = (
+            f"samples come at {own.low:.4g} to {own.high:.4g} Hz, put on {wanted:g} Hz by the times they were taken"
+        )
         found.append(Finding(name, "irregular", len(of.t), detail))
     off = abs(own.period * wanted - 1) > UNIFORM + 2 * own.spread / len(of.t)
     if not of.as_it_is and off and any(rows.all() for rows in logged.values()):

@@ -1,4 +1,4 @@
-"""Whether a log has enough samples a second for what is to be told from it."""
+"""Whether a log has enough samples a second, and its drive enough levels, for what is to be told from it."""
 
 import numpy as np
 
@@ -29,3 +29,20 @@ def slow_logs(recorded: Recorded) -> list[Mistake]:
         "battery, wind), torques and motor lag cannot; log rates and rotors at 100 Hz or more for those."
     )
     return [Mistake("slow log", "body_rates", tuple(f.name for f in recorded.flights), detail, (), False)]
+
+
+def two_levels(recorded: Recorded) -> list[Mistake]:
+    """A drive that takes two values only: through two points lies any curve."""
+    drive = recorded.reading.drive
+    if drive not in recorded.reading.signals:
+        return []
+    u = np.concatenate([f.signals(recorded.reading, (drive,))[drive][f.valid] for f in recorded.flights])
+    levels = [np.unique(column[np.isfinite(column)]) for column in u.T]
+    if any(len(level) != 2 for level in levels):
+        return []
+    detail = (
+        f"{drive} takes two values only, {levels[0][0]:.4g} and {levels[0][1]:.4g}: its gain with a constant beside it, a "
+        "dead zone, a limit between them and a curve do the same there, and what is named of these may be another one. "
+        "Record three levels or more."
+    )
+    return [Mistake("two levels", drive, tuple(f.name for f in recorded.flights), detail, (), False)]
