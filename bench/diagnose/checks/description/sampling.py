@@ -41,8 +41,8 @@ def two_levels(recorded: Recorded) -> list[Mistake]:
     if any(len(level) != 2 for level in levels):
         return []
     detail = (
-        f"{drive} takes two values only, {levels[0][0]:.4g} and {levels[0][1]:.4g}: its gain with a constant beside it, a "
-        "dead zone, a limit between them and a curve do the same there, and what is named of these may be another one. "
-        "Record three levels or more."
+        f"{drive} takes two values only, {levels[0][0]:.4g} and {levels[0][1]:.4g}: its gain and a constant beside it, "
+        "a dead zone, a limit between them and a curve do the same there, and what is named of these may be another "
+        "one. Record three levels or more."
     )
     return [Mistake("two levels", drive, tuple(f.name for f in recorded.flights), detail, (), False)]
