@@ -262,6 +262,9 @@ def test_the_headline_has_a_learned_formula_of_several_numbers_without_them() ->
     assert sentences.headline(d).endswith("instead: speed q ~ displacement q, a sin n x + b cos n x.")
     one = replace(effect, parameters={"k": pair["a"]})
     assert sentences.headline(replace(d, effects=(one,))).endswith("instead: all of it in a line.")
+    known = replace(one, term=replace(one.term, nearest=("offset_force",), likeness=1.0))
+    for effects, lead in (((known,), "No effect of the catalogue was found"), ((known, one), "The catalogue does not")):
+        assert sentences.headline(replace(d, effects=effects)).startswith(lead)
 
 
 def test_a_constant_far_off_is_told_as_a_multiple() -> None:

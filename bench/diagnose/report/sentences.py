@@ -13,6 +13,8 @@ from bench.diagnose.settings import MATTERING, TELLING
 from registry.terms.shapes import SHAPES
 
 _FREE = "of the squared error of free runs above the noise floor"
+_ALL = 0.995
+"""Share of a learned term that is told as 100 %: what does all of it is an effect that the catalogue has."""
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -24,7 +26,9 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
         terms = [e for e in diagnosis.effects if e.learned]
         said = _in_short(terms[0]) if len(terms) == 1 else listed(named(e.name) for e in terms)
-        return f"The catalogue does not have what the model lacks; learned instead: {said}."
+        known = all(e.term is not None and e.term.nearest and e.term.likeness >= _ALL for e in terms)
+        lead = "No effect of the catalogue was found" if known else "The catalogue does not have what the model lacks"
+        return f"{lead}; learned instead: {said}."
     effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if not e.learned]
     left = diagnosis.unexplained
     line = verdict_line(diagnosis.verdict, effects, left.axes, left.follows)
