@@ -21,7 +21,7 @@ from bench.diagnose.logs.load import load
 from bench.fleet import page, stored
 from bench.fleet.findings import drifts, quantities
 from bench.fleet.fleet import PAGE, VALUES, Plan, conclude, execute, plan
-from bench.fleet.members import Member, is_fleet, members
+from bench.fleet.members import Member, is_fleet, members, recordings
 from bench.fleet.options import Options, environment
 from bench.fleet.result import Answer, FleetDiagnosis, Number, schema
 from registry.datasets.folder.dataset import Folder
@@ -96,6 +96,22 @@ def test_columns_tell_vehicles_and_days(tmp_path: Path) -> None:
     assert [r.name for r in found[0].folder.load().recordings] == ["r0", "r2"]
     with pytest.raises(BenchError, match="holds the vehicles that column 'tail' names"):
         load(tmp_path)
+
+
+def test_every_recording_of_a_folder_is_a_member(fleet: Path) -> None:
+    source = str(fleet / "n0")
+    found = recordings(source)
+    assert (found.kind, [(m.id, m.only, m.part) for m in found.members]) == (
+        "recording", [(f"ball_{i}", (f"ball_{i}.csv",), ("--each-recording",)) for i in (0, 1)],
+    )  # fmt: skip
+    assert [r.name for r in found.members[1].folder.load().recordings] == ["ball_1"]
+    known_fleet.write(fleet / "n0" / "ball_2.csv", 1.0)
+    assert [m.id for m in recordings(source, ("ball_1",)).members] == ["ball_0", "ball_2"]
+    for left_out, says in ((("ball_1", "ball_2"), "one recording"), (("bal_1",), "did you mean ball_1")):
+        with pytest.raises(BenchError, match=says):
+            recordings(source, left_out)
+    with pytest.raises(BenchError, match=r"has no dataset\.toml"):
+        recordings(str(fleet))
 
 
 def test_a_file_of_two_vehicles_is_refused(tmp_path: Path) -> None:
@@ -380,6 +396,41 @@ def test_a_fleet_from_the_shell_and_from_python(tmp_path: Path) -> None:
 def test_a_mistake_is_one_sentence(fleet: Path, words: list[str], says: str) -> None:
     _, _, error = command(str(fleet), *words)
     assert says in error and "\n" not in error
+
+
+def test_recordings_that_differ_are_told_apart_one_by_one(tmp_path: Path) -> None:
+    """The whole says in what they differ, with the numbers, and how to take each by itself."""
+    folder = tmp_path / "carts"
+    vehicle(folder, "quadratic_drag", 1, recordings=4, seconds=12.0)
+    vehicle(tmp_path / "other", "nothing", 2, recordings=4, seconds=12.0)
+    for i in (2, 3):
+        (tmp_path / "other" / f"run_{i}.csv").rename(folder / f"run_{i}.csv")
+    only = ["--catalogue", "quadratic_drag", "--catalogue", "offset_force"]
+    whole = command(str(folder), *only)[1]
+    again = f"bench diagnose {folder} --catalogue quadratic_drag --catalogue offset_force --each-recording"
+    assert again in " ".join(whole.split()) and "Recordings differ in quadratic drag" in " ".join(whole.split())
+    _, output, _ = command(str(folder), *only, "--each-recording")
+    assert "Of 4 recordings 2 lack quadratic drag." in output
+    told = json.loads((folder / "diagnosis" / "fleet.json").read_text())
+    assert told["kind"] == "recording"
+    assert [(v["vehicle"], v["verdict"]) for v in told["vehicles"]] == [
+        ("run_0", "named"), ("run_1", "named"), ("run_2", "nothing"), ("run_3", "nothing"),
+    ]  # fmt: skip
+    text = Parsed((folder / "diagnosis" / "fleet.html").read_text()).text
+    assert "Every recording is diagnosed by itself" in text
+    own = (folder / "diagnosis" / stored.VEHICLES / "run_0" / "diagnosis.html").read_text()
+    assert f"bench diagnose {folder} --each-recording" in Parsed(own).text and "--add" not in Parsed(own).text
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["silverbox", "--each-recording"], "for a folder with a dataset.toml"),
+        (["{}", "--each-recording", "--vehicle", "n0"], "--exclude leaves out some"),
+    ],
+)
+def test_recordings_one_by_one_of_what_has_none(fleet: Path, words: list[str], says: str) -> None:
+    assert says in command(*(w.format(fleet / "n0") for w in words))[2]
 
 
 def test_options_of_a_fleet_are_refused_for_one_vehicle(fleet: Path) -> None:

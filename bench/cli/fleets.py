@@ -21,27 +21,35 @@ from registry.errors import BenchError
 
 if TYPE_CHECKING:
     from bench.fleet.fleet import Plan
-    from bench.fleet.members import Member
+    from bench.fleet.members import Member, Members
     from bench.fleet.options import Options
     from bench.fleet.stored import Stored
 
 
-def is_fleet(source: str, vehicles: Sequence[str], execution: Execution, exclude: Sequence[str]) -> bool:
-    """Whether a name means a folder of several vehicles.
+def fleet_of(
+    source: str, vehicles: Sequence[str], execution: Execution, exclude: Sequence[str], each_recording: bool
+) -> "Members | None":
+    """The vehicles of a folder of several, or its recordings one by one; None: it is to be taken as a whole.
 
     Raises:
         BenchError: an option is for one vehicle where there are several, or the other way round.
     """
-    several = False
     if Path(source).is_dir() and not registered(source):
         from bench.fleet import members
 
-        several = members.is_fleet(source)
-    if several and exclude:
-        raise BenchError("--exclude names a recording of one data set, not of a fleet: take its file away.")
-    if not several and (vehicles or execution.workers or execution.cluster):
+        if each_recording:
+            if vehicles:
+                raise BenchError("--vehicle is for a fleet; of recordings, --exclude leaves out some.")
+            return members.recordings(source, tuple(exclude))
+        if members.is_fleet(source):
+            if exclude:
+                raise BenchError("--exclude names a recording of one data set, not of a fleet: take its file away.")
+            return members.members(source, tuple(vehicles))
+    if each_recording:
+        raise BenchError(f"--each-recording is for a folder with a dataset.toml, which {source} is not.")
+    if vehicles or execution.workers or execution.cluster:
         raise BenchError(f"{source} is no fleet: --vehicle, --workers and --cluster are for several vehicles.")
-    return several
+    return None
 
 
 def fleet_options(
@@ -68,7 +76,7 @@ def fleet_options(
 
 
 def diagnose_fleet(
-    source: str, chosen: "Options", vehicles: Sequence[str], folder: Path, to_json: Path | None, execution: Execution
+    source: str, fleet: "Members", chosen: "Options", folder: Path, to_json: Path | None, execution: Execution
 ) -> None:
     """Diagnose what is not kept yet, write the fleet's page, print the summary.
 
@@ -81,17 +89,17 @@ def diagnose_fleet(
     from bench.execution import lock
     from bench.fleet import stored, summary
     from bench.fleet.fleet import PAGE, VALUES, conclude, plan
-    from bench.fleet.members import members
 
-    out, fleet = options.console(), members(source, tuple(vehicles))
+    out = options.console()
     with lock.held(folder, f"the fleet {source}"), mirroring(execution, f"fleet: {fleet.name}", None) as mirror:
         stored.tidy(folder)
         with announcer(out) as tick:
             todo = plan(fleet, chosen, folder, lambda m: tick(f"look at {m.id}"))
         for note in fleet.notes:
             click.echo(f"note: {note}", err=True)
-        ready, counts = list(todo.done.values()), (len(fleet.members), len(todo.done), len(todo.todo))
-        out.print("[bold]{}[/]: {} vehicles, {} already diagnosed, {} to do.".format(escape(fleet.name), *counts))
+        ready = list(todo.done.values())
+        many = f"{len(fleet.members)} {fleet.kind}s, {len(ready)} already diagnosed, {len(todo.todo)} to do."
+        out.print(f"[bold]{escape(fleet.name)}[/]: {many}")
         _carry_out(out, todo, execution, lambda answer: mirror.vehicles([answer.folder]) if mirror else None)
         command = shlex.join(["bench", *portable(sys.argv[1:])])
         found = conclude(todo, command)
@@ -99,7 +107,7 @@ def diagnose_fleet(
             write_text(to_json, found.json_text())
         summary.print_summary(found, out)
         out.print(
-            f"\nWrote {folder / PAGE}, {folder / VALUES} and a folder a vehicle beside them",
+            f"\nWrote {folder / PAGE}, {folder / VALUES} and a folder a {fleet.kind} beside them",
             markup=False,
             soft_wrap=True,
         )
@@ -109,7 +117,8 @@ def diagnose_fleet(
     if todo.problems:
         name, sentence = next(iter(todo.problems.items()))
         raise BenchError(
-            f"{len(todo.problems)} of {len(fleet.members)} vehicles could not be diagnosed, such as {name}: {sentence}"
+            f"{len(todo.problems)} of {len(fleet.members)} {fleet.kind}s could not be diagnosed, such as {name}: "
+            f"{sentence}"
         )
 
 
@@ -119,7 +128,7 @@ def _carry_out(out: Console, todo: "Plan", execution: Execution, log: "Callable[
     if not todo.todo:
         return
     left, workers = len(todo.todo), execution.processes
-    with meter(out, sum(todo.sizes.values()) or 1.0, left, "vehicles") as progress:
+    with meter(out, sum(todo.sizes.values()) or 1.0, left, f"{todo.fleet.kind}s") as progress:
 
         def finished(member: "Member", answer: "Stored | None") -> None:
             progress.done += todo.sizes[member.id]
@@ -129,7 +138,7 @@ def _carry_out(out: Console, todo: "Plan", execution: Execution, log: "Callable[
 
         execute(todo, workers, execution.cluster, lambda m: progress.start(m.id), finished)
     by = f"on {execution.cluster}" if execution.cluster else f"with {min(workers, left)} process(es)"
-    out.print(f"{left} vehicles in {clock(time.monotonic() - progress.started)} {escape(by)}.")
+    out.print(f"{left} {todo.fleet.kind}s in {clock(time.monotonic() - progress.started)} {escape(by)}.")
 
 
 def _print_mirrored(missing: int, name: str) -> None:

@@ -14,6 +14,7 @@ DIAGNOSE: Stages = {
     "weigh": (1.9, 1),
     "extend": (0.5, 1),
     "shooting": (0.5, 4),
+    "compare recordings": (0.1, 1),
     "locate": (1.5, 1),
 }
 """Of `bench diagnose` on six flights of 30 s: seconds of one core. What else is learned takes longer than that says."""

@@ -12,7 +12,7 @@ from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.locate import Location
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.result import ByGroup, DataProblem, Diagnosis, Errors, Unexplained
+from bench.diagnose.result import ByGroup, DataProblem, Diagnosis, DifferingEffect, Errors, Unexplained
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.settings import DECIDING
 from bench.diagnose.simulate.unmeasured import hidden
@@ -33,6 +33,8 @@ class Steps:
     """Without effects: the calibrated model."""
     high: Sequence[str]
     """Output groups whose free runs err far above the floor."""
+    differing: DifferingEffect | None = None
+    """What recordings differ in so much that no one number holds for all."""
     location: Location = field(default_factory=Location)
     curves: tuple[LearnedCurve, ...] = ()
     """The shapes of learned terms."""
@@ -76,6 +78,7 @@ def answer(steps: Steps) -> Diagnosis:
         evidence=_evidence(steps),
         by_equation=equation_results(discovery, subject.model, bool(effects)),
         constants=constant_estimates(subject, extension.model, extension.constants),
+        differing=steps.differing,
     )
 
 
@@ -99,6 +102,7 @@ def _evidence(steps: Steps) -> Evidence:
         flights=steps.flights,
         obscured=discovery.obscured,
         contradicted_effects=discovery.contradicted_effects,
+        parted=subject.folder is not None and not subject.folder.only,
     )
 
 

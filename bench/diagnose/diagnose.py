@@ -23,6 +23,7 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.regression.weak import LogBatch, own_states
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, check_kinds
+from bench.diagnose.select.differing import differing
 from bench.diagnose.select.discovery import Discovery, supported
 from bench.diagnose.select.verify import Estimate, at_bound
 from bench.diagnose.settings import DECIDING, MATTERING
@@ -84,7 +85,7 @@ def diagnose(
     subject, filed = (
         replace(s, uncertainty=known, memory=found.memory, long_windows=found.long_windows) for s in (subject, filed)
     )
-    run = _Run(subject, noise, tick, horizon_s, filed)
+    run = _Run(subject, noise, tick, horizon_s, filed, catalogue)
     tick("extend")
     found, extension, refuted = _confirmed(run, found)
     steps, terms = _concluded(run, found, extension, refuted, source=named_as, checked=checked)
@@ -110,6 +111,8 @@ class _Run:
     """Longest horizon of the comparisons [s]."""
     filed: Subject
     """The measurements, with inputs as they were filed."""
+    catalogue: Sequence[str] | None = None
+    """Ids of the effects to choose from; None: all."""
 
 
 def _checked(
@@ -274,7 +277,14 @@ def _concluded(
     excess = {group: e for group, e in excess.items() if not _rounding(extension, group)}
     high = [group for group, e in excess.items() if e > DECIDING.high_excess]
     unknown, worth_a_look = verdict == "unknown_effect", max(excess.values(), default=0.0) > MATTERING.near**2
-    told = _learned(run, found, extension, verdict, little=not high) if unknown or worth_a_look else None
+    differ = told = None
+    if unknown or worth_a_look:
+        run.tick("compare recordings")
+        differ = differing(run.subject, extension.model, run.noise, run.catalogue)
+        # What one number for all of them leaves is no term of its own.
+        told = _learned(run, found, extension, verdict, little=not high) if differ is None else None
+    if differ is not None and not found.found:
+        verdict = "unknown_effect"
     terms, subject = (None, run.subject) if told is None else (told.extension, told.subject)
     if terms is not None:
         terms = likened(subject, run.noise, terms)
@@ -282,7 +292,7 @@ def _concluded(
         # What a search for effects took for nothing repeats, and can be learned.
         verdict = found.verdict if found.found else "unknown_effect"
     steps = Steps(subject, source, checked, verdict=verdict, discovery=found, extension=extension, high=high)
-    return steps, terms
+    return replace(steps, differing=differ), terms
 
 
 _NO_BETTER = (

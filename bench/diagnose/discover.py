@@ -14,7 +14,6 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import effect_entries, with_values
-from bench.diagnose.select import by_simulation
 from bench.diagnose.select.choose import accepted, compared, select_across_views
 from bench.diagnose.select.discovery import Discovery, Found, faint_traces, needs_first, trifle
 from bench.diagnose.select.given_past import revealed
@@ -22,6 +21,7 @@ from bench.diagnose.select.input_timing import mistimed, prepared, retimed
 from bench.diagnose.select.materiality import Saving, Weighing
 from bench.diagnose.select.release import contradicted
 from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.simulated import by_simulation
 from bench.diagnose.select.step import advanced, next_step, settled, without
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.tie import rivals

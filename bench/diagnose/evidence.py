@@ -207,8 +207,10 @@ class Evidence:
     """Effects that the training recordings are sure of and held-out ones contradict; not named."""
     flights: tuple[Flight, ...] = ()
     """Whole recordings, held-out ones first."""
-    vehicle: str = ""
-    """The one among those of the data that this is about; empty: there is one."""
+    part: tuple[str, ...] = ()
+    """Words of a command that choose what of the data this is about, such as --vehicle N7; empty: all of them."""
+    parted: bool = False
+    """Whether `bench diagnose DATA --each-recording` takes the recordings one by one."""
     asked: Asked = field(default_factory=Asked)
 
     def command(self, name: str, *more: str) -> str:

@@ -7,8 +7,8 @@ import numpy as np
 
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.select import by_simulation
 from bench.diagnose.select.search import Search
+from bench.diagnose.select.simulated import by_simulation
 from bench.diagnose.select.step import settled
 from bench.diagnose.select.verify import Estimate, estimates
 from bench.diagnose.settings import EXTENDING

@@ -110,6 +110,20 @@ class NamedEffect:
 
 
 @dataclass(frozen=True)
+class DifferingEffect:
+    """What recordings differ in: an effect, or several that act through each other, with numbers of each recording."""
+
+    effects: tuple[str, ...]
+    """Ids."""
+    share: float
+    """Of the squared error that one number for all recordings leaves where it acts, 0 to 1, on stretches not fitted."""
+    by_recording: dict[str, dict[str, ParameterEstimate]]
+    """Their parameters, as a linear regression on each recording tells them beside what all have in common."""
+    rivals: tuple[str, ...] = ()
+    """Ids of effects that explain nearly as much with numbers of each recording's own."""
+
+
+@dataclass(frozen=True)
 class Unexplained:
     """What the extended model leaves above the floor."""
 
@@ -171,6 +185,8 @@ class Diagnosis(Displayed):
     """What the last model leaves that goes on with the disturbance which its own past tells; empty: none is known."""
     ceiling: ByGroup | None = None
     """What a network leaves that stands around the last model; None: it was not asked for."""
+    differing: DifferingEffect | None = None
+    """In what recordings differ so much that no one number holds for all; None: in nothing that shows."""
 
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:

@@ -11,7 +11,7 @@ from bench.execution import lock
 from bench.execution.executor import run_jobs
 from bench.fleet import stored
 from bench.fleet.findings import drifts, quantities
-from bench.fleet.members import Member, Members, members
+from bench.fleet.members import Member, Members, members, recordings
 from bench.fleet.options import Options, environment, key_of
 from bench.fleet.read_answers import answer_of, failed
 from bench.fleet.result import FleetDiagnosis
@@ -47,7 +47,7 @@ class Plan:
             for m in self.fleet.members
         )
         about = quantities(found), drifts(found), self.fleet.notes
-        return FleetDiagnosis(self.fleet.name, found, *about, folder=self.out)
+        return FleetDiagnosis(self.fleet.name, found, *about, self.fleet.kind, folder=self.out)
 
 
 def plan(fleet: Members, options: Options, out: Path, tick: Callable[[Member], None] = lambda member: None) -> Plan:
@@ -147,6 +147,8 @@ def fleet(
     *,
     model: str | Path | None = None,
     vehicles: Sequence[str] = (),
+    each_recording: bool = False,
+    exclude: Sequence[str] = (),
     catalogue: Sequence[str] = (),
     horizon_s: float | None = None,
     ignore: Sequence[str] = (),
@@ -163,6 +165,8 @@ def fleet(
         system: a registered physics model or "path/to/file.py:Class"; default: what the data name.
         model: a model.toml to start from; default: nominal constants without effects.
         vehicles: these only; none: all.
+        each_recording: take every recording of a folder with a dataset.toml by itself, as if each were a vehicle.
+        exclude: recordings that are left out then.
         catalogue: ids of the effects to choose from; none: all that are registered.
         horizon_s: longest horizon of the comparisons [s].
         ignore: kinds of data problems that are noted and do not stop the analysis.
@@ -182,6 +186,7 @@ def fleet(
     folder = Path(out) if out is not None else Path(source) / "diagnosis"
     with lock.held(folder, f"the fleet {source}"):
         stored.tidy(folder)
-        todo = plan(members(str(source), tuple(vehicles)), options, folder)
+        found = recordings(str(source), tuple(exclude)) if each_recording else members(str(source), tuple(vehicles))
+        todo = plan(found, options, folder)
         execute(todo, workers, cluster)
         return conclude(todo, f"bench.fleet({str(source)!r})")

@@ -1,4 +1,4 @@
-"""Which vehicles there are: folders of a folder, or what columns of one folder's files say."""
+"""Which members a fleet has: folders of a folder, what columns of one folder's files say, or its recordings."""
 
 import hashlib
 import re
@@ -30,6 +30,15 @@ class Member:
     """Names of its files; none: all that the description means."""
     problem: str = ""
     """Why it cannot be read, as far as is known before."""
+    kind: str = "vehicle"
+    """Or "recording": one of a folder, by itself."""
+
+    @property
+    def part(self) -> tuple[str, ...]:
+        """Words of `bench diagnose SOURCE` that it is a part of; empty: it is all of the source."""
+        if self.kind == "recording":
+            return ("--each-recording",)
+        return ("--vehicle", self.vehicle) if self.only else ()
 
     @property
     def title(self) -> str:
@@ -57,6 +66,11 @@ class Members:
     """By vehicle and date."""
     notes: tuple[str, ...] = ()
     """What was left out, in sentences."""
+
+    @property
+    def kind(self) -> str:
+        """What they are, "vehicle" or "recording"."""
+        return self.members[0].kind
 
 
 def is_fleet(source: str) -> bool:
@@ -108,6 +122,34 @@ def members(source: str, vehicles: tuple[str, ...] = ()) -> Members:
     if vehicles:
         return Members(found.name, tuple(m for m in found.members if m.vehicle in vehicles), found.notes)
     return found
+
+
+def recordings(source: str, exclude: tuple[str, ...] = ()) -> Members:
+    """The recordings of a folder, each as if it were a vehicle.
+
+    Args:
+        source: a folder with a dataset.toml.
+        exclude: names of recordings that are left out.
+
+    Raises:
+        BenchError: there is no dataset.toml, no recording of such a name, or fewer than two are left.
+    """
+    folder = Path(source)
+    if not (folder / FILE).is_file():
+        raise BenchError(f"{source} has no {FILE}: recordings are taken one by one of a folder that has one.")
+    found = Folder(path=source).files
+    files = {f.stem: f.name for f in found}
+    if len(files) < len(found):
+        raise BenchError(f"{source}: two recordings have one name; rename a file.")
+    for name in exclude:
+        if name not in files:
+            raise BenchError(f"--exclude {name}: no recording of {source} is called so: {near(name, files)}")
+    left = {name: file for name, file in files.items() if name not in exclude}
+    if len(left) < 2:
+        raise BenchError(f"{source} has one recording to take by itself: leave --each-recording out.")
+    where = abspath(folder), source
+    made = tuple(Member(name, "", name, *where, (file,), kind="recording") for name, file in left.items())
+    return Members(describe(folder).name, made)
 
 
 def _of_folders(folder: Path) -> Members:

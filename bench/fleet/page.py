@@ -55,14 +55,14 @@ def _lacking(f: FleetDiagnosis) -> _Table | None:
     """Every effect with the mean and the spread of its numbers."""
     if not f.lacking:
         return None
-    heads = ("effect", "vehicles", "parameter", "mean", "spread between vehicles τ", "p of no spread")
+    heads = ("effect", f"{f.kind}s", "parameter", "mean", f"spread between {f.kind}s τ", "p of no spread")
     rows, of = [], {q.effect: [r for r in f.quantities if r.effect == q.effect] for q in f.quantities}
     for effect, count in f.lacking.items():
         for q in of.get(effect, [None]):
             name, share = phrases.named(effect), f"{count} of {len(f.vehicles)}"
             rows.append(_Row((name, share, *(_summary(q) if q else ("", _Cell(), "", "")))))
     drawings = [
-        Drawing(f"{phrases.named(q.effect)}, {q.parameter}", f"{len(q.vehicles)} vehicles", figures.spread(q))
+        Drawing(f"{phrases.named(q.effect)}, {q.parameter}", f"{len(q.vehicles)} {f.kind}s", figures.spread(q, f.kind))
         for q in f.quantities
         if len(q.vehicles) > 1
     ]
@@ -88,7 +88,7 @@ def _differing(f: FleetDiagnosis) -> _Table | None:
         what = f"{phrases.named(q.effect)}, {q.parameter}"
         cells = (d.vehicle, what, _shown(d.value, d.low, d.high, unit, factor), others)
         rows.append(_Row((*cells, _share(d.value - d.others, d.others, signed=True), _p(d.adjusted)), pages[d.vehicle]))
-    return _Table(("vehicle", "number", "value", "others", "off by", "p, adjusted"), rows) if rows else None
+    return _Table((f.kind, "number", "value", "others", "off by", "p, adjusted"), rows) if rows else None
 
 
 def _drifting(f: FleetDiagnosis) -> _Table | None:
@@ -117,7 +117,7 @@ def _slope(d: Drift) -> tuple[Any, ...]:
 
 def _without(f: FleetDiagnosis) -> _Table | None:
     rows = [_Row((a.title, VERDICTS[a.verdict], a.sentence), a.page) for a in f.of(FAILED, "data_problem")]
-    return _Table(("vehicle", "", "what is wrong"), rows) if rows else None
+    return _Table((f.kind, "", "what is wrong"), rows) if rows else None
 
 
 def _matrix(f: FleetDiagnosis) -> _Table:
@@ -135,7 +135,7 @@ def _matrix(f: FleetDiagnosis) -> _Table:
     }
     off = {(d.vehicle, q.effect, q.parameter, q.unit) for q, d in f.differing}
     dated = any(a.date for a in f.answers)
-    heads = ["vehicle", *(["date"] if dated else []), "verdict"]
+    heads = [f.kind, *(["date"] if dated else []), "verdict"]
     heads += [
         f"{phrases.named(q[0])} {phrases.united(q[1], f'[{units[q][0]}]' if units[q][0] != '1' else '1')}"
         for q in quantities
@@ -197,7 +197,7 @@ SECTIONS = (
     ("Those that differ", "differing", _differing),
     ("Drift over dates", "drifting", _drifting),
     ("Without an answer", "without", _without),
-    ("Vehicle by vehicle", "matrix", _matrix),
+    ("One by one", "matrix", _matrix),
     ("How it was done", "method", _method),
 )
 """Title, macro of ``fleet_sections.html.j2``, and what that is given."""
@@ -223,4 +223,4 @@ def _facts(f: FleetDiagnosis) -> list[str]:
     systems = [phrases.named(s) for s in dict.fromkeys(a.system for a in f.answers if a.system)]
     count = len(f.vehicles)
     sessions = [f"{len(f.answers)} diagnoses"] if len(f.answers) != count else []
-    return [*systems, f"{count} vehicles", *sessions]
+    return [*systems, f"{count} {f.kind}s", *sessions]

@@ -18,8 +18,8 @@ _SHORT = 16
 """Characters of a name that fit."""
 
 
-def spread(q: Quantity) -> Markup:
-    """Every vehicle's value with its 95 % interval, by value; mean, and the band of 1.96 τ about it."""
+def spread(q: Quantity, kind: str = "vehicle") -> Markup:
+    """Every member's value with its 95 % interval, by value; mean, and the band of 1.96 τ about it."""
     unit, factor = phrases.shown(q.unit, q.parameter, [d.value for d in q.vehicles])
     ordered = sorted(q.vehicles, key=lambda d: (d.value, d.vehicle))
     band = [(q.mean + side * 1.96 * q.between) * factor for side in (-1, 1)]
@@ -27,7 +27,7 @@ def spread(q: Quantity) -> Markup:
     panel = Panel(
         Scale(0, len(ordered) + 1, whole=True),
         around([*ends, *band]),
-        "vehicles, by value",
+        f"{kind}s, by value",
         f"{q.parameter} [{unit}]",
         width=WIDE,
         height=HIGH,
@@ -48,7 +48,7 @@ def spread(q: Quantity) -> Markup:
         panel.dots([rank], [d.value * factor], colour, radius=2.2)
     panel.line(xs, ys, Look(USUAL, width=1.4, opacity=0.55))
     panel.points(points)
-    return panel.svg(f"{q.parameter} of {len(ordered)} vehicles")
+    return panel.svg(f"{q.parameter} of {len(ordered)} {kind}s")
 
 
 def over_dates(drift: Drift, told: Sequence[tuple[Answer, Number]]) -> Markup:

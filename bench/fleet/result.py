@@ -181,6 +181,8 @@ class FleetDiagnosis(Displayed):
     drifts: tuple[Drift, ...]
     """All that were looked for."""
     notes: tuple[str, ...] = ()
+    kind: str = "vehicle"
+    """What its members are: vehicles, or recordings of one folder."""
     folder: Path = field(default_factory=Path)
     """Where the page, fleet.json and the vehicles' own pages are."""
 
@@ -232,7 +234,7 @@ class FleetDiagnosis(Displayed):
         said = [f"{n} {'lacks' if n == 1 else 'lack'} {shown[e]}" for e, n in self.lacking.items()]
         if len(said) > 4:
             said = [*said[:3], f"{len(said) - 3} more effects are missing here and there"]
-        parts = [f"Of {count} vehicles {listed(said or ['none is shown to lack an effect'])}"]
+        parts = [f"Of {count} {self.kind}s {listed(said or ['none is shown to lack an effect'])}"]
         if differ := len({d.vehicle for _, d in self.differing}):
             parts.append(f"{differ} {'differs' if differ == 1 else 'differ'} from the others in a number")
         if drift := len({d.vehicle for d in self.drifting if d.vehicle}):
@@ -266,6 +268,7 @@ class FleetDiagnosis(Displayed):
         """What ``fleet.json`` holds, as ``schema.json`` describes it; a number that does not exist is None."""
         told: Mapping[str, Any] = {
             "fleet": self.name,
+            "kind": self.kind,
             "false_discovery_rate": RATE,
             "vehicles": [asdict(a) for a in self.answers],
             "quantities": [

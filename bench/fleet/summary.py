@@ -25,9 +25,11 @@ def print_summary(found: FleetDiagnosis, console: Any) -> None:
 
     console.print(Text(found.headline, style="bold"))
     if len(found.answers) <= FEW:
-        console.print(_table(("vehicle", "verdict", "what it lacks"), _vehicles(found)))
+        console.print(_table((found.kind, "verdict", "what it lacks"), _vehicles(found)))
     if found.quantities:
-        console.print(_table(("effect", "vehicles", "mean over vehicles", "spread between them"), _effects(found)))
+        console.print(
+            _table(("effect", f"{found.kind}s", f"mean over {found.kind}s", "spread between them"), _effects(found))
+        )
     for title, lines in (
         ("differs", list(_differing(found))),
         ("drifts", list(_drifting(found))),

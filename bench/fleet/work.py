@@ -77,8 +77,7 @@ def work(do: Diagnose, member: Member, options: Options, key: str, same: dict[st
 
 
 def _files(member: Member, options: Options, found: Diagnosis, model: PhysicsModel) -> dict[str, str]:
-    vehicle = member.vehicle if member.only else ""
     asked = Asked(options.system or "", options.model)
-    found = replace(found, evidence=replace(found.evidence, source=member.source, vehicle=vehicle, asked=asked))
+    found = replace(found, evidence=replace(found.evidence, source=member.source, part=member.part, asked=asked))
     with scratch() as folder:
         return {p.name: p.read_text(encoding="utf-8") for p in output_folder.write(folder, found, model)}

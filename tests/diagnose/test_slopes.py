@@ -21,7 +21,7 @@ from bench.diagnose.logs.smoothing import Slope, Smoothing
 from bench.diagnose.logs.subject import log_of
 from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import LogBatch, mean_rates
-from bench.diagnose.select import by_simulation
+from bench.diagnose.select.simulated import by_simulation
 from bench.diagnose.settings import SHIFTING
 from bench.diagnose.simulate.floor import measure
 from bench.diagnose.simulate.unmeasured import hidden

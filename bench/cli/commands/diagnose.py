@@ -309,6 +309,7 @@ def extend_command(
 )
 @click.option("--exclude", multiple=True, metavar="RECORDING", help="Leave this recording out. Repeatable.")
 @click.option("--vehicle", "vehicles", multiple=True, metavar="NAME", help="Of a fleet, this one only. Repeatable.")
+@click.option("--each-recording", is_flag=True, help="Diagnose every recording by itself, as if each were a vehicle.")
 @click.option(
     "--ceiling",
     "asks_network",
@@ -329,6 +330,7 @@ def diagnose_command(
     ignore: tuple[str, ...],
     exclude: tuple[str, ...],
     vehicles: tuple[str, ...],
+    each_recording: bool,
     asks_network: bool,
     out: Path | None,
     execution: Execution,
@@ -356,12 +358,14 @@ def diagnose_command(
     bench diagnose fleet/ --workers 8                      vehicles side by side, one process each
     bench diagnose fleet/ --cluster tcp://127.0.0.1:8786   on the workers of a Dask cluster
     bench diagnose fleet/ --vehicle N7 --vehicle N9        these two only
+    bench diagnose flights/ --each-recording               each flight by itself: in what do they differ?
     """
     names, folder = chosen(catalogue, without), folder_for(source, out)
-    if fleets.is_fleet(source, vehicles, execution, exclude):
+    fleet = fleets.fleet_of(source, vehicles, execution, exclude, each_recording)
+    if fleet is not None:
         _refuse_for_fleets(asks_network, settings)
         wanted = fleets.fleet_options(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
-        return fleets.diagnose_fleet(source, wanted, vehicles, folder, to_json=to_json, execution=execution)
+        return fleets.diagnose_fleet(source, fleet, wanted, folder, to_json, execution)
     given = [measured(source, system, model_file, catalogue, exclude, settings)]  # popped: not to be held
     from bench.diagnose.diagnose import diagnose
 

@@ -49,4 +49,5 @@ def _parts(log: Log) -> list[Log]:
     if count < READING.fewest_parts:
         return [log]
     ends = np.linspace(0, len(log), count + 1).round().astype(int)
-    return [log.part(slice(a, b), f"{log.name}_{i}of{count}") for i, (a, b) in enumerate(pairwise(ends), start=1)]
+    parts = [log.part(slice(a, b), f"{log.name}_{i}of{count}") for i, (a, b) in enumerate(pairwise(ends), start=1)]
+    return [replace(part, part_of=log.name) for part in parts]

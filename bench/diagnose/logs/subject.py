@@ -38,6 +38,8 @@ class Log:
     """(N − 1, s): means of the states from each sample to the next, where others between them were left out."""
     missed: Tensor | None = None
     """(N − 1, s): what the means of two samples lack as means of slopes between them; see `logs.slopes`."""
+    part_of: str = ""
+    """Name of the recording that it was cut from; empty: it is whole."""
 
     @property
     def means(self) -> Tensor:

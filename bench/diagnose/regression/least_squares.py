@@ -214,6 +214,21 @@ class Normal:
                 out -= self.count[:, None] * (self.noise[k][np.ix_(columns, index)] @ vector[index])
         return out
 
+    def products(self, few: Sequence[int], columns: Sequence[int], beta: np.ndarray) -> np.ndarray:
+        """Normal equations (blocks, k + 1, k + 1) of ``few`` columns for what ``columns`` leave with ``beta``.
+
+        Of rows from which no noise is taken off.
+        """
+        vector = self._vector(columns, beta)
+        out = np.zeros((len(self.count), len(few) + 1, len(few) + 1))
+        for acting, rows in self.channels:
+            own = np.flatnonzero(np.isin(few, acting))
+            x = np.stack([*rows[np.searchsorted(acting, np.asarray(few)[own])], _left((acting, rows), vector)])
+            at = [*own, len(few)]
+            for i, row in zip(at, x, strict=True):
+                out[:, i, at] += self._by_block(x * row).T
+        return out
+
     def _vector(self, columns: Sequence[int], beta: np.ndarray) -> np.ndarray:
         """What all columns (c,) are multiplied by to leave the residual."""
         vector = np.zeros(self.width)

@@ -160,6 +160,10 @@ class Rows:
         )
         return Normal(channels, self.width + 1, np.array(fold), np.array(count))
 
+    def apart(self) -> list[Normal]:
+        """`normal` of each log by itself."""
+        return [replace(self, parts=(log,)).normal() for log in self.parts]
+
     def _folds_of(self, log: int) -> range:
         """Folds that stretches of a log belong to, ascending: a few logs make several each, many share them."""
         logs = len(self.parts)

@@ -1,7 +1,7 @@
 """What the sections of the diagnosis page show: drawings, and values in the units of a reader."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ from bench.diagnose.report import ceiling_words, constant_words, phrases, senten
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report.page_equations import equation_by_equation
 from bench.diagnose.report.page_flights import over_time
-from bench.diagnose.result import Diagnosis, NamedEffect, Region
+from bench.diagnose.result import Diagnosis, NamedEffect, ParameterEstimate, Region
 from bench.diagnose.settings import TELLING
 from bench.reporting.page import Drawing, Section
 
@@ -88,13 +88,26 @@ def _learned(d: Diagnosis) -> _Learned | None:
         Drawing(f"{phrases.named(c.y_quantity)} against {phrases.named(c.x_signal)}", "", figures.learned_shape(c))
         for c in d.evidence.learned
     ]
-    single = []
-    for e in d.effects:
-        heads = list(dict.fromkeys(n for numbers in e.by_recording.values() for n in numbers))
-        rows = [(r, *(phrases.estimate(n, p) for n, p in numbers.items())) for r, numbers in e.by_recording.items()]
-        if rows:
-            single.append((phrases.named(e.name), ("recording", *heads), rows))
+    single = [(phrases.named(e.name), *_by_recording(e.by_recording)) for e in d.effects if e.by_recording]
     return _Learned(drawings, single) if drawings or single else None
+
+
+def _by_recording(told: Mapping[str, Mapping[str, ParameterEstimate]]) -> tuple[Sequence[str], list[tuple[str, ...]]]:
+    """Heads and rows of a table of each recording's numbers."""
+    heads = dict.fromkeys(n for numbers in told.values() for n in numbers)
+    rows = [(r, *(phrases.estimate(n, p) for n, p in numbers.items())) for r, numbers in told.items()]
+    return ("recording", *heads), rows
+
+
+@dataclass(frozen=True)
+class _Differing:
+    said: str
+    heads: Sequence[str]
+    rows: Sequence[tuple[str, ...]]
+
+
+def _differing(d: Diagnosis) -> _Differing | None:
+    return None if d.differing is None else _Differing(sentences.differing(d), *_by_recording(d.differing.by_recording))
 
 
 def _waterfall(d: Diagnosis) -> list[figures.Waterfall]:
@@ -206,6 +219,7 @@ def _itself(d: Diagnosis) -> Diagnosis:
 
 _SECTIONS: tuple[tuple[str, str, Callable[[Diagnosis], Any]], ...] = (
     ("What cannot be told apart", "ties", _ties),
+    ("What recordings differ in", "differing", _differing),
     ("What was learned", "learned", _learned),
     ("Measured and predicted", "over_time", over_time),
     ("Equation by equation", "equation_by_equation", equation_by_equation),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from bench.diagnose.by_equation import EffectSaving
 from bench.diagnose.evidence import LINES
 from bench.diagnose.report import constant_words
-from bench.diagnose.report.phrases import listed, named, number, percent, shown, united
+from bench.diagnose.report.phrases import estimate, listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
 from bench.diagnose.settings import MATTERING, TELLING
 from registry.terms.shapes import SHAPES
@@ -29,6 +29,9 @@ def headline(diagnosis: Diagnosis) -> str:
         known = all(e.term is not None and e.term.nearest and e.term.likeness >= _ALL for e in terms)
         lead = "No effect of the catalogue was found" if known else "The catalogue does not have what the model lacks"
         return f"{lead}; learned instead: {said}."
+    if diagnosis.verdict == "unknown_effect" and diagnosis.differing is not None:
+        what = listed(map(named, diagnosis.differing.effects))
+        return f"No one model holds for all recordings: they differ in {what}."
     effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if not e.learned]
     left = diagnosis.unexplained
     line = verdict_line(diagnosis.verdict, effects, left.axes, left.follows)
@@ -135,13 +138,31 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         each = "it explains" if len(shares) == 1 else "together they explain"
         constants = _constants_first(diagnosis)
         found.append(f"On recordings not learned from, {each} {percent(sum(shares))} {_FREE}{constants}.")
-    elif diagnosis.verdict == "unknown_effect":
+    elif diagnosis.verdict == "unknown_effect" and diagnosis.differing is None:
         share = diagnosis.unexplained.share
         size = f"It makes {percent(share)} {_FREE}, and n" if share > 0 else "N"
         found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
     left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
-    after = (alike(diagnosis), left, _contradicted(diagnosis))
+    after = (alike(diagnosis), left, differing(diagnosis) or _contradicted(diagnosis))
     return [*filter(None, (" ".join(found), *after))]
+
+
+def differing(diagnosis: Diagnosis) -> str:
+    """In what recordings differ, with the numbers of those that differ most; empty: in nothing that shows."""
+    told = diagnosis.differing
+    if told is None:
+        return ""
+    numbers = []
+    for name in next(iter(told.by_recording.values())):
+        found = sorted((p[name].value, recording) for recording, p in told.by_recording.items())
+        ends = (f"{estimate(name, told.by_recording[r][name])} in {r}" for _, r in (found[0], found[-1]))
+        numbers.append(f"{name} from {' to '.join(ends)}")
+    rivals = f" ({listed(map(named, told.rivals), 'or')} would do nearly as well)" if told.rivals else ""
+    return (
+        f"Recordings differ in {listed(map(named, told.effects))}{rivals}: {'; '.join(numbers)}. With numbers of each "
+        f"recording's own {percent(told.share)} is explained of the squared error that one number for all leaves where "
+        f"it acts.{_one_by_one(diagnosis)}"
+    )
 
 
 def _contradicted(diagnosis: Diagnosis) -> str:
@@ -149,10 +170,16 @@ def _contradicted(diagnosis: Diagnosis) -> str:
     names = listed(map(named, diagnosis.evidence.contradicted_effects))
     return (
         f"The recordings that were learnt from show {names}, and those held out get worse with it: recordings differ, "
-        "and it is not named."
+        f"and it is not named.{_one_by_one(diagnosis)}"
         if names
         else ""
     )
+
+
+def _one_by_one(diagnosis: Diagnosis) -> str:
+    """What to type where recordings differ; empty: they cannot be taken one by one."""
+    of = diagnosis.evidence
+    return f" What each of them says by itself: {of.command('diagnose', '--each-recording')}." if of.parted else ""
 
 
 def alike(diagnosis: Diagnosis) -> str:
@@ -234,8 +261,8 @@ def observed(diagnosis: Diagnosis) -> str:
 def commands(diagnosis: Diagnosis) -> list[str]:
     """What to type to repeat the diagnosis, and to add its effects one by one."""
     of = diagnosis.evidence
-    if of.vehicle:
-        return [of.command("diagnose", "--vehicle", of.vehicle)]
+    if of.part:
+        return [of.command("diagnose", *of.part)]
     adds = [e.name for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from]
     if diagnosis.verdict == "tie":
         adds = [i for e in diagnosis.effects[:1] for i in (e.id, *e.indistinguishable_from)]

@@ -11,7 +11,7 @@ import numpy as np
 from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.select.search import View
-from bench.diagnose.select.simulated_set import SimulatedSet
+from bench.diagnose.select.simulated.simulated_set import SimulatedSet
 from bench.diagnose.select.subset import Fit, Subsets, t_value
 from bench.diagnose.settings import CHOOSING, EXTENDING, GROWING, VERIFYING
 from registry.core import EFFECTS

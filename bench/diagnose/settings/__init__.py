@@ -16,6 +16,7 @@ from bench.diagnose.settings.manoeuvre import Assuring, Composing, Designing, Li
 from bench.diagnose.settings.regression import Calibrating, Folding, Following, Linearising, Mapping, Waving
 from bench.diagnose.settings.select import (
     Choosing,
+    Differing,
     Growing,
     Mattering,
     Releasing,
@@ -61,6 +62,7 @@ CHOOSING = Choosing()
 STEPPING = Stepping()
 VERIFYING = Verifying()
 MATTERING = Mattering()
+DIFFERING = Differing()
 GROWING = Growing()
 SPLINING = Splining()
 WORDING = Wording()

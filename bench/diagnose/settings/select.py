@@ -262,6 +262,27 @@ class Mattering:
 
 
 @dataclass(frozen=True)
+class Differing:
+    """Whether recordings differ in a number."""
+
+    most: float = threshold(
+        0.5,
+        "share of what one number for all recordings leaves where the effect acts, from which they differ in it: most",
+        Basis.CONVENTION,
+    )
+    within: float = threshold(
+        0.5,
+        "share of what numbers of each recording save, up to which those of its halves may save more or less: what "
+        "changes within recordings as it does between them is no matter of recordings",
+        Basis.CONVENTION,
+    )
+    alike: float = threshold(
+        0.9, "share of what the best effect explains with such numbers from which another does as well", Basis.JUDGED
+    )
+    draws: int = threshold(400, "draws that intervals of derived parameters are taken from", Basis.EFFORT, "count")
+
+
+@dataclass(frozen=True)
 class Growing:
     """Sets of effects that are fitted through the simulator, one effect added at a time."""
 

@@ -113,6 +113,12 @@ def increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments
 
 def noise_increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments:
     """What noise alone adds to the increments: those of measurements with noise drawn once more, less those without."""
+    clean, moved = (increments(model, s, noise) for s in (stack, with_noise(model, stack, noise)))
+    return Increments(moved.steps - clean.steps, clean.valid)
+
+
+def with_noise(model: PhysicsModel, stack: LogBatch, noise: Noise) -> LogBatch:
+    """Measurements with noise drawn once more, the same every time."""
     generator, r = np.random.default_rng(0), noise.half_width
     padded = torch.cat([stack.states[:, :1].expand(-1, r, -1), stack.states, stack.states[:, -1:].expand(-1, r, -1)], 1)
     channels = model.state_channels
@@ -122,11 +128,19 @@ def noise_increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Incr
     )
     white = generator.normal(size=stack.inputs.shape) * np.array(noise.inputs)
     through = convolve1d(white, impulse_response(noise.input_smoothing, False), axis=1)
-    noisy = replace(stack, states=stack.states + drawn, inputs=stack.inputs + torch.from_numpy(through))
-    clean, moved = increments(model, stack, noise), increments(model, noisy, noise)
-    steps = moved.steps - clean.steps
+    states, inputs = stack.states + drawn, stack.inputs + torch.from_numpy(through)
+    logs = [
+        replace(log, states=x[: len(log)], inputs=u[: len(log)])
+        for log, x, u in zip(stack.logs, states, inputs, strict=True)
+    ]
     if stack.sensed:
         sigma = np.array(noise.sensed)
-        drawn = generator.normal(size=(*stack.states.shape[:2], len(sigma))) * sigma
-        steps[..., -len(sigma) :] += (drawn[:, 1:] + drawn[:, :-1]) / 2 * stack.dt
-    return Increments(steps, clean.valid)
+        shown = generator.normal(size=(*stack.states.shape[:2], len(sigma))) * sigma
+        more = np.cumsum((shown[:, 1:] + shown[:, :-1]) / 2 * stack.dt, axis=1)
+        summed = torch.from_numpy(np.concatenate([np.zeros_like(more[:, :1]), more], axis=1))
+        logs = [
+            replace(log, sensed=log.sensed + s[: len(log)])
+            for log, s in zip(logs, summed, strict=True)
+            if log.sensed is not None
+        ]
+    return replace(stack, logs=tuple(logs), states=states, inputs=inputs)

@@ -18,7 +18,7 @@ from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.select.catalogue import admissible
 from bench.diagnose.select.choose import RejectedCandidate
 from bench.diagnose.select.discovery import Discovery, Found
-from bench.diagnose.select.simulated_set import SimulatedSet, independent
+from bench.diagnose.select.simulated.simulated_set import SimulatedSet, independent
 from bench.diagnose.select.subset import t_value
 from bench.diagnose.select.tie import does_as_well
 from bench.diagnose.select.verify import Estimate

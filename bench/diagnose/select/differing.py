@@ -1,0 +1,226 @@
+"""What recordings differ in: an effect that all of them have, each with numbers of its own.
+
+A load that is changed between flights, another wind, a new trim: one number for all is the mean of several, and what it
+leaves looks like something that swings, pulls or drifts. Each effect of the catalogue is given numbers of each
+recording's own beside what all recordings have in common, and judged on stretches of a few seconds that these were not
+fitted to.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.least_squares import Normal, regularised
+from bench.diagnose.regression.linearise import Candidate
+from bench.diagnose.regression.parameters import Entry
+from bench.diagnose.regression.weak import mean_rates
+from bench.diagnose.result import DifferingEffect, ParameterEstimate
+from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.subset import Fit, t_value
+from bench.diagnose.settings import CHOOSING, DIFFERING, VERIFYING
+from bench.diagnose.simulate.teacher_forced import with_noise
+from bench.diagnose.simulate.unmeasured import hidden
+from registry.core import EFFECTS
+from registry.dynamics import PhysicsModel
+
+Parts = Mapping[str, Sequence[Normal]]
+"""By recording, the rows of its parts."""
+
+
+def differing(
+    subject: Subject, model: PhysicsModel, noise: Noise, catalogue: Sequence[str] | None
+) -> DifferingEffect | None:
+    """What the recordings of a subject differ in, beside a model that holds for all.
+
+    Of effects that explain nearly as much the one with the fewest numbers is told, and the others beside it.
+
+    Args:
+        subject: measurements, and the nominal model.
+        model: calibrated, with the effects that were found.
+        noise: of the measurements.
+        catalogue: ids of the effects to choose from; None: all.
+
+    Returns:
+        The effect; None: none explains most of what is left so, or a state was not measured.
+    """
+    if hidden(subject.logs):
+        return None
+    names = tuple(log.name for log in subject.logs)
+    search = Search(replace(subject, training=names, held_out=()), catalogue, lambda what: None, noise, memory=0)
+    look = search.look(model, only=(), broad=False)
+    view = search.views(look)[-1]
+    rows = look.linear.project(search.tests(look.linear)).whitened(view.filters)
+    parts: dict[str, list[Normal]] = {}
+    for log, own in zip(search.stack.logs, rows.apart(), strict=True):
+        parts.setdefault(log.part_of or log.name, []).append(own)
+    judged = [_Judged(option, parts) for option in _options(view)]
+    if len(parts) < 2 or not judged:
+        return None
+    base = view.subsets.fit()
+    everything = sum(float(r.losses(base.columns, base.beta).sum()) for own in parts.values() for r in own)
+    most = everything - min(j.left for j in judged)
+    if most <= 0:
+        return None
+    alike = [j for j in judged if everything - j.left >= DIFFERING.alike * most]
+    chosen = min(alike, key=lambda j: (len(j.option.places), j.left))
+    if not chosen.sure or (share := chosen.share(_chance(search, view, noise))) <= DIFFERING.most:
+        return None
+    rivals = dict.fromkeys(name for j in alike for name in j.option.ids if name not in chosen.option.ids)
+    return DifferingEffect(chosen.option.ids, share, chosen.numbers, tuple(rivals))
+
+
+@dataclass(frozen=True, eq=False)
+class _Option:
+    """An effect whose numbers may differ, and the fit in which all recordings have the same."""
+
+    ids: tuple[str, ...]
+    fit: Fit
+    places: tuple[int, ...]
+    """Of its coefficients in the fit."""
+    low: np.ndarray
+    high: np.ndarray
+    """Bounds of what may be added to these."""
+    values: Callable[[np.ndarray], Mapping[str, float]]
+    """Parameters at coefficients (k,)."""
+    units: Mapping[str, str]
+
+    def solved(self, gram: np.ndarray) -> np.ndarray:
+        """What is added to the coefficients (k,), by normal equations (k + 1, k + 1) of what these leave."""
+        none = np.zeros(len(self.places))
+        return regularised(gram, range(len(none)), none, none, self.low, self.high)
+
+
+def _options(view: View) -> list[_Option]:
+    """The effects of a view's model, and those that it lacks."""
+    own, subsets, out = view.linear.own, view.subsets, list[_Option]()
+
+    def option(ids: tuple[str, ...], fit: Fit, places: Sequence[int], low: Sequence[float], high: Sequence[float],
+               values: Callable[[np.ndarray], Mapping[str, float]], entries: Sequence[Entry]) -> None:  # fmt: skip
+        at = fit.beta[list(places)]
+        room = np.minimum(np.asarray(low) - at, 0.0), np.maximum(np.asarray(high) - at, 0.0)
+        out.append(_Option(ids, fit, tuple(places), *room, values, {e.name: e.unit for e in entries}))
+
+    base = subsets.fit()
+    for place, effect in enumerate(view.linear.model.effects):
+        at = [i for i, e in enumerate(own) if e.owner == place]
+        mine, ids = [own[i] for i in at], (EFFECTS.name_of(type(effect)),)
+        if mine:
+            ends = [e.low - e.value for e in mine], [e.high - e.value for e in mine]
+            option(ids, base, at, *ends, _values_of_own(mine), mine)
+    for s in subsets.starts:
+        places = range(len(own), len(own) + len(s.columns))
+        option(s.ids, subsets.fit([s]), places, s.low, s.high, _values_of_start(s), s.entries)
+    return out
+
+
+def _values_of_own(entries: Sequence[Entry]) -> Callable[[np.ndarray], Mapping[str, float]]:
+    def values(beta: np.ndarray) -> dict[str, float]:
+        return {e.name: float(np.clip(e.value + b, e.low, e.high)) for e, b in zip(entries, beta, strict=True)}
+
+    return values
+
+
+def _values_of_start(start: Candidate) -> Callable[[np.ndarray], Mapping[str, float]]:
+    names = {e.name for e in start.entries}
+
+    def values(beta: np.ndarray) -> dict[str, float]:
+        told = (p for effect in start.effects_at(beta.tolist()) for p in effect.parameters())
+        return {p.name: float(p.value) for p in told if p.name in names}
+
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """An effect with numbers of each recording's own."""
+
+    option: _Option
+    parts: Parts
+
+    @cached_property
+    def grams(self) -> dict[str, np.ndarray]:
+        """By recording, normal equations (blocks, k + 1, k + 1) of what the numbers of all leave."""
+        fit = self.option.fit
+        columns = [fit.columns[i] for i in self.option.places]
+        return {
+            name: np.concatenate([r.products(columns, fit.columns, fit.beta) for r in rows])
+            for name, rows in self.parts.items()
+        }
+
+    @cached_property
+    def saved(self) -> np.ndarray:
+        """What numbers of each recording's own save of its blocks (all of them,), each by a fit to every other one."""
+        return np.concatenate([self._crossed(gram) for gram in self.grams.values()])
+
+    @cached_property
+    def left(self) -> float:
+        """Squares that are left then."""
+        return sum(float(gram[:, -1, -1].sum()) for gram in self.grams.values()) - float(self.saved.sum())
+
+    @property
+    def sure(self) -> bool:
+        """Whether recordings differ by more than chance, and no recording in itself as they do among each other."""
+        total = float(self.saved.sum())
+        halves = sum(float(self._crossed(half).sum()) for g in self.grams.values() for half in np.array_split(g, 2))
+        return t_value(self.saved) > CHOOSING.significant and abs(halves - total) < DIFFERING.within * total
+
+    def _crossed(self, grams: np.ndarray) -> np.ndarray:
+        gains = np.zeros(len(grams))
+        for held in (0, 1):
+            these = np.arange(len(grams)) % 2 == held
+            if these.any() and not these.all():
+                vector = np.append(-self.option.solved(grams[~these].sum(0)), 1.0)
+                gains[these] = grams[these, -1, -1] - np.einsum("i,bij,j->b", vector, grams[these], vector)
+        return gains
+
+    def share(self, chance: np.ndarray) -> float:
+        """What is saved, of what the numbers of all leave above noise in the channels in which that is, 0 to 1.
+
+        Args:
+            chance: (channels,) what noise leaves.
+        """
+        fit, places = self.option.fit, list(self.option.places)
+        before = after = np.zeros(len(chance))
+        for name, rows in self.parts.items():
+            beta = fit.beta.copy()
+            beta[places] += self.option.solved(self.grams[name].sum(0))
+            for r in rows:
+                before = before + r.losses(fit.columns, fit.beta).sum(0)
+                after = after + r.losses(fit.columns, beta).sum(0)
+        acting, saved = before - after > VERIFYING.acts * (before - after).sum(), float(self.saved.sum())
+        return saved / max(float((before - chance)[acting].sum()), saved, 1e-300)
+
+    @property
+    def numbers(self) -> dict[str, dict[str, ParameterEstimate]]:
+        """By recording, its parameters with 95 % intervals, as its blocks scatter: what is left need not be white."""
+        return {name: self._numbers(grams) for name, grams in self.grams.items()}
+
+    def _numbers(self, grams: np.ndarray) -> dict[str, ParameterEstimate]:
+        option, total, count = self.option, grams.sum(0), len(grams)
+        common, more = option.fit.beta[list(option.places)], option.solved(total)
+        inverse = np.linalg.pinv(total[:-1, :-1], hermitian=True)
+        scores = grams[:, :-1, -1] - grams[:, :-1, :-1] @ more
+        covariance = inverse @ (scores.T @ scores * count / max(1, count - 1)) @ inverse
+        drawn = np.random.default_rng(0).multivariate_normal(more, covariance, DIFFERING.draws, method="svd")
+        told = [option.values(common + np.clip(d, option.low, option.high)) for d in drawn]
+        out = {}
+        for name, value in option.values(common + more).items():
+            low, high = np.quantile([t[name] for t in told], (0.025, 0.975))
+            out[name] = ParameterEstimate(value, float(low), float(high), option.units[name])
+        return out
+
+
+def _chance(search: Search, view: View, noise: Noise) -> np.ndarray:
+    """The squares (channels,) that noise alone leaves of a view's rows."""
+    model, channels = view.linear.model, list(view.linear.channels)
+    bare, left = replace(view.linear, columns=view.linear.columns[:0]), []
+    for stack in (search.stack, with_noise(model, search.stack, noise)):
+        rates = mean_rates(model, stack).numpy()[..., channels]
+        rows = replace(bare, stack=stack, rates=rates).project(search.tests(view.linear)).whitened(view.filters)
+        left.append(np.concatenate(rows.residuals(np.zeros(0))))
+    found: np.ndarray = ((left[1] - left[0]) ** 2).sum(0)
+    return found
