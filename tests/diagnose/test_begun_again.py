@@ -5,9 +5,10 @@ from importlib import import_module
 from types import SimpleNamespace
 
 import pytest
-from test_problems import flights, made
+from test_one_heading import LEAN_IN_WIND, flight
+from test_problems import INERTIA, flights, made
 
-from bench.diagnose import discover
+from bench.diagnose import discover, extend
 
 module = import_module("bench.diagnose.discover")
 
@@ -24,6 +25,20 @@ def test_what_a_wind_does_to_torques_is_found_once_the_wind_is() -> None:
     assert (numbers["w_x"], numbers["w_y"]) == (pytest.approx(WIND[0], rel=0.05), pytest.approx(WIND[1], rel=0.05))
     assert (numbers["m_x"], numbers["m_y"]) == (pytest.approx(MUNK, rel=0.1), pytest.approx(MUNK, rel=0.1))
     assert not any("let go" in n for n in found.notes)
+
+
+def test_effects_asked_for_together_end_where_they_are_found() -> None:
+    """Beside an inertia as wrongly stated, and one after the other, a step had ended at .93 m/s where this has .09."""
+    subject = made([flight(500 + i, 10.0, linear=0.2) for i in range(4)], inertia=(INERTIA / 8).tolist())
+    found, told = discover(subject), extend(subject, subject.model, ["linear_drag", "wind"])
+    assert {f.id for f in found.found} == {"linear_drag", "wind"}
+    ours = {name: p for e in told.effects for name, p in e.parameters.items()}
+    for e in (e for f in found.found for e in f.estimates):
+        assert e.low <= ours[e.entry.name].value <= e.high
+    assert ours["w_x"].value == pytest.approx(10 + LEAN_IN_WIND, rel=0.02)
+    assert told.model.inertia == pytest.approx(INERTIA, rel=0.05)
+    assert all(error.rmse < 1.1 * told.comparison.error("floor")[group].rmse for group, error in told.last.items())
+    assert any("The stated inertia" in note and "let go" in note for note in told.notes)
 
 
 def test_effects_are_judged_once_numbers_move_no_more_beside_a_constant_that_was_let_go(
