@@ -119,7 +119,7 @@ def test_the_row_of_a_model_that_was_given_is_called_so(here: Path) -> None:
 
     stages = [SimpleNamespace(name=n, error={"speed": 1.0}) for n in ("nominal", "calibrated", "floor")]
     group = SimpleNamespace(name="speed", unit="m/s")
-    done = SimpleNamespace(comparison=SimpleNamespace(groups=[group]), stages=stages, effects=())
+    done = SimpleNamespace(comparison=SimpleNamespace(groups=[group]), stages=stages, effects=(), notes=())
     for given, name in ((None, "calibrated"), (Path("old/better.toml"), "better.toml, fitted again")):
         out = Console(width=100, record=True, file=io.StringIO())
         show_extension(out, done, given)  # type: ignore[arg-type]

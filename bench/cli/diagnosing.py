@@ -194,6 +194,7 @@ def show_extension(console: Any, done: "Extension", model_file: Path | None = No
     console.print(rows)
     for e in done.effects:
         console.print(f"  {e.id}: {e.described or phrases.parameters(e)}", highlight=False, markup=False)
+    print_notes(console, done.notes)
 
 
 def track_extension(

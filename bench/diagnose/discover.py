@@ -258,10 +258,11 @@ def _exchanged(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) ->
 
 
 def _begun_again(search: Search, stated: Subject, view: View) -> tuple[Search, View]:
-    """A search that begins with the effects found and the constants as stated, where that keeps them; else this one.
+    """A search that begins with the effects found and the constants as stated, where no more are let go; else this.
 
     A constant is let go while effects are unknown that other equations tell of: what goes with the velocity through the
-    air only a huge inertia makes small as long as the wind is unknown, and from there no step leads back.
+    air only a huge inertia makes small as long as the wind is unknown, and from there no step leads back. Where further
+    ones are let go on the second way, what was chosen while they were held had bent them.
     """
     effects = view.linear.model.effects
     if search.subject is stated or len(effects) == len(stated.model.effects):
@@ -271,13 +272,14 @@ def _begun_again(search: Search, stated: Subject, view: View) -> tuple[Search, V
     if again.subject is not stated:
         return search, view
     other = _exchanged(again, other.light(), fit, fields)
-    return again, other
+    free = [set(s.subject.uncertainty.items()) - set(stated.uncertainty.items()) for s in (again, search)]
+    return (again, other) if free[0] <= free[1] else (search, view)
 
 
 def _one_by_one(search: Search, view: View, model: PhysicsModel, shortlist: set[str], everything: float) -> View:
     """The view of a model's effects, exchanged, added and dropped one by one until nothing changes.
 
-    In between the numbers are fitted by themselves: candidates are judged beside numbers that move no more.
+    In between, and once a constant was let go, the numbers are fitted: all is judged beside numbers that move no more.
     """
     known = len(search.subject.model.effects)
     _, model = settled(search, model, view)
@@ -285,11 +287,11 @@ def _one_by_one(search: Search, view: View, model: PhysicsModel, shortlist: set[
         search.tick("what is left")
         view = view.light()
         view = _viewed(search, model, shortlist, everything)
-        changed = False
         while search.let_go(contradicted(view, view.subsets.fit())):
-            view, changed = search.as_known(view), True
+            (_, model), view = settled(search, model, view), view.light()
+            view = _viewed(search, model, shortlist, everything)
         step = next_step(search, view, known)
-        if not math.isfinite(step.loss) or not (changed or step.exchanged):
+        if not math.isfinite(step.loss) or not step.exchanged:
             break
         _, model = settled(search, step.model, view)
     return view

@@ -12,7 +12,7 @@ import pandas as pd
 from bench.analysis.display import Displayed
 from bench.diagnose.compare import Comparison, compare, refuse_long
 from bench.diagnose.evidence import Stage
-from bench.diagnose.fit import fit_parameters
+from bench.diagnose.fit import fit_parameters, released, started
 from bench.diagnose.learn.all_terms import learn_all_terms, periodic
 from bench.diagnose.learn.candidates import equation_of
 from bench.diagnose.learn.learn import learn
@@ -27,7 +27,6 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.report import learned_words
 from bench.diagnose.result import ByGroup, NamedEffect
 from bench.diagnose.select.input_timing import prepared
-from bench.diagnose.select.search import Search
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import MATTERING
 from bench.diagnose.simulate.unmeasured import hidden
@@ -57,6 +56,8 @@ class Extension(Displayed):
     constants: tuple[Estimate, ...]
     calibrated: float
     """Share of the squared error above the floor that calibration takes before any effect."""
+    notes: tuple[str, ...] = ()
+    """On inputs that are read at another time than filed, and on stated constants that recordings contradict."""
 
     @property
     def last(self) -> ByGroup:
@@ -96,7 +97,7 @@ def extend(
     start: PhysicsModel | None = None,
     horizon_s: float | None = None,
 ) -> Extension:
-    """Add effects to ``model`` one after another and fit all numbers again.
+    """Add effects to ``model`` and fit all numbers again, with stated constants let go that recordings contradict.
 
     Args:
         subject: measurements, and the nominal model; or the folder or name that `load` reads.
@@ -107,7 +108,8 @@ def extend(
         rivals: by id, effects that explain the data as well.
         start: ``model`` with all of ``add`` (effects and terms, no requests) in that order, its numbers near where they
             belong: the last fit starts there, since constants that were fitted without an effect may be too far off;
-            default: from effect to effect, each at the best of its search grid.
+            default: the ids before the first term or request at the best of their search grids in one regression of
+            all of them, what follows, or all where a state is not measured, one after another.
         horizon_s: longest horizon of the comparison [s].
 
     Raises:
@@ -118,14 +120,16 @@ def extend(
     refuse_long(subject, horizon_s)
     subject, noise = prepared(subject, noise, tick)
     _check_added(subject, model, add)
+    if start is None and (ids := _leading_ids(add)) and not hidden(subject.logs):
+        subject, start = released(*started(subject, model, ids, noise, tick), noise, tick)
     chain = _Chain(*fit_parameters(subject, model, noise, tick, through_simulator=not add))
     given = () if start is None else start.effects[len(model.effects) :]
     for i, item in enumerate(add):
-        added = [given[i]] if given else _starts(subject, chain.model, item, noise, tick, model)
+        added = [given[i]] if i < len(given) else _starts(subject, chain.model, item, noise, tick, model)
         for j, effect in enumerate(added):
             last = i == len(add) - 1 and j == len(added) - 1
             grown = replace(chain.model, effects=(*chain.model.effects, effect))
-            whole = start if last and start is not None else grown
+            whole = start if start is not None and i == len(given) - 1 else grown
             chain.append(*fit_parameters(subject, whole, noise, tick, through_simulator=last))
     comparison = compare(subject, chain.lines(), noise=noise, horizon_s=horizon_s)
     if _errs_more_on_the_way(subject, chain, comparison):
@@ -191,6 +195,16 @@ def _better_on_the_way(subject: Subject, chain: _Chain, known: int, noise: Noise
     return out
 
 
+def _leading_ids(add: Sequence[str | Effect]) -> list[str]:
+    """The ids of effects before the first term or request for one."""
+    ids: list[str] = []
+    for item in add:
+        if isinstance(item, Effect) or is_request(item):
+            break
+        ids.append(item)
+    return ids
+
+
 def _check_added(subject: Subject, model: PhysicsModel, add: Sequence[str | Effect]) -> None:
     """Raise `BenchError` for what cannot be added to ``model``."""
     held = [EFFECTS.name_of(type(e)) for e in model.effects]
@@ -243,6 +257,7 @@ def _extension(
         stages=(*stages, stage("floor", comparison.error("floor"))),
         constants=tuple(x for x in chain.numbers if x.entry.constant),
         calibrated=taken,
+        notes=subject.notes,
     )
 
 
@@ -275,7 +290,7 @@ def _starts(
             raise BenchError("Nothing is left that held-out recordings would confirm as a term: none is learned.")
         return list(terms)
     tick(item)
-    return [_starting_point(subject, model, item, noise, tick)]
+    return [started(subject, model, [item], noise, tick)[1].effects[-1]]
 
 
 def _errs_much(subject: Subject, models: Sequence[PhysicsModel], noise: Noise) -> bool:
@@ -316,22 +331,6 @@ def _named(
     return NamedEffect(
         name, numbers, share, before, after, indistinguishable_from=alike, separate_by=_separate(name, alike)
     )
-
-
-def _starting_point(
-    subject: Subject, model: PhysicsModel, name: str, noise: Noise, tick: Callable[[str], None]
-) -> Effect:
-    """The effect with parameters from which a fit starts: the best of its search grid in the weak form."""
-    typical: Effect = EFFECTS.get(name).typical_for(model)
-    if hidden(subject.logs):
-        return typical
-    search = Search(subject, (name,), tick, noise)
-    look = search.look(model, broad=False)
-    if not look.linear.starts:
-        return typical  # it was asked for although its signals are missing
-    view = search.views(look)[0]
-    best = min((view.subsets.fit([s]) for s in view.linear.starts), key=lambda f: f.loss)
-    return next(iter(best.effects(len(view.linear.own)).values()))
 
 
 def shares_of(squared: Sequence[float], floor: float) -> list[float]:

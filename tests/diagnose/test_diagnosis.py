@@ -412,7 +412,7 @@ def test_extending_prints_the_units_of_the_page() -> None:
         Stage("nominal", {"attitude": 0.1, "body_rates": 1.0}),
         Stage("motor_lag", {"attitude": 0.01, "body_rates": 0.2}),
     )
-    done = SimpleNamespace(comparison=SimpleNamespace(groups=groups), stages=stages, effects=(lag,))
+    done = SimpleNamespace(comparison=SimpleNamespace(groups=groups), stages=stages, effects=(lag,), notes=())
     show_extension(console, done)
     shown = console.export_text()
     for part in (

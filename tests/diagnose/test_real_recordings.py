@@ -162,7 +162,6 @@ def test_nanobench_lacks_drag_although_its_torques_hardly_follow_the_commands(be
 
 @pytest.mark.data
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="a delay takes the place of motor lag and battery sag, and is then dropped")
 def test_the_gyroscope_of_nanobench_tells_its_inertia_given_the_moments_before(bench_data):
     """Stated 1.43e-5; a predictor of one sample says 6 % less, the same beside a slow torque that it learns."""
     said, _ = diagnose(Nanobench(gyroscope=True), brief=True)
