@@ -143,7 +143,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         size = f"It makes {percent(share)} {_FREE}, and n" if share > 0 else "N"
         found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
     left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
-    after = (alike(diagnosis), left, differing(diagnosis) or _contradicted(diagnosis))
+    after = (alike(diagnosis), left, differing(diagnosis), _contradicted(diagnosis))
     return [*filter(None, (" ".join(found), *after))]
 
 

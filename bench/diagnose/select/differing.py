@@ -60,6 +60,11 @@ def differing(
     judged = [_Judged(option, parts) for option in _options(view)]
     if len(parts) < 2 or not judged:
         return None
+    return _chosen(view, judged, lambda: _chance(search, view, noise))
+
+
+def _chosen(view: View, judged: Sequence['_Judged'], chance: Callable[[], np.ndarray]) -> DifferingEffect | None:
+    parts = judged[0].parts
     base = view.subsets.fit()
     everything = sum(float(r.losses(base.columns, base.beta).sum()) for own in parts.values() for r in own)
     most = everything - min(j.left for j in judged)
@@ -67,7 +72,7 @@ def differing(
         return None
     alike = [j for j in judged if everything - j.left >= DIFFERING.alike * most]
     chosen = min(alike, key=lambda j: (len(j.option.places), j.left))
-    if not chosen.sure or (share := chosen.share(_chance(search, view, noise))) <= DIFFERING.most:
+    if not chosen.sure or (share := chosen.share(chance())) <= DIFFERING.most:
         return None
     rivals = dict.fromkeys(name for j in alike for name in j.option.ids if name not in chosen.option.ids)
     return DifferingEffect(chosen.option.ids, share, chosen.numbers, tuple(rivals))
@@ -102,7 +107,7 @@ def _options(view: View) -> list[_Option]:
                values: Callable[[np.ndarray], Mapping[str, float]], entries: Sequence[Entry]) -> None:  # fmt: skip
         at = fit.beta[list(places)]
         room = np.minimum(np.asarray(low) - at, 0.0), np.maximum(np.asarray(high) - at, 0.0)
-        out.append(_Option(ids, fit, tuple(places), *room, values, {e.name: e.unit for e in entries}))
+        out.append(_Option(ids, fit, tuple(places), *room, values=values, units={e.name: e.unit for e in entries}))
 
     base = subsets.fit()
     for place, effect in enumerate(view.linear.model.effects):
@@ -110,10 +115,10 @@ def _options(view: View) -> list[_Option]:
         mine, ids = [own[i] for i in at], (EFFECTS.name_of(type(effect)),)
         if mine:
             ends = [e.low - e.value for e in mine], [e.high - e.value for e in mine]
-            option(ids, base, at, *ends, _values_of_own(mine), mine)
+            option(ids, base, at, *ends, values=_values_of_own(mine), entries=mine)
     for s in subsets.starts:
         places = range(len(own), len(own) + len(s.columns))
-        option(s.ids, subsets.fit([s]), places, s.low, s.high, _values_of_start(s), s.entries)
+        option(s.ids, subsets.fit([s]), places, s.low, s.high, values=_values_of_start(s), entries=s.entries)
     return out
 
 
