@@ -183,6 +183,8 @@ def fleet(
     for name in catalogue:
         EFFECTS.check(name)
     options = Options(system, str(model or ""), tuple(catalogue), horizon_s=horizon_s, ignore=tuple(ignore))
+    if exclude and not each_recording:
+        raise BenchError("exclude names recordings of one data set: it is for each_recording.")
     folder = Path(out) if out is not None else Path(source) / "diagnosis"
     with lock.held(folder, f"the fleet {source}"):
         stored.tidy(folder)

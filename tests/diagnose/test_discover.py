@@ -235,10 +235,7 @@ def test_a_slow_effect_in_noise_is_found_in_rows_as_long_as_a_free_run(cache):
             "rotor_drag-crazyflie-2",
             marks=pytest.mark.xfail(strict=True, reason="judged by itself, yaw is all explained by rotational damping"),
         ),
-        pytest.param(
-            "inflow_thrust_loss-hummingbird-1",
-            marks=pytest.mark.xfail(strict=True, reason="rotors that lose thrust in climb do damp roll and pitch"),
-        ),
+        "inflow_thrust_loss-hummingbird-1",
     ],
 )
 def test_an_effect_outside_the_catalogue_is_not_named_by_parts_of_it(effect, cache):

@@ -361,8 +361,7 @@ def diagnose_command(
     bench diagnose flights/ --each-recording               each flight by itself: in what do they differ?
     """
     names, folder = chosen(catalogue, without), folder_for(source, out)
-    fleet = fleets.fleet_of(source, vehicles, execution, exclude, each_recording)
-    if fleet is not None:
+    if fleet := fleets.fleet_of(source, vehicles, execution, exclude, each_recording):
         _refuse_for_fleets(asks_network, settings)
         wanted = fleets.fleet_options(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
         return fleets.diagnose_fleet(source, fleet, wanted, folder, to_json, execution)

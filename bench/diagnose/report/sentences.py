@@ -170,7 +170,7 @@ def _contradicted(diagnosis: Diagnosis) -> str:
     names = listed(map(named, diagnosis.evidence.contradicted_effects))
     return (
         f"The recordings that were learnt from show {names}, and those held out get worse with it: recordings differ, "
-        f"and it is not named.{_one_by_one(diagnosis)}"
+        f"and it is not named.{_one_by_one(diagnosis) if diagnosis.differing is None else ''}"
         if names
         else ""
     )

@@ -60,22 +60,21 @@ def differing(
     judged = [_Judged(option, parts) for option in _options(view)]
     if len(parts) < 2 or not judged:
         return None
-    return _chosen(view, judged, lambda: _chance(search, view, noise))
-
-
-def _chosen(view: View, judged: Sequence['_Judged'], chance: Callable[[], np.ndarray]) -> DifferingEffect | None:
-    parts = judged[0].parts
     base = view.subsets.fit()
     everything = sum(float(r.losses(base.columns, base.beta).sum()) for own in parts.values() for r in own)
-    most = everything - min(j.left for j in judged)
-    if most <= 0:
+    chosen, rivals = _simplest(judged, everything)
+    if not chosen.sure or (share := chosen.share(_chance(search, view, noise))) <= DIFFERING.most:
         return None
-    alike = [j for j in judged if everything - j.left >= DIFFERING.alike * most]
+    return DifferingEffect(chosen.option.ids, share, chosen.numbers, rivals)
+
+
+def _simplest(judged: Sequence["_Judged"], everything: float) -> tuple["_Judged", tuple[str, ...]]:
+    """The effect with the fewest numbers of those that explain nearly as much of everything as the best; the others."""
+    least = min(j.left for j in judged)
+    room = (1 - DIFFERING.alike) * max(everything - least, 0.0)
+    alike = [j for j in judged if j.left <= least + room]
     chosen = min(alike, key=lambda j: (len(j.option.places), j.left))
-    if not chosen.sure or (share := chosen.share(chance())) <= DIFFERING.most:
-        return None
-    rivals = dict.fromkeys(name for j in alike for name in j.option.ids if name not in chosen.option.ids)
-    return DifferingEffect(chosen.option.ids, share, chosen.numbers, tuple(rivals))
+    return chosen, tuple(dict.fromkeys(i for j in alike for i in j.option.ids if i not in chosen.option.ids))
 
 
 @dataclass(frozen=True, eq=False)

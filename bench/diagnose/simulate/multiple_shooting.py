@@ -65,8 +65,7 @@ def multiple_shooting(
     where = _free(model, subject, held)
     judged = groups(model.state_channels, logs[0].measured)
     runs, measured = free_run(model, logs, at, steps), measured_windows(logs, at, steps)
-    steps = followed(errors(runs, measured, judged).mean(0), measured, judged)
-    points = np.unique(np.linspace(0, steps, SHOOTING.points + 1).round().astype(int))[1:]
+    steps, points = _compared(runs, measured, judged)
     first, measured = _errors(runs[:, points], measured[:, points], judged), measured[:, points]
     size = np.sqrt(np.mean(first**2, axis=0, keepdims=True)) + 1e-300  # (1, points, axes)
 
@@ -103,6 +102,12 @@ def multiple_shooting(
         if done:
             break
     return Shot(best, start, last, tuple(current), np.linalg.pinv(gram))
+
+
+def _compared(runs: torch.Tensor, measured: torch.Tensor, of: Sequence[Group]) -> tuple[int, np.ndarray]:
+    """For how many samples free runs tell anything, and those of them at which they are compared."""
+    steps = followed(errors(runs, measured, of).mean(0), measured, of)
+    return steps, np.unique(np.linspace(0, steps, SHOOTING.points + 1).round().astype(int))[1:]
 
 
 def _free(model: PhysicsModel, subject: Subject, held: Collection[tuple[int, str]]) -> list[Entry]:
