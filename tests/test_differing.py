@@ -1,12 +1,18 @@
 """Recordings that differ in a number are said to, with the numbers of each; those that are alike are not."""
 
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from simulated_fleet import vehicle
 
 from bench.diagnose import diagnose
+from bench.diagnose.regression.least_squares import Normal
 from bench.diagnose.report.sentences import explanation, headline
+from bench.diagnose.select.differing import _Judged, _Option, _simplest
+from bench.diagnose.select.subset import Fit, t_value
+from bench.diagnose.settings import CHOOSING, DIFFERING
 
 
 def carts(folder: Path, sizes: tuple[float, ...], kind: str) -> Path:
@@ -47,3 +53,77 @@ def test_recordings_that_are_alike_do_not_differ(tmp_path: Path):
     folder = carts(tmp_path, (1, 1, 1, 1), "cubic_stiffness")
     said, _ = diagnose(folder, catalogue=["offset_force", "quadratic_drag", "viscous_friction"], brief=True)
     assert said.verdict == "unknown_effect" and said.differing is None
+
+
+def test_parts_of_a_recording_are_one_recording(tmp_path: Path):
+    """Few long recordings are cut in parts; what differs is the recordings' all the same."""
+    for i, size in enumerate((1, -1)):
+        vehicle(tmp_path / "all", "offset_force", i, size=size, recordings=1, seconds=60.0)
+        (tmp_path / "all" / "run_0.csv").rename(tmp_path / f"run_{i}.csv")
+    (tmp_path / "all" / "dataset.toml").rename(tmp_path / "dataset.toml")
+    said, _ = diagnose(tmp_path, brief=True)
+    assert any("cut in parts" in note for note in said.evidence.notes)
+    assert said.differing is not None and [*said.differing.by_recording] == ["run_0", "run_1"]
+    assert [p["f_0"].value for p in said.differing.by_recording.values()] == pytest.approx([0.4, -0.4], rel=0.05)
+
+
+BLOCKS, ROWS = 16, 50
+"""Of each recording, and of a block."""
+
+
+def judged(number: Callable[[int, np.ndarray], np.ndarray], noise: float) -> _Judged:
+    """One effect in four recordings that leave ``number(recording, share of its time)`` times a signal, and noise."""
+    random, parts = np.random.default_rng(5), {}
+    for recording in range(4):
+        signal = random.normal(size=BLOCKS * ROWS)
+        left = number(recording, np.linspace(0, 1, len(signal))) * signal + noise * random.normal(size=len(signal))
+        rows = np.stack([signal, left])
+        parts[str(recording)] = [Normal(((np.arange(2), rows),), 2, np.zeros(BLOCKS, int), np.full(BLOCKS, ROWS))]
+    fit = Fit(starts=(), columns=(0,), beta=np.zeros(1), misfit=0.0, prior=0.0, parameters=1)
+    anything = np.full(1, np.inf)
+    return _Judged(_Option(("pull",), fit, (0,), -anything, anything, lambda b: {"k": b[0]}, {"k": "N"}), parts)
+
+
+def test_numbers_that_differ_are_told_with_intervals_that_hold_them():
+    told = judged(lambda recording, _: recording - 1.5, noise=2.0)
+    assert told.sure
+    for recording, numbers in told.numbers.items():
+        assert numbers["k"].low < int(recording) - 1.5 < numbers["k"].high
+        half = (numbers["k"].high - numbers["k"].low) / 2
+        assert half == pytest.approx(1.96 * 2.0 / (BLOCKS * ROWS) ** 0.5, rel=0.6)
+
+
+def test_what_drifts_within_recordings_is_no_difference_between_them():
+    told = judged(lambda recording, time: 0.6 * (recording - 1.5) + 1.5 * (time > 0.5), noise=0.1)
+    assert t_value(told.saved) > CHOOSING.significant and not told.sure
+
+
+def test_what_is_alike_or_noise_is_no_difference():
+    assert not judged(lambda recording, _: 0.0, noise=1.0).sure
+
+
+def test_what_four_blocks_of_one_recording_show_is_not_sure():
+    told = judged(lambda recording, time: 3.0 * (recording == 0) * (abs(time - 0.5) < 0.125), noise=0.1)
+    total, halves = (float(np.sum(x)) for x in (told.saved, [told._crossed(h) for h in halved(told)]))
+    assert total > 0 and abs(halves - total) < DIFFERING.within * total and not told.sure
+
+
+def halved(told: _Judged) -> list[np.ndarray]:
+    """The blocks of each half of every recording."""
+    return [half for gram in told.grams.values() for half in np.array_split(gram, 2)]
+
+
+def test_the_share_is_of_what_noise_does_not_leave():
+    told = judged(lambda recording, _: recording - 1.5, noise=2.0)
+    noise = np.array([4.0 * 4 * BLOCKS * ROWS])
+    assert told.share(np.zeros(1)) < DIFFERING.most < 0.9 < told.share(noise)
+
+
+def test_of_effects_that_explain_as_much_the_simplest_is_told():
+    one, other = judged(lambda recording, _: recording, 0.1), judged(lambda recording, _: recording, 0.1)
+    free = _Option(("free",), other.option.fit, (0, 0), *[np.full(2, np.inf)] * 2, dict, {})
+    object.__setattr__(other, "option", free)
+    object.__setattr__(other, "left", one.left * 0.99)
+    assert _simplest([other, one], everything=1e6) == (one, ("free",))
+    object.__setattr__(other, "left", one.left - 2e5)
+    assert _simplest([other, one], everything=1e6) == (other, ())
