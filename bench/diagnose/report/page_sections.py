@@ -99,15 +99,8 @@ def _by_recording(told: Mapping[str, Mapping[str, ParameterEstimate]]) -> tuple[
     return ("recording", *heads), rows
 
 
-@dataclass(frozen=True)
-class _Differing:
-    said: str
-    heads: Sequence[str]
-    rows: Sequence[tuple[str, ...]]
-
-
-def _differing(d: Diagnosis) -> _Differing | None:
-    return None if d.differing is None else _Differing(sentences.differing(d), *_by_recording(d.differing.by_recording))
+def _differing(d: Diagnosis) -> tuple[Sequence[str], list[tuple[str, ...]]] | None:
+    return None if d.differing is None else _by_recording(d.differing.by_recording)
 
 
 def _waterfall(d: Diagnosis) -> list[figures.Waterfall]:
