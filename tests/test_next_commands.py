@@ -62,10 +62,10 @@ def test_the_next_commands_have_the_options_that_they_need() -> None:
 
 
 def test_options_of_the_data_set_go_into_the_next_commands() -> None:
-    asked = Asked(settings=("gyroscope=true",))
-    for step in ("diagnose", "locate", "discover"):
-        assert parsed(asked.command(step, "nanobench"))["settings"] == ("gyroscope=true",)
-    assert "--set" not in asked.command("design", "nanobench")
+    asked = Asked(settings=("gyroscope=true",), exclude=("run 2",))
+    for step in ("diagnose", "locate", "discover", "design"):
+        options = parsed(asked.command(step, "nanobench"))
+        assert options["settings"] == ("gyroscope=true",) and options["exclude"] == ("run 2",)
 
 
 @pytest.mark.parametrize("setting", ["gyro=true", "gyroscope=maybe", "gyroscope"])

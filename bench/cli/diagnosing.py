@@ -3,7 +3,6 @@
 import json
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +11,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.cli import options
-from bench.cli.names import check_system
+from bench.cli.data_options import refuse_file
 from bench.cli.progress import announcer
-from bench.experiment.asked import Asked
-from bench.experiment.datasets import choose, registered
-from registry.core import DATASETS, EFFECTS
-from registry.errors import BenchError
+from bench.experiment.datasets import registered
+from registry.core import EFFECTS
 
 if TYPE_CHECKING:
     from bench.diagnose.extend import Extension
@@ -28,58 +25,6 @@ if TYPE_CHECKING:
 
 
 # ------------------------------------------------------------------------------------------------- what goes in
-
-
-def load(
-    source: str, system: str | None, model_file: Path | None, settings: Sequence[str] = ()
-) -> "tuple[Subject, PhysicsModel | None]":
-    """The measurements with the nominal model, and the model in the file if one was given.
-
-    Args:
-        source: a folder or the name of a data set.
-        system: as `bench.diagnose.logs.load.load`.
-        model_file: a model.toml to start from.
-        settings: options of the data set, "gyroscope=true".
-    """
-    _refuse_file(source)
-    if not Path(source).is_dir() and source not in DATASETS.outline():
-        hint = "" if Path(source).exists() else " (it does not exist)"
-        raise BenchError(
-            f"{source}{hint} is neither a folder with a dataset.toml nor a data set: `bench list datasets` has them, "
-            "`bench data init FOLDER` drafts a dataset.toml."
-        )
-    check_system(system)
-    given = options.parsed(tuple(settings))
-
-    from bench.diagnose.logs.load import load, starting_from
-
-    subject = load(choose(source, given) if given else source, system)
-    for sentence in subject.resampled:
-        click.echo(f"note: {sentence}", err=True)
-    return subject, None if model_file is None else starting_from(subject, model_file)
-
-
-def _refuse_file(source: str) -> None:
-    if Path(source).is_file() and not registered(source):
-        raise BenchError(f"{source} is a file: give the folder that holds it, {Path(source).parent}.")
-
-
-def measured(
-    source: str,
-    system: str | None,
-    model_file: Path | None,
-    catalogue: Sequence[str],
-    exclude: Sequence[str],
-    settings: Sequence[str] = (),
-) -> "Subject":
-    """The measurements without some recordings, with the model that is diagnosed."""
-    subject, model = load(source, system, model_file, settings)
-
-    from bench.diagnose.logs.load import excluding
-    from bench.diagnose.select.catalogue import check_catalogue
-
-    check_catalogue(subject, model or subject.model, catalogue)
-    return excluding(subject if model is None else replace(subject, model=model), exclude)
 
 
 def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None:
@@ -105,7 +50,7 @@ def folder_for(source: str, out: Path | None) -> Path:
     """
     if out is not None:
         return out
-    _refuse_file(source)
+    refuse_file(source)
     beside = Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
     return options.Output(folder=True).convert(beside, None, None)
 
@@ -255,18 +200,6 @@ def write_json(path: Path | None, what: dict[str, Any]) -> None:
 
     if path is not None:
         write_text(path, json.dumps(finite(what), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-
-
-def asked(
-    system: str | None,
-    model_file: Path | None,
-    out: Path | None = None,
-    settings: Sequence[str] = (),
-    **own: Sequence[str],
-) -> Asked:
-    """What the next commands need again of this one; ``own``: of `bench diagnose` alone, by name of the option."""
-    words = [w for name, values in own.items() for v in values for w in (f"--{name.replace('_', '-')}", v)]
-    return Asked(system or "", str(model_file or ""), str(out or ""), tuple(words), tuple(settings))
 
 
 def print_next(command: str, why: str) -> None:

@@ -17,6 +17,8 @@ class Asked:
     """Options that `bench diagnose` alone has, word by word."""
     settings: tuple[str, ...] = ()
     """Options of the data set, "gyroscope=true"."""
+    exclude: tuple[str, ...] = ()
+    """Names of the recordings that are left out."""
 
     def command(self, name: str, source: str, *more: str) -> str:
         """`bench NAME SOURCE` with its options and ``more`` words, as a shell runs it."""
@@ -26,6 +28,6 @@ class Asked:
         out = self.out if name in ("diagnose", "extend") else ""
         given = {"--system": self.system, "--model": model, "--out": out}
         words = [w for option, value in given.items() if value for w in (option, value)]
-        if name != "design":
-            words += [w for setting in self.settings for w in ("--set", setting)]
+        words += [w for setting in self.settings for w in ("--set", setting)]
+        words += [w for recording in self.exclude for w in ("--exclude", recording)]
         return shlex.join(["bench", *name.split(), source, *words, *(self.own if name == "diagnose" else ()), *more])

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from bench.cli import cli
-from bench.cli.diagnosing import load
+from bench.cli.data_options import DataOptions
 from registry.contracts import RecordingSet
 from registry.datasets.folder.clock import pace
 from registry.datasets.folder.dataset import Folder, check
@@ -175,7 +175,7 @@ def test_what_was_made_of_a_log_is_said_wherever_it_is_used(tmp_path: Path, caps
     said = "logged at 80 Hz, put on 100 Hz"
     for command in (["data", "check", tmp_path], ["run", "constant", "--dataset", tmp_path, "-T", 20, "--dry-run"]):
         assert said in CliRunner().invoke(cli, list(map(str, command))).output.replace("\n", " ")
-    subject, _ = load(str(tmp_path), None, None)
+    subject, _ = DataOptions(str(tmp_path)).load()
     assert said in capsys.readouterr().err and any(said in note for note in subject.notes)
 
 

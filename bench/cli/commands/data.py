@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.cli import options
-from bench.cli.diagnosing import asked
+from bench.cli.data_options import DataOptions
 from bench.cli.names import check_dataset, check_system
 from registry.errors import BenchError
 
@@ -72,7 +72,7 @@ def init_command(folder: Path, system: str) -> None:
         raise BenchError(f"{target} cannot be written: {error.strerror}.") from error
     if NO_PHYSICS in text:
         click.echo(f"{NO_PHYSICS} No column looks like the motion of a vehicle, and no --system names another model.")
-    check = asked(system if own else None, None).command("data check", str(folder))
+    check = DataOptions(str(folder), system=system if own else None).next_command("data check")
     click.echo(f"Wrote {target}. Complete the lines marked TODO, then: {check}")
 
 
@@ -165,14 +165,14 @@ def check_command(folder: Path, system: str | None) -> None:
         for row in m.mend:
             click.echo(f"    {row}")
     if any(m.stops for m in mistakes):
-        again = asked(system, None).command("data check", str(folder))
+        again = DataOptions(str(folder), system=system).next_command("data check")
         click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: {again}")
         raise click.exceptions.Exit(2)
     dataset.split(loaded.names)  # or it says that one short recording is too little
     spec = 'bench run "LSTM: 1x50 - MLP: 60x10" --dataset'
     network = f"{spec} {shlex.quote(str(folder))}   (a network that predicts it)"
     if system or dataset.system:
-        again = asked(system, None).command("diagnose", str(folder))
+        again = DataOptions(str(folder), system=system).next_command("diagnose")
         click.echo(f"Next: {again}   (which physics a model of it lacks)")
         click.echo(f"  or: {network}")
     else:

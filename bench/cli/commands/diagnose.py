@@ -9,13 +9,11 @@ import click
 from rich.markup import escape
 
 from bench.cli import fleets, options, stages
+from bench.cli.data_options import DataOptions, data_options
 from bench.cli.diagnosing import (
-    asked,
     check_effects,
     chosen,
     folder_for,
-    load,
-    measured,
     print_diagnosis,
     print_next,
     print_notes,
@@ -38,35 +36,6 @@ if TYPE_CHECKING:
     from registry.dynamics import PhysicsModel
 
 Command = Callable[..., None]
-
-
-def _shared(command: Command) -> Command:
-    """What every step takes."""
-    for decorate in (
-        click.option("--json", "to_json", type=options.Output(made=True), help="Write the figures there too."),
-        click.option(
-            "--model",
-            "model_file",
-            type=click.Path(path_type=Path, dir_okay=False),
-            help="Start from this model.toml, such as an extended one; default: nominal constants, no effects.",
-        ),
-        click.option(
-            "--system",
-            metavar="NAME|FILE.py:CLASS",
-            help="Physics model: one of `bench list physics`, or your own class; default: what the data name.",
-        ),
-        click.option(
-            "--set",
-            "settings",
-            multiple=True,
-            metavar="OPTION=VALUE",
-            help="Set an option of the data set, such as gyroscope=true of nanobench; `bench show DATA` lists them. "
-            "Repeatable.",
-        ),
-        click.argument("source", metavar="DATA", callback=options.not_empty),
-    ):
-        command = decorate(command)
-    return command
 
 
 def _choice(command: Command) -> Command:
@@ -97,13 +66,10 @@ _out = click.option(
 
 
 @click.command("compare")
-@_shared
+@data_options
 @_horizon
 def compare_command(
-    source: str,
-    settings: tuple[str, ...],
-    system: str | None,
-    model_file: Path | None,
+    data: DataOptions,
     horizon: float | None,
     to_json: Path | None,
 ) -> None:
@@ -118,7 +84,7 @@ def compare_command(
     bench compare flights/ --model diagnosis/model.toml    is the extended model better?
     bench compare emps --horizon 0.5                       a registered data set, up to half a second
     """
-    subject, model = load(source, system, model_file, settings)
+    subject, model = data.load()
 
     from bench.diagnose.compare import compare, refuse_long
     from bench.diagnose.fit import fit_parameters
@@ -148,14 +114,12 @@ def compare_command(
     print_notes(out, found.notes)
     lines = {n: {g: asdict(line) for g, line in of.items()} for n, of in found.lines.items()}
     write_json(to_json, {"dataset": subject.name, "horizon_s": found.horizon_s, "lines": lines})
-    print_next(asked(system, model_file, settings=settings).command("locate", source), "where it errs")
+    print_next(data.next_command("locate"), "where it errs")
 
 
 @click.command("locate")
-@_shared
-def locate_command(
-    source: str, settings: tuple[str, ...], system: str | None, model_file: Path | None, to_json: Path | None
-) -> None:
+@data_options
+def locate_command(data: DataOptions, to_json: Path | None) -> None:
     """Step 2: say in which conditions the model errs, in physical terms.
 
     Regions such as "speed > 2.8 m/s", ranked by their share of the error against their share of the time; each shows
@@ -165,7 +129,7 @@ def locate_command(
     bench locate flights/
     bench locate flights/ --model diagnosis/model.toml     what is left, and where
     """
-    subject, model = load(source, system, model_file, settings)
+    subject, model = data.load()
 
     from bench.diagnose.fit import fit_parameters
     from bench.diagnose.locate import locate
@@ -184,17 +148,14 @@ def locate_command(
         out.print(rows)
     print_notes(out, found.notes)
     write_json(to_json, {"dataset": subject.name, "where": [asdict(r) for r in found.regions]})
-    print_next(asked(system, model_file, settings=settings).command("discover", source), "what is missing")
+    print_next(data.next_command("discover"), "what is missing")
 
 
 @click.command("discover")
-@_shared
+@data_options
 @_choice
 def discover_command(
-    source: str,
-    settings: tuple[str, ...],
-    system: str | None,
-    model_file: Path | None,
+    data: DataOptions,
     to_json: Path | None,
     catalogue: tuple[str, ...],
     without: tuple[str, ...],
@@ -212,7 +173,7 @@ def discover_command(
     bench discover flights/ --catalogue rotor_drag --catalogue linear_drag
     """
     names = chosen(catalogue, without)
-    subject, model = load(source, system, model_file, settings)
+    subject, model = data.load()
 
     from bench.diagnose.discover import discover
     from bench.diagnose.select.catalogue import check_catalogue
@@ -233,15 +194,14 @@ def discover_command(
     ]
     left = [{"axis": t.axis, "follows": t.signal} for t in found.traces]
     write_json(to_json, {"dataset": subject.name, "effects": effects, "unexplained": left})
-    start = asked(system, model_file, settings=settings)
     if found.found:
-        print_next(start.command("extend", source, "--add", found.found[0].id), "add it, and see the error fall")
+        print_next(data.next_command("extend", "--add", found.found[0].id), "add it, and see the error fall")
     elif found.verdict == "unknown_effect":
-        print_next(start.command("extend", source, "--add", "learned"), "describe it by terms of its own")
+        print_next(data.next_command("extend", "--add", "learned"), "describe it by terms of its own")
 
 
 @click.command("extend")
-@_shared
+@data_options
 @_horizon
 @click.option(
     "--add",
@@ -255,10 +215,7 @@ def discover_command(
 @options.tracking
 @click.option("--no-track", is_flag=True, help="Leave MLflow alone.")
 def extend_command(
-    source: str,
-    settings: tuple[str, ...],
-    system: str | None,
-    model_file: Path | None,
+    data: DataOptions,
     horizon: float | None,
     to_json: Path | None,
     add: tuple[str, ...],
@@ -280,34 +237,33 @@ def extend_command(
     bench extend flights/ --add "force_z ~ height"                          one that you suspect
     """
     check_effects(add)
-    subject, model = load(source, system, model_file, settings)
+    subject, model = data.load()
 
     from bench.diagnose.extend import extend
 
-    start, folder = model or subject.model, folder_for(source, out)
+    start, folder = model or subject.model, folder_for(data.source, out)
     with announcer(options.console()) as tick:
         print_problems(subject)
         done = extend(subject, start, add, tick, horizon_s=horizon)
     target = folder / "model.toml"
     written = write_model(target, done.model, done.effects)
     console = options.console()
-    show_extension(console, done, model_file)
+    show_extension(console, done, data.model_file)
     print_written(console, written)
     errors = {s.name: s.error for s in done.stages}
     write_json(to_json, {"dataset": subject.name, "error": errors, "effects": [asdict(e) for e in done.effects]})
     if not no_track:
         track_extension(subject, start, done, tracking, results, target)
-    print_next(asked(system, target, settings=settings).command("discover", source), "what is still missing")
+    print_next(replace(data, model_file=target).next_command("discover"), "what is still missing")
 
 
 @click.command("diagnose")
-@_shared
+@data_options
 @_horizon
 @_choice
 @click.option(
     "--ignore-problem", "ignore", multiple=True, metavar="KIND", help="Go on although the data have this. Repeatable."
 )
-@click.option("--exclude", multiple=True, metavar="RECORDING", help="Leave this recording out. Repeatable.")
 @click.option("--vehicle", "vehicles", multiple=True, metavar="NAME", help="Of a fleet, this one only. Repeatable.")
 @click.option("--each-recording", is_flag=True, help="Diagnose every recording by itself, as if each were a vehicle.")
 @click.option(
@@ -319,16 +275,12 @@ def extend_command(
 @_out
 @execution_options
 def diagnose_command(
-    source: str,
-    settings: tuple[str, ...],
-    system: str | None,
-    model_file: Path | None,
+    data: DataOptions,
     horizon: float | None,
     to_json: Path | None,
     catalogue: tuple[str, ...],
     without: tuple[str, ...],
     ignore: tuple[str, ...],
-    exclude: tuple[str, ...],
     vehicles: tuple[str, ...],
     each_recording: bool,
     asks_network: bool,
@@ -360,20 +312,21 @@ def diagnose_command(
     bench diagnose fleet/ --vehicle N7 --vehicle N9        these two only
     bench diagnose flights/ --each-recording               each flight by itself: in what do they differ?
     """
-    names, folder = chosen(catalogue, without), folder_for(source, out)
-    if fleet := fleets.fleet_of(source, vehicles, execution, exclude, each_recording):
-        _refuse_for_fleets(asks_network, settings)
-        wanted = fleets.fleet_options(system, model_file, horizon, catalogue=catalogue, without=without, ignore=ignore)
-        return fleets.diagnose_fleet(source, fleet, wanted, folder, to_json, execution)
-    given = [measured(source, system, model_file, catalogue, exclude, settings)]  # popped: not to be held
+    names, folder = chosen(catalogue, without), folder_for(data.source, out)
+    if fleet := fleets.fleet_of(data.source, vehicles, execution, data.exclude, each_recording):
+        _refuse_for_fleets(asks_network, data.settings)
+        wanted = fleets.fleet_options(
+            data.system, data.model_file, horizon, catalogue=catalogue, without=without, ignore=ignore
+        )
+        return fleets.diagnose_fleet(data.source, fleet, wanted, folder, to_json, execution)
+    given = [data.measured(catalogue)]  # popped: not to be held
     from bench.diagnose.diagnose import diagnose
 
     with announcer(options.console(), stages.DIAGNOSE) as tick:
         subject = given[0] if asks_network else None
         found, extended = diagnose(given.pop(), tick=tick, catalogue=names, horizon_s=horizon, ignore=ignore)
-    own = {"catalogue": catalogue, "without": without, "ignore_problem": ignore, "exclude": exclude}
-    again = asked(system, model_file, out, settings, **own)
-    found = replace(found, evidence=replace(found.evidence, source=source, asked=again))
+    again = data.asked(out, catalogue=catalogue, without=without, ignore_problem=ignore)
+    found = replace(found, evidence=replace(found.evidence, source=data.source, asked=again))
     print_diagnosis(found)
     _written(found, extended, folder, to_json)
     if subject is not None and found.verdict != "data_problem":

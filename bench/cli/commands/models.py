@@ -1,12 +1,14 @@
 """What a diagnosed model is good for: `bench design`, the next flight, and `bench export-model`, other programs."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from bench.cli import options
-from bench.cli.diagnosing import asked, check_effects, folder_for, load, print_next, write_json
+from bench.cli.data_options import DataOptions, data_options
+from bench.cli.diagnosing import check_effects, folder_for, print_next, write_json
 from bench.cli.names import check_system
 from bench.cli.progress import announcer
 from registry.errors import BenchError
@@ -130,7 +132,7 @@ def parse_limits(given: tuple[str, ...]) -> dict[str, tuple[float, float, float 
 
 
 @click.command("design")
-@click.argument("source", metavar="DATA", callback=options.not_empty)
+@data_options
 @click.option(
     "--seconds",
     type=options.Positive(1e6),
@@ -152,27 +154,13 @@ def parse_limits(given: tuple[str, ...]) -> dict[str, tuple[float, float, float 
     help="Tell these effects apart; default: what the diagnosis left open. Repeatable.",
 )
 @click.option(
-    "--model",
-    "model_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="The model.toml to design with; default: that of the diagnosis. Its diagnosis.json lies beside it.",
-)
-@click.option(
-    "--system",
-    metavar="NAME|FILE.py:CLASS",
-    help="Physics model: one of `bench list physics`, or your own class; default: what the data name.",
-)
-@click.option(
     "-o", "--output", type=options.Output(made=True), help="The CSV; default: design.csv beside the diagnosis."
 )
-@click.option("--json", "to_json", type=options.Output(made=True), help="Write the figures there too.")
 def design_command(
-    source: str,
+    data: DataOptions,
     seconds: tuple[float, ...],
     limits: tuple[str, ...],
     between: tuple[str, ...],
-    model_file: Path | None,
-    system: str | None,
     output: Path | None,
     to_json: Path | None,
 ) -> None:
@@ -192,12 +180,12 @@ def design_command(
     """
     given = parse_limits(limits)
     check_effects(between)
-    folder = folder_for(source, None)
+    folder = folder_for(data.source, None)
     target = output or folder / "design.csv"
-    file = model_file or folder / "model.toml"
-    if not file.is_file() and (model_file is not None or not between):
-        raise BenchError(f"There is no {file}: `bench diagnose {source}` writes it, and designs go out from it.")
-    subject, model = load(source, system, file if file.is_file() else None)
+    file = data.model_file or folder / "model.toml"
+    if not file.is_file() and (data.model_file is not None or not between):
+        raise BenchError(f"There is no {file}: `bench diagnose {data.source}` writes it, and designs go out from it.")
+    subject, model = replace(data, model_file=file if file.is_file() else None).load()
 
     from bench.diagnose.manoeuvre import page
     from bench.diagnose.manoeuvre.design import design
@@ -220,4 +208,4 @@ def design_command(
     page.write_page(drawn, found)
     write_json(to_json, {"dataset": found.dataset, "rows": found.to_frame().to_dict("records")})
     click.echo(f"\nWrote {target}, {drawn}")
-    print_next(asked(system, None).command("diagnose", source), "with its recordings beside the others")
+    print_next(replace(data, model_file=None).next_command("diagnose"), "with its recordings beside the others")
