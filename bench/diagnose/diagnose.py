@@ -1,7 +1,7 @@
 """All four steps in one: compare, locate, discover, extend."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -9,10 +9,10 @@ import torch
 from bench.diagnose.answer import Steps, answer, stopped
 from bench.diagnose.checks.description.checklist import check_subject
 from bench.diagnose.checks.problems import Checked, Known, problems, without_damaged
-from bench.diagnose.compare import compare, refuse_long
+from bench.diagnose.compare import refuse_long
+from bench.diagnose.confirm import Setup, calibrated_only, confirmed
 from bench.diagnose.discover import read_and_discovered
-from bench.diagnose.extend import Extension, extend, ordered, stage
-from bench.diagnose.fit import fit_parameters
+from bench.diagnose.extend import Extension
 from bench.diagnose.learned import Learned, curves, judged, learned, likened
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
@@ -20,12 +20,10 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.parts import in_parts
 from bench.diagnose.logs.sample import give_back, sampled
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.parameters import entries
 from bench.diagnose.regression.weak import LogBatch, own_states
-from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, check_kinds
+from bench.diagnose.result import DataProblem, Diagnosis, check_kinds
 from bench.diagnose.select.differing import differing
-from bench.diagnose.select.discovery import Discovery, supported
-from bench.diagnose.select.verify import Estimate, at_bound
+from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.settings import DECIDING, MATTERING
 from bench.diagnose.simulate.flights import flights
 from registry.contracts import Dataset
@@ -85,9 +83,9 @@ def diagnose(
     subject, filed = (
         replace(s, uncertainty=known, memory=found.memory, long_windows=found.long_windows) for s in (subject, filed)
     )
-    run = _Run(subject, noise, tick, horizon_s, filed, catalogue)
+    run = Setup(subject, noise, tick, horizon_s, filed, catalogue)
     tick("extend")
-    found, extension, refuted = _confirmed(run, found)
+    found, extension, refuted = confirmed(run, found)
     steps, terms = _concluded(run, found, extension, refuted, source=named_as, checked=checked)
     if checked.problems:
         checked = _shifts_again(replace(steps.subject, model=steps.extension.model), checked)
@@ -98,21 +96,6 @@ def diagnose(
         tick("locate")
         steps = _shown(steps, noise, terms)
     return answer(replace(steps, damaged=damaged)), steps.extension.model
-
-
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """What most steps need."""
-
-    subject: Subject
-    noise: Noise
-    tick: Tick
-    horizon_s: float | None
-    """Longest horizon of the comparisons [s]."""
-    filed: Subject
-    """The measurements, with inputs as they were filed."""
-    catalogue: Sequence[str] | None = None
-    """Ids of the effects to choose from; None: all."""
 
 
 def _checked(
@@ -157,83 +140,6 @@ def _shifts_again(subject: Subject, checked: Checked) -> Checked:
     return checked if again.problems else Checked((), (*again.suspicions, *checked.problems[:1]))
 
 
-def _confirmed(run: _Run, found: Discovery) -> tuple[Discovery, Extension | None, bool]:
-    """The effects found, added and fitted, as far as free runs of held-out recordings confirm them.
-
-    Returns:
-        What was learnt, the extended model (None: without effects), and whether free runs refute all of them.
-    """
-    extension = _added(run, found)
-    if extension is not None:
-        vanished = [e.id for e in extension.effects if _changes_nothing(e)]
-        if vanished:
-            found = _unnamed(found, vanished, _NO_BETTER)
-            extension = _added(run, found)
-    # Where no equation could be judged, sets were compared with their bounds already.
-    while extension is not None and found.equations and (imitation := _at_bound(run, extension)):
-        found = _unnamed(found, [imitation], _AT_BOUND)
-        extension = _added(run, found)
-        if extension is None:
-            return found, None, True
-    if extension is None:
-        return found, None, False
-    # Where each equation was judged by itself, a free run that is lost in another one refutes nothing.
-    if not found.equations and sum(e.share_explained for e in extension.effects) < 0:
-        return _unnamed(found, [f.id for f in found.found], _NO_BETTER), None, True
-    return found, extension, False
-
-
-def _at_bound(run: _Run, extension: Extension) -> str | None:
-    """The effect at a bound that is not neutral that explains least of free runs, after all was fitted; None: none."""
-    first = len(run.subject.model.effects)
-    numbers = entries(extension.model, run.subject.uncertainty, run.subject.model)
-    last = [Estimate(e, e.value, e.low, e.high) for e in numbers]
-    pushed = [e for i, e in enumerate(extension.effects, first) if at_bound(last, i)]
-    return min(pushed, key=lambda e: e.share_explained).id if pushed else None
-
-
-def _changes_nothing(effect: NamedEffect) -> bool:
-    """Whether free runs of all groups of outputs err as much without an effect: it follows how rates are computed."""
-    pairs = ((e.rmse**2, effect.error_after[g].rmse ** 2) for g, e in effect.error_before.items())
-    return all(abs(before - after) <= DECIDING.least_share * before for before, after in pairs)
-
-
-def _added(run: _Run, found: Discovery) -> Extension | None:
-    """The model with the effects found, fitted; None: there are none."""
-    if not found.found:
-        return None
-    base, names = run.subject.model, [f.id for f in found.found]
-    return extend(
-        run.subject,
-        base,
-        names,
-        run.tick,
-        run.noise,
-        rivals={f.id: f.rivals for f in found.found},
-        start=ordered(found.model, len(base.effects), names),
-        horizon_s=run.horizon_s,
-    )
-
-
-def _calibrated_only(run: _Run, found: Discovery) -> Extension:
-    """The calibrated model, to which no effect is added, and its errors."""
-    subject, model, numbers = run.subject, found.calibrated, found.constants
-    # A model with effects was fitted so that free runs meet the measurements, and stays so; in the weak form a slope in
-    # place of a rate is filtered twice, which free runs do not see.
-    if subject.model.effects or subject.slopes:
-        model, estimated = fit_parameters(subject, subject.model, run.noise, run.tick)
-        numbers = tuple(estimated)
-    comparison = compare(subject, {"calibrated": model}, noise=run.noise, horizon_s=run.horizon_s)
-    return Extension(
-        model=model,
-        effects=(),
-        comparison=comparison,
-        stages=tuple(stage(n, comparison.error(n)) for n in ("nominal", "calibrated", "floor")),
-        constants=numbers,
-        calibrated=0.0,
-    )
-
-
 def _verdict(found: Discovery, excess: dict[str, float], refuted: bool) -> tuple[str, Discovery]:
     """The verdict before anything is learned, and what was learnt as it bears that out.
 
@@ -255,7 +161,7 @@ def _verdict(found: Discovery, excess: dict[str, float], refuted: bool) -> tuple
 
 
 def _concluded(
-    run: _Run, found: Discovery, extension: Extension | None, refuted: bool, *, source: str, checked: Checked
+    run: Setup, found: Discovery, extension: Extension | None, refuted: bool, *, source: str, checked: Checked
 ) -> tuple[Steps, Extension | None]:
     """The verdict, and the model with terms learned from what the effects leave where something is still missing.
 
@@ -271,7 +177,7 @@ def _concluded(
         The steps but for what only the page shows, and the model with learned terms; None: there are none.
     """
     if extension is None:
-        extension = _calibrated_only(run, found)
+        extension = calibrated_only(run, found)
     excess = _excess(extension)
     verdict, found = _verdict(found, excess, refuted)
     excess = {group: e for group, e in excess.items() if not _rounding(extension, group)}
@@ -293,24 +199,6 @@ def _concluded(
         verdict = found.verdict if found.found else "unknown_effect"
     steps = Steps(subject, source, checked, verdict=verdict, discovery=found, extension=extension, high=high)
     return replace(steps, differing=differ), terms
-
-
-_NO_BETTER = (
-    "explained the rates of the recordings that were learnt from, but did not make the forecast of recordings better, "
-    "and so is not named."
-)
-_AT_BOUND = (
-    "fits best at the end of its physical range, where it imitates something else, and so is not named; the rest was "
-    "fitted again without it."
-)
-
-
-def _unnamed(found: Discovery, names: Sequence[str], why: str) -> Discovery:
-    """What is left to say when the last model takes back effects that were found."""
-    kept = supported([f.id for f in found.found if f.id not in names], found.calibrated)
-    left, names = tuple(f for f in found.found if f.id in kept), [f.id for f in found.found if f.id not in kept]
-    note = f"{', '.join(names)} {why}"
-    return replace(found, found=left, confounders=(*found.confounders, *names), notes=(*found.notes, note))
 
 
 def _remarked(found: Discovery, excess: float) -> Discovery:
@@ -340,7 +228,7 @@ def _rounding(extension: Extension, group: str) -> bool:
     return extension.last[group].rmse ** 2 <= DECIDING.least_share * nominal**2
 
 
-def _learned(run: _Run, found: Discovery, extension: Extension, verdict: str, little: bool = False) -> Learned | None:
+def _learned(run: Setup, found: Discovery, extension: Extension, verdict: str, little: bool = False) -> Learned | None:
     """The model with terms learned from what it leaves; None: held-out recordings confirm none.
 
     Where nothing says that something is missing and ``little`` is left, only what swings is sought.

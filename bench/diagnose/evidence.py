@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from bench.analysis.display import draw_curves, new_axes
 from bench.diagnose.by_equation import ObscuredConstant
-from bench.diagnose.flight import Flight
 from bench.diagnose.learned_shape import LearnedCurve
+from bench.diagnose.simulate.flight import Flight
 from bench.experiment.asked import Asked
 from registry.units import display
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
 from bench.diagnose.evidence import LINES, Calibration, Candidate, Curves, Evidence, Line, ResidualMap, Stage, Window
-from bench.diagnose.flight import AFTER, RUNS, Flight, Path, Signal, Trace
+from bench.diagnose.simulate.flight import AFTER, RUNS, Flight, Path, Signal, Trace
 from bench.diagnose.result import (
     VERDICTS,
     ByGroup,

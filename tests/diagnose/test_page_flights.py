@@ -12,7 +12,7 @@ import pytest
 import samples
 
 from bench.diagnose.by_equation import EquationResult
-from bench.diagnose.flight import AFTER, Trace
+from bench.diagnose.simulate.flight import AFTER, Trace
 from bench.diagnose.report import page
 from bench.diagnose.result import Diagnosis
 

@@ -9,7 +9,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from bench.diagnose.flight import AFTER, Flight
+from bench.diagnose.simulate.flight import AFTER, Flight
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of

@@ -1,0 +1,125 @@
+"""Effects that a search has found, added and fitted, as far as free runs of held-out recordings confirm them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from bench.diagnose.compare import compare
+from bench.diagnose.extend import Extension, extend, ordered, stage
+from bench.diagnose.fit import fit_parameters
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.parameters import entries
+from bench.diagnose.result import NamedEffect
+from bench.diagnose.select.discovery import Discovery, supported
+from bench.diagnose.select.verify import Estimate, at_bound
+from bench.diagnose.settings import DECIDING
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What most steps need."""
+
+    subject: Subject
+    noise: Noise
+    tick: Callable[[str], None]
+    horizon_s: float | None
+    """Longest horizon of the comparisons [s]."""
+    filed: Subject
+    """The measurements, with inputs as they were filed."""
+    catalogue: Sequence[str] | None = None
+    """Ids of the effects to choose from; None: all."""
+
+
+_NO_BETTER = (
+    "explained the rates of the recordings that were learnt from, but did not make the forecast of recordings better, "
+    "and so is not named."
+)
+_AT_BOUND = (
+    "fits best at the end of its physical range, where it imitates something else, and so is not named; the rest was "
+    "fitted again without it."
+)
+
+
+def confirmed(run: Setup, found: Discovery) -> tuple[Discovery, Extension | None, bool]:
+    """The effects found, added and fitted, as far as free runs of held-out recordings confirm them.
+
+    Returns:
+        What was learnt, the extended model (None: without effects), and whether free runs refute all of them.
+    """
+    extension = _added(run, found)
+    if extension is not None:
+        vanished = [e.id for e in extension.effects if _changes_nothing(e)]
+        if vanished:
+            found = _unnamed(found, vanished, _NO_BETTER)
+            extension = _added(run, found)
+    # Where no equation could be judged, sets were compared with their bounds already.
+    while extension is not None and found.equations and (imitation := _at_bound(run, extension)):
+        found = _unnamed(found, [imitation], _AT_BOUND)
+        extension = _added(run, found)
+        if extension is None:
+            return found, None, True
+    if extension is None:
+        return found, None, False
+    # Where each equation was judged by itself, a free run that is lost in another one refutes nothing.
+    if not found.equations and sum(e.share_explained for e in extension.effects) < 0:
+        return _unnamed(found, [f.id for f in found.found], _NO_BETTER), None, True
+    return found, extension, False
+
+
+def _at_bound(run: Setup, extension: Extension) -> str | None:
+    """The effect at a bound that is not neutral that explains least of free runs, after all was fitted; None: none."""
+    first = len(run.subject.model.effects)
+    numbers = entries(extension.model, run.subject.uncertainty, run.subject.model)
+    last = [Estimate(e, e.value, e.low, e.high) for e in numbers]
+    pushed = [e for i, e in enumerate(extension.effects, first) if at_bound(last, i)]
+    return min(pushed, key=lambda e: e.share_explained).id if pushed else None
+
+
+def _changes_nothing(effect: NamedEffect) -> bool:
+    """Whether free runs of all groups of outputs err as much without an effect: it follows how rates are computed."""
+    pairs = ((e.rmse**2, effect.error_after[g].rmse ** 2) for g, e in effect.error_before.items())
+    return all(abs(before - after) <= DECIDING.least_share * before for before, after in pairs)
+
+
+def _added(run: Setup, found: Discovery) -> Extension | None:
+    """The model with the effects found, fitted; None: there are none."""
+    if not found.found:
+        return None
+    base, names = run.subject.model, [f.id for f in found.found]
+    return extend(
+        run.subject,
+        base,
+        names,
+        run.tick,
+        run.noise,
+        rivals={f.id: f.rivals for f in found.found},
+        start=ordered(found.model, len(base.effects), names),
+        horizon_s=run.horizon_s,
+    )
+
+
+def calibrated_only(run: Setup, found: Discovery) -> Extension:
+    """The calibrated model, to which no effect is added, and its errors."""
+    subject, model, numbers = run.subject, found.calibrated, found.constants
+    # A model with effects was fitted so that free runs meet the measurements, and stays so; in the weak form a slope in
+    # place of a rate is filtered twice, which free runs do not see.
+    if subject.model.effects or subject.slopes:
+        model, estimated = fit_parameters(subject, subject.model, run.noise, run.tick)
+        numbers = tuple(estimated)
+    comparison = compare(subject, {"calibrated": model}, noise=run.noise, horizon_s=run.horizon_s)
+    return Extension(
+        model=model,
+        effects=(),
+        comparison=comparison,
+        stages=tuple(stage(n, comparison.error(n)) for n in ("nominal", "calibrated", "floor")),
+        constants=numbers,
+        calibrated=0.0,
+    )
+
+
+def _unnamed(found: Discovery, names: Sequence[str], why: str) -> Discovery:
+    """What is left to say when the last model takes back effects that were found."""
+    kept = supported([f.id for f in found.found if f.id not in names], found.calibrated)
+    left, names = tuple(f for f in found.found if f.id in kept), [f.id for f in found.found if f.id not in kept]
+    note = f"{', '.join(names)} {why}"
+    return replace(found, found=left, confounders=(*found.confounders, *names), notes=(*found.notes, note))
