@@ -10,7 +10,7 @@ from bench.diagnose.answer import Steps, answer, stopped
 from bench.diagnose.checks.description.checklist import check_subject
 from bench.diagnose.checks.problems import Checked, Known, problems, without_damaged
 from bench.diagnose.compare import refuse_long
-from bench.diagnose.confirm import Setup, calibrated_only, confirmed
+from bench.diagnose.confirm import Setup, calibrated_only, confirmed, with_forecasting
 from bench.diagnose.discover import read_and_discovered
 from bench.diagnose.extend import Extension
 from bench.diagnose.learned import Learned, curves, judged, learned, likened
@@ -180,8 +180,8 @@ def _concluded(
         extension = calibrated_only(run, found)
     excess = _excess(extension)
     verdict, found = _verdict(found, excess, refuted)
+    high = _high(extension)
     excess = {group: e for group, e in excess.items() if not _rounding(extension, group)}
-    high = [group for group, e in excess.items() if e > DECIDING.high_excess]
     unknown, worth_a_look = verdict == "unknown_effect", max(excess.values(), default=0.0) > MATTERING.near**2
     differ = told = None
     if unknown or worth_a_look:
@@ -193,10 +193,13 @@ def _concluded(
         verdict = "unknown_effect"
     terms, subject = (None, run.subject) if told is None else (told.extension, told.subject)
     if terms is not None:
-        terms = likened(subject, run.noise, terms)
         extension, found = terms, judged(subject, run.noise, found, terms)
         # What a search for effects took for nothing repeats, and can be learned.
         verdict = found.verdict if found.found else "unknown_effect"
+    if differ is None and found.equations and _high(extension):
+        extension = with_forecasting(replace(run, subject=subject), extension)
+    if terms is not None:
+        terms = extension = likened(subject, run.noise, extension)
     steps = Steps(subject, source, checked, verdict=verdict, discovery=found, extension=extension, high=high)
     return replace(steps, differing=differ), terms
 
@@ -220,6 +223,12 @@ def _excess(extension: Extension) -> dict[str, float]:
     floor = extension.comparison.error("floor")
     ratio = {g: e.rmse / max(floor[g].rmse, 1e-300) for g, e in extension.last.items()}
     return {g: r * r for g, r in ratio.items()}
+
+
+def _high(extension: Extension) -> list[str]:
+    """The groups in which free runs of the last model err far above the noise floor."""
+    excess = _excess(extension)
+    return [g for g, e in excess.items() if e > DECIDING.high_excess and not _rounding(extension, g)]
 
 
 def _rounding(extension: Extension, group: str) -> bool:

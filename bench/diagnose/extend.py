@@ -175,7 +175,7 @@ class _Chain:
 
 def _errs_more_on_the_way(subject: Subject, chain: _Chain, comparison: Comparison) -> bool:
     """Whether free runs are worse with an effect more, before all are there."""
-    squared = _squared(subject, comparison, chain.lines())
+    squared = squared_errors(subject, comparison, chain.lines())
     return any(b > a for a, b in pairwise([*squared.values()][:-1]))
 
 
@@ -188,7 +188,7 @@ def _better_on_the_way(subject: Subject, chain: _Chain, known: int, noise: Noise
     last, out = chain.model, list(chain.models)
     cut = {i: replace(last, effects=last.effects[: known + i]) for i in range(1, len(out) - 1)}
     both = {f"weak {i}": out[i] for i in cut} | {f"cut {i}": m for i, m in cut.items()}
-    squared = _squared(subject, compare(subject, both, names=subject.training, noise=noise), both)
+    squared = squared_errors(subject, compare(subject, both, names=subject.training, noise=noise), both)
     for i, model in cut.items():
         if squared[f"cut {i}"] < squared[f"weak {i}"]:
             out[i] = model
@@ -233,7 +233,7 @@ def _extension(
 ) -> Extension:
     """What each effect from the ``first`` on takes of the error, in the order in which they were added."""
     order = list(chain.lines())
-    squared = _squared(subject, comparison, ("nominal", *order, "floor"))
+    squared = squared_errors(subject, comparison, ("nominal", *order, "floor"))
     taken, *shares = shares_of([squared[n] for n in ("nominal", *order)], squared["floor"])
     effects = tuple(
         _named(
@@ -347,7 +347,7 @@ def shares_of(squared: Sequence[float], floor: float) -> list[float]:
     return [g / above if above > 0 else float("nan") for g in gone]
 
 
-def _squared(subject: Subject, comparison: Comparison, names: Iterable[str]) -> dict[str, float]:
+def squared_errors(subject: Subject, comparison: Comparison, names: Iterable[str]) -> dict[str, float]:
     """By model, the squared error of its free runs over scaled outputs."""
     scale = _scales(subject, comparison)
     return {name: pooled(comparison.error(name), scale) for name in names}

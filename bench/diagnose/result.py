@@ -85,6 +85,13 @@ class NamedEffect:
     """What it saves where it acts: in every equation by itself and along its axes; empty: none was judged."""
     by_recording: dict[str, dict[str, ParameterEstimate]] = field(default_factory=dict)
     """Parameters that differ from recording to recording; empty: there are none."""
+    forecast_only: bool = False
+    """Whether free runs alone ask for it: it makes forecasts better, and no equation by itself confirms it."""
+
+    @property
+    def found(self) -> bool:
+        """Whether it is of the catalogue and was found: not learned, and not for forecasts only."""
+        return not (self.learned or self.forecast_only)
 
     @property
     def main(self) -> EffectSaving | None:

@@ -29,7 +29,7 @@ def answer_of(member: Member, stored: Stored) -> Answer:
         verdict=told["verdict"],
         sentence="; ".join(gathered(problems)) if stopped else "",
         page=f"{VEHICLES}/{stored.folder.name}/{PAGE}",
-        numbers=tuple(n for e in told["effects"] for n in _numbers(e)),
+        numbers=tuple(n for e in told["effects"] if not e["forecast_only"] for n in _numbers(e)),
         errors=tuple(_errors(told["error"], told["noise_floor"])),
     )
 

@@ -74,7 +74,7 @@ def answer(case: Case, said: Diagnosis, faults: Any, seconds: float, exact: ByGr
         return {g: e.rmse for g, e in errors.items()}
 
     lines = {k: plain(getattr(said.error, k)) for k in ("nominal", "calibrated", "extended")}
-    named = [e for e in said.effects if not e.learned]
+    named = [e for e in said.effects if e.found]
     return Answer(
         id=case.id,
         condition=case.condition,

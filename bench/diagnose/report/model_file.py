@@ -52,11 +52,13 @@ def _effect(path: Path, model: PhysicsModel, effect: Effect, known: NamedEffect 
     name = EFFECTS.name_of(type(effect))
     parameters = [replace(p, unit=model.effect_unit(p.unit)) for p in effect.parameters()]
     said = effect.equation if known is None or not effect.learned else known.described
+    forecast_only = known is not None and known.forecast_only
+    why = "  For forecasts only: no equation by itself confirms it." if forecast_only else ""
     if effect.learned:
         parameters = [replace(p, about=_values_told(known) or p.about) for p in parameters]
     return [
         "",
-        f"[[effects]]  # {_plain(EFFECTS.summary(name))}",
+        f"[[effects]]  # {_plain(EFFECTS.summary(name))}{why}",
         f"# {_plain(said)}",
         f"id = {toml_text(name)}",
         *(f"{key} = {toml_text(value)}" for key, value in effect.options().items()),

@@ -23,8 +23,7 @@ def headline(diagnosis: Diagnosis) -> str:
         problem = diagnosis.data_problems[0] if diagnosis.data_problems else None
         what = f": {problem.kind} in {named(problem.signal)} of {problem.recording}" if problem else ""
         return f"The recordings must be mended before the model can be judged{what}."
-    if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
-        terms = [e for e in diagnosis.effects if e.learned]
+    if diagnosis.verdict == "unknown_effect" and (terms := [e for e in diagnosis.effects if e.learned]):
         said = _in_short(terms[0]) if len(terms) == 1 else listed(named(e.name) for e in terms)
         known = all(e.term is not None and e.term.nearest and e.term.likeness >= _ALL for e in terms)
         lead = "No effect of the catalogue was found" if known else "The catalogue does not have what the model lacks"
@@ -32,7 +31,7 @@ def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "unknown_effect" and diagnosis.differing is not None:
         what = listed(map(named, diagnosis.differing.effects))
         return f"No one model holds for all recordings: they differ in {what}."
-    effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if not e.learned]
+    effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if e.found]
     left = diagnosis.unexplained
     line = verdict_line(diagnosis.verdict, effects, left.axes, left.follows)
     moved = [c for told in constant_words.moved(diagnosis) for c in told]
@@ -100,7 +99,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
     """What follows the headline: what was found, then what is left; not what became of the stated constants."""
     found: list[str] = []
     beside = diagnosis.verdict != "unknown_effect"
-    shares = [e.share_explained for e in diagnosis.effects if not (beside and e.learned)]
+    shares = [e.share_explained for e in diagnosis.effects if e.found or (e.learned and not beside)]
     if diagnosis.verdict == "data_problem":
         count = len(diagnosis.data_problems)
         more = f"{count} problems were found" if count > 1 else "One problem was found"
@@ -134,7 +133,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
             else "Terms learned from what is left explain"
         )
         found.append(f"{each} another {gained}: {names}.")
-    if diagnosis.verdict == "unknown_effect" and diagnosis.effects:
+    if diagnosis.verdict == "unknown_effect" and shares:
         each = "it explains" if len(shares) == 1 else "together they explain"
         constants = _constants_first(diagnosis)
         found.append(f"On recordings not learned from, {each} {percent(sum(shares))} {_FREE}{constants}.")
@@ -143,8 +142,27 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         size = f"It makes {percent(share)} {_FREE}, and n" if share > 0 else "N"
         found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
     left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
-    after = (alike(diagnosis), left, differing(diagnosis), _contradicted(diagnosis))
+    after = (alike(diagnosis), forecasting(diagnosis), left, differing(diagnosis), _contradicted(diagnosis))
     return [*filter(None, (" ".join(found), *after))]
+
+
+def forecasting(diagnosis: Diagnosis) -> str:
+    """What is in the model for its forecasts alone; empty: nothing."""
+    added = [e for e in diagnosis.effects if e.forecast_only]
+    if not added:
+        return ""
+    before, after = added[0].error_before, added[-1].error_after
+    fallen = listed(
+        f"{named(g)} {number(factor * e.rmse)} → {united(number(factor * after[g].rmse), unit)}"
+        for g, e in before.items()
+        for unit, factor in [shown(e.unit, g, [e.rmse, after[g].rmse])]
+    )
+    one = len(added) == 1
+    return (
+        f"Forecasts ask for {listed(named(e.id) for e in added)}, which no equation by itself confirms: with "
+        f"{'it' if one else 'them'} free runs of held-out recordings end nearer ({fallen}). A controller that brings "
+        f"these states back would look the same, so {'it is' if one else 'they are'} in the model and no finding."
+    )
 
 
 def differing(diagnosis: Diagnosis) -> str:
@@ -287,6 +305,8 @@ def savings(effect: NamedEffect) -> list[EffectSaving]:
 
 def explains(effect: NamedEffect) -> str:
     """Such as "explains 98 % in torques about z, 1 % in free runs": where it saves most, then of free runs."""
+    if effect.forecast_only:
+        return "for forecasts only"
     free = f"{percent(effect.share_explained)} in free runs"
     main = effect.main
     return f"explains {free}" if main is None else f"explains {percent(main.share)} in {acts(main)}, {free}"

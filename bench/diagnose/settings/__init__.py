@@ -17,6 +17,7 @@ from bench.diagnose.settings.regression import Calibrating, Folding, Following, 
 from bench.diagnose.settings.select import (
     Choosing,
     Differing,
+    Forecasting,
     Growing,
     Mattering,
     Releasing,
@@ -63,6 +64,7 @@ STEPPING = Stepping()
 VERIFYING = Verifying()
 MATTERING = Mattering()
 DIFFERING = Differing()
+FORECASTING = Forecasting()
 GROWING = Growing()
 SPLINING = Splining()
 WORDING = Wording()

@@ -283,6 +283,19 @@ class Differing:
 
 
 @dataclass(frozen=True)
+class Forecasting:
+    """Effects that only free runs ask for."""
+
+    gain: float = threshold(
+        0.9,
+        "mean squared error of free runs with an effect, over that without it, below which they ask for it: on "
+        "nanodrone and nanobench a rotational damping leaves .80 and .64, the next effect .94 and .92",
+        Basis.MEASURED,
+    )
+    most: int = threshold(2, "such effects that are added at most", Basis.EFFORT, "count")
+
+
+@dataclass(frozen=True)
 class Growing:
     """Sets of effects that are fitted through the simulator, one effect added at a time."""
 

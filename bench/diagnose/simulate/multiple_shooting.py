@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.least_squares import bounded, equilibrium
 from bench.diagnose.regression.parameters import Entry, Prior, entries, probes, with_values
 from bench.diagnose.settings import SHOOTING
@@ -58,16 +58,9 @@ def multiple_shooting(
         tick: called with what is being done.
         held: owner and label of each number that stays as the model has it.
     """
-    logs = subject.of(names)
-    steps = default_steps(logs)
-    every = max(steps // 2, sum(map(len, logs)) // SHOOTING.windows)
-    at = [starts(log, steps, every) for log in logs]
-    where = _free(model, subject, held)
-    judged = groups(model.state_channels, logs[0].measured)
-    runs, measured = free_run(model, logs, at, steps), measured_windows(logs, at, steps)
-    steps, points = _compared(runs, measured, judged)
-    first, measured = _errors(runs[:, points], measured[:, points], judged), measured[:, points]
-    size = np.sqrt(np.mean(first**2, axis=0, keepdims=True)) + 1e-300  # (1, points, axes)
+    runs, where = _Runs.of(model, subject, names), _free(model, subject, held)
+    first = runs.errors(model)
+    size = _size(first)  # (1, points, axes)
 
     def cost(of: np.ndarray) -> float:
         return float(np.mean((of / size) ** 2))
@@ -80,8 +73,7 @@ def multiple_shooting(
     for _ in range(SHOOTING.steps):
         tick("shooting")
         values, widths = probes(current)
-        runs = free_run(with_values(best, current, values), logs, at, steps)[:, :, points]
-        off = np.stack([_errors(r, measured, judged) for r in runs]) / size
+        off = runs.errors(with_values(best, current, values)) / size
         jacobian = ((off[1:] - off[0]) / widths[:, None, None, None]).reshape(len(widths), -1)
         scale = weight / jacobian.shape[1]
         prior = Prior.of(current)
@@ -91,8 +83,9 @@ def multiple_shooting(
         scaled = gram * np.outer(factor, factor) + 1e-9 * np.eye(len(factor))
         step = bounded(scaled, moment * factor, prior.low / factor, prior.high / factor) * factor
         for shrink in (1.0, 0.3, 0.1):
-            moved = with_values(best, current, np.array([e.value for e in current]) + shrink * step)
-            now = cost(_errors(free_run(moved, logs, at, steps)[:, points], measured, judged))
+            ahead = [np.clip(e.value + shrink * d, e.low, e.high) for e, d in zip(current, step, strict=True)]
+            moved = with_values(best, current, np.array(ahead))
+            now = cost(runs.errors(moved))
             if now < last:
                 break
         else:
@@ -104,10 +97,47 @@ def multiple_shooting(
     return Shot(best, start, last, tuple(current), np.linalg.pinv(gram))
 
 
-def _compared(runs: torch.Tensor, measured: torch.Tensor, of: Sequence[Group]) -> tuple[int, np.ndarray]:
-    """For how many samples free runs tell anything, and those of them at which they are compared."""
-    steps = followed(errors(runs, measured, of).mean(0), measured, of)
-    return steps, np.unique(np.linspace(0, steps, SHOOTING.points + 1).round().astype(int))[1:]
+@np.errstate(over="ignore", invalid="ignore")
+def relative_error(one: PhysicsModel, other: PhysicsModel, subject: Subject, names: Sequence[str]) -> float:
+    """Mean squared error of free runs of ``other`` on some recordings, each channel over that of ``one``."""
+    runs = _Runs.of(one, subject, names)
+    return float(np.mean((runs.errors(other) / _size(runs.errors(one))) ** 2))
+
+
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """The windows in which free runs are compared with what was measured."""
+
+    logs: Sequence[Log]
+    at: Sequence[np.ndarray]
+    steps: int
+    points: np.ndarray
+    """(points,) samples after the start at which they are compared."""
+    measured: torch.Tensor
+    """(W, points, s)."""
+    judged: Sequence[Group]
+
+    @classmethod
+    def of(cls, model: PhysicsModel, subject: Subject, names: Sequence[str]) -> "_Runs":
+        """As long as free runs of ``model`` tell anything."""
+        logs = subject.of(names)
+        steps = default_steps(logs)
+        every = max(steps // 2, sum(map(len, logs)) // SHOOTING.windows)
+        at, judged = [starts(log, steps, every) for log in logs], groups(model.state_channels, logs[0].measured)
+        measured = measured_windows(logs, at, steps)
+        told = followed(errors(free_run(model, logs, at, steps), measured, judged).mean(0), measured, judged)
+        points = np.unique(np.linspace(0, told, SHOOTING.points + 1).round().astype(int))[1:]
+        return cls(logs, at, told, points, measured[:, points], judged)
+
+    def errors(self, model: PhysicsModel) -> np.ndarray:
+        """(…, W, points, axes) of a model, or of many at once."""
+        runs = free_run(model, self.logs, self.at, self.steps)[..., self.points, :]
+        return _errors(runs, self.measured.expand(*runs.shape[:-1], -1), self.judged)
+
+
+def _size(errors: np.ndarray) -> np.ndarray:
+    """(1, points, axes) typical errors of (W, points, axes)."""
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=0, keepdims=True)) + 1e-300)
 
 
 def _free(model: PhysicsModel, subject: Subject, held: Collection[tuple[int, str]]) -> list[Entry]:
