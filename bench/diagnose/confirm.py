@@ -11,9 +11,10 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.discovery import Discovery, supported
-from bench.diagnose.select.simulated.forecasting import forecasting, helps
+from bench.diagnose.select.simulated.forecasting import forecasting
 from bench.diagnose.select.verify import Estimate, at_bound
 from bench.diagnose.settings import DECIDING
+from bench.diagnose.summaries import parameter_estimates
 from registry.core import EFFECTS
 
 
@@ -122,49 +123,37 @@ def calibrated_only(run: Setup, found: Discovery) -> Extension:
 def with_forecasting(run: Setup, extension: Extension) -> Extension:
     """The extended model with effects that no equation confirms and without which its free runs err far more.
 
-    All numbers are those of the last fit; what the other effects take of the error stays as it was told.
+    All that was told before stays as it was.
     """
-    subject, own = run.subject, extension.effects
-    grown = forecasting(subject, extension.model, run.catalogue, run.tick)
-    if grown is extension.model:
+    subject, before = run.subject, extension.comparison
+    model, numbers = forecasting(subject, extension.model, run.catalogue, run.tick)
+    if model is extension.model:
         return extension
-    added = grown.effects[len(subject.model.effects) :]
-    learned = {i for i, e in enumerate(own) if e.learned}
-    done = extend(
-        subject,
-        subject.model,
-        [e if i in learned else EFFECTS.name_of(type(e)) for i, e in enumerate(added)],
-        run.tick,
-        run.noise,
-        rivals={e.id: e.indistinguishable_from for e in own},
-        start=grown,
-        horizon_s=run.horizon_s,
+    after = compare(subject, {"extended": model}, noise=run.noise, horizon_s=before.horizon_s[-1])
+    last = f"+ {len(extension.effects)}" if extension.effects else "calibrated"
+    lines = {last if n == "extended" else n: of for n, of in before.lines.items() if n not in ("disturbance", "floor")}
+    after = replace(after, lines={**lines, **{n: of for n, of in after.lines.items() if n != "nominal"}})
+    squared = squared_errors(subject, after, ("nominal", "calibrated", last, "extended", "floor"))
+    *_, share = shares_of([squared[n] for n in ("nominal", "calibrated", last, "extended")], squared["floor"])
+    without, beside = after.error(last), after.error("extended")
+    first = len(extension.model.effects)
+    effects = tuple(
+        NamedEffect(
+            EFFECTS.name_of(type(effect)),
+            parameter_estimates([x for x in numbers if x.entry.owner == first + i]),
+            share_explained=share if i == 0 else 0.0,  # one after the other they were not compared
+            error_before=without if i == 0 else beside,
+            error_after=beside,
+            forecast_only=True,
+        )
+        for i, effect in enumerate(model.effects[first:])
     )
-    if not helps(subject, extension.model, done.model):
-        return extension
-    return _grown(subject, extension, done)
-
-
-def _grown(subject: Subject, before: Extension, after: Extension) -> Extension:
-    """``after``, whose last effects are told as those of free runs alone and take what ``before`` leaves of the error.
-
-    What the first effects take is what they took in ``before``: on the way to more effects they are not fitted to the
-    end. Of several last effects the first is told with the error of all.
-    """
-    last = "extended" if before.effects else "calibrated"
-    squared = squared_errors(subject, before.comparison, ("nominal", "calibrated", last, "floor"))
-    end = squared_errors(subject, after.comparison, ("extended",))["extended"]
-    *_, share = shares_of([squared["nominal"], squared["calibrated"], squared[last], end], squared["floor"])
-    effects = [
-        replace(now, share_explained=was.share_explained, error_before=was.error_before, error_after=was.error_after)
-        for was, now in zip(before.effects, after.effects, strict=False)
-    ]
-    for i, new in enumerate(after.effects[len(effects) :]):
-        start = before.last if i == 0 else after.last
-        told = replace(new, error_before=start, error_after=after.last, share_explained=share if i == 0 else 0.0)
-        effects.append(replace(told, forecast_only=True))
-    stages = [*before.stages[:-1], *(stage(e.name, e.error_after) for e in effects[len(before.effects) :])]
-    return replace(after, effects=tuple(effects), stages=(*stages, before.stages[-1]), calibrated=before.calibrated)
+    stages = (
+        *extension.stages[:-1],
+        *(stage(e.id, e.error_after) for e in effects),
+        stage("floor", after.error("floor")),
+    )
+    return replace(extension, model=model, effects=(*extension.effects, *effects), comparison=after, stages=stages)
 
 
 def _unnamed(found: Discovery, names: Sequence[str], why: str) -> Discovery:

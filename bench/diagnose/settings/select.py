@@ -289,7 +289,7 @@ class Forecasting:
     gain: float = threshold(
         0.9,
         "mean squared error of free runs with an effect, over that without it, below which they ask for it: on "
-        "nanodrone and nanobench a rotational damping leaves .80 and .64, the next effect .94 and .92",
+        "nanodrone and nanobench a rotational damping leaves .85 and .63, the next effect .94 and .91",
         Basis.MEASURED,
     )
     most: int = threshold(2, "such effects that are added at most", Basis.EFFORT, "count")

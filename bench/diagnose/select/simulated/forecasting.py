@@ -8,11 +8,14 @@ lives on it. Such effects make better forecasts and are no finding: the air and 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.select.catalogue import admissible
-from bench.diagnose.settings import FORECASTING
-from bench.diagnose.simulate.multiple_shooting import multiple_shooting, relative_error
+from bench.diagnose.select.verify import Estimate
+from bench.diagnose.settings import EXTENDING, FORECASTING
+from bench.diagnose.simulate.multiple_shooting import Shot, multiple_shooting, relative_error
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import Effect, PhysicsModel
 
@@ -22,10 +25,10 @@ def forecasting(
     model: PhysicsModel,
     catalogue: Sequence[str] | None = None,
     tick: Callable[[str], None] = lambda what: None,
-) -> PhysicsModel:
-    """A model with the effects of the catalogue without which its free runs err far more, all numbers fitted.
+) -> tuple[PhysicsModel, tuple[Estimate, ...]]:
+    """A model with the effects of the catalogue without which its free runs err far more; all its own numbers stay.
 
-    Only recordings that are learnt from choose and fit; each half of them must confirm what the other one asks for.
+    Only recordings that are learnt from choose and fit; what is fitted to one half of them must help the other half.
 
     Args:
         subject: measurements, read when the inputs act.
@@ -34,59 +37,40 @@ def forecasting(
         tick: called with what is being done.
 
     Returns:
-        The model with them behind its own effects; ``model`` itself where there are none, where a state was not
-        measured, and where there are no two recordings to learn from.
+        The model with such effects behind its own, and their numbers; ``model`` itself where there are none, where a
+        state was not measured, and where there are no two recordings to learn from.
     """
+    found: tuple[Estimate, ...] = ()
     if hidden(subject.logs) or len(subject.training) < 2:
-        return model
-    base = multiple_shooting(model, subject, subject.training, tick).model
+        return model, found
     for _ in range(FORECASTING.most):
-        grown = _best(subject, base, catalogue, tick)
-        if grown is None or not _repeated(subject, base, grown, tick):
+        shots = []
+        for name, kind in admissible(subject, model, catalogue):
+            tick(name)
+            shots.append(_fitted(subject, model, kind.neutral_for(model, {}), subject.training))
+        best = min(shots, key=lambda s: s.after, default=None)
+        if best is None or best.after >= FORECASTING.gain:
             break
-        model = base = grown
-    return model
+        halves = subject.training[::2], subject.training[1::2]
+        parts = [_fitted(subject, model, best.model.effects[-1], names) for names in halves]
+        if any(relative_error(model, s.model, subject, n) >= 1 for s, n in zip(parts, halves[::-1], strict=True)):
+            break
+        found += tuple(_estimates(best, parts))
+        model = best.model
+    return model, found
 
 
-def helps(subject: Subject, model: PhysicsModel, grown: PhysicsModel, names: Sequence[str] = ()) -> bool:
-    """Whether free runs of ``grown`` err far less than those of ``model``, on ``names`` or on what is learnt from."""
-    return relative_error(model, grown, subject, names or subject.training) < FORECASTING.gain
+def _fitted(subject: Subject, model: PhysicsModel, effect: Effect, names: Sequence[str]) -> Shot:
+    """A model with one effect more, whose numbers alone are fitted to free runs of some recordings."""
+    grown = replace(model, effects=(*model.effects, effect))
+    numbers = entries(grown, subject.uncertainty, subject.model)
+    held = {(e.owner, e.label) for e in numbers if e.owner != len(model.effects)}
+    return multiple_shooting(grown, subject, names, held=held)
 
 
-def _best(
-    subject: Subject, model: PhysicsModel, catalogue: Sequence[str] | None, tick: Callable[[str], None]
-) -> PhysicsModel | None:
-    """The model with the one effect more that helps its free runs most; None: none helps by enough.
-
-    Every effect is fitted beside the numbers as they are, the best one then together with them.
-    """
-    tried: list[tuple[float, Effect]] = []
-    for name, kind in admissible(subject, model, catalogue):
-        tick(name)
-        grown = _with(model, kind.neutral_for(model, {}))
-        others = {
-            (e.owner, e.label)
-            for e in entries(grown, subject.uncertainty, subject.model)
-            if e.owner != len(model.effects)
-        }
-        shot = multiple_shooting(grown, subject, subject.training, held=others)
-        tried.append((shot.after, shot.model.effects[-1]))
-    if not tried:
-        return None
-    _, effect = min(tried, key=lambda t: t[0])
-    shot = multiple_shooting(_with(model, effect), subject, subject.training, tick)
-    return shot.model if helps(subject, model, shot.model) else None
-
-
-def _repeated(subject: Subject, model: PhysicsModel, grown: PhysicsModel, tick: Callable[[str], None]) -> bool:
-    """Whether the last effect, fitted on either half of the recordings, helps the free runs of the other half."""
-    halves = subject.training[::2], subject.training[1::2]
-    for fitted, judged in (halves, halves[::-1]):
-        own, more = (multiple_shooting(m, subject, fitted, tick).model for m in (model, grown))
-        if not helps(subject, own, more, judged):
-            return False
-    return True
-
-
-def _with(model: PhysicsModel, effect: Effect) -> PhysicsModel:
-    return replace(model, effects=(*model.effects, effect))
+def _estimates(whole: Shot, parts: Sequence[Shot]) -> list[Estimate]:
+    """Numbers with 95 % intervals, not narrower than what halves of the recordings differ by."""
+    half = EXTENDING.interval * np.sqrt(np.maximum(np.diag(whole.covariance), 0.0))
+    apart = [[abs(p.value - e.value) for p, e in zip(s.free, whole.free, strict=True)] for s in parts]
+    widths: list[float] = np.max(np.array([half, *apart]), axis=0).tolist()
+    return [Estimate(e, e.value, *e.interval(e.value, w)) for e, w in zip(whole.free, widths, strict=True)]
