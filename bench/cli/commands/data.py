@@ -72,7 +72,8 @@ def init_command(folder: Path, system: str) -> None:
     except OSError as error:
         raise BenchError(f"{target} cannot be written: {error.strerror}.") from error
     if NO_PHYSICS in text:
-        click.echo(f"{NO_PHYSICS} No column looks like the motion of a vehicle, and no --system names another model.")
+        others = "no --system names another model (`bench list physics`)"
+        click.echo(f"{NO_PHYSICS} No column looks like the motion of a vehicle, and {others}.")
     check = DataOptions(str(folder), system=system if own else None).next_command("data check")
     click.echo(f"Wrote {target}. Complete the lines marked TODO, then: {check}")
 
