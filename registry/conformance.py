@@ -85,7 +85,8 @@ class EffectConformance:
         assert EFFECTS.get(EFFECTS.name_of(effect)) is effect
         assert effect.equation and effect.manoeuvre, "say how to see it"
         assert effect.needs or issubclass(effect, InputEffect), "name the signals without which it cannot be seen"
-        assert set(effect.needs) <= set(SIGNALS), "needs: a signal that nobody knows"
+        kind = type(self.model())
+        assert all(name in SIGNALS or kind.signal(name) for name in effect.needs), "needs: a signal that nobody knows"
         assert all(EFFECTS.get(name) for name in effect.requires) and all(PHYSICS.get(name) for name in effect.systems)
         for name, values in effect.screen.items():
             p = next(p for p in neutral.parameters() if p.name == name)
