@@ -85,7 +85,8 @@ class EffectConformance:
         assert EFFECTS.get(EFFECTS.name_of(effect)) is effect
         assert effect.equation and effect.manoeuvre, "say how to see it"
         assert effect.needs or issubclass(effect, InputEffect), "name the signals without which it cannot be seen"
-        assert set(effect.needs) <= set(SIGNALS), "needs: a signal that nobody knows"
+        kind = type(self.model())
+        assert all(name in SIGNALS or kind.signal(name) for name in effect.needs), "needs: a signal that nobody knows"
         assert all(EFFECTS.get(name) for name in effect.requires) and all(PHYSICS.get(name) for name in effect.systems)
         for name, values in effect.screen.items():
             p = next(p for p in neutral.parameters() if p.name == name)
@@ -130,7 +131,8 @@ class EffectConformance:
         effects = [dataclasses.replace(e, **of) for e, of in zip((effect, *self.others), counted[1:], strict=True)]
         other = dataclasses.replace(model, effects=tuple(effects), **counted[0])
         found = other.simulate(other_state, other_inputs, self.dt)[-1] / by_state
-        torch.testing.assert_close(found, self.final(effect), rtol=1e-8, atol=1e-10)
+        why = "a number with a unit stands in the equation: make it a parameter, or take one of the model's constants"
+        torch.testing.assert_close(found, self.final(effect), rtol=1e-8, atol=1e-10, msg=lambda said: f"{why}.\n{said}")
         before, after = (
             {n: float(x.abs().max()) for n, x in m.followed(s, u).items()} | {"time_scale": m.time_scale(s, u)}
             for m, s, u in ((model, state, inputs), (other, other_state, other_inputs))

@@ -44,5 +44,5 @@ def near(name: str, known: Iterable[str]) -> str:
     lower = {n.lower(): n for n in names}
     close = [lower[n] for n in difflib.get_close_matches(name.lower(), lower, n=3, cutoff=0.5)]
     more = f", and {len(names) - 20} more" if len(names) > 20 else ""
-    guess = f"did you mean {' or '.join(close)}? " if close else ""
-    return f"{guess}Known: {', '.join(names[:20]) or 'none'}{more}."
+    lead = f"did you mean {' or '.join(close)}? Known are" if close else "known are"
+    return f"{lead} {', '.join(names[:20]) or 'none'}{more}."

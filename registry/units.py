@@ -159,11 +159,11 @@ def exponents(unit: str) -> dict[str, float]:
     """The SI symbols of a compound unit and their powers: "N m s^2", "kg/rad", "1/(N m)".
 
     Raises:
-        BenchError: a symbol that is not in the table, or not of SI, or a power that is not a whole number.
+        BenchError: a symbol that is not in the table, or not of SI, or a power that is no positive number.
     """
     for factor in (factor for part in bare(unit).split("/") for factor in part.split() or [""]):
         symbol, caret, power = factor.partition("^")
-        if to_si(symbol)[0] != symbol or not (power.isdecimal() if caret else not power):
+        if to_si(symbol)[0] != symbol or not (re.fullmatch(r"\d+(\.\d+)?", power) if caret else not power):
             raise BenchError(f"The unit {unit!r} must be of SI, such as N m s^2 or kg/rad, not {factor!r}.")
     return powers_of(unit)
 

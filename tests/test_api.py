@@ -91,6 +91,7 @@ def test_runs_and_sweeps_from_python_are_those_of_the_command_line(tmp_path: Pat
     assert set(table.spec) == {"GRU: 1x4 - MLP: 4x5", "constant", "linear"} and table.rmsse.notna().all()
     assert all("[s]" in a.get_xlabel() for a in done.plot())
     assert "<table" in done._repr_html_()
+    assert str(done).startswith(done.headline) and "GRU: 1x4 - MLP: 4x5" in str(done)
     page = done.write_report(tmp_path / "report.html").read_text()
     assert "GRU: 1x4 - MLP: 4x5" in page
     again = bench.run("GRU: 1x4 - MLP: 4x5", "toy", horizon=4, options=options, results=tmp_path)

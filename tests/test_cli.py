@@ -96,6 +96,12 @@ def _cache(tmp_path: Path, command: tuple[str, ...]) -> str:
     return str(tmp_path / "cache") if "--dataset" in command else real
 
 
+@pytest.mark.parametrize("command", [(), ("data",)])
+def test_no_command_shows_the_help(command: tuple[str, ...], here: Typed) -> None:
+    code, _, stderr = here(*command)
+    assert code == 2 and stderr.startswith("Usage: ")
+
+
 def test_one_configuration_from_data_to_prediction(tmp_path: Path, here: Typed) -> None:
     done = bench(
         "run", "MLFC: 1x8 - MLP: 9x10", "-T", "5", "--set", "training.updates=20", "--set", "test_stride=100",

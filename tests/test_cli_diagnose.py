@@ -105,6 +105,16 @@ def test_a_checked_folder_says_commands_that_run(folder: Path) -> None:
     assert Folder(path=str(folder)).predicted() == ("displacement", "speed")
 
 
+def test_a_checked_folder_of_a_machine_says_that_a_sign_is_wrong(folder: Path) -> None:
+    """As the diagnosis would, which stops there; exit code 2, so that scripts stop too."""
+    file = folder / "dataset.toml"
+    described = file.read_text(encoding="utf-8")
+    assert '["v"]' in described
+    file.write_text(described.replace('["v"]', '["-v"]'), encoding="utf-8")
+    said = CliRunner().invoke(cli, ["data", "check", str(folder)])
+    assert said.exit_code == 2 and "WRONG: " in said.output and "swapped sign" in said.output
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

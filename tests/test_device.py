@@ -106,7 +106,7 @@ def test_networks_on_a_gpu_train_one_by_one(monkeypatch: pytest.MonkeyPatch) -> 
     assert not train.batchable(c, data)
 
 
-@pytest.mark.parametrize(("asked", "said"), [("cuda", "finds no GPU"), ("gpu", "Known: auto, cpu, cuda")])
+@pytest.mark.parametrize(("asked", "said"), [("cuda", "finds no GPU"), ("gpu", "Known are auto, cpu, cuda")])
 def test_a_device_that_is_not_there_is_one_sentence(asked: str, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BENCH_DEVICE", asked)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)

@@ -21,6 +21,10 @@ class Displayed(ABC):
     def to_frame(self) -> pd.DataFrame:
         """The figures as a table, a unit beside every number."""
 
+    def __str__(self) -> str:
+        """What `print` shows."""
+        return f"{self.headline}\n{self.to_frame().to_string(index=False, na_rep='–')}"
+
     def _repr_html_(self) -> str:
         """What a notebook shows."""
         return f"<p>{escape(self.headline)}</p>\n{self.to_frame().to_html(index=False, escape=True, na_rep='–')}"

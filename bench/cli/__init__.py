@@ -117,6 +117,9 @@ def main() -> None:
     except BenchError as error:
         click.echo(f"bench: {error}", err=True)
         sys.exit(2)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        sys.exit(2)
     except click.UsageError as error:
         click.echo(f"bench: {error.format_message()}", err=True)
         hint = error.ctx.command_path if error.ctx else "bench"

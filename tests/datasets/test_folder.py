@@ -160,6 +160,7 @@ def torn_gzip(folder):
         (edit("q", slice(None), ""), ["a.csv", "'q'", "row 2", "NaN"]),
         (edit("t", 4, ""), ["a.csv", "'t'", "row 6", "NaN"]),
         (edit("q", 4, "inf"), ["a.csv", "'q'", "row 6", "not a finite number"]),
+        (edit("q", 4, "1e300"), ["a.csv", "'q'", "row 6", "not a finite number (of at most 1e+60)"]),
         (edit("vbat", 9, "full"), ["a.csv", "'vbat'", "row 11", "'full'"]),
         (jump, ["a.csv", "'t'", "row 9", "50.01 s"]),
         (edit("t", 3, 0.01), ["a.csv", "row 5", "clock"]),

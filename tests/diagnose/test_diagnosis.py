@@ -267,6 +267,17 @@ def test_the_headline_has_a_learned_formula_of_several_numbers_without_them() ->
         assert sentences.headline(replace(d, effects=effects)).startswith(lead)
 
 
+def test_the_headline_has_a_learned_term_that_explains_more_than_what_is_named() -> None:
+    shape = LearnedShape("speed.q", ("displacement.q",), "linear", "k x", "rate of speed = f(displacement)")
+    term = replace(samples.DRAG, learned=True, term=shape, share_explained=0.9)
+    small = replace(samples.DRAG, share_explained=0.05)
+    d = replace(samples.named(), effects=(small, term))
+    told = "worth more: rate of speed = f(displacement)."
+    assert sentences.headline(d) == f"The model lacks rotor drag; learned beside it, and {told}"
+    less = replace(d, effects=(small, replace(term, share_explained=0.01)))
+    assert sentences.headline(less) == "The model lacks rotor drag."
+
+
 def test_a_constant_far_off_is_told_as_a_multiple() -> None:
     near = Calibration("thrust_coefficient", 1e-5, 1.056e-5, "N s^2", 2.8, 1.043e-5, 1.069e-5)
     assert constant_words.change(near) == "thrust coefficient by 5.6 % (4.3 % to 6.9 %; 2.8 σ)"

@@ -204,7 +204,7 @@ def test_it_says_what_it_looks_like(said: tuple[Subject, Diagnosis, Oscillator])
     assert term is not None and (term.nearest, term.known_as) == (("quadratic_drag",), "drag at high speed")
     assert term.likeness == pytest.approx(1, abs=1e-6)
     text = sentences.explanation(found)
-    assert "looks like quadratic drag, which would do 100 % of it; elsewhere such a shape is drag at high" in text
+    assert "term looks like drag at high speed; nearest in the catalogue: quadratic drag, which would do 100 %" in text
     assert "To tell it from quadratic drag: " in text
     odd = replace(model, effects=(LearnedTerm("speed.q", ("speed.q",), "sine", (1.0, 20.0)),))
     driven = replace(model, effects=(LearnedTerm("speed.q", ("speed.q",), "signed_square", (0.4,)),))

@@ -54,6 +54,16 @@ def test_it_conforms(case: str, test: str) -> None:
     getattr(type(name, (EffectConformance,), given)(), test)()
 
 
+def test_an_effect_may_need_a_signal_that_its_system_brings(monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = EFFECTS.get("joint_damping")
+    tests = type("Damping", (EffectConformance,), {"effect": kind, **CRANES})()
+    monkeypatch.setattr(kind, "needs", ("pace", "push"))
+    tests.test_is_described()
+    monkeypatch.setattr(kind, "needs", ("pace", "pull"))
+    with pytest.raises(AssertionError, match="a signal that nobody knows"):
+        tests.test_is_described()
+
+
 def test_friction_of_a_joint_acts_where_its_motor_does() -> None:
     """By hand: the numbers are in the order of the motors, and what resists the heavy trolley moves the light one."""
     state, rest = torch.tensor([0.0, 0.0, 0.7, -0.4], dtype=torch.float64), torch.zeros(2, dtype=torch.float64)

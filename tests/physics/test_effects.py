@@ -164,7 +164,8 @@ def test_units_of_parameters_are_read():
         and product(("N m", -1)) == "1/(N m)"
     )
     assert exponents("rad/s/pwm") == {"rad": 1, "s": -1, "pwm": -1}
-    for wrong in ("deg/s", "N m2", "kg m^", "furlong", ""):
+    assert exponents("m^1.5/s") == {"m": 1.5, "s": -1}  # of a force that goes with height^−1.5
+    for wrong in ("deg/s", "N m2", "kg m^", "m^-1", "m^1.", "furlong", ""):
         with pytest.raises(BenchError):
             exponents(wrong)
 

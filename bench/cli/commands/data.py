@@ -14,7 +14,8 @@ from bench.cli.names import check_dataset, check_system
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
-    from registry.contracts import Finding
+    from bench.diagnose.logs.subject import Subject
+    from registry.contracts import Dataset, Finding
 
 
 @click.group("data")
@@ -71,7 +72,8 @@ def init_command(folder: Path, system: str) -> None:
     except OSError as error:
         raise BenchError(f"{target} cannot be written: {error.strerror}.") from error
     if NO_PHYSICS in text:
-        click.echo(f"{NO_PHYSICS} No column looks like the motion of a vehicle, and no --system names another model.")
+        others = "no --system names another model (`bench list physics`)"
+        click.echo(f"{NO_PHYSICS} No column looks like the motion of a vehicle, and {others}.")
     check = DataOptions(str(folder), system=system if own else None).next_command("data check")
     click.echo(f"Wrote {target}. Complete the lines marked TODO, then: {check}")
 
@@ -127,8 +129,8 @@ def import_command(files: tuple[Path, ...], folder: Path, rate: float | None, ve
 def check_command(folder: Path, system: str | None) -> None:
     """Read everything that FOLDER/dataset.toml describes and say what is wrong, and what is missing.
 
-    Signals are held against each other: signs, axes, units, frames, the order of the rotors and clocks. What
-    dataset.toml has wrong (WRONG) is named with the line that mends it; the exit code is then 2, so that scripts stop.
+    Signals are held against each other: signs, axes, units, frames, the order of the rotors and clocks. What is WRONG
+    is named, of a vehicle with the line of dataset.toml that mends it; the exit code is then 2, so that scripts stop.
     Time on the ground is left out.
 
     \b
@@ -138,6 +140,7 @@ def check_command(folder: Path, system: str | None) -> None:
     check_system(system)
 
     from bench.diagnose.checks.description.checklist import check_folder
+    from bench.diagnose.logs.load import load
     from bench.diagnose.logs.smoothing import stated
     from registry.core import PHYSICS
     from registry.datasets.folder.dataset import Folder, check
@@ -153,12 +156,9 @@ def check_command(folder: Path, system: str | None) -> None:
     if todo := (folder / "dataset.toml").read_text(encoding="utf-8").count("TODO"):
         click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
     stated(dataset.processing)
-    if system:
-        from bench.diagnose.logs.load import load
-
-        load(dataset, system)
-    elif dataset.system:
+    if dataset.system and not system:
         refuse_unstated(dataset, PHYSICS.get(dataset.system))
+    subject = load(dataset, system) if system else _diagnosable(dataset)
     mistakes = check_folder(folder)
     for m in mistakes:
         click.echo(f"{'WRONG' if m.stops else 'note'}: {m.kind}: {m.detail}")
@@ -167,6 +167,9 @@ def check_command(folder: Path, system: str | None) -> None:
     if any(m.stops for m in mistakes):
         again = DataOptions(str(folder), system=system).next_command("data check")
         click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: {again}")
+        raise click.exceptions.Exit(2)
+    if subject is not None and _contradicted(subject):
+        click.echo(f"Mend the files or {folder / 'dataset.toml'}; `bench diagnose` would stop there.")
         raise click.exceptions.Exit(2)
     dataset.split(loaded.names)  # or it says that one short recording is too little
     spec = 'bench run "LSTM: 1x50 - MLP: 60x10" --dataset'
@@ -180,6 +183,35 @@ def check_command(folder: Path, system: str | None) -> None:
         click.echo(f"No physics model: networks only. {drive} → {', '.join(dataset.predicted())}.")
         click.echo(f"Next: {network}")
         click.echo(f"  or: bench diagnose {shlex.quote(str(folder))} --system mine.py:Class   (physics of your own)")
+
+
+def _diagnosable(dataset: "Dataset") -> "Subject | None":
+    """The recordings as a diagnosis takes them; None: nobody asks for one, or `check_folder` has said more of them."""
+    from bench.diagnose.checks.description.recorded import flying
+    from bench.diagnose.logs.load import load
+
+    if not dataset.system or flying(dataset.system):
+        return None
+    try:
+        return load(dataset)
+    except BenchError as error:
+        click.echo(f"note: {error}")
+        return None
+
+
+def _contradicted(subject: "Subject") -> bool:
+    """Say what signals tell against each other, and whether that would stop a diagnosis.
+
+    When inputs act is judged by a diagnosis alone, beside what it finds missing.
+    """
+    from bench.diagnose.checks.problems import problems, without_damaged
+    from bench.diagnose.report.phrases import gathered
+
+    found = [p for p in problems(subject).problems if p.kind != "time shift"]
+    stops = bool(found) and without_damaged(subject, found) is None
+    for line in gathered(found):
+        click.echo(f"{'WRONG' if stops else 'note'}: {line}")
+    return stops
 
 
 def _render(rows: list[dict[str, Any]], findings: "list[Finding]") -> None:

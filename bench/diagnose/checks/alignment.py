@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.diagnose.logs.consistency import Array, Pair, accumulated, change, integral
+from bench.diagnose.logs.consistency import Array, Pair, accumulated, change, integral, within
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.result import DataProblem
 from bench.diagnose.settings import ALIGNING
@@ -42,7 +42,7 @@ def alignment(
     sound, paces, length = [], [], max(3, round(ALIGNING.window * log.rate))
     for pair in among:
         measured, said = _windows(pair, x, log.dt, length)
-        inside = _within(usable, length)
+        inside = within(usable, length)
         fit = fit_alignment(measured[inside], said[inside], length)
         if fit is None:
             sound.append(pair)
@@ -84,12 +84,6 @@ def _windows(pair: Pair, x: Array, dt: float, length: int) -> tuple[Array, Array
     return a[length:] - a[:-length], b[length:] - b[:-length]
 
 
-def _within(usable: Array, length: int) -> Array:
-    """Windows (N − length,) of which every sample is usable."""
-    bad = np.concatenate([[0], np.cumsum(~usable)])
-    return np.asarray(bad[length + 1 :] == bad[: -length - 1])
-
-
 def _axes(log: Log, pair: Pair, fit: Fit, x: Array, modelled: Array, usable: Array) -> list[DataProblem]:
     c, diagonal = fit.correlation, np.diag(fit.correlation)
     axes, found = pair.axes, []
@@ -123,7 +117,7 @@ def _blamed(log: Log, pair: Pair, axes: tuple[int, int], x: Array, modelled: Arr
     measured, said = (
         accumulated(s) for s in (np.diff(x[:, channels], axis=0), integral(modelled[:, channels], log.dt))
     )
-    inside = _within(usable, length)
+    inside = within(usable, length)
     fit = fit_alignment(
         (measured[length:] - measured[:-length])[inside], (said[length:] - said[:-length])[inside], length
     )
@@ -196,7 +190,7 @@ def _against_model(log: Log, sound: Sequence[Pair], x: Array, modelled: Array, u
         length = max(3, round((ALIGNING.window / 2 if pair.turns else ALIGNING.window) * log.rate))
         channels = list(pair.rates)
         own, said = (accumulated(s) for s in (np.diff(x[:, channels], axis=0), integral(modelled[:, channels], log.dt)))
-        inside = _within(usable, length)
+        inside = within(usable, length)
         fit = fit_alignment((own[length:] - own[:-length])[inside], (said[length:] - said[:-length])[inside], length)
         if fit is None:
             continue

@@ -76,6 +76,12 @@ def conjugate_product(a: Array, b: Array) -> Array:
     return 2 * v * np.where(size > 1e-9, np.arctan2(size, w) / np.maximum(size, 1e-12), 1.0)
 
 
+def within(usable: Array, length: int) -> Array:
+    """Windows (N − length,) of which every sample is usable."""
+    bad = np.concatenate([[0], np.cumsum(~usable)])
+    return np.asarray(bad[length + 1 :] == bad[: -length - 1])
+
+
 def change(x: Array, turns: bool, lag: int = 1) -> Array:
     """By how much a signal (N, c) changes over ``lag`` samples (N − lag, c or 3)."""
     return conjugate_product(x[:-lag], x[lag:]) if turns else x[lag:] - x[:-lag]

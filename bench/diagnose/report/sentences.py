@@ -23,11 +23,11 @@ def headline(diagnosis: Diagnosis) -> str:
         problem = diagnosis.data_problems[0] if diagnosis.data_problems else None
         what = f": {problem.kind} in {named(problem.signal)} of {problem.recording}" if problem else ""
         return f"The recordings must be mended before the model can be judged{what}."
-    if diagnosis.verdict == "unknown_effect" and (terms := [e for e in diagnosis.effects if e.learned]):
-        said = _in_short(terms[0]) if len(terms) == 1 else listed(named(e.name) for e in terms)
+    terms = [e for e in diagnosis.effects if e.learned]
+    if diagnosis.verdict == "unknown_effect" and terms:
         known = all(e.term is not None and e.term.nearest and e.term.likeness >= _ALL for e in terms)
         lead = "No effect of the catalogue was found" if known else "The catalogue does not have what the model lacks"
-        return f"{lead}; learned instead: {said}."
+        return f"{lead}; learned instead: {_in_short(terms)}."
     if diagnosis.verdict == "unknown_effect" and diagnosis.differing is not None:
         what = listed(map(named, diagnosis.differing.effects))
         return f"No one model holds for all recordings: they differ in {what}."
@@ -37,11 +37,17 @@ def headline(diagnosis: Diagnosis) -> str:
     moved = [c for told in constant_words.moved(diagnosis) for c in told]
     if diagnosis.verdict == "nothing" and moved and diagnosis.evidence.calibrated >= TELLING.recalibrated:
         return f"{line.removesuffix('.')}, but stated constants are off: {constant_words.change(moved[0])}."
+    beside = sum(e.share_explained for e in diagnosis.effects if e.found)
+    if terms and sum(e.share_explained for e in terms) > beside:
+        return f"{line.removesuffix('.')}; learned beside it, and worth more: {_in_short(terms)}."
     return line
 
 
-def _in_short(term: NamedEffect) -> str:
-    """A learned term in a headline: a formula of several numbers without them, anything else in full."""
+def _in_short(terms: Sequence[NamedEffect]) -> str:
+    """Learned terms in a headline: a formula of several numbers without them, any other in full; several by name."""
+    if len(terms) > 1:
+        return listed(named(e.name) for e in terms)
+    (term,) = terms
     formula = term.term is not None and term.term.shape in SHAPES and bool(term.term.signals)
     if term.term is None or not formula or len(term.parameters) == 1:
         return term.described
@@ -203,14 +209,15 @@ def _one_by_one(diagnosis: Diagnosis) -> str:
 def alike(diagnosis: Diagnosis) -> str:
     """What the learned terms are like, and what would tell them from it; empty: nothing that is known."""
     out = []
+    alone = sum(e.learned for e in diagnosis.effects) == 1
     for e in diagnosis.effects:
         if e.term is None or not (e.term.nearest or e.term.known_as):
             continue
         names = listed(map(named, e.term.nearest), "or")
-        near = f" {names}, which would do {percent(e.term.likeness)} of it" if names else ""
-        known = f" {e.term.known_as}" if e.term.known_as else ""
-        like = "; elsewhere such a shape is".join(filter(None, (near, known)))
-        out.append(f"{named(e.term.name)} looks like{like}. {e.separate_by}".strip())
+        near = f"{names}, which would do {percent(e.term.likeness)} of it" if names else ""
+        like = "; nearest in the catalogue: ".join(filter(None, (e.term.known_as, near)))
+        which = "The learned term" if alone else named(e.term.name)
+        out.append(f"{which} looks like {like}. {e.separate_by}".strip())
     return " ".join(out)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from bench.diagnose.checks.description.recorded import Flight, Reading
-from bench.diagnose.logs.consistency import accumulated, change, integral
+from bench.diagnose.logs.consistency import accumulated, change, integral, within
 from bench.diagnose.logs.filters import lagged
 from bench.diagnose.settings import SAMPLING
 from registry.datasets.folder.conversion import GRAVITY
@@ -74,16 +74,10 @@ def _moving(flight: Flight, reading: Reading, x: Signals) -> tuple[Array, Array]
 def _changes(flight: Flight, steps: Array, rate: Array) -> tuple[Array, Array] | None:
     length = max(2, round(SAMPLING.window * flight.rate))
     a, b = accumulated(steps), accumulated(integral(rate, 1 / flight.rate))
-    inside = _within(flight.valid, length)
+    inside = within(flight.valid, length)
     if inside.sum() < SAMPLING.few:
         return None
     return (a[length:] - a[:-length])[inside], (b[length:] - b[:-length])[inside]
-
-
-def _within(valid: Array, length: int) -> Array:
-    """Windows (N − length,) of which every sample is valid."""
-    bad = np.concatenate([[0], np.cumsum(~valid)])
-    return np.asarray(bad[length + 1 :] == bad[: -length - 1])
 
 
 # -------------------------------------------------------------------------------------------------- accelerations
@@ -181,7 +175,7 @@ def kicks(flight: Flight, rates: Array, thrusts: Array, burst: float) -> tuple[A
     The change of the change over ``burst`` [s]; None where too little is valid.
     """
     length = max(1, round(burst * flight.rate))
-    inside = _within(flight.valid, 2 * length)
+    inside = within(flight.valid, 2 * length)
     if inside.sum() < SAMPLING.few:
         return None
     impulse = accumulated((thrusts[1:] + thrusts[:-1]) / 2 / flight.rate)
