@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 KINDS = (
     *("not finite", "quaternion", "frozen", "clipped", "spike", "clock jump", "clock rate", "clock offset", "slow log"),
-    *("unit", "scale", "input scale", "gravity", "frame", "swapped sign", "swapped axes", "inverse attitude"),
-    *("quaternion order", "euler convention", "rotor order", "rotor directions", "rotor positions"),
+    *("unit", "scale", "input scale", "gravity", "frame", "swapped sign", "swapped axes", "swapped signals"),
+    *("inverse attitude", "quaternion order", "euler convention", "rotor order", "rotor directions", "rotor positions"),
     *("time shift", "no effect", "not stated", "mounting", "two levels"),
 )
 """What `DataProblem.kind` may be."""

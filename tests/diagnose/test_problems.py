@@ -144,6 +144,10 @@ def _swap(log: Columns) -> None:
     log["velocity"][:, [0, 1]] = log["velocity"][:, [1, 0]]
 
 
+def _interchange(log: Columns) -> None:
+    log["position"], log["velocity"] = log["velocity"], log["position"]
+
+
 def _clip(log: Columns) -> None:
     log["body_rates"][:, 1] = np.clip(log["body_rates"][:, 1], -0.8, 0.8)
 
@@ -169,6 +173,7 @@ def _against_thrust(log: Columns) -> None:
     ("spoil", "signal", "kind", "says"),
     [
         (_swap, "velocity", "swapped axes", "position.x changes as velocity says of axis y"),
+        (_interchange, "velocity", "swapped signals", "velocity changes as position says"),
         (_clip, "body_rates", "clipped", "body_rates.q stands at"),
         (_stretch, "attitude", "quaternion", "one has length 1.1"),
         (_degrees, "body_rates", "unit", "degrees for radians"),

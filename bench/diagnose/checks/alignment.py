@@ -47,7 +47,11 @@ def alignment(
         if fit is None:
             sound.append(pair)
             continue
-        wrong = _axes(log, pair, fit, x, modelled, usable) or _scale(log, pair, fit)
+        wrong = (
+            _interchanged(log, pair, fit, x, inside, length)
+            or _axes(log, pair, fit, x, modelled, usable)
+            or _scale(log, pair, fit)
+        )
         found += wrong
         if not wrong:
             sound.append(pair)
@@ -82,6 +86,23 @@ def _windows(pair: Pair, x: Array, dt: float, length: int) -> tuple[Array, Array
     own, rate = change(x[:, pair.channels], pair.turns), integral(x[:, pair.rates], dt)
     a, b = accumulated(own), accumulated(rate)
     return a[length:] - a[:-length], b[length:] - b[:-length]
+
+
+def _interchanged(log: Log, pair: Pair, fit: Fit, x: Array, inside: Array, length: int) -> list[DataProblem]:
+    """Whether the rate changes as the signal says, and not the other way round: each has the other's column."""
+    if pair.turns:
+        return []
+    measured, said = _windows(Pair(pair.rate, pair.signal, pair.rates, pair.channels, pair.axes), x, log.dt, length)
+    back = fit_alignment(measured[inside], said[inside], length)
+    if back is None or np.diag(fit.correlation).max() > 0.6 or np.diag(back.correlation).min() < 0.95:
+        return []
+    if back.low.min() < 1 / ALIGNING.scale or back.high.max() > ALIGNING.scale:
+        return []
+    detail = (
+        f"{pair.rate} changes as {pair.signal} says (correlation {np.diag(back.correlation).min():.2f}), and not the "
+        f"other way round ({np.diag(fit.correlation).max():.2f}): each seems to be in the other's column."
+    )
+    return [DataProblem(log.name, pair.rate, "swapped signals", (0, len(log) - 1), detail)]
 
 
 def _axes(log: Log, pair: Pair, fit: Fit, x: Array, modelled: Array, usable: Array) -> list[DataProblem]:
