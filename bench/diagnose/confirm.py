@@ -1,6 +1,6 @@
 """Effects that a search has found, added and fitted, as far as free runs of held-out recordings confirm them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from bench.diagnose.compare import compare
@@ -9,7 +9,7 @@ from bench.diagnose.fit import fit_parameters
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.result import NamedEffect
+from bench.diagnose.result import NamedEffect, ParameterEstimate
 from bench.diagnose.select.discovery import Discovery, supported
 from bench.diagnose.select.simulated.forecasting import forecasting
 from bench.diagnose.select.verify import Estimate, at_bound
@@ -123,7 +123,7 @@ def calibrated_only(run: Setup, found: Discovery) -> Extension:
 def with_forecasting(run: Setup, extension: Extension) -> Extension:
     """The extended model with effects that no equation confirms and without which its free runs err far more.
 
-    All that was told before stays as it was.
+    Numbers that act in other equations stay as they were told; an interval that moved is no narrower than by how much.
     """
     subject, before = run.subject, extension.comparison
     model, numbers = forecasting(subject, extension.model, run.catalogue, run.tick)
@@ -148,12 +148,27 @@ def with_forecasting(run: Setup, extension: Extension) -> Extension:
         )
         for i, effect in enumerate(model.effects[first:])
     )
+    told = [
+        replace(e, parameters=e.parameters | _moved(e.parameters, [x for x in numbers if x.entry.owner == place]))
+        for place, e in enumerate(extension.effects, first - len(extension.effects))
+    ]
     stages = (
         *extension.stages[:-1],
         *(stage(e.id, e.error_after) for e in effects),
         stage("floor", after.error("floor")),
     )
-    return replace(extension, model=model, effects=(*extension.effects, *effects), comparison=after, stages=stages)
+    return replace(extension, model=model, effects=(*told, *effects), comparison=after, stages=stages)
+
+
+def _moved(before: Mapping[str, ParameterEstimate], now: Sequence[Estimate]) -> dict[str, ParameterEstimate]:
+    """Parameters that were fitted once more."""
+    out = {}
+    for x in now:
+        was = before[x.entry.label]
+        half = max((was.high - was.low) / 2, abs(x.value - was.value))
+        low, high = x.entry.interval(x.value, half)
+        out[x.entry.label] = replace(was, value=x.value, low=low, high=high)
+    return out
 
 
 def _unnamed(found: Discovery, names: Sequence[str], why: str) -> Discovery:

@@ -83,7 +83,7 @@ def test_nanodrone_is_forecast_better_than_by_holding_its_rates(nanodrone):
     assert [e.id for e in said.effects if e.forecast_only] == ["rotational_damping"]
     subject = load("nanodrone")
     logs = subject.of(subject.held_out)
-    at = [starts(log, 50, 60) for log in logs]
+    at = [starts(log, 50, 5) for log in logs]
     seen, ahead = (x[..., 10:13].numpy() for x in (measured_windows(logs, at, 50), free_run(model, logs, at, 50)))
     held, left = (np.sqrt((x**2).mean(0)) for x in (seen[:, -1] - seen[:, 0], seen[:, -1] - ahead[:, -1]))
     assert np.hypot.reduce(left) < 0.85 * np.hypot.reduce(held)

@@ -292,6 +292,7 @@ class Forecasting:
         "nanodrone and nanobench a rotational damping leaves .85 and .63, the next effect .94 and .91",
         Basis.MEASURED,
     )
+    looked_at: int = threshold(400, "samples at which it is seen which states a number moves", Basis.EFFORT, "samples")
     most: int = threshold(2, "such effects that are added at most", Basis.EFFORT, "count")
 
 

@@ -9,15 +9,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import torch
 
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.parameters import entries, probes, with_values
+from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.select.catalogue import admissible
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import EXTENDING, FORECASTING
 from bench.diagnose.simulate.multiple_shooting import Shot, multiple_shooting, relative_error
 from bench.diagnose.simulate.unmeasured import hidden
-from registry.dynamics import Effect, PhysicsModel
+from registry.dynamics import PhysicsModel
 
 
 def forecasting(
@@ -26,9 +28,10 @@ def forecasting(
     catalogue: Sequence[str] | None = None,
     tick: Callable[[str], None] = lambda what: None,
 ) -> tuple[PhysicsModel, tuple[Estimate, ...]]:
-    """A model with the effects of the catalogue without which its free runs err far more; all its own numbers stay.
+    """A model with the effects of the catalogue without which its free runs err far more.
 
-    Only recordings that are learnt from choose and fit; what is fitted to one half of them must help the other half.
+    Only recordings that are learnt from choose and fit. Beside all numbers as they are, what is fitted to one half of
+    them must help the other half; the numbers of the equation in which such an effect acts are then fitted with it.
 
     Args:
         subject: measurements, read when the inputs act.
@@ -37,40 +40,81 @@ def forecasting(
         tick: called with what is being done.
 
     Returns:
-        The model with such effects behind its own, and their numbers; ``model`` itself where there are none, where a
-        state was not measured, and where there are no two recordings to learn from.
+        The model with such effects behind its own, and all numbers that were fitted; ``model`` itself where there are
+        none, where a state was not measured, and where there are no two recordings to learn from.
     """
-    found: tuple[Estimate, ...] = ()
+    fitted: dict[tuple[int, str], Estimate] = {}
     if hidden(subject.logs) or len(subject.training) < 2:
-        return model, found
+        return model, ()
     for _ in range(FORECASTING.most):
         shots = []
         for name, kind in admissible(subject, model, catalogue):
             tick(name)
-            shots.append(_fitted(subject, model, kind.neutral_for(model, {}), subject.training))
+            grown = replace(model, effects=(*model.effects, kind.neutral_for(model, {})))
+            shots.append(_fitted(subject, grown, subject.training, _own(subject, grown)))
         best = min(shots, key=lambda s: s.after, default=None)
         if best is None or best.after >= FORECASTING.gain:
             break
+        tick("forecasts")
         halves = subject.training[::2], subject.training[1::2]
-        parts = [_fitted(subject, model, best.model.effects[-1], names) for names in halves]
+        parts = [_fitted(subject, best.model, names, _own(subject, best.model)) for names in halves]
         if any(relative_error(model, s.model, subject, n) >= 1 for s, n in zip(parts, halves[::-1], strict=True)):
             break
-        found += tuple(_estimates(best, parts))
-        model = best.model
-    return model, found
+        free = _own(subject, best.model) | _beside(subject, best.model)
+        whole = _fitted(subject, best.model, subject.training, free)
+        fitted |= {(x.entry.owner, x.entry.label): x for x in _estimates(whole, best, parts)}
+        model = whole.model
+    return model, tuple(fitted.values())
 
 
-def _fitted(subject: Subject, model: PhysicsModel, effect: Effect, names: Sequence[str]) -> Shot:
-    """A model with one effect more, whose numbers alone are fitted to free runs of some recordings."""
-    grown = replace(model, effects=(*model.effects, effect))
-    numbers = entries(grown, subject.uncertainty, subject.model)
-    held = {(e.owner, e.label) for e in numbers if e.owner != len(model.effects)}
-    return multiple_shooting(grown, subject, names, held=held)
+Numbers = set[tuple[int, str]]
+"""Owner and label of each."""
 
 
-def _estimates(whole: Shot, parts: Sequence[Shot]) -> list[Estimate]:
-    """Numbers with 95 % intervals, not narrower than what halves of the recordings differ by."""
-    half = EXTENDING.interval * np.sqrt(np.maximum(np.diag(whole.covariance), 0.0))
-    apart = [[abs(p.value - e.value) for p, e in zip(s.free, whole.free, strict=True)] for s in parts]
-    widths: list[float] = np.max(np.array([half, *apart]), axis=0).tolist()
-    return [Estimate(e, e.value, *e.interval(e.value, w)) for e, w in zip(whole.free, widths, strict=True)]
+def _own(subject: Subject, model: PhysicsModel) -> Numbers:
+    """The numbers of the last effect."""
+    numbers = entries(model, subject.uncertainty, subject.model)
+    return {(e.owner, e.label) for e in numbers if e.owner == len(model.effects) - 1}
+
+
+def _beside(subject: Subject, model: PhysicsModel) -> Numbers:
+    """The numbers, but of learned terms, that move the same states as the last effect, and no others."""
+    *rest, last = model.effects
+    model = replace(model, effects=(*rest, type(last).typical_for(model)))  # at its neutral value it moves nothing
+    where = entries(model, subject.uncertainty, subject.model)
+    (log, *_), (values, _) = subject.of(subject.training), probes(where)
+    stack = LogBatch.of([log.part(slice(0, FORECASTING.looked_at), log.name)])
+    with torch.no_grad():
+        rates = mean_rates(with_values(model, where, values), stack).flatten(1, 2)
+    acts = (rates[1:] != rates[0]).any(1)  # (numbers, states)
+    where_last = acts[[e.owner == len(rest) for e in where]].any(0)
+    learned = {i for i, e in enumerate(rest) if e.learned}
+    return {
+        (e.owner, e.label)
+        for e, at in zip(where, acts, strict=True)
+        if e.owner not in learned and at.any() and not (at & ~where_last).any()
+    }
+
+
+def _fitted(subject: Subject, model: PhysicsModel, names: Sequence[str], free: Numbers) -> Shot:
+    """A model, of which these numbers are fitted to free runs of some recordings."""
+    numbers = {(e.owner, e.label) for e in entries(model, subject.uncertainty, subject.model)}
+    return multiple_shooting(model, subject, names, held=numbers - free)
+
+
+def _estimates(whole: Shot, alone: Shot, parts: Sequence[Shot]) -> list[Estimate]:
+    """Numbers with 95 % intervals, not narrower than what is told of an effect alone and by halves of the recordings.
+
+    Numbers that were there before have no interval of their own: they are told as far as they moved.
+    """
+    half = EXTENDING.interval * np.sqrt(np.maximum(np.diag(alone.covariance), 0.0))
+    others = [{e.label: e.value for e in s.free} for s in (alone, *parts)]
+    known = {e.label: (h, [o[e.label] for o in others]) for e, h in zip(alone.free, half.tolist(), strict=True)}
+    out = []
+    for e in whole.free:
+        width = 0.0
+        if e.owner == alone.free[0].owner:
+            sigma, values = known[e.label]
+            width = max(sigma, *(abs(v - e.value) for v in values))
+        out.append(Estimate(e, e.value, *e.interval(e.value, width)))
+    return out
