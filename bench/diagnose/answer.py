@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from bench.diagnose.checks.problems import Checked
-from bench.diagnose.evidence import Calibration, Candidate, Evidence
+from bench.diagnose.evidence import Calibration, Candidate, Evidence, Flight
 from bench.diagnose.extend import Extension, pooled
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.locate import Location
@@ -14,7 +14,6 @@ from bench.diagnose.regression.parameters import entries
 from bench.diagnose.result import ByGroup, DataProblem, Diagnosis, DifferingEffect, Errors, Unexplained
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.settings import DECIDING
-from bench.diagnose.simulate.flight import Flight
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.diagnose.summaries import constant_estimates, equation_results, placed
 

@@ -8,7 +8,23 @@ from typing import Any
 import numpy as np
 
 from bench.diagnose.by_equation import ConstantEstimate, EffectSaving, EquationResult
-from bench.diagnose.evidence import LINES, Calibration, Candidate, Curves, Evidence, Line, ResidualMap, Stage, Window
+from bench.diagnose.evidence import (
+    AFTER,
+    LINES,
+    RUNS,
+    Calibration,
+    Candidate,
+    Curves,
+    Evidence,
+    Flight,
+    Line,
+    Path,
+    ResidualMap,
+    Signal,
+    Stage,
+    Trace,
+    Window,
+)
 from bench.diagnose.result import (
     VERDICTS,
     ByGroup,
@@ -21,7 +37,6 @@ from bench.diagnose.result import (
     Region,
     Unexplained,
 )
-from bench.diagnose.simulate.flight import AFTER, RUNS, Flight, Path, Signal, Trace
 
 UNITS = {"position": "m", "velocity": "m/s", "attitude": "rad", "body_rates": "rad/s"}
 NOMINAL = {"position": 0.081, "velocity": 0.33, "attitude": 0.042, "body_rates": 0.31}

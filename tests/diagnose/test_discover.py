@@ -7,6 +7,7 @@ import pytest
 from undriven import undriven
 
 from bench.diagnose import diagnose, discover, extend
+from bench.diagnose.confirm import confirmed
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.regression.parameters import effect_entries
 from bench.diagnose.report.sentences import explanation
@@ -94,7 +95,7 @@ def test_what_the_last_fit_pushes_to_a_bound_is_fitted_no_more(monkeypatch, hidd
         return any(x.entry.owner == place and x.entry.name == "f_0" and x.entry.value >= 1e3 for x in numbers)
 
     monkeypatch.setitem(extend.__globals__, "fit_parameters", pushed)
-    monkeypatch.setitem(diagnose.__globals__, "at_bound", at_end)
+    monkeypatch.setitem(confirmed.__globals__, "at_bound", at_end)
     effects = [EFFECTS.get(name)(value) for name, value in hidden.items()]
     subject = undriven("pendulum", effects, NEAR, 0.02, 1000, 1e-3)
     said, model = diagnose(subject, catalogue=["viscous_friction", "offset_force"], brief=True)

@@ -12,9 +12,9 @@ import pytest
 import samples
 
 from bench.diagnose.by_equation import EquationResult
+from bench.diagnose.evidence import AFTER, Trace
 from bench.diagnose.report import page
 from bench.diagnose.result import Diagnosis
-from bench.diagnose.simulate.flight import AFTER, Trace
 
 SCRIPT = Path(page.__file__).with_name("flights.js").read_text(encoding="utf-8")
 

@@ -9,11 +9,11 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from bench.diagnose.evidence import AFTER, Flight
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.settings import PLAYING
-from bench.diagnose.simulate.flight import AFTER, Flight
 from bench.diagnose.simulate.flights import euler, flights
 from registry.contracts import Channel
 from registry.datasets.signals import recording

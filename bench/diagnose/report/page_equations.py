@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from bench.diagnose.by_equation import EffectSaving
+from bench.diagnose.evidence import AFTER, Signal
 from bench.diagnose.report import page_figures as figures
 from bench.diagnose.report import phrases
 from bench.diagnose.report.equation_errors import ShownEquation, shown_equations
 from bench.diagnose.result import Diagnosis, NamedEffect
 from bench.diagnose.settings import TELLING
-from bench.diagnose.simulate.flight import AFTER, Signal
 
 
 @dataclass(frozen=True)

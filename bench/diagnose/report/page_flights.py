@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
+from bench.diagnose.evidence import AFTER, RUNS, Flight, Signal, Trace
+from bench.diagnose.evidence import Path as Track
 from bench.diagnose.report import phrases
 from bench.diagnose.report.page_figures import axis
 from bench.diagnose.result import Diagnosis
-from bench.diagnose.simulate.flight import AFTER, RUNS, Flight, Signal, Trace
-from bench.diagnose.simulate.flight import Path as Track
 from bench.reporting.drawing import Look, Panel, Scale, align, around
 
 WIDE = 1000.0
