@@ -163,7 +163,7 @@ def with_forecasting(run: Setup, extension: Extension) -> Extension:
 def _moved(before: Mapping[str, ParameterEstimate], now: Sequence[Estimate]) -> dict[str, ParameterEstimate]:
     """Parameters that were fitted once more."""
     out = {}
-    for x in now:
+    for x in (x for x in now if x.entry.label in before):
         was = before[x.entry.label]
         half = max((was.high - was.low) / 2, abs(x.value - was.value))
         low, high = x.entry.interval(x.value, half)
