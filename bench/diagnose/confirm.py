@@ -121,7 +121,7 @@ def calibrated_only(run: Setup, found: Discovery) -> Extension:
 
 
 def with_forecasting(run: Setup, extension: Extension) -> Extension:
-    """The extended model with effects that no equation confirms and without which its free runs err far more.
+    """The extended model with an effect that no equation confirms and without which its free runs err far more.
 
     Numbers that act in other equations stay as they were told; an interval that moved is no narrower than by how much.
     """
@@ -135,29 +135,21 @@ def with_forecasting(run: Setup, extension: Extension) -> Extension:
     after = replace(after, lines={**lines, **{n: of for n, of in after.lines.items() if n != "nominal"}})
     squared = squared_errors(subject, after, ("nominal", "calibrated", last, "extended", "floor"))
     *_, share = shares_of([squared[n] for n in ("nominal", "calibrated", last, "extended")], squared["floor"])
-    without, beside = after.error(last), after.error("extended")
-    first = len(extension.model.effects)
-    effects = tuple(
-        NamedEffect(
-            EFFECTS.name_of(type(effect)),
-            parameter_estimates([x for x in numbers if x.entry.owner == first + i]),
-            share_explained=share if i == 0 else 0.0,  # one after the other they were not compared
-            error_before=without if i == 0 else beside,
-            error_after=beside,
-            forecast_only=True,
-        )
-        for i, effect in enumerate(model.effects[first:])
+    first, effect = len(extension.model.effects), model.effects[-1]
+    added = NamedEffect(
+        EFFECTS.name_of(type(effect)),
+        parameter_estimates([x for x in numbers if x.entry.owner == first]),
+        share_explained=share,
+        error_before=after.error(last),
+        error_after=after.error("extended"),
+        forecast_only=True,
     )
     told = [
         replace(e, parameters=e.parameters | _moved(e.parameters, [x for x in numbers if x.entry.owner == place]))
         for place, e in enumerate(extension.effects, first - len(extension.effects))
     ]
-    stages = (
-        *extension.stages[:-1],
-        *(stage(e.id, e.error_after) for e in effects),
-        stage("floor", after.error("floor")),
-    )
-    return replace(extension, model=model, effects=(*told, *effects), comparison=after, stages=stages)
+    stages = (*extension.stages[:-1], stage(added.id, added.error_after), stage("floor", after.error("floor")))
+    return replace(extension, model=model, effects=(*told, added), comparison=after, stages=stages)
 
 
 def _moved(before: Mapping[str, ParameterEstimate], now: Sequence[Estimate]) -> dict[str, ParameterEstimate]:

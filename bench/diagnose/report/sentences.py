@@ -154,20 +154,18 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
 
 def forecasting(diagnosis: Diagnosis) -> str:
     """What is in the model for its forecasts alone; empty: nothing."""
-    added = [e for e in diagnosis.effects if e.forecast_only]
-    if not added:
+    added = next((e for e in diagnosis.effects if e.forecast_only), None)
+    if added is None:
         return ""
-    before, after = added[0].error_before, added[-1].error_after
     fallen = listed(
-        f"{named(g)} {number(factor * e.rmse)} → {united(number(factor * after[g].rmse), unit)}"
-        for g, e in before.items()
-        for unit, factor in [shown(e.unit, g, [e.rmse, after[g].rmse])]
+        f"{named(g)} {number(factor * e.rmse)} → {united(number(factor * added.error_after[g].rmse), unit)}"
+        for g, e in added.error_before.items()
+        for unit, factor in [shown(e.unit, g, [e.rmse, added.error_after[g].rmse])]
     )
-    one = len(added) == 1
     return (
-        f"Forecasts ask for {listed(named(e.id) for e in added)}, which no equation by itself confirms: with "
-        f"{'it' if one else 'them'} free runs of held-out recordings end nearer ({fallen}). A controller that brings "
-        f"these states back would look the same, so {'it is' if one else 'they are'} in the model and no finding."
+        f"Forecasts ask for {named(added.id)}, which no equation by itself confirms: with it free runs of held-out "
+        f"recordings end nearer ({fallen}). A controller that brings these states back would look the same, so it is "
+        "in the model and no finding."
     )
 
 

@@ -293,7 +293,6 @@ class Forecasting:
         Basis.MEASURED,
     )
     looked_at: int = threshold(400, "samples at which it is seen which states a number moves", Basis.EFFORT, "samples")
-    most: int = threshold(2, "such effects that are added at most", Basis.EFFORT, "count")
 
 
 @dataclass(frozen=True)

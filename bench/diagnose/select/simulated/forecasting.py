@@ -28,10 +28,10 @@ def forecasting(
     catalogue: Sequence[str] | None = None,
     tick: Callable[[str], None] = lambda what: None,
 ) -> tuple[PhysicsModel, tuple[Estimate, ...]]:
-    """A model with the effects of the catalogue without which its free runs err far more.
+    """A model with the one effect of the catalogue without which its free runs err far more.
 
     Only recordings that are learnt from choose and fit. Beside all numbers as they are, what is fitted to one half of
-    them must help the other half; the numbers of the equation in which such an effect acts are then fitted with it.
+    them must help the other half; the numbers of the equation in which the effect acts are then fitted with it.
 
     Args:
         subject: measurements, read when the inputs act.
@@ -40,31 +40,26 @@ def forecasting(
         tick: called with what is being done.
 
     Returns:
-        The model with such effects behind its own, and all numbers that were fitted; ``model`` itself where there are
+        The model with the effect behind its own, and all numbers that were fitted; ``model`` itself where there is
         none, where a state was not measured, and where there are no two recordings to learn from.
     """
-    fitted: dict[tuple[int, str], Estimate] = {}
     if hidden(subject.logs) or len(subject.training) < 2:
         return model, ()
-    for _ in range(FORECASTING.most):
-        shots = []
-        for name, kind in admissible(subject, model, catalogue):
-            tick(name)
-            grown = replace(model, effects=(*model.effects, kind.neutral_for(model, {})))
-            shots.append(_fitted(subject, grown, subject.training, _own(subject, grown)))
-        best = min(shots, key=lambda s: s.after, default=None)
-        if best is None or best.after >= FORECASTING.gain:
-            break
-        tick("forecasts")
-        halves = subject.training[::2], subject.training[1::2]
-        parts = [_fitted(subject, best.model, names, _own(subject, best.model)) for names in halves]
-        if any(relative_error(model, s.model, subject, n) >= 1 for s, n in zip(parts, halves[::-1], strict=True)):
-            break
-        free = _own(subject, best.model) | _beside(subject, best.model)
-        whole = _fitted(subject, best.model, subject.training, free)
-        fitted |= {(x.entry.owner, x.entry.label): x for x in _estimates(whole, best, parts)}
-        model = whole.model
-    return model, tuple(fitted.values())
+    shots = []
+    for name, kind in admissible(subject, model, catalogue):
+        tick(name)
+        grown = replace(model, effects=(*model.effects, kind.neutral_for(model, {})))
+        shots.append(_fitted(subject, grown, subject.training, _own(subject, grown)))
+    best = min(shots, key=lambda s: s.after, default=None)
+    if best is None or best.after >= FORECASTING.gain:
+        return model, ()
+    tick("forecasts")
+    own, halves = _own(subject, best.model), (subject.training[::2], subject.training[1::2])
+    parts = [_fitted(subject, best.model, names, own) for names in halves]
+    if any(relative_error(model, s.model, subject, n) >= 1 for s, n in zip(parts, halves[::-1], strict=True)):
+        return model, ()
+    whole = _fitted(subject, best.model, subject.training, own | _beside(subject, best.model))
+    return whole.model, tuple(_estimates(whole, best, parts))
 
 
 Numbers = set[tuple[int, str]]
