@@ -15,7 +15,7 @@ from bench.diagnose import diagnose
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.axis_series import AxisSeries, Stretch
 from bench.diagnose.learn.request import parsed
-from bench.diagnose.learn.spectral_line import Line, lines
+from bench.diagnose.learn.spectral_line import Line, line_at, lines
 from bench.diagnose.learn.thomson import scan
 from bench.diagnose.learn.waves import waves
 from bench.diagnose.logs.subject import Subject
@@ -120,6 +120,13 @@ def test_what_answers_a_wave_does_not_hide_it() -> None:
     (line,) = lines(series, [f"run_{i}" for i in range(4)])
     assert line.frequency == pytest.approx(0.8, rel=0.003)
     assert [w.amplitude for w in line.swings.values()] == pytest.approx([1.0] * 6, rel=0.1)
+
+
+def test_of_two_waves_that_are_one_to_these_recordings_neither_has_a_size() -> None:
+    series = AxisSeries("speed.q", "m/s^2", tuple(map(answered, range(6))), 0.02, np.ones(1), 1, 0.02)
+    told = line_at([0.8, 0.8 + 1e-9], series, [f"run_{i}" for i in range(4)])
+    assert told is not None
+    assert all(w.low == 0 and w.turn == np.pi for w in told.swings.values())
 
 
 @pytest.mark.parametrize(

@@ -258,7 +258,8 @@ class _Rows:
         for name, parts in self.by_name.items():
             waves = self._waves(name, frequencies)
             amounts = self._amounts(name, beta, frequencies)
-            covariance = level * np.linalg.pinv(waves.T @ waves)[-2:, -2:]
+            inverse = np.linalg.pinv(waves)[-2:]
+            covariance = level * inverse @ inverse.T
             a, b = amounts[-2:]
             size = float(np.hypot(a, b))
             along, across = np.array([[a, b], [-b, a]]) / max(size, 1e-300)
