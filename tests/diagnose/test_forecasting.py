@@ -9,6 +9,9 @@ import pytest
 from samples import DRAG, REACTION, named
 from test_compare import DT, subject_of
 
+from bench.diagnose.confirm import Setup, with_forecasting
+from bench.diagnose.extend import extend
+from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.report import sentences
 from bench.diagnose.result import schema
@@ -22,8 +25,10 @@ HARDENING = 6.0
 """[N/m³]"""
 
 
-def swung(hardening: float, pushed: np.ndarray, samples: int = 1500) -> tuple[np.ndarray, np.ndarray]:
+def swung(hardening: float, pushed: np.ndarray, offset: float, samples: int = 1500) -> tuple[np.ndarray, np.ndarray]:
     """States (R, N, 2) and forces (R, N, 1) of masses on springs that harden [N/m³], pushed by so much [N].
+
+    A constant ``offset`` [N] pushes them besides.
 
     Noise of .1 mm and 1 mm/s.
     """
@@ -34,16 +39,16 @@ def swung(hardening: float, pushed: np.ndarray, samples: int = 1500) -> tuple[np
     for k in range(samples * fine):
         if k % fine == 0:
             states[:, k // fine] = np.column_stack([x, v])
-        v = v + h * (force[:, k // fine] - 0.1 * v - 4.0 * x - hardening * x**3)
+        v = v + h * (offset + force[:, k // fine] - 0.1 * v - 4.0 * x - hardening * x**3)
         x = x + h * v
     return states + rng.normal(size=states.shape) * [1e-4, 1e-3], force[..., None]
 
 
-def of(hardening: float, pushed: tuple[float, ...] = (4.0,) * 6) -> Subject:
+def of(hardening: float, pushed: tuple[float, ...] = (4.0,) * 6, offset: float = 0.0) -> Subject:
     """Springs of which the first four are learnt from."""
     known, seen = {"mass": 0.02, "damping": 0.02, "stiffness": 0.02}, ("displacement", "speed", "force")
     model = replace(STATED, input_hold="previous")
-    whole = subject_of(model, *swung(hardening, np.array(pushed)), uncertainty=known, signals=seen)
+    whole = subject_of(model, *swung(hardening, np.array(pushed), offset), uncertainty=known, signals=seen)
     return replace(whole, training=whole.training[:4], held_out=whole.training[4:])
 
 
@@ -66,6 +71,22 @@ def test_what_one_half_of_the_recordings_does_not_confirm_is_not_added() -> None
         for effects in ((), (spring,))
     ]
     assert relative_error(*both, subject, subject.training) < 0.9
+
+
+def test_an_effect_that_was_found_is_fitted_again_beside_what_only_forecasts_ask_for() -> None:
+    subject = of(HARDENING, offset=0.5)
+    run = Setup(subject, noise_of(subject), lambda what: None, None, subject)
+    before = extend(subject, subject.model, "offset_force")
+    after = with_forecasting(run, before)
+    assert [(e.id, e.forecast_only) for e in after.effects] == [("offset_force", False), ("cubic_stiffness", True)]
+    ((was,), (now,)) = (x.effects[0].parameters.values() for x in (before, after))
+    assert now.low <= was.value <= now.high and now.low <= 0.5 <= now.high
+    assert abs(now.value - 0.5) < 0.05 < abs(was.value - 0.5)
+    assert [s.name for s in after.stages] == ["nominal", "calibrated", "offset_force", "cubic_stiffness", "floor"]
+    assert after.stages[:3] == before.stages[:3]
+    assert after.stages[3].error["speed"] < 0.01 * after.stages[2].error["speed"]
+    assert after.effects[1].share_explained > 0.9
+    assert with_forecasting(replace(run, catalogue=["offset_force"]), before) is before
 
 
 def test_nothing_is_added_where_free_runs_miss_nothing() -> None:
