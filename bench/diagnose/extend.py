@@ -24,6 +24,7 @@ from bench.diagnose.learned_shape import RELAXATION, SWING, WAVE
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.regression.parameters import effect_entries
 from bench.diagnose.report import learned_words
 from bench.diagnose.result import ByGroup, NamedEffect
 from bench.diagnose.select.input_timing import prepared
@@ -315,6 +316,9 @@ def _named(
     name = EFFECTS.name_of(type(effect))
     numbers = parameter_estimates(found)
     if isinstance(effect, LearnedTerm):
+        # Of a term that acts nowhere any more, such as one above what a signal reaches, nothing was estimated.
+        untold = (Estimate(e, e.value, e.low, e.high) for e in effect_entries(effect, owner=0))
+        numbers = parameter_estimates([*untold]) | numbers
         term, numbers = learned_words.described(effect, model, list(numbers.values()))
         return NamedEffect(
             name, numbers, share, before, after, acts_on=equation_of(model, effect.axis), learned=True, term=term

@@ -120,8 +120,9 @@ def test_every_channel_of_a_vehicle_tells_a_clock_by_itself() -> None:
         ([-0.9, -1.1, -1.0, np.nan], [0.1, 0.1, 0.05, 0.1], (-1.0, 0.04)),
         ([-4.2, -3.9, -0.2, -1.1], [0.3, 0.2, 0.1, 0.2], (-0.2, 0.1)),
         ([-9.0, 7.0, -0.1], [1.0, 1.0, 0.6], (0.0, np.inf)),
+        ([-0.34, -0.22, -0.2], [0.02, 0.01, 0.02], (-3550 / 15000, 15000**-0.5)),
     ],
-    ids=["all channels agree", "some lag by more than a clock", "no channel tells"],
+    ids=["all channels agree", "some lag by more than a clock", "no channel tells", "filters delay some by less"],
 )
 def test_a_clock_is_late_for_all_channels_alike(
     alone: list[float], errors: list[float], told: tuple[float, float]

@@ -354,6 +354,14 @@ def test_one_is_added_on_request() -> None:
     assert [s.name for s in asked.stages] == ["nominal", "calibrated", "speed.q ~ speed.q", "floor"]
 
 
+def test_of_a_term_that_acts_nowhere_nothing_is_told() -> None:
+    idle = LearnedTerm("speed.q", ("displacement.q",), "above", (-300.0, 9.0), span=(-0.5, 0.5))
+    of = subject(lambda q, v: 0.0)
+    told = extend(of, of.model, [idle])
+    k = told.effects[0].parameters["k"]
+    assert k.value == -300 and not np.isfinite([k.low, k.high]).any()
+
+
 @pytest.mark.parametrize(
     ("text", "axis", "signals"),
     [

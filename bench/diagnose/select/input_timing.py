@@ -179,9 +179,10 @@ def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift, Shift]:
 def _shared(fit: "_Regression", shift: np.ndarray, which: int, error: float) -> tuple[float, float]:
     """One of the shifts as every channel has it, and its standard error [samples].
 
-    A clock is late for all channels alike (χ² of their own shifts). Where they disagree, what delays some of them is no
-    clock but something that the model lacks, such as drag that grows with the square of the rates: the clock is late by
-    no more than the least of those that tell it.
+    A clock is late for all channels alike (χ² of their own shifts). Where they disagree by less than filters of the
+    sensors and the path between two samples can make, it is late as they say on the whole. What delays some of them
+    more is no clock but something that the model lacks, such as drag that grows with the square of the rates: the clock
+    is late as those say that are near the least of those that tell it.
     """
     steps, errors = fit.apart(shift, which)
     known = np.isfinite(steps) & np.isfinite(errors) & (errors > 0)
@@ -196,8 +197,9 @@ def _shared(fit: "_Regression", shift: np.ndarray, which: int, error: float) -> 
     alone, clear = shift[which] + steps, errors < abs(shift[which]) / TIMING.significant
     if not clear.any():
         return 0.0, np.inf
-    least = np.flatnonzero(clear)[np.abs(alone[clear]).argmin()]
-    return float(alone[least]), float(errors[least])
+    least = alone[clear][np.abs(alone[clear]).argmin()]
+    near = clear & (np.abs(alone - least) <= TIMING.within_sample)
+    return float(weights[near] @ alone[near] / weights[near].sum()), float(weights[near].sum() ** -0.5)
 
 
 def _coarse(subject: Subject) -> float:
