@@ -11,12 +11,14 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from bench.diagnose.checks.problems import Checked, problems
-from bench.diagnose.checks.shifts import lag_of, shifts
+from bench.diagnose.checks.shifts import Lag, _told, lag_of, shifts
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.result import DataProblem
+from bench.diagnose.settings import SHIFTING
 from bench.score.logs import subject
 from bench.score.multirotor.corrupt import KINDS, Columns, time_shift
+from registry.datasets.reading.cleaning import agreements
 from registry.datasets.signals import recording
 from registry.effects.actuation import MotorLag
 from registry.physics.oscillator import Oscillator
@@ -205,16 +207,37 @@ def test_a_shift_of_all_recordings_is_a_suspicion_or_a_fault_by_its_sign_and_of_
     assert "-2.0 samples" in fault.detail or "-1.9 samples" in fault.detail
 
 
-@pytest.mark.parametrize(("odd", "usual", "shifted"), [(-0.3, 6.5, False), (6.5, 0.1, True), (-6.5, 0.1, True)])
+@pytest.mark.parametrize(
+    ("odd", "told", "usual", "shifted"),
+    [(-0.3, 0.2, 6.5, False), (6.5, 0.2, 0.1, True), (-6.5, 0.2, 0.1, True), (1.9, 1.6, 0.1, False)],
+    ids=["in time", "late", "early", "hardly told"],
+)
 def test_a_recording_in_time_is_not_the_one_that_was_shifted(
-    monkeypatch: pytest.MonkeyPatch, odd: float, usual: float, shifted: bool
+    monkeypatch: pytest.MonkeyPatch, odd: float, told: float, usual: float, shifted: bool
 ) -> None:
     """Drag that grows with the square of the rates delays brisk flights by 6 to 7 samples, and a calm one by none."""
     of = made(flights(5, count=5))
     lags = iter([odd, *(usual + 0.05 * i for i in range(4))])
-    monkeypatch.setattr("bench.diagnose.checks.shifts.lag_of", lambda *rest: (next(lags), 0.95))
+    monkeypatch.setattr(
+        "bench.diagnose.checks.shifts.lag_of", lambda *rest: Lag(by := next(lags), 0.95, by - told, by + told)
+    )
     stopping, _ = shifts(of, {})
     assert [p.recording for p in stopping] == ([of.logs[0].name] if shifted else [])
+
+
+@pytest.mark.parametrize(("noise", "apart"), [(0.3, True), (3.0, False)])
+def test_a_lag_lies_within_its_interval_which_noise_widens(noise: float, apart: bool) -> None:
+    """Two samples late; little noise tells that from no lag at all in every recording, much in not even half."""
+    sure = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        x = rng.normal(size=(1502, 2))
+        late = x[:-2] + noise * rng.normal(size=(1500, 2))
+        cause, effect = (savgol_filter(a, SHIFTING.smoothing, 2, axis=0) for a in (x[2:], late))
+        low, high = _told(agreements(cause, effect), cause.size / SHIFTING.smoothing)
+        assert low <= 2.05 and high >= 1.95
+        sure += low > SHIFTING.suspect
+    assert sure == 40 if apart else sure < 20
 
 
 def test_damping_that_the_model_lacks_is_no_time_shift_and_hides_none() -> None:
@@ -314,6 +337,6 @@ def test_a_lag_that_was_found_is_no_time_shift_any_more() -> None:
     plain = made(logs)
     lagging = replace(plain, model=replace(plain.model, effects=(lag,)))
     late = [lag_of(plain.model, log)[0] for log in plain.logs]
-    left = [lag_of(lagging.model, log) for log in plain.logs]
+    left = [lag_of(lagging.model, log)[:2] for log in plain.logs]
     assert min(late) > 2 and all(abs(by) < 0.5 and how > 0.8 for by, how in left), (late, left)
     assert problems(lagging) == Checked((), ())

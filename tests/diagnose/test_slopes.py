@@ -196,7 +196,7 @@ def test_what_noise_of_a_slope_shifts_is_no_fault_of_the_log(swing, monkeypatch)
     for times, stopped in ((0.9, False), (1.1, True)):
         lag = -times * SHIFTING.blurred * window
         assert lag < -SHIFTING.certain
-        monkeypatch.setattr(check, "lag_of", lambda *_, lag=lag: (lag, 0.9))
+        monkeypatch.setattr(check, "lag_of", lambda *_, lag=lag: check.Lag(lag, 0.9, lag, lag))
         found, suspected = check.shifts(subject, {})
         assert bool(found) is stopped and bool(suspected) is not stopped
         assert check.shifts(replace(subject, slopes={}), {})[0]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -13,8 +14,22 @@ from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.regression.weak import acting
 from bench.diagnose.result import DataProblem
 from bench.diagnose.settings import SHIFTING
-from registry.datasets.reading.cleaning import delay, extent, widen
+from registry.datasets.reading.cleaning import agreements, extent, peak, widen
 from registry.dynamics import PhysicsModel
+
+
+class Lag(NamedTuple):
+    """By how many samples motion follows what acts."""
+
+    by: float
+    agreement: float
+    """Correlation at this lag, 0 where nothing is told."""
+    low: float
+    high: float
+    """Between which it lies as far as the recording tells (`Shifting.sure`)."""
+
+
+UNTOLD = Lag(0.0, 0.0, 0.0, 0.0)
 
 
 def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProblem], list[DataProblem]]:
@@ -24,7 +39,7 @@ def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProble
     The first stop the analysis; the second is a suspicion, since a delay or a lag of the vehicle looks the same.
     """
     lags = {log.name: lag_of(subject.model, log, own.get(log.name)) for log in subject.logs}
-    clear = {name: by for name, (by, how) in lags.items() if how > SHIFTING.clear}
+    clear = {name: lag.by for name, lag in lags.items() if lag.agreement > SHIFTING.clear}
     if not clear:
         return [], []
     middle = float(np.median(list(clear.values())))
@@ -38,8 +53,9 @@ def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProble
         spread = max((abs(v - usual) for v in others), default=0.0)
         if (
             len(others) >= 3
-            and lags[name][1] > SHIFTING.least_correlation
+            and lags[name].agreement > SHIFTING.least_correlation
             and abs(lag) > SHIFTING.suspect  # else it is in time, and the others lag by what they do more of
+            and not lags[name].low - SHIFTING.suspect < usual < lags[name].high + SHIFTING.suspect
             and abs(lag - usual) > max(SHIFTING.different, SHIFTING.apart * spread, blurred)
         ):
             ms = 1e3 * by_name[name].dt
@@ -66,7 +82,8 @@ def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProble
         f"the motion comes {abs(middle):.1f} samples ({abs(middle) * ms:.3g} ms) {side} what {signal} says: {cause}"
     )
     sentence = f"in {len(clear)} of {len(lags)} recordings {detail}"
-    if middle < -max(SHIFTING.certain, blurred):
+    sure = sum(lags[name].high < -SHIFTING.suspect for name in clear)
+    if middle < -max(SHIFTING.certain, blurred) and 2 * sure > len(clear):
         # No vehicle moves before its inputs: what acts is filed too late, whatever else is missing.
         return [
             DataProblem(n, signal, "time shift", (0, len(by_name[n]) - 1), f"{sentence} No input_delay explains that.")
@@ -75,8 +92,8 @@ def shifts(subject: Subject, own: Mapping[str, Tensor]) -> tuple[list[DataProble
     return [], [DataProblem(next(iter(clear)), signal, "time shift", None, sentence)]
 
 
-def lag_of(model: PhysicsModel, log: Log, internal: Tensor | None = None) -> tuple[float, float]:
-    """By how many samples motion follows what acts, and how well the two agree; agreement 0 where nothing is told.
+def lag_of(model: PhysicsModel, log: Log, internal: Tensor | None = None) -> Lag:
+    """By how many samples motion follows what acts.
 
     What goes with the rates themselves is left out: missing damping makes motion lead what drives it. The own states
     (N, i) of the model's effects are ``internal``, zero where nobody knows them.
@@ -86,7 +103,7 @@ def lag_of(model: PhysicsModel, log: Log, internal: Tensor | None = None) -> tup
     among = pairs(model, log.measured)
     turning = [p for p in among if p.turns] or among
     if not count or not turning or valid.stop - valid.start < 2 * SHIFTING.slow:
-        return 0.0, 0.0
+        return UNTOLD
     channels = [c for p in turning for c in (p.rates[:2] if p.turns else p.rates)]
     x, lagging = log.states.numpy(), bool(model.input_effects())
     inputs = acting(model, log) if lagging else log.inputs
@@ -96,10 +113,25 @@ def lag_of(model: PhysicsModel, log: Log, internal: Tensor | None = None) -> tup
     moving = x[:, channels]
     caused, seen = forced - own, slope(moving, False, log.dt) - own
     cause, effect, beside = (_band(a[valid]) for a in (caused, seen, moving))
-    lag, how = delay(cause, effect, beside=beside)
+    score = agreements(cause, effect, SHIFTING.widest, beside)
+    by, how = peak(score)
+    low, high = _told(score, cause.size / SHIFTING.smoothing)
     # A held command acts after its sample: the slope about a sample has half of it from the step before. What delays
     # and lags of the model make of it is told at the sample.
-    return lag - (0.5 if model.input_hold == "previous" and not lagging else 0.0), how
+    early = 0.5 if model.input_hold == "previous" and not lagging else 0.0
+    return Lag(by - early, how, min(low, by) - early, max(high, by) - early)
+
+
+def _told(score: Array, count: float) -> tuple[float, float]:
+    """Between which lags correlations (2 w + 1,) of ``count`` independent samples leave it, by their likelihood."""
+    best, widest = int(np.argmax(score)), len(score) // 2
+    left = 1 - np.clip(score, 0, 1 - 1e-12) ** 2
+    missing = count / 2 * np.log(left / left[best]) - SHIFTING.sure**2 / 2
+    ends = []
+    for side in (missing[best::-1], missing[best:]):
+        beyond = next((i for i, x in enumerate(side) if x > 0), None)
+        ends.append(len(side) - 1 if beyond is None else beyond - side[beyond] / (side[beyond] - side[beyond - 1]))
+    return best - ends[0] - widest, best + ends[1] - widest
 
 
 def _band(x: Array) -> Array:

@@ -149,11 +149,10 @@ def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift, Shift]:
     widest = np.array([np.inf if instant else TIMING.within_sample, np.inf, np.inf])
     latest = np.array([0.0 if held else -widest[0], -widest[1], -widest[2]])
     start = np.array([_coarse(subject) if instant else 0.0, 0.0, 0.0])
-    value, error, moves = start, np.full(len(start), np.inf), True
+    value, error = start, np.full(len(start), np.inf)
     for _ in range(TIMING.linearised):
         fit = _Regression(subject, noise, float(value[_INPUTS]))
-        moves = moves and fit.moves_apart(value)
-        if not moves:
+        if not fit.moves_apart(value):
             fit.leave(_MOTION)
             value[_MOTION] = 0.0
         for _ in range(TIMING.steps):
@@ -209,7 +208,7 @@ def _coarse(subject: Subject) -> float:
         with torch.no_grad():
             own = {log.name: own_states(model, LogBatch.of([log]))[0] for log in subject.logs}
     lags = [lag_of(model, log, own.get(log.name)) for log in subject.logs]
-    clear = [-by for by, how in lags if how > TIMING.coarse]
+    clear = [-lag.by for lag in lags if lag.agreement > TIMING.coarse]
     middle = float(np.median(clear)) if 2 * len(clear) >= len(lags) and clear else 0.0
     return middle if abs(middle) > TIMING.coarse else 0.0
 

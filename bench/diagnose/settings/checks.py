@@ -105,6 +105,13 @@ class Shifting:
         1.5, "shift of one recording against the others from which it is a fault", Basis.JUDGED, "samples"
     )
     apart: float = threshold(5.0, "times as far as the others are from each other that it must be", Basis.JUDGED)
+    sure: float = threshold(
+        3.0,
+        "standard errors by which a lag is told from another one: the likelihood of correlations whose samples are "
+        "independent once in a smoothing window",
+        Basis.CONVENTION,
+    )
+    widest: int = threshold(10, "largest lag that is looked at", Basis.EFFORT, "samples")
     blurred: float = threshold(
         0.05,
         "share of the window of a slope, where that stands in for a rate, that a fault is larger than: its noise moved "

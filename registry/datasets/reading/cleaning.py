@@ -67,12 +67,26 @@ def delay(
 ) -> tuple[float, float]:
     """By how many samples (a fraction too) ``effect`` (N, c) comes after ``cause`` (N, c), and how well they agree.
 
-    The peak of the cross-correlation summed over channels, refined by a parabola through its three top values; with
-    ``beside`` (N, c), that of the partial correlation: what goes with this other cause of the effect, which acts at
-    once, is taken out of both, channel by channel.
-
     Returns:
-        Delay [samples], within ±``widest``, and the correlation there (−1 to 1).
+        Delay [samples], within ±``widest``, and the correlation there (−1 to 1): the `peak` of `agreements`.
+    """
+    return peak(agreements(cause, effect, widest, beside))
+
+
+def peak(score: np.ndarray) -> tuple[float, float]:
+    """The lag [samples] at which `agreements` (2 w + 1,) are highest, by a parabola through three, and the top one."""
+    widest = len(score) // 2
+    best = int(np.clip(np.argmax(score), 1, 2 * widest - 1))
+    before, top, after = score[best - 1 : best + 2].tolist()
+    bend = before - 2 * top + after
+    return best - widest + (0.5 * (before - after) / bend if bend < 0 else 0.0), top
+
+
+def agreements(cause: np.ndarray, effect: np.ndarray, widest: int = 10, beside: np.ndarray | None = None) -> np.ndarray:
+    """Correlation (2 ``widest`` + 1,), mean over channels, of ``effect`` (N, c) with ``cause`` so many samples before.
+
+    From −``widest`` to ``widest``; with ``beside`` (N, c) the partial correlation: what goes with this other cause of
+    the effect, which acts at once, is taken out of both, channel by channel.
     """
     n = len(cause)
     middle = slice(widest, n - widest)
@@ -89,10 +103,7 @@ def delay(
         b = apart(cause[widest - k : n - widest - k])
         norm = np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
         score.append(float(np.mean((a * b).sum(axis=0) / np.where(norm > 0, norm, 1.0))))
-    best = int(np.clip(np.argmax(score), 1, 2 * widest - 1))
-    before, top, after = score[best - 1 : best + 2]
-    bend = before - 2 * top + after
-    return best - widest + (0.5 * (before - after) / bend if bend < 0 else 0.0), top
+    return np.array(score)
 
 
 def _level(x: np.ndarray) -> np.ndarray:
