@@ -58,6 +58,31 @@ def test_savings_are_told_beside_constants_as_stated_and_where_an_effect_acts():
     assert set(told) == {"forces"} and told["forces"] > 0
 
 
+@pytest.mark.parametrize(("roll", "paid"), [(7.0, False), (3.05, True)])
+def test_what_one_axis_gains_counts_where_the_others_do_not_pay_for_it(roll: float, paid: bool) -> None:
+    """A gyroscope that is turned: unequal rotors saved 97 % about x, and cost more than that about y."""
+    squares = {"without": {"torque x": 2.0, "torque y": 3.0}, "full": {"torque x": 0.1, "torque y": roll}}
+    whole = {model: sum(of.values()) for model, of in squares.items()}
+    errors = [
+        EquationError("torques", 0.5, "rad/s", {"calibrated": 2.0, "extended": 1.0}, 0.5, 0.1, axis)
+        for axis in ("", "torque x", "torque y")
+    ]
+    weighing = SimpleNamespace(
+        equations=[SimpleNamespace(name="torques", group=SimpleNamespace(at=(0,)))],
+        by_axis=lambda extended: errors,
+        increments=lambda model: model,
+        _at=lambda error, model: (
+            np.full(40, squares[model].get(error.axis, whole[model])) + 0.01 * np.arange(40),
+            np.repeat(np.arange(8), 5),
+        ),
+        calibrated="without",
+        subject=SimpleNamespace(model="without"),
+    )
+    told = Weighing.savings(weighing, "without", "full", "full")
+    assert [s.axis for s in told] == (["", "torque x"] if paid else [""])
+    assert any(s.worth for s in told) is paid
+
+
 def test_a_trifle_is_told_of_the_equation_in_which_it_is_sure():
     """A moment does nothing to forces, whose small errors make of chance a share that is large and unsure."""
     forces = Saving("forces", 0.5, 0.58, -1.77, 3.15, matters=True)

@@ -104,6 +104,11 @@ class Saving:
     axis: str = ""
     """Along which it is judged, such as "torque z"; empty: all together."""
 
+    def of_one_axis_of(self, whole: "Saving") -> bool:
+        """Whether it is told along one axis of what ``whole`` is told of."""
+        there = (self.equation, self.horizon_s) == (whole.equation, whole.horizon_s)
+        return there and bool(self.axis) and not whole.axis
+
     @property
     def harms(self) -> bool:
         """Whether the equation is lost by it, for sure: what other equations gain is then not understood."""
@@ -217,12 +222,12 @@ class Weighing:
 
         Without an effect nothing is worse than the calibrated model, which has none, nor than the one as stated: where
         ``without`` is, because the rest was fitted beside the effect, the better of them stands for it. Of an axis only
-        what is worth a term.
+        what is worth a term, unless other axes pay for it: the equation as a whole may err hardly more.
 
         Where an effect does not act, that is outside of some ``channels``, only constants moved: that is no harm that
         it does. But constants that are bent without it may speak for it, where nothing else does.
         """
-        out = []
+        out: list[Saving] = []
         acts = {e.name for e in self.equations if channels is None or not set(channels).isdisjoint(e.group.at)}
         for error in self.by_axis(extended):
             others = (self._at(error, self.increments(m)) for m in (without, self.calibrated, self.subject.model))
@@ -239,7 +244,8 @@ class Weighing:
             saving = Saving(
                 error.equation, error.horizon_s, share, low, high, matters=error.matters, ratio=ratio, axis=error.axis
             )
-            if not error.axis or saving.worth:
+            whole = next((s for s in out if saving.of_one_axis_of(s)), saving)
+            if not error.axis or (saving.worth and whole.ratio <= MATTERING.near):
                 out.append(saving)
         there = tuple(s for s in out if s.equation in acts)
         return there if any(s.worth for s in there) else (*there, *(s for s in out if s not in there and s.worth))
