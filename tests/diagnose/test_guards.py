@@ -386,6 +386,26 @@ def test_a_rival_is_as_large_as_those_of_its_parameters_that_differ_from_no_effe
     assert list(rivals(view, 0)) == ["torque_bias"]  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(("alike", "tie"), [(0.8, False), (0.99999, True)])
+def test_a_rival_that_is_worse_in_every_block_is_none_though_few_blocks_tell_most(alike: float, tie: bool) -> None:
+    """A wrong thrust scale left twice what a mass did, in every block; by Student's t the blocks did not agree."""
+    rng = np.random.default_rng(6)
+    size = np.repeat(np.exp(2.0 * rng.normal(size=40)), 100)
+    x, other, noise = rng.normal(size=(3, 4000))
+    x, other = size * x, size * (alike * x + (1 - alike**2) ** 0.5 * other)
+    rows = np.stack([x, -5 * x, other, noise])
+    own = (Entry(0, "delta", None, "kg", 5.0, 1.0, -99.0, 99.0),)
+    scale = (Entry(1, "eps", None, "1", 0.0, 1.0, -99.0, 99.0),)
+    rival = Candidate("rival", TorqueBias(), scale, (2,), (-99.0,), (99.0,))
+    model, nothing = SimpleNamespace(effects=(CogOffset(),)), np.empty(0)
+    linear = Linearization(model, None, own, (rival,), nothing, nothing, (), (1,), (frozenset(),), ({},))  # type: ignore[arg-type]
+    subsets = Subsets(linear, Normal(((np.arange(4), rows),), 4, np.repeat(np.arange(4), 10), np.full(40, 100)))
+    worse = (subsets.losses(subsets.fit([rival], drop=[0])) - subsets.losses(subsets.fit())).sum(1)
+    assert t_value(worse) < CHOOSING.distinct and (tie or worse.sum() > 500)
+    view = SimpleNamespace(subsets=subsets, linear=linear, floor=100.0)
+    assert list(rivals(view, 0)) == (["rival"] if tie else [])  # type: ignore[arg-type]
+
+
 def test_an_effect_that_is_taken_away_is_no_free_coefficient() -> None:
     """What two rotors lift more is known as well as without the common factor that they replace, which is their sum."""
     rng = np.random.default_rng(4)

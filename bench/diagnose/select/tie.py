@@ -48,9 +48,7 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
         if s.through is not None or any({own, s.id} <= same for same in SAME):
             continue
         other = subsets.fit([s], drop=[place])
-        difference = subsets.losses(other).sum(1) - level
-        spread = float(difference.std(ddof=1)) * len(difference) ** 0.5 if len(difference) > 1 else 0.0
-        worse, limit = other.loss - current.loss, VERIFYING.odds + CHOOSING.distinct * spread
+        worse, limit = other.loss - current.loss, VERIFYING.odds + _spread(subsets.losses(other).sum(1), level)
         if misses(other) or worse + subsets.penalty * (1 - parameters) >= limit:
             continue  # its parameters are costly to count
         first = len(view.linear.own) + len(s.columns) - len(s.entries)
@@ -59,6 +57,21 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
         if margin < min(limit, best.get(s.id, (np.inf, s))[0]) and replaces(s):
             best[s.id] = margin, s
     return {name: start for name, (_, start) in sorted(best.items(), key=lambda item: item[1][0])}
+
+
+def _spread(other: np.ndarray, level: np.ndarray) -> float:
+    """By how much blocks (B,) may differ before one set counts as worse than another, which leaves ``level`` of them.
+
+    Nothing where it leaves far more, and in every block, as their logarithms say: few moments, in which much happens,
+    make nearly all of such a difference, and its spread over blocks is as large as itself then.
+    """
+    difference, floor = other - level, 1e-9
+    if len(difference) < 2:
+        return 0.0
+    ratios = np.log(np.maximum(other, floor) / np.maximum(level, floor))
+    if difference.sum() > CHOOSING.simpler * level.sum() and t_value(ratios) > CHOOSING.distinct:
+        return 0.0
+    return CHOOSING.distinct * float(difference.std(ddof=1)) * len(difference) ** 0.5
 
 
 def _acting(subsets: Subsets, fit: Fit, entries: Mapping[int, Entry]) -> int:
