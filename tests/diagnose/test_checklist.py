@@ -14,6 +14,7 @@ from bench.cli.commands.data import data_command
 from bench.diagnose.checks.description.checklist import check, check_folder, check_subject
 from bench.diagnose.checks.description.mistake import Mistake
 from bench.diagnose.checks.description.recorded import flying, of_folder
+from bench.diagnose.checks.description.rotors import _turns_round
 from bench.diagnose.checks.description.thrust import _correlation
 from bench.diagnose.logs.load import load
 from registry.datasets.folder.dataset import Folder
@@ -177,6 +178,15 @@ def test_nothing_that_stops_is_said_of_real_recordings(name: str, bench_data: No
     if not dataset.system:
         pytest.skip("no physics model of the vehicle is registered")
     assert check_subject(load(name))[0] == []
+
+
+@pytest.mark.parametrize(("hertz", "turned"), [(25.0, True), (2.0, False)])
+def test_yaw_that_swings_as_fast_as_a_log_may_be_late_has_no_sign(hertz: float, turned: bool) -> None:
+    """At 100 Hz: two samples are half of a swing of 25 Hz, and little of one of 2 Hz."""
+    t, rng = 0.01 * np.arange(2000), np.random.default_rng(0)
+    rotors = np.column_stack([np.cos(2 * np.pi * hertz * t), np.sin(2 * np.pi * hertz * t)])
+    yaw = -rotors[:, 0] + 0.3 * rng.normal(size=2000)
+    assert _turns_round(rotors, yaw, np.roll(yaw, -2)) is turned
 
 
 def test_rotors_that_are_driven_harder_just_when_they_lose_thrust_move_it() -> None:

@@ -126,6 +126,10 @@ class Turning:
         Basis.JUDGED,
         "s",
     )
+    late: float = threshold(
+        0.02, "by how much a log may be late without the answer of yaw changing its sign", Basis.JUDGED, "s"
+    )
+    turned: float = threshold(0.5, "correlation, with the other sign, from which it has", Basis.CONVENTION)
     recordings: int = threshold(4, "recordings from which the pace is taken", Basis.EFFORT, "count")
 
 

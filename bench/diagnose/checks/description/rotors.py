@@ -53,9 +53,22 @@ def torque(drive: str, pace: Pace) -> Relation:
             unit = about / scale
             gram = unit.T @ unit + 1e-9 * np.eye(2)
             said[:, 2] = unit @ bounded(gram, unit.T @ measured[:, 2], np.zeros(2), np.full(2, np.inf))
+            late = max(1, round(TURNING.late * flight.rate))
+            moved = (kicks(flight, np.roll(x["body_rates"], k, axis=0), acting, pace.yaw) for k in (-late, late))
+            if any(_turns_round(unit, measured[:, 2], m[0][:count, 2]) for m in moved if m is not None):
+                measured[:, 2] = said[:, 2] = 0.0
         return _sized(measured), _sized(said)
 
     return Relation("torque", ("body_rates", drive), (), ("roll", "pitch", "yaw"), compare, firm=False)
+
+
+def _turns_round(acting: Array, now: Array, later: Array) -> bool:
+    """Whether what signals (K, 2) tell of a rate (K,) is told with the other sign of the rate a moment later.
+
+    Yaw that swings as fast as its control allows does so: a log that is late by a moment has the sign of its torque wrong.
+    """
+    first, second = (acting @ np.linalg.lstsq(acting, y, rcond=None)[0] for y in (now, later))
+    return bool(first @ second < -TURNING.turned * np.linalg.norm(first) * np.linalg.norm(second))
 
 
 def _sized(x: Array) -> Array:
