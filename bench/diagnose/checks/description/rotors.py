@@ -65,7 +65,7 @@ def torque(drive: str, pace: Pace) -> Relation:
 def _turns_round(acting: Array, now: Array, later: Array) -> bool:
     """Whether what signals (K, 2) tell of a rate (K,) is told with the other sign of the rate a moment later.
 
-    Yaw that swings as fast as its control allows does so: a log that is late by a moment has the sign of its torque wrong.
+    Yaw that swings as fast as its control allows does so: late by a moment, a log shows its torque with the wrong sign.
     """
     first, second = (acting @ np.linalg.lstsq(acting, y, rcond=None)[0] for y in (now, later))
     return bool(first @ second < -TURNING.turned * np.linalg.norm(first) * np.linalg.norm(second))
