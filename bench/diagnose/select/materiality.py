@@ -104,11 +104,6 @@ class Saving:
     axis: str = ""
     """Along which it is judged, such as "torque z"; empty: all together."""
 
-    def of_one_axis_of(self, whole: "Saving") -> bool:
-        """Whether it is told along one axis of what ``whole`` is told of."""
-        there = (self.equation, self.horizon_s) == (whole.equation, whole.horizon_s)
-        return there and bool(self.axis) and not whole.axis
-
     @property
     def harms(self) -> bool:
         """Whether the equation is lost by it, for sure: what other equations gain is then not understood."""
@@ -244,7 +239,8 @@ class Weighing:
             saving = Saving(
                 error.equation, error.horizon_s, share, low, high, matters=error.matters, ratio=ratio, axis=error.axis
             )
-            whole = next((s for s in out if saving.of_one_axis_of(s)), saving)
+            here = (error.equation, error.horizon_s, "")
+            whole = next((s for s in out if (s.equation, s.horizon_s, s.axis) == here), saving)
             if not error.axis or (saving.worth and whole.ratio <= MATTERING.near):
                 out.append(saving)
         there = tuple(s for s in out if s.equation in acts)
