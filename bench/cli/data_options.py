@@ -105,7 +105,7 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
     ) -> None:
         command(*args, data=DataOptions(source, settings, system, model_file, exclude), **others)
 
-    for add in (_json, _exclude, _model, _system, _set, _source):
+    for add in (_json, exclude_option, _model, _system, _set, _source):
         gathered = add(gathered)
     return gathered
 
@@ -131,5 +131,10 @@ _model = click.option(
     help="Start from this model.toml, such as an extended one; default: nominal constants, no effects; "
     "of `bench design` what the diagnosis wrote.",
 )
-_exclude = click.option("--exclude", multiple=True, metavar="RECORDING", help="Leave this recording out. Repeatable.")
+exclude_option = click.option(
+    "--exclude", multiple=True, metavar="RECORDING", help="Leave this recording out. Repeatable."
+)
+ignore_option = click.option(
+    "--ignore-problem", "ignore", multiple=True, metavar="KIND", help="Go on although the data have this. Repeatable."
+)
 _json = click.option("--json", "to_json", type=options.Output(made=True), help="Write the figures there too.")

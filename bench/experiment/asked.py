@@ -14,7 +14,7 @@ class Asked:
     out: str = ""
     """The folder of what is written."""
     own: tuple[str, ...] = ()
-    """Options that `bench diagnose` alone has, word by word."""
+    """Options that `bench diagnose` has and no other step, word by word; `bench data check` is given such as it has."""
     settings: tuple[str, ...] = ()
     """Options of the data set, "gyroscope=true"."""
     exclude: tuple[str, ...] = ()
@@ -30,4 +30,5 @@ class Asked:
         words = [w for option, value in given.items() if value for w in (option, value)]
         words += [w for setting in self.settings for w in ("--set", setting)]
         words += [w for recording in self.exclude for w in ("--exclude", recording)]
-        return shlex.join(["bench", *name.split(), source, *words, *(self.own if name == "diagnose" else ()), *more])
+        own = self.own if name in ("diagnose", "data check") else ()
+        return shlex.join(["bench", *name.split(), source, *words, *own, *more])

@@ -16,7 +16,7 @@ from bench.diagnose.checks.description.mistake import Mistake
 from bench.diagnose.checks.description.recorded import flying, of_folder
 from bench.diagnose.checks.description.rotors import _turns_round
 from bench.diagnose.checks.description.thrust import _correlation
-from bench.diagnose.logs.load import load
+from bench.diagnose.logs.load import excluding, load
 from registry.datasets.folder.dataset import Folder
 from registry.datasets.folder.dataset import check as read_folder
 
@@ -153,6 +153,38 @@ def test_the_command_names_the_lines_and_fails(flights: dict[str, Set], tmp_path
     assert 'rotor_speed = {columns = ["m1", "m3", "m2", "m4"], unit = "rad/s"}' in said.output
     stopping_problems, _ = check_subject(load(tmp_path))
     assert [p.kind for p in stopping_problems] == ["rotor order"] and '"m3", "m2"' in stopping_problems[0].detail
+
+
+def test_the_command_stops_at_a_spike_unless_it_is_told_not_to(flights: dict[str, Set], tmp_path: Path) -> None:
+    """As a diagnosis would. The next sample is late: on an even clock a tenth of the spike is there."""
+    spoilt = copy.deepcopy(flights["hummingbird"])
+    spoilt.logs[1]["velocity"][400, 0] += 30.0
+    spoilt.logs[1]["t"][401] += 0.1 / spoilt.rate
+    folder = spoilt.write(tmp_path)
+
+    def answer(*more: str) -> tuple[int, list[str]]:
+        done = CliRunner().invoke(data_command, ["check", str(folder), *more])
+        return done.exit_code, done.output.splitlines()
+
+    code, said = answer()
+    assert code == 2 and [line.split(": ")[:2] for line in said if "WRONG" in line] == [
+        ["WRONG", "flight_1, velocity, sample 400"]
+    ]
+    assert said[-1].endswith(f"bench data check {folder} --ignore-problem spike")
+    code, said = answer("--ignore-problem", "spike")
+    assert code == 0 and any(f"Next: bench diagnose {folder} --ignore-problem spike" in line for line in said)
+    code, said = answer("--exclude", "flight_1")
+    assert code == 0 and any(f"Next: bench diagnose {folder} --exclude flight_1" in line for line in said)
+
+
+def test_what_is_left_out_says_nothing_of_the_description(flights: dict[str, Set], tmp_path: Path) -> None:
+    spoilt = copy.deepcopy(flights["pelican"])
+    MISTAKES["rotor order"][0][0](spoilt)
+    spoilt.logs = [*copy.deepcopy(flights["pelican"].logs), *spoilt.logs]  # other flights, with rotors in their order
+    subject = load(spoilt.write(tmp_path))
+    assert check_subject(subject)[0] == []
+    found, _ = check_subject(excluding(subject, ["flight_0", "flight_1", "flight_2"]))
+    assert [p.kind for p in found] == ["rotor order"]
 
 
 def test_rotations_do_not_depend_on_the_heading_or_on_one_bad_recording(

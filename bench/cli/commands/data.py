@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.cli import options
-from bench.cli.data_options import DataOptions
+from bench.cli.data_options import DataOptions, exclude_option, ignore_option
 from bench.cli.names import check_dataset, check_system
 from registry.errors import BenchError
 
@@ -126,7 +126,9 @@ def import_command(files: tuple[Path, ...], folder: Path, rate: float | None, ve
     metavar="NAME|FILE.py:CLASS",
     help="Physics model, as `bench diagnose` takes it; default: what dataset.toml names.",
 )
-def check_command(folder: Path, system: str | None) -> None:
+@exclude_option
+@ignore_option
+def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ignore: tuple[str, ...]) -> None:
     """Read everything that FOLDER/dataset.toml describes and say what is wrong, and what is missing.
 
     Signals are held against each other: signs, axes, units, frames, the order of the rotors and clocks. What is WRONG
@@ -136,17 +138,22 @@ def check_command(folder: Path, system: str | None) -> None:
     \b
     bench data check flights/
     bench data check arm/ --system mine.py:Arm   also whether the folder has what this class needs
+    bench data check flights/ --exclude flight_3 --ignore-problem spike   as `bench diagnose` would go on
     """
     check_system(system)
 
     from bench.diagnose.checks.description.checklist import check_folder
     from bench.diagnose.logs.load import load
     from bench.diagnose.logs.smoothing import stated
+    from bench.diagnose.result import check_kinds
     from registry.core import PHYSICS
-    from registry.datasets.folder.dataset import Folder, check
+    from registry.datasets.folder.dataset import Folder
     from registry.stated import refuse_unstated
 
-    loaded, dataset = check(folder), Folder(path=str(folder))
+    check_kinds(ignore)
+    dataset, asked = Folder(path=str(folder)), DataOptions(str(folder), system=system, exclude=exclude)
+    dataset = dataset.without(exclude) if exclude else dataset
+    loaded, again = dataset.load(), asked.asked(ignore_problem=ignore)
     seconds = sum(r.seconds for r in loaded.recordings)
     click.echo(f"{len(loaded.recordings)} recording(s), {seconds:.1f} s in all, read without an error.")
     for f in loaded.findings:
@@ -159,24 +166,28 @@ def check_command(folder: Path, system: str | None) -> None:
     if dataset.system and not system:
         refuse_unstated(dataset, PHYSICS.get(dataset.system))
     subject = load(dataset, system) if system else _diagnosable(dataset)
-    mistakes = check_folder(folder)
+    mistakes = check_folder(dataset)
+    stopping = [m for m in mistakes if m.stops and m.kind not in ignore]
     for m in mistakes:
-        click.echo(f"{'WRONG' if m.stops else 'note'}: {m.kind}: {m.detail}")
+        click.echo(f"{'WRONG' if m in stopping else 'note'}: {m.kind}: {m.detail}")
         for row in m.mend:
             click.echo(f"    {row}")
-    if any(m.stops for m in mistakes):
-        again = DataOptions(str(folder), system=system).next_command("data check")
-        click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: {again}")
+    if stopping:
+        check = again.command("data check", str(folder))
+        click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: {check}")
         raise click.exceptions.Exit(2)
-    if subject is not None and _contradicted(subject):
+    if subject is not None and (kinds := _contradicted(subject, ignore)):
         click.echo(f"Mend the files or {folder / 'dataset.toml'}; `bench diagnose` would stop there.")
+        words = [w for kind in kinds for w in ("--ignore-problem", kind)]
+        click.echo(
+            f"Or, if that is no fault (or --exclude RECORDING): {again.command('data check', str(folder), *words)}"
+        )
         raise click.exceptions.Exit(2)
     dataset.split(loaded.names)  # or it says that one short recording is too little
     spec = 'bench run "LSTM: 1x50 - MLP: 60x10" --dataset'
     network = f"{spec} {shlex.quote(str(folder))}   (a network that predicts it)"
     if system or dataset.system:
-        again = DataOptions(str(folder), system=system).next_command("diagnose")
-        click.echo(f"Next: {again}   (which physics a model of it lacks)")
+        click.echo(f"Next: {again.command('diagnose', str(folder))}   (which physics a model of it lacks)")
         click.echo(f"  or: {network}")
     else:
         drive = ", ".join(dataset.inputs) or "nothing"
@@ -186,11 +197,10 @@ def check_command(folder: Path, system: str | None) -> None:
 
 
 def _diagnosable(dataset: "Dataset") -> "Subject | None":
-    """The recordings as a diagnosis takes them; None: nobody asks for one, or `check_folder` has said more of them."""
-    from bench.diagnose.checks.description.recorded import flying
+    """The recordings as a diagnosis takes them; None: nobody asks for one, or they do not fit the model."""
     from bench.diagnose.logs.load import load
 
-    if not dataset.system or flying(dataset.system):
+    if not dataset.system:
         return None
     try:
         return load(dataset)
@@ -199,8 +209,8 @@ def _diagnosable(dataset: "Dataset") -> "Subject | None":
         return None
 
 
-def _contradicted(subject: "Subject") -> bool:
-    """Say what signals tell against each other, and whether that would stop a diagnosis.
+def _contradicted(subject: "Subject", ignore: tuple[str, ...]) -> list[str]:
+    """Say what signals tell against each other; the kinds of it that would stop a diagnosis.
 
     When inputs act is judged by a diagnosis alone, beside what it finds missing.
     """
@@ -208,10 +218,12 @@ def _contradicted(subject: "Subject") -> bool:
     from bench.diagnose.report.phrases import gathered
 
     found = [p for p in problems(subject).problems if p.kind != "time shift"]
-    stops = bool(found) and without_damaged(subject, found) is None
-    for line in gathered(found):
-        click.echo(f"{'WRONG' if stops else 'note'}: {line}")
-    return stops
+    left = [p for p in found if p.kind not in ignore]
+    stopping = left if without_damaged(subject, left) is None else []
+    for word, said in (("WRONG", stopping), ("note", [p for p in found if p not in stopping])):
+        for line in gathered(said):
+            click.echo(f"{word}: {line}")
+    return list(dict.fromkeys(p.kind for p in stopping))
 
 
 def _render(rows: list[dict[str, Any]], findings: "list[Finding]") -> None:

@@ -9,7 +9,7 @@ import click
 from rich.markup import escape
 
 from bench.cli import fleets, options, stages
-from bench.cli.data_options import DataOptions, data_options
+from bench.cli.data_options import DataOptions, data_options, ignore_option
 from bench.cli.diagnosing import (
     check_effects,
     chosen,
@@ -261,9 +261,7 @@ def extend_command(
 @data_options
 @_horizon
 @_choice
-@click.option(
-    "--ignore-problem", "ignore", multiple=True, metavar="KIND", help="Go on although the data have this. Repeatable."
-)
+@ignore_option
 @click.option("--vehicle", "vehicles", multiple=True, metavar="NAME", help="Of a fleet, this one only. Repeatable.")
 @click.option("--each-recording", is_flag=True, help="Diagnose every recording by itself, as if each were a vehicle.")
 @click.option(

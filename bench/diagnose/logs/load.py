@@ -187,8 +187,10 @@ def excluding(subject: Subject, names: Sequence[str]) -> Subject:
             f"--exclude {', '.join(names)} leaves nothing to {'test on' if training else 'learn from'}: "
             f"{', '.join(training or held_out) or 'none'} would be all."
         )
-    logs = tuple(log for log in subject.logs if log.name not in names)
-    return replace(subject, logs=logs, training=training, held_out=held_out)
+    logs, folder = tuple(log for log in subject.logs if log.name not in names), subject.folder
+    if folder is not None and set(names) <= set(folder.names):  # or they are parts of the only file
+        folder = folder.without(names)
+    return replace(subject, logs=logs, training=training, held_out=held_out, folder=folder)
 
 
 def partition(dataset: Dataset, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

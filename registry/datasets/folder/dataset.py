@@ -1,8 +1,8 @@
 """A user's own recordings: a folder with a `dataset.toml`."""
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
@@ -23,7 +23,7 @@ from registry.datasets.reading.ground import MARGIN, resting
 from registry.datasets.reading.rotations import euler_from_quaternion, euler_rates_from_body, unit_quaternion
 from registry.datasets.reading.tables import ENDINGS, first_row, numbers
 from registry.datasets.signals import channels, recording
-from registry.errors import BenchError
+from registry.errors import BenchError, near
 from registry.physics.rigid_body import RigidBody
 from registry.regular_file import regular
 
@@ -70,6 +70,26 @@ class Folder(Dataset):
         if absent := set(self.only) - {f.name for f in found}:
             raise BenchError(f"{self.path}: its description means no file {min(absent)!r}.")
         return [f for f in found if not self.only or f.name in self.only]
+
+    @property
+    def names(self) -> list[str]:
+        """Of the recordings, one a file."""
+        return [_name(f) for f in self.files]
+
+    def without(self, names: Collection[str]) -> "Folder":
+        """This folder but for the files of these recordings.
+
+        Raises:
+            BenchError: no recording has such a name, or all have.
+        """
+        known = {_name(f): f.name for f in self.files}
+        for name in names:
+            if name not in known:
+                raise BenchError(f"--exclude {name}: no recording has this name: {near(name, known)}")
+        left = tuple(file for name, file in known.items() if name not in names)
+        if not left:
+            raise BenchError(f"--exclude {', '.join(names)} leaves no recording of {self.path}.")
+        return replace(self, only=left)
 
     @property
     def system(self) -> str:  # type: ignore[override]

@@ -34,13 +34,13 @@ def check(recorded: Recorded, carried: bool) -> list[Mistake]:
     return found + (thrust(recorded) if carried else [])
 
 
-def check_folder(folder: str | Path) -> list[Mistake]:
+def check_folder(folder: str | Path | Folder) -> list[Mistake]:
     """`check` of a folder with a dataset.toml.
 
     Raises:
         BenchError: the folder cannot be read.
     """
-    source = Folder(path=str(folder))
+    source = folder if isinstance(folder, Folder) else Folder(path=str(folder))
     return check(of_folder(source), flying(source.system))
 
 
