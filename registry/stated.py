@@ -42,7 +42,7 @@ def needed(kind: type[PhysicsModel], drive: str = "") -> tuple[Parameter, ...]:
         drive: the signal that drives it; "": its own.
     """
     given: dict[str, Any] = {}
-    if drive and any(f.name == "drive" for f in dataclasses.fields(kind)):
+    if drive and kind.chooses_drive():
         given["drive"] = drive
     model = kind(**given)
     before = _rates(model)

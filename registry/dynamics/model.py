@@ -114,6 +114,11 @@ class PhysicsModel(ABC):
         return frozenset(others if cls.__abstractmethods__ else {cls.system_name(), *others})
 
     @classmethod
+    def chooses_drive(cls) -> bool:
+        """Whether its field ``drive`` says which signal drives it; of a class of one's own that may be a constant."""
+        return getattr(cls, "drive", None) in cls.input_signals
+
+    @classmethod
     def lacking(cls) -> str:
         """What a class of one's own must still be given, as a sentence goes on after its name; empty: nothing."""
         return ""

@@ -47,16 +47,16 @@ class StateSpace(PhysicsModel):
     def joints(cls) -> tuple[int, ...]:
         """Of every driving channel the place of the rate that it drives, where each drives one; else none.
 
-        Those are the states that are the rate of another one, as many as channels: by the names of their axes where
-        both have the same, else in the order of the states that they are the rates of.
+        Those are states that are the rate of another one: by the names of their axes where every channel has that of
+        one, else, where they are as many as channels, in the order of the states that they are the rates of.
         """
         rates = [place for place in _rate_of(cls) if place is not None]
         drive = next((cls.signal(name) for name in cls.input_signals), None)
         axes = () if drive is None else drive.axes
-        if not rates or len(axes) != len(rates) or len({cls.state_channels[r].unit for r in rates}) > 1:
-            return ()
         moved = {cls.state_channels[r].axis: r for r in rates}
-        return tuple(moved[a] for a in axes) if set(moved) == set(axes) else tuple(rates)
+        named = bool(axes) and set(axes) <= set(moved)
+        driven = [moved[a] for a in axes] if named else rates if len(axes) == len(rates) else []
+        return tuple(driven) if len({cls.state_channels[r].unit for r in driven}) == 1 else ()
 
     @classmethod
     @override

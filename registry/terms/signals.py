@@ -128,7 +128,8 @@ def _input_unit(kind: type[PhysicsModel], drive: str) -> str:
 def drive_of(model: PhysicsModel) -> tuple[str, int]:
     """Name of the signal that drives a model, and its number of channels."""
     drive = _drive(type(model))
-    return (str(getattr(model, "drive", drive)), model.driving_channels) if drive else ("", 0)
+    chosen = str(getattr(model, "drive", "")) if type(model).chooses_drive() else drive
+    return (chosen, model.driving_channels) if drive else ("", 0)
 
 
 def _drive(kind: type[PhysicsModel]) -> str:

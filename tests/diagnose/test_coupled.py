@@ -15,6 +15,7 @@ from bench.diagnose.result import Diagnosis
 from registry.contracts import Channel, Recording
 from registry.dynamics import PhysicsModel, constant, tensor
 from registry.effects.learned_term import LearnedTerm
+from registry.effects.mechanics.joints import JointDamping, JointFriction
 from registry.physics.state_space import StateSpace
 from registry.units import Signal
 
@@ -210,11 +211,16 @@ def test_a_shaft_that_hardens_follows_its_twist() -> None:
 
 
 def test_friction_is_told_where_the_drive_acts() -> None:
-    _, model = diagnosed(cart, CartPole(), (2.0,), np.array([[3.0, 0.0, 1.0, 0.0]]))
-    terms = functions(model)
-    assert set(terms) == {("push.x", "pace.x")}
-    assert terms["push.x", "pace.x"].shape == "sign_linear"
-    np.testing.assert_allclose(terms["push.x", "pace.x"].values, (-0.5, -0.8), rtol=0.05)
+    answer, model = diagnosed(cart, CartPole(), (2.0,), np.array([[3.0, 0.0, 1.0, 0.0]]))
+    assert {e.id for e in answer.effects} == {"joint_friction", "joint_damping"}
+    friction, damping = (next(e for e in model.effects if isinstance(e, k)) for k in (JointFriction, JointDamping))
+    np.testing.assert_allclose((friction.f_1, damping.f_1), (0.8, 0.5), rtol=0.05)
+
+
+def test_a_joint_without_a_motor_is_no_other_joints() -> None:
+    free = type("Free", (CartPole,), {"signals": {"push": Signal("N", ("belt",))}})
+    assert [CartPole.state_channels[j].name for j in CartPole.joints()] == ["pace.x"]
+    assert free.joints() == ()
 
 
 def test_two_outlets_are_told_by_torricelli() -> None:

@@ -12,6 +12,8 @@ from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.mechanics.stiffness import CubicStiffness
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
+from registry.stated import needed
+from registry.terms.signals import drive_of
 
 CART = """
 from dataclasses import dataclass
@@ -77,6 +79,13 @@ def test_drag_of_a_shaft_has_the_unit_of_a_torque_over_a_squared_rate(tmp_path: 
     shaft = physics_class(f"{tmp_path}/mine.py:Cart")
     assert shaft().effect_unit("kg/m") == "kg m^2/rad"
     assert shaft().effect_unit("N s/m") == "N m s/rad"
+
+
+def test_a_constant_may_be_called_drive(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(CART.replace("gain", "drive"))
+    cart = physics_class(f"{tmp_path}/mine.py:Cart")
+    assert needed(cart, "voltage") == ()
+    assert drive_of(cart()) == ("voltage", 1)
 
 
 @pytest.mark.parametrize(("absent", "says"), [("own_force", "lacks own_force"), ("equation", "lacks equation")])

@@ -198,7 +198,7 @@ def _nominal(problem: Problem) -> PhysicsModel:
     given = {k: _tuples(v) for k, v in problem.physics.items() if k in fields}
     groups = {c.group for c in problem.inputs}
     drive = next((s for s in kind.input_signals if s in groups), None)
-    if drive is not None and "drive" in fields:
+    if drive is not None and kind.chooses_drive():
         given["drive"] = drive
     extras = ("battery",) if "battery" in groups - {drive} else ()
     model: PhysicsModel = kind(**given, input_hold=problem.input_hold, extras=extras)
