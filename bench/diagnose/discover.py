@@ -93,20 +93,13 @@ def _searched(
     for long in (False, True):
         # Traces beside what was found tell what is left in other words, unless an equation was missed altogether.
         told = first.found and first.traces and not any(e.missed for e in first.equations)
-        if told or not any(e.lost for e in first.equations):
+        lost = not told and any(e.lost for e in first.equations)
+        if not lost and (long or first.verdict != "unknown_effect"):
             break
         again = _discovered(Search(subject, catalogue, tick, noise, memory=0, long_windows=long), noise)
-        if again.found and _clearer(again, first):
+        if again.found and again.clearer(first):
             return again
     return first
-
-
-def _clearer(again: Discovery, first: Discovery) -> bool:
-    """Whether a second answer saves an equation that the first one loses, and none is worse, on held-out recordings."""
-    ratios = [
-        b.models["extended"] / a.models["extended"] for a, b in zip(first.equations, again.equations, strict=True)
-    ]
-    return min(ratios) < 1 / MATTERING.lost and max(ratios) <= MATTERING.near
 
 
 def _discovered(search: Search, noise: Noise) -> Discovery:

@@ -53,7 +53,7 @@ def _obscured(c: ObscuredConstant) -> list[str]:
         numbers = listed(f"{named(n)}: about {_plain(n, *x)}" for n, x in c.told.numbers.items())
         said.append(
             f"Given the moments before, the inputs do tell: {numbers}; the squared error of the next "
-            f"{c.told.horizon_s:g} s on recordings not learned from falls by {percent(c.told.saves)} so "
+            f"{c.told.horizon_s:.4g} s on recordings not learned from falls by {percent(c.told.saves)} so "
             f"({percent(c.told.low)} to {percent(c.told.high)}). Free runs do not know these moments, and the model "
             "that was fitted for them keeps the other number."
         )

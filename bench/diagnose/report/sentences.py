@@ -374,5 +374,5 @@ def falls(diagnosis: Diagnosis) -> list[Fall]:
         errors = [math.nan if e is None else e.rmse * factor for e in found]
         by_model = dict(zip(LINES, errors, strict=True))
         after = "extended" if diagnosis.effects else "calibrated"
-        out.append(Fall(group, f"{first.horizon_s:g} s", unit, by_model, after))
+        out.append(Fall(group, f"{first.horizon_s:.4g} s", unit, by_model, after))
     return out

@@ -111,6 +111,19 @@ class Discovery(Displayed):
         left = [f"{t.axis} follows {t.signal}" for t in self.traces]
         return f"{self.verdict}: {', '.join([f.id for f in self.found] or left) or 'no effect is missing'}"
 
+    def clearer(self, other: "Discovery") -> bool:
+        """Whether it is to be believed in place of another one, by errors on held-out recordings.
+
+        It saves an equation that the other one loses, and none is worse; or it names what the other one chose and then
+        took for an imitation, and every equation is better. Whitened rows are mostly what a controller answers where
+        that works against something light: its inertia grows, and what resists looks small beside all that is left.
+        """
+        pairs = zip(self.equations, other.equations, strict=True)
+        ratios = [mine.models["extended"] / max(its.models["extended"], 1e-300) for mine, its in pairs]
+        if not other.found and {f.id for f in self.found} <= set(other.confounders):
+            return max(ratios) < 1 / MATTERING.near
+        return min(ratios) < 1 / MATTERING.lost and max(ratios) <= MATTERING.near
+
     def to_frame(self) -> pd.DataFrame:
         """The effects found, one row a parameter.
 
