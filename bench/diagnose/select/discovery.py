@@ -115,13 +115,14 @@ class Discovery(Displayed):
         """Whether it is to be believed in place of another one, by errors on held-out recordings.
 
         It saves an equation that the other one loses, and none is worse; or it names what the other one chose and then
-        took for an imitation, and every equation is better. Whitened rows are mostly what a controller answers where
-        that works against something light: its inertia grows, and what resists looks small beside all that is left.
+        took for an imitation, every equation is better and none is lost. Whitened rows are mostly what a controller
+        answers where that works against something light: its inertia grows, and what resists looks small.
         """
         pairs = zip(self.equations, other.equations, strict=True)
         ratios = [mine.models["extended"] / max(its.models["extended"], 1e-300) for mine, its in pairs]
-        if not other.found and {f.id for f in self.found} <= set(other.confounders):
-            return max(ratios) < 1 / MATTERING.near
+        sought = not other.found and {f.id for f in self.found} <= set(other.confounders)
+        if sought and max(ratios) < 1 / MATTERING.near and not any(e.lost for e in self.equations):
+            return True
         return min(ratios) < 1 / MATTERING.lost and max(ratios) <= MATTERING.near
 
     def to_frame(self) -> pd.DataFrame:
