@@ -44,7 +44,7 @@ def fly(
     Args:
         rng: draws the noise of the pilot's gyroscope.
         body: what really flies.
-        craft: what the pilot was tuned with.
+        craft: what the pilot was tuned with, beside the rotors' inertia, without which yaw would not be flown.
         motors: between commands and rotor speeds.
         period: between the pilot's ticks, whole steps [s].
         wanted: rows as `paths.path` gives them.
@@ -52,7 +52,9 @@ def fly(
     """
     steps, flights = wanted.shape[1] - 1, wanted.shape[2]
     every, skipped, late = round(period / DT), round(BEFORE / DT), round(motors.delay / DT)
-    pilot = Pilot(craft, gains(motors.slowest, period), period, flights)
+    inertia = body.effects.get("rotor_reaction_torque", {}).get("rotor_inertia", 0.0)
+    lead = inertia / (2 * craft.drag * craft.hover)
+    pilot = Pilot(craft, gains(motors.slowest, period, lead), period, flights)
     state = np.zeros((body.size, flights))
     state[0:3] = wanted[0:3, 0]
     state[6], state[9] = np.cos(wanted[9, 0] / 2), np.sin(wanted[9, 0] / 2)

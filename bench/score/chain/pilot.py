@@ -25,10 +25,19 @@ class Gains:
     """Of the vertical velocity: thrust needs no turn of the body."""
     height: float
     yaw: float
+    turning: float
+    """Of the rate of yaw."""
 
 
-def gains(lag: float, period: float) -> Gains:
-    """What motors of time constant ``lag`` and a controller of ``period`` bear with a margin [s]."""
+def gains(lag: float, period: float, lead: float = 0.0) -> Gains:
+    """What motors of time constant ``lag`` and a controller of ``period`` bear with a margin [s].
+
+    Args:
+        lag: of the motors [s].
+        period: of the controller [s].
+        lead: of the torque in yaw, which the rotors' own reaction is ahead of their drag, J_r / (2 k_m ω) [s]. A loop
+            that was tuned without it swings between the ends of what motors can do.
+    """
     rate = min(1 / (1.6 * (lag + 1.2 * period)), 28.0)
     attitude = rate / 2.4
     return Gains(
@@ -38,7 +47,8 @@ def gains(lag: float, period: float) -> Gains:
         position=attitude / 6,
         climb=rate / 3,
         height=rate / 9,
-        yaw=attitude / 3,
+        yaw=attitude / 3 / (1 + lead * rate),
+        turning=0.6 * rate / (1 + lead * rate),
     )
 
 
@@ -62,12 +72,13 @@ class Pilot:
         self.greatest = craft.power * craft.mass * GRAVITY / 4
         self.place = np.array([[tuned.position], [tuned.position], [tuned.height]])
         self.pace = np.array([[tuned.velocity], [tuned.velocity], [tuned.climb]])
+        self.turning = np.array([[tuned.rate], [tuned.rate], [tuned.turning]])
+        self.trimming = 0.8 * self.turning / np.array([[1], [1], [0.6]])
         self.drift = np.zeros((3, flights))
         self.trim = np.zeros((3, flights))
 
     def command(self, state: Array, felt: Array, wanted: Array) -> Array:
         """Rotor speeds (4, B) [rad/s] for a state, body rates as ``felt`` (3, B) and ``wanted`` (11, B)."""
-        k = self.tuned
         slip = wanted[3:6] + self.place * (wanted[0:3] - state[P]) - state[V]
         self.drift = np.clip(self.drift + 0.3 * self.pace * self.period * slip, -4, 4)
         push = wanted[6:9] + self.pace * slip + self.drift
@@ -79,9 +90,8 @@ class Pilot:
         lift = self.craft.mass * push[2] / np.maximum(turn[2, 2], 0.4)
         turning = self._turning(turn, push, wanted)
         error = turning - felt
-        self.trim = np.clip(self.trim + 0.8 * k.rate * self.period * error, -25, 25)
-        gain = np.array([[k.rate], [k.rate], [0.6 * k.rate]])
-        torque = self.inertia * (gain * error + self.trim)
+        self.trim = np.clip(self.trim + self.trimming * self.period * error, -25, 25)
+        torque = self.inertia * (self.turning * error + self.trim)
         torque += cross(felt, self.inertia * felt)
         thrust = self._mixed(lift, torque)
         return np.asarray(np.sqrt(thrust / self.craft.thrust))
