@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from bench.analysis.stats import compare, interval, uneven_gain
+from bench.analysis.stats import compare, interval, relative_gain, uneven_gain
 
 EFFECT = 0.8
 
@@ -117,6 +117,16 @@ def test_gains_of_a_few_manoeuvres_are_uneven_and_sure():
     assert by_scipy.pvalue == pytest.approx(0.05, abs=1 / 256)
     assert uneven_gain(gains - 1.4) < 0, "most blocks lose"
     assert uneven_gain(gains[:5]) == -np.inf, "no five signs are rare enough"
+
+
+def test_blocks_that_all_save_their_share_are_sure_though_one_has_nearly_all():
+    before = np.array([100.0, 1.0, 1.5, 0.8, 1.2, 0.9])
+    share = np.array([0.8, 0.2, 0.25, 0.3, 0.2, 0.15])
+    low = relative_gain(before, before * (1 - share), 2.0)
+    assert 0 < low < share.mean()
+    assert low == relative_gain(7 * before, 7 * before * (1 - share), 2.0)
+    assert relative_gain(before, before * (1 + np.array([-0.8, 0.1, 0.1, 0.1, 0.1, 0.1])), 2.0) < 0, "most blocks lose"
+    assert relative_gain(before[:2], before[:2] / 2, 2.0) == -np.inf
 
 
 @pytest.mark.parametrize("count", [8, 16])

@@ -31,6 +31,23 @@ def interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, 
     return float(x.mean() - half), float(x.mean() + half)
 
 
+def relative_gain(before: np.ndarray, after: np.ndarray, sure: float) -> float:
+    """Lower end of the share of an error that blocks (B,) save, each counted alike; of fewer than three minus infinity.
+
+    Errors of blocks go over decades where few of them hold a manoeuvre; their ratios do not, and are compared by their
+    logarithms.
+
+    Args:
+        before: (B,) squared errors of independent blocks.
+        after: (B,) with what is to save them.
+        sure: half of the interval, in standard errors.
+    """
+    if len(before) < 3:
+        return -math.inf
+    ratios = np.log(np.maximum(before, 1e-300) / np.maximum(after, 1e-300))
+    return 1 - math.exp(sure * float(ratios.std(ddof=1)) / len(ratios) ** 0.5 - float(ratios.mean()))
+
+
 def uneven_gain(gains: np.ndarray, confidence: float = 0.95) -> float:
     """Lower end of the interval of a mean gain, for gains that are as uneven as they are sure.
 

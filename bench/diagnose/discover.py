@@ -2,36 +2,26 @@
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.linearise import Candidate
-from bench.diagnose.regression.parameters import effect_entries, with_values
-from bench.diagnose.select.choose import accepted, compared, select_across_views
-from bench.diagnose.select.discovery import Discovery, Found, faint_traces, needs_first, trifle
+from bench.diagnose.select.choose import compared, select_across_views
+from bench.diagnose.select.discovery import Discovery, Found, faint_traces, needs_first
 from bench.diagnose.select.given_past import revealed
 from bench.diagnose.select.input_timing import mistimed, prepared, retimed
-from bench.diagnose.select.materiality import Saving, Weighing
+from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.release import contradicted
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.simulated import by_simulation
 from bench.diagnose.select.step import advanced, next_step, settled, without
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.tie import rivals
-from bench.diagnose.select.verify import (
-    at_bound,
-    estimates,
-    least_imitation,
-    left_over,
-    ratios,
-)
+from bench.diagnose.select.verify import estimates, least_imitation, left_over, ratios
+from bench.diagnose.select.worthy import Choice, rival_that_saves, saved, worth_naming
 from bench.diagnose.settings import DISCOVERING, MATTERING, VERIFYING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Dataset
@@ -114,13 +104,16 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
     search.tick("weigh")
     _, calibrated = settled(search, bare, first)
     weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
-    worthy, remarks, contradicted_effects = _worthy(search, view, weighing)
+    worthy, remarks, contradicted_effects = worth_naming(search, view, weighing)
+    if weighing is not None and (other := rival_that_saves(view, weighing, worthy)) is not None:
+        view = _viewed(search, other, (), view.explained)
+        worthy, remarks, contradicted_effects = worth_naming(search, view, weighing)
     hidden_constants = revealed(search, view, worthy.fit, worthy.model, stated, weighing)
     named, confounders = _understood(view, worthy, len(subject.model.effects), hidden_constants)
     chosen, sought = worthy, [_names(view)[i] for i in (*named, *confounders)]
     if confounders:  # what was worth a term beside an imitation may save nothing without it
         view = _relinearised(search, view, {*worthy.dropped, *confounders})
-        chosen, *_ = _worthy(search, view, weighing)
+        chosen, *_ = worth_naming(search, view, weighing)
         named = [i for i in range(len(subject.model.effects), len(_names(view))) if i not in chosen.dropped]
     found = _found(weighing, chosen, named, worthy.model, sure=not confounders)
     errors = () if weighing is None else weighing.errors(chosen.model)
@@ -149,42 +142,6 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Choice:
-    """The last view's model without some of its effects, fitted."""
-
-    search: Search
-    view: View
-    dropped: tuple[int, ...] = ()
-    """Places of effects in the view's model."""
-
-    @cached_property
-    def fit(self) -> Fit:
-        """Its numbers."""
-        return self.view.subsets.fit(drop=self.dropped)
-
-    @cached_property
-    def model(self) -> PhysicsModel:
-        """With these numbers."""
-        return advanced(self.search, self.view, self.fit).model
-
-    def less(self, place: int) -> PhysicsModel:
-        """The model less the effect in one more place."""
-        return advanced(self.search, self.view, self.view.subsets.fit(drop=[*self.dropped, place])).model
-
-    def faded(self, place: int) -> PhysicsModel:
-        """The model with half of the effect in this place, all other numbers as they are."""
-        kind = type(self.view.linear.model.effects[place])
-        (at,) = (i for i, e in enumerate(self.model.effects) if type(e) is kind)
-        numbers = effect_entries(self.model.effects[at], at)
-        return with_values(self.model, numbers, np.array([(e.value + e.neutral) / 2 for e in numbers]))
-
-    def exchanged(self, place: int, start: Candidate) -> PhysicsModel:
-        """The model with another effect in place of one, fitted until its numbers move no more, as those here do."""
-        fit = self.view.subsets.fit([start], drop=[*self.dropped, place])
-        return settled(self.search, advanced(self.search, self.view, fit).model, self.view)[1]
-
-
 def _first(search: Search, model: PhysicsModel) -> tuple[View, Fit, list[list[Fit]]]:
     """The first choice of effects beside a model's, with stated constants let go where recordings contradict them."""
     views = search.views(search.look(model))
@@ -196,7 +153,7 @@ def _first(search: Search, model: PhysicsModel) -> tuple[View, Fit, list[list[Fi
 
 
 def _found(
-    weighing: Weighing | None, chosen: _Choice, named: Sequence[int], extended: PhysicsModel, sure: bool
+    weighing: Weighing | None, chosen: Choice, named: Sequence[int], extended: PhysicsModel, sure: bool
 ) -> tuple[Found, ...]:
     """The effects in these places of the view's model, those that save most first.
 
@@ -217,7 +174,7 @@ def _found(
             estimates=tuple(x for x in numbers if x.entry.owner == i),
             gain=view.subsets.fit(drop=[*chosen.dropped, i]).misfit - chosen.fit.misfit,
             rivals=_rivals(view, weighing, chosen, i, extended) if sure else (),
-            savings=_saved(weighing, chosen, i, extended),
+            savings=saved(weighing, chosen, i, extended),
         )
         for i in named
     ]
@@ -301,50 +258,8 @@ def _viewed(search: Search, model: PhysicsModel, only: Collection[str], explaine
     return min(search.views(search.look(model, only), explained), key=lambda v: v.subsets.fit().prior)
 
 
-def _worthy(search: Search, view: View, weighing: Weighing | None) -> tuple[_Choice, tuple[str, ...], tuple[str, ...]]:
-    """The effects that a model was found to lack which are sure and worth a term; remarks on those that are not.
-
-    The one that saves least goes first: two that share what they explain would both seem idle.
-
-    Returns:
-        The choice, the remarks, and the effects that held-out recordings contradict though the others are sure of them.
-    """
-    subsets, numbers = view.subsets, estimates(view, view.subsets.fit())
-    places = range(len(search.subject.model.effects), len(view.linear.model.effects))
-    dropped = {i for i in places if at_bound(numbers, i)}
-    remarks: list[str] = []
-    contradicted_effects: list[str] = []
-    while True:
-        gone = view.linear.removed(sorted(dropped))[0]
-        chosen = _Choice(search, view, tuple(sorted(gone)))
-        left = [i for i in places if i not in gone]
-        unsure = [i for i in left if not accepted(view, subsets.fit(drop=[*gone, i]), chosen.fit, drop=[*gone, i])]
-        if weighing is None:
-            if not unsure:
-                return chosen, (), ()
-            dropped.add(unsure[0])
-            continue
-        savings = {i: _saved(weighing, chosen, i, chosen.model) for i in left}
-        idle = [i for i in left if i in unsure or _worse(savings[i]) or not any(s.worth for s in savings[i])]
-        if not idle:
-            return chosen, tuple(remarks), tuple(contradicted_effects)
-        least = min(idle, key=lambda i: max((s.share for s in savings[i]), default=0.0))
-        dropped.add(least)
-        if least not in unsure:
-            name = EFFECTS.name_of(type(view.linear.model.effects[least]))
-            if _worse(savings[least]):
-                contradicted_effects.append(name)
-            else:
-                remarks.append(trifle(name, savings[least]))
-
-
-def _worse(savings: Sequence[Saving]) -> bool:
-    """Whether an effect makes held-out recordings worse for sure, in every equation, or loses one of them."""
-    return bool(savings) and (all(s.high < 0 for s in savings) or any(s.harms for s in savings))
-
-
 def _understood(
-    view: View, worthy: _Choice, known: int, hidden: Sequence[ObscuredConstant] = ()
+    view: View, worthy: Choice, known: int, hidden: Sequence[ObscuredConstant] = ()
 ) -> tuple[list[int], list[int]]:
     """Places of the effects that are what they seem, and of those that only imitate something else.
 
@@ -371,16 +286,8 @@ def _understood(
         gone |= view.linear.removed([least])[0]
 
 
-def _saved(weighing: Weighing | None, chosen: _Choice, place: int, extended: PhysicsModel) -> tuple[Saving, ...]:
-    """What the effect in this place saves on held-out recordings, the rest fitted anew without it."""
-    if weighing is None:
-        return ()
-    acts_on = weighing.channels_moved(chosen.faded(place), chosen.model)
-    return weighing.savings(chosen.less(place), chosen.model, extended, acts_on)
-
-
 def _rivals(
-    view: View, weighing: Weighing | None, chosen: _Choice, place: int, extended: PhysicsModel
+    view: View, weighing: Weighing | None, chosen: Choice, place: int, extended: PhysicsModel
 ) -> tuple[str, ...]:
     """Effects that explain the recordings as well as the one in this place, those held out too."""
     candidates = rivals(view, place)

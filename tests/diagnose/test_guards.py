@@ -17,7 +17,7 @@ from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select import verify
 from bench.diagnose.select.choose import accepted, choose, select_across_views
 from bench.diagnose.select.discovery import needs_first, supported, trifle
-from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.search import Search, View, _acting
 from bench.diagnose.select.step import advanced
 from bench.diagnose.select.subset import Subsets, t_value
 from bench.diagnose.select.tie import rivals
@@ -44,7 +44,8 @@ def view_of(residual: np.ndarray, **effects: np.ndarray) -> View:
         for i, name in enumerate(effects)
     )
     nothing = np.empty(0)
-    linear = Linearization(None, None, (mass,), starts, nothing, nothing, (), (), (), ())  # type: ignore[arg-type]
+    model = SimpleNamespace(effects=())
+    linear = Linearization(model, None, (mass,), starts, nothing, nothing, (), (), (), ())  # type: ignore[arg-type]
     channel = np.arange(rows.shape[-1]), rows.reshape(-1, rows.shape[-1]).T
     normal = Normal((channel,), rows.shape[-1], np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
     return View(linear, (), Subsets(linear, normal), (), (), 0.0, frozenset(), ())
@@ -155,6 +156,41 @@ def test_a_constant_of_which_a_recording_says_little_does_not_make_a_trace() -> 
     assert verify.left_over(view)[1] < 0.01 * view.floor
 
 
+def test_a_number_of_an_effect_of_which_recordings_say_nothing_does_not_make_a_trace() -> None:
+    """Noise that was taken off leaves little of what three recordings say of it; no prior holds it, and it ran away."""
+    rng = np.random.default_rng(0)
+    effect, residual = rng.normal(size=(2, 4, ROWS))
+    effect[:3] *= 0.01
+    residual[:3] += 20 * effect[:3]  # a chance of three standard errors
+    term = np.concatenate([effect[:3], rng.normal(size=(1, ROWS))])
+    rows = np.stack([effect, np.zeros_like(effect), term, residual], axis=-1)
+    grams = np.einsum("fri,frj->fij", rows, rows)
+    grams[np.ix_(range(3), (0, 2), (0, 2))] *= 0.1
+    own = (Entry(0, "k", None, "1", 0.0, 1.0, -np.inf, np.inf),)
+    model, nothing = SimpleNamespace(effects=(CogOffset(),)), np.empty(0)
+    linear = Linearization(model, None, own, (), nothing, np.empty((2, 0)), (), (1,), (frozenset(),), ({},))  # type: ignore[arg-type]
+    normal = Normal(((np.arange(4), rows.reshape(-1, 4).T),), 4, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS // 10))
+    view = view_of(residual[:1].repeat(BLOCKS, 0), drag=residual[:1].repeat(BLOCKS, 0))
+    products = SimpleNamespace(made=lambda: tuple(grams))
+    said = Term("speed", "v", "force x")
+    view = replace(view, linear=linear, subsets=Subsets(linear, normal), dictionary=(said,), products=products)
+    view = replace(view, reach=(frozenset({0}),))
+    assert verify.left_over(view)[1] < 0.01 * view.floor
+
+
+@pytest.mark.parametrize(("moves", "lets_in", "acts"), [(1.0, 0.1, True), (0.0, 0.1, False), (1.0, 2.0, False)])
+def test_what_moves_the_vehicle_is_no_noise_of_the_inputs(moves: float, lets_in: float, acts: bool) -> None:
+    """A controller with a noisy sensor makes inputs as lively as noise; what they do, no noise of them could explain.
+
+    Unless the model's own numbers let so much noise of them in that it could.
+    """
+    x, left = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))
+    view = view_of(moves * x + left, drag=x)
+    noise = np.zeros((1, 3, 3))
+    noise[0, 1, 1], noise[0, 2, 2] = 0.8 * x.size, lets_in * x.size
+    assert _acting(view.subsets, {1}, noise, np.ones((1, 3))) == ({1} if acts else set())
+
+
 def test_noise_that_buries_a_constant_is_not_followed_in_its_place() -> None:
     """A regression takes such a constant far too small: it gives way, and is no trace of something missing."""
     rng = np.random.default_rng(0)
@@ -168,23 +204,50 @@ def test_noise_that_buries_a_constant_is_not_followed_in_its_place() -> None:
     view = replace(
         view, linear=linear, dictionary=(said,), products=SimpleNamespace(made=lambda: grams), reach=(frozenset({0}),)
     )
+    normal = Normal(((np.arange(4), rows.reshape(-1, 4).T),), 4, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS // 10))
+    view = replace(view, subsets=Subsets(linear, normal))
     assert [t.signal for t in verify.left_over(view)[0]] == ["input"]
-    buried = Subsets(linear, view.subsets.normal, {0})
+    buried = Subsets(linear, normal, {0})
     assert verify.left_over(replace(view, subsets=buried))[1] < 1e-3 * view.floor
+
+
+def beside(others: float, residual: np.ndarray, drag: np.ndarray) -> View:
+    """A view of a model that has an effect already, in the same channel, which explains ``others`` times the noise."""
+    known = others**0.5 * np.random.default_rng(2).normal(size=residual.shape)
+    view = view_of(residual, drag=drag)
+    own = (Entry(0, "k_own", None, "1", 1.0, 1.0, -np.inf, np.inf),)
+    (drag_start,) = view.subsets.starts
+    starts = (replace(drag_start, columns=(2,)),)
+    model, nothing = SimpleNamespace(effects=(CogOffset(),)), np.empty(0)
+    linear = Linearization(model, None, own, starts, nothing, nothing, (), (1,), (frozenset(),), ({},))  # type: ignore[arg-type]
+    rows = np.stack([known, -known, drag, residual]).reshape(4, -1)
+    normal = Normal(((np.arange(4), rows),), 4, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
+    return replace(view, linear=linear, subsets=Subsets(linear, normal))
 
 
 @pytest.mark.parametrize(("others", "named"), [(0.0, True), (1e5, True), (1e5, False)])
 def test_what_clears_all_that_is_left_is_relevant_however_much_others_explain(others: float, named: bool) -> None:
     x, other, noise = np.random.default_rng(0).normal(size=(3, BLOCKS, ROWS))
     rest = 0.0 if named else 3.0  # times the noise, which the effect does not explain
-    view = replace(view_of(2**0.5 * x + rest**0.5 * other + noise, drag=x), explained=others * BLOCKS * ROWS)
+    view = beside(others, 2**0.5 * x + rest**0.5 * other + noise, drag=x)
     assert accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts)) is named
+
+
+def test_what_another_equation_explains_makes_nothing_a_trifle() -> None:
+    """A drag explains 10⁵ times the noise of forces, a gyroscope as much as the noise of torques."""
+    x, left, forces = np.random.default_rng(0).normal(size=(3, BLOCKS, ROWS))
+    view, still = beside(1e5, forces, drag=x), np.zeros(x.size)
+    force = np.stack([1e5**0.5 * forces.ravel()[::-1], -(1e5**0.5) * forces.ravel()[::-1], still, forces.ravel()])
+    torque = np.stack([still, still, x.ravel(), (x + left).ravel()])
+    normal = Normal(((np.arange(4), force), (np.arange(4), torque)), 4, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
+    view = replace(view, subsets=Subsets(view.linear, normal))
+    assert accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts))
 
 
 def test_nothing_is_cleared_where_more_was_taken_off_than_there_was_of_noise() -> None:
     x, noise = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))
-    view = replace(view_of(2**0.5 * x + noise, drag=x), explained=1e5 * BLOCKS * ROWS)
-    view.subsets.normal = view.subsets.normal.less(np.diag([0.0, 0.0, 4.0])[None])
+    view = beside(1e5, 2**0.5 * x + noise, drag=x)
+    view.subsets.normal = view.subsets.normal.less(np.diag([0.0, 0.0, 0.0, 4.0])[None])
     assert not accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts))
 
 

@@ -9,8 +9,10 @@ import pytest
 from simulated_fleet import CUBIC, DRAG, vehicle
 
 from bench.diagnose import diagnose, discover, load
-from bench.diagnose.select.discovery import trifle
+from bench.diagnose.select import materiality, worthy
+from bench.diagnose.select.discovery import Discovery, trifle
 from bench.diagnose.select.materiality import EquationError, Saving, Weighing
+from bench.diagnose.select.worthy import rival_that_saves, saved
 from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.mechanics.hysteresis import BoucWen
 from registry.physics.oscillator import Oscillator
@@ -81,6 +83,69 @@ def test_what_one_axis_gains_counts_where_the_others_do_not_pay_for_it(roll: flo
     told = Weighing.savings(weighing, "without", "full", "full")
     assert [s.axis for s in told] == (["", "torque x"] if paid else [""])
     assert any(s.worth for s in told) is paid
+
+
+@pytest.mark.parametrize(("ratio", "low", "refuted"), [(0.55, 5e-4, True), (0.9, 5e-4, False), (0.55, -1e-4, False)])
+def test_a_rival_that_loses_an_equation_is_none_however_little_that_is_of_everything(
+    ratio: float, low: float, refuted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside unequal rotors a shifted centre of gravity explained 99.9 % of the torques, and left twice the error."""
+    monkeypatch.setattr(materiality, "noise_increments", lambda model, held, noise: "noise")
+    saving = Saving("torques", 0.5, 0.001, low, 0.0015, matters=True, ratio=ratio)
+    weighing = SimpleNamespace(
+        savings=lambda other, full, extended: [saving],
+        increments=lambda model: model,
+        held=None,
+        noise=None,
+        _at=lambda place, left: (np.full(8, 1.0 if left == "noise" else 4.0), None),
+    )
+    assert Weighing.refutes(weighing, "other", "full", "full") is refuted
+
+
+@pytest.mark.parametrize(
+    ("full", "noisy", "told"), [(0.2, True, 0.2), (-0.3, True, 0.1), (-0.3, False, -0.3)], ids=["full", "half", "worse"]
+)
+def test_what_lets_noise_of_the_inputs_in_is_judged_by_half_of_it_too(full: float, noisy: bool, told: float) -> None:
+    """The rotors' reaction was found with the noise of their speeds taken off; forecasts have this noise, and erred."""
+
+    def savings(less: str, model: str, extended: str, channels: object) -> tuple[Saving, ...]:
+        share = {"full": full, "half": 0.1}[model]
+        return (Saving("torques", 0.5, share, share - 0.02, share + 0.02, matters=True),)
+
+    weighing = SimpleNamespace(
+        savings=savings, channels_moved=lambda before, after: None, noisier=lambda less, model: noisy
+    )
+    chosen = SimpleNamespace(model="full", less=lambda place: "less", faded=lambda place: "half")
+    assert [s.share for s in saved(weighing, chosen, 0, "full")] == [told]
+
+
+def test_a_rival_that_surely_saves_more_takes_the_place_of_an_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Asked of the effects that are kept; the first of their rivals that held-out recordings are sure of is taken."""
+    monkeypatch.setattr(worthy, "rivals", lambda view, place: {"alike": f"alike {place}", "better": f"better {place}"})
+    view = SimpleNamespace(linear=SimpleNamespace(model=SimpleNamespace(effects=("known", "dropped", "kept"))))
+    chosen = SimpleNamespace(model="model", dropped=(1,), exchanged=lambda place, start: start)
+    for better, taken in (("better", "better 2"), ("none", None)):
+        weighing = SimpleNamespace(
+            subject=SimpleNamespace(model=SimpleNamespace(effects=("known",))),
+            refutes=lambda other, full, extended, better=better: other == "model" and full.startswith(better),
+        )
+        assert rival_that_saves(view, weighing, chosen) == taken
+
+
+@pytest.mark.parametrize(
+    ("errors", "believed"),
+    [((0.05, 1.07), True), ((0.6, 0.99), True), ((0.7, 0.9), False), ((0.5, 1.6), False), ((0.6, 1.4), False)],
+)
+def test_a_second_answer_is_believed_that_saves_an_equation_and_loses_none(
+    errors: tuple[float, ...], believed: bool
+) -> None:
+    """Drag took forces from .066 to .005 m/s and was not believed: torques that nobody understood erred 7 % more."""
+
+    def answer(*errors: float) -> SimpleNamespace:
+        equations = [SimpleNamespace(models={"extended": e}, lost=True) for e in errors]
+        return SimpleNamespace(equations=equations, found=("an effect",), confounders=())
+
+    assert Discovery.clearer(answer(*errors), answer(1.0, 1.0)) is believed
 
 
 def test_a_trifle_is_told_of_the_equation_in_which_it_is_sure():

@@ -247,3 +247,16 @@ def _left(channel: tuple[np.ndarray, np.ndarray], vector: np.ndarray) -> np.ndar
     used = np.flatnonzero(vector[acting])
     out: np.ndarray = vector[acting[used]] @ rows[used]
     return out
+
+
+def ridge_losses(grams: Sequence[np.ndarray], shrinkage: float, axes: int) -> np.ndarray:
+    """Squares (axes,) of the last columns that the others leave, each fold's by a fit to the others."""
+    whole, losses = np.asarray(sum(grams)), np.zeros(axes)
+    for gram in grams:
+        rest = whole - gram
+        inner = rest[:-axes, :-axes]
+        strength = max(shrinkage * np.trace(inner) / len(inner), 1e-300)
+        beta = np.linalg.solve(inner + strength * np.eye(len(inner)), rest[:-axes, -axes:])
+        vectors = np.concatenate([-beta, np.eye(axes)])
+        losses += ((gram @ vectors) * vectors).sum(0)
+    return losses

@@ -118,10 +118,10 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
         return True  # constants that would otherwise lie far outside what is known of them
     if price <= 0 and gained > 0:
         return True
-    everything = max(view.explained, view.subsets.fit().misfit - view.floor)
     left = smaller.misfit - view.floor
     clears = left > view.floor and gained > CHOOSING.clearing * left
-    if gained < CHOOSING.visible * view.floor or (gained < CHOOSING.relevant * everything and not clears):
+    gains = (subsets.losses(smaller) - subsets.losses(larger)).sum(0)
+    if gained < CHOOSING.visible * view.floor or not (clears or (gains > _trifle(view)).any()):
         return False
     saved = (subsets.held_out(smaller.starts, drop=drop) - subsets.held_out(larger.starts)).sum(1)
     # A large effect acts where the manoeuvre is, so its gains are as uneven as they are sure: their logarithm is not.
@@ -134,6 +134,18 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
         return bool(saved.sum() > 0)
     plain = gained > CHOOSING.plain * view.floor
     return plain and (sure > CHOOSING.sure or uneven_gain(saved) > 0)
+
+
+def _trifle(view: View) -> np.ndarray:
+    """The gain (channels,) from which one is relevant beside all that any effect explains in the same channel.
+
+    Beside a large drag what an effect adds to the torques is a small share of everything, and may be all that is
+    explained there.
+    """
+    subsets = view.subsets
+    bare = subsets.losses(subsets.fit(drop=range(len(view.linear.model.effects)))).sum(0)
+    noise = view.floor / len(bare)
+    return np.maximum(CHOOSING.relevant * (bare - noise), CHOOSING.visible * noise)
 
 
 def select_across_views(views: Sequence[View]) -> tuple[View, Fit, list[list[Fit]]]:

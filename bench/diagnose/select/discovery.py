@@ -1,5 +1,6 @@
 """What a search for missing effects has learnt."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -114,8 +115,9 @@ class Discovery(Displayed):
     def clearer(self, other: "Discovery") -> bool:
         """Whether it is to be believed in place of another one, by errors on held-out recordings.
 
-        It saves an equation that the other one loses, and none is worse; or it names what the other one chose and then
-        took for an imitation, every equation is better and none is lost. Whitened rows are mostly what a controller
+        It saves an equation that the other one loses, and loses none, for what nobody understands errs a little more or
+        less in any answer; or it names what the other one chose and then took for an imitation, every equation is
+        better and none is lost. Whitened rows are mostly what a controller
         answers where that works against something light: its inertia grows, and what resists looks small.
         """
         pairs = zip(self.equations, other.equations, strict=True)
@@ -123,7 +125,8 @@ class Discovery(Displayed):
         sought = not other.found and {f.id for f in self.found} <= set(other.confounders)
         if sought and max(ratios) < 1 / MATTERING.near and not any(e.lost for e in self.equations):
             return True
-        return min(ratios) < 1 / MATTERING.lost and max(ratios) <= MATTERING.near
+        saved = 1 / MATTERING.lost
+        return min(ratios) < saved and math.prod(ratios) < saved and max(ratios) < MATTERING.lost
 
     def to_frame(self) -> pd.DataFrame:
         """The effects found, one row a parameter.

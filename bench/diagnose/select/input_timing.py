@@ -295,7 +295,8 @@ class _Regression:
         scores = normal.scores(range(len(beta)), beta)
         scores -= scores.mean(0)
         spread = inverse @ (scores.T @ scores) @ inverse
-        error = np.sqrt(np.maximum(np.diag(spread), np.diag(inverse)))
+        variance = np.maximum(np.diag(spread), np.diag(inverse))
+        error = np.sqrt(np.where(variance > 0, variance, np.inf))  # what rows tell beyond noise may be nothing
         first, step, spread_of = len(self.linear.columns), np.zeros(3), np.zeros(3)
         step[self.shifted], spread_of[self.shifted] = beta[first:], error[first:]
         return step, spread_of

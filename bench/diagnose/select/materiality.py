@@ -12,13 +12,13 @@ from functools import cached_property
 
 import numpy as np
 
-from bench.analysis.stats import uneven_gain
+from bench.analysis.stats import relative_gain, uneven_gain
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.columns import moves
 from bench.diagnose.regression.generic import Dictionary, Folds, dictionary, follow
-from bench.diagnose.regression.least_squares import ridge
+from bench.diagnose.regression.least_squares import ridge, ridge_losses
 from bench.diagnose.regression.weak import LogBatch, mean_rates, measured
 from bench.diagnose.settings import FOLDING, MATTERING
 from bench.diagnose.simulate.teacher_forced import (
@@ -110,16 +110,19 @@ class Saving:
         return self.ratio > MATTERING.lost and self.high < 0
 
     @property
+    def rescues(self) -> bool:
+        """Whether the equation would be lost without it, for sure, however little that is of all that was missing."""
+        return self.ratio < 1 / MATTERING.lost and self.low > 0
+
+    @property
     def worth(self) -> bool:
         """Whether it is large enough, and sure: by its share of all, or as what keeps an equation from being lost.
 
         Beside a much larger effect the second one is a small share of the squared error, and most of what the first one
         leaves. Then the error itself counts: its rise without the effect, of what can be explained.
         """
-        rise = 0.0
-        if self.ratio < 1 / MATTERING.lost:
-            rise = (max(self.share, 0.0) * (1 - self.ratio) / (1 + self.ratio)) ** 0.5
-        return self.matters and self.low > 0 and (self.share >= MATTERING.share or rise >= MATTERING.share)
+        rise = (max(self.share, 0.0) * (1 - self.ratio) / (1 + self.ratio)) ** 0.5 if self.rescues else 0.0
+        return self.matters and self.low > 0 and max(self.share, rise) >= MATTERING.share
 
 
 class Weighing:
@@ -233,7 +236,9 @@ class Weighing:
             spread = float(gains.std(ddof=1)) / len(gains) ** 0.5 if len(gains) > 1 else np.inf
             low, high = ((mean + side * MATTERING.sure * spread) / error.scale for side in (-1, 1))
             if low <= 0 < mean:
-                low = max(low, uneven_gain(gains) / error.scale)
+                by_block = [np.bincount(block, squares) for squares in (before, after)]
+                steady = relative_gain(by_block[0], by_block[1], MATTERING.sure) * float(before.mean())
+                low = max(low, uneven_gain(gains) / error.scale, steady / error.scale)
             ratio = float(after.mean() / max(before.mean(), 1e-300)) ** 0.5
             share = mean / error.scale
             saving = Saving(
@@ -252,16 +257,22 @@ class Weighing:
         return frozenset(c for c in range(change.shape[-1]) if moves(change[..., c]))
 
     def refutes(self, other: PhysicsModel, full: PhysicsModel, extended: PhysicsModel) -> bool:
-        """Whether ``full`` surely saves what is worth a term where ``other`` errs more than noise makes it err.
+        """Whether ``full`` surely saves what is worth a term, or an equation that ``other`` loses, not to noise alone.
 
         A stronger motor passes on more of the noise of its inputs, and is no worse for that.
         """
-        worse = [s for s in self.savings(other, full, extended) if s.worth]
+        worse = [s for s in self.savings(other, full, extended) if s.worth or s.rescues]
         if not worse:
             return False
         errors, chance = self.increments(other), noise_increments(other, self.held, self.noise)
         means = ((self._at(s, errors)[0].mean(), self._at(s, chance)[0].mean()) for s in worse)
         return any(level > MATTERING.near**2 * floor for level, floor in means)
+
+    def noisier(self, without: PhysicsModel, full: PhysicsModel) -> bool:
+        """Whether ``full`` lets so much more noise of the inputs in that some error would matter for that alone."""
+        chances = [noise_increments(m, self.held, self.noise) for m in (without, full)]
+        means = ([self._at(e, c)[0].mean() for c in chances] for e in self.by_axis(full) if not e.axis)
+        return any(after > MATTERING.near**2 * before for before, after in means)
 
     def _at(self, place: EquationError | Saving, left: Increments) -> tuple[np.ndarray, np.ndarray]:
         """`squares` of the equation, along the axis and over the horizon of an error or a saving."""
@@ -359,7 +370,7 @@ def _left_of(folds: Sequence[np.ndarray], held_out: np.ndarray, axes: int) -> tu
     left = []
     every = [*used, *range(len(held_out) - axes, len(held_out))]
     all_axes = [gram[np.ix_(every, every)] * np.outer(sizes, sizes) for gram in folds]
-    by_ridge = {s: _ridge_losses(all_axes, s, axes) for s in MATTERING.shrinkage}
+    by_ridge = {s: ridge_losses(all_axes, s, axes) for s in MATTERING.shrinkage}
     for place, axis in enumerate(range(len(held_out) - axes, len(held_out))):
         some = np.ix_([*used, axis], [*used, axis])
         grams = [gram[some] * np.outer(size, size) for gram in folds]
@@ -379,16 +390,3 @@ def _left_of(folds: Sequence[np.ndarray], held_out: np.ndarray, axes: int) -> tu
         rest = max(float(vector @ held_out[some] @ vector), 0.0)
         left.append(min(rest, float(held_out[axis, axis])))
     return np.array(left), held_out.diagonal()[-axes:]
-
-
-def _ridge_losses(grams: Sequence[np.ndarray], shrinkage: float, axes: int) -> np.ndarray:
-    """Squares (axes,) of the last columns that the others leave, each part by a fit to the rest."""
-    whole, losses = np.asarray(sum(grams)), np.zeros(axes)
-    for gram in grams:
-        rest = whole - gram
-        inner = rest[:-axes, :-axes]
-        strength = max(shrinkage * np.trace(inner) / len(inner), 1e-300)
-        beta = np.linalg.solve(inner + strength * np.eye(len(inner)), rest[:-axes, -axes:])
-        vectors = np.concatenate([-beta, np.eye(axes)])
-        losses += ((gram @ vectors) * vectors).sum(0)
-    return losses

@@ -204,7 +204,7 @@ class Search:
         noise, drawn = (None, []) if owed is None else (owed.mean_gram(), owed.some(range(count)).folds())
         del again, owed
         products = Products(white)
-        cleaned = products
+        cleaned, normal = products, mine.normal()
         buried, doubtful = frozenset[int](), frozenset[int]()
         if noise is not None:
             cleaned = Products(white, [*noisy, rows.width], noise.sum(0) * some)
@@ -213,6 +213,7 @@ class Search:
             power = by_channel.sum(0)[:count]
             drowned = some * noise.sum(0).diagonal()[:count] > SEARCHING.buried * power
             buried = frozenset(np.flatnonzero(drowned).tolist())
+            buried -= _acting(Subsets(linear, normal), buried, some * noise, by_channel)
             hidden = [c for c in buried if c < len(linear.own)]
             doubtful = frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
 
@@ -228,7 +229,6 @@ class Search:
                 filters=tuple(filters),
             )
 
-        normal = mine.normal()
         plain = view(normal, products)
         if noise is None:
             return [plain]
@@ -271,6 +271,30 @@ def stride_of(stack: LogBatch) -> int:
     moving = np.flatnonzero(power.sum(0) > 0)
     fastest = max((int(np.searchsorted(share[:, c], 0.95)) for c in moving), default=1) / x.shape[1]  # cycles a sample
     return int(np.clip(round(0.15 / max(fastest, 1e-6)), 2, max(2, round(SEARCHING.stride / stack.dt))))
+
+
+def _acting(subsets: Subsets, buried: Collection[int], noise: np.ndarray, power: np.ndarray) -> frozenset[int]:
+    """Columns of effects that explain more than all noise of the inputs could that the model's own numbers let in.
+
+    What was taken for noise moves the vehicle then: a controller that acts on a noisy sensor makes inputs as lively.
+
+    Args:
+        subsets: of rows from which no noise was taken off.
+        buried: columns that are mostly noise of the inputs.
+        noise: (channels, c + 1, c + 1) what it makes of the products of all rows.
+        power: (channels, c + 1) of every column.
+    """
+    bare = subsets.fit()
+    index = [*bare.columns, -1]
+    vector = np.append(-bare.beta, 1.0)
+    left = np.array([vector @ of[np.ix_(index, index)] @ vector for of in noise])
+    found: set[int] = set()
+    for start in (s for s in subsets.starts if set(s.columns) & set(buried)):
+        own = start.columns[len(start.columns) - len(start.entries) :]
+        acts = power[:, own].any(1)
+        if bare.loss - subsets.fit([start]).loss > left[acts].sum() + subsets.penalty * len(own):
+            found |= set(own)
+    return frozenset(found)
 
 
 def input_noise(stack: LogBatch, drives: int, through: np.ndarray) -> np.ndarray:

@@ -147,8 +147,9 @@ def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[ResidualTer
 def _anchored(view: View, dropped: Sequence[int] = ()) -> Folds:
     """Normal equations of what is left by a fit without some effects; the model's free numbers are kept in them.
 
-    What holds the constants is a part of them: a fold that says little of one must not run away with it. A number that
-    the fit has at its bound stays there.
+    A fold that says little of a number must not run away with it, since noise that was taken off may leave less than
+    nothing of what it says: numbers are held by what is known of them, and by what all recordings together say of them.
+    One that the fit has at its bound stays there.
     """
     own, subsets = view.linear.own, view.subsets
     fit = subsets.fit(drop=dropped)
@@ -163,7 +164,9 @@ def _anchored(view: View, dropped: Sequence[int] = ()) -> Folds:
     tail[-1] = pull @ offset
     folds, count = Folds.of(view.grams, kept, shift), len(view.grams)
     tails = [own + tail / count for own in folds.tails]
-    return replace(folds, tails=tails, held=np.diag(subsets.anchor[free]) / count)
+    variance = np.diag(subsets.covariance(fit))[free]
+    told = np.divide(1.0, variance, out=np.zeros_like(variance), where=variance > 0)
+    return replace(folds, tails=tails, held=np.diag(subsets.anchor[free] + told) / count)
 
 
 def least_imitation(

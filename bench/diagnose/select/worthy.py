@@ -1,0 +1,131 @@
+"""Which effects that a model was found to lack are sure and worth a term: what each saves on held-out recordings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bench.diagnose.regression.linearise import Candidate
+from bench.diagnose.regression.parameters import effect_entries, with_values
+from bench.diagnose.select.choose import accepted
+from bench.diagnose.select.discovery import trifle
+from bench.diagnose.select.materiality import Saving, Weighing
+from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.step import advanced, settled
+from bench.diagnose.select.subset import Fit
+from bench.diagnose.select.tie import rivals
+from bench.diagnose.select.verify import at_bound, estimates
+from registry.core import EFFECTS
+from registry.dynamics import PhysicsModel
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The last view's model without some of its effects, fitted."""
+
+    search: Search
+    view: View
+    dropped: tuple[int, ...] = ()
+    """Places of effects in the view's model."""
+
+    @cached_property
+    def fit(self) -> Fit:
+        """Its numbers."""
+        return self.view.subsets.fit(drop=self.dropped)
+
+    @cached_property
+    def model(self) -> PhysicsModel:
+        """With these numbers."""
+        return advanced(self.search, self.view, self.fit).model
+
+    def less(self, place: int) -> PhysicsModel:
+        """The model less the effect in one more place."""
+        return advanced(self.search, self.view, self.view.subsets.fit(drop=[*self.dropped, place])).model
+
+    def faded(self, place: int) -> PhysicsModel:
+        """The model with half of the effect in this place, all other numbers as they are."""
+        kind = type(self.view.linear.model.effects[place])
+        (at,) = (i for i, e in enumerate(self.model.effects) if type(e) is kind)
+        numbers = effect_entries(self.model.effects[at], at)
+        return with_values(self.model, numbers, np.array([(e.value + e.neutral) / 2 for e in numbers]))
+
+    def exchanged(self, place: int, start: Candidate) -> PhysicsModel:
+        """The model with another effect in place of one, fitted until its numbers move no more, as those here do."""
+        fit = self.view.subsets.fit([start], drop=[*self.dropped, place])
+        return settled(self.search, advanced(self.search, self.view, fit).model, self.view)[1]
+
+
+def worth_naming(
+    search: Search, view: View, weighing: Weighing | None
+) -> tuple[Choice, tuple[str, ...], tuple[str, ...]]:
+    """The effects that a model was found to lack which are sure and worth a term; remarks on those that are not.
+
+    The one that saves least goes first: two that share what they explain would both seem idle.
+
+    Returns:
+        The choice, the remarks, and the effects that held-out recordings contradict though the others are sure of them.
+    """
+    subsets, numbers = view.subsets, estimates(view, view.subsets.fit())
+    places = range(len(search.subject.model.effects), len(view.linear.model.effects))
+    dropped = {i for i in places if at_bound(numbers, i)}
+    remarks: list[str] = []
+    contradicted_effects: list[str] = []
+    while True:
+        gone = view.linear.removed(sorted(dropped))[0]
+        chosen = Choice(search, view, tuple(sorted(gone)))
+        left = [i for i in places if i not in gone]
+        unsure = [i for i in left if not accepted(view, subsets.fit(drop=[*gone, i]), chosen.fit, drop=[*gone, i])]
+        if weighing is None:
+            if not unsure:
+                return chosen, (), ()
+            dropped.add(unsure[0])
+            continue
+        savings = {i: saved(weighing, chosen, i, chosen.model) for i in left}
+        idle = [i for i in left if i in unsure or _worse(savings[i]) or not any(s.worth for s in savings[i])]
+        if not idle:
+            return chosen, tuple(remarks), tuple(contradicted_effects)
+        least = min(idle, key=lambda i: max((s.share for s in savings[i]), default=0.0))
+        dropped.add(least)
+        if least not in unsure:
+            name = EFFECTS.name_of(type(view.linear.model.effects[least]))
+            if _worse(savings[least]):
+                contradicted_effects.append(name)
+            else:
+                remarks.append(trifle(name, savings[least]))
+
+
+def _worse(savings: Sequence[Saving]) -> bool:
+    """Whether an effect makes held-out recordings worse for sure, in every equation, or loses one of them."""
+    return bool(savings) and (all(s.high < 0 for s in savings) or any(s.harms for s in savings))
+
+
+def rival_that_saves(view: View, weighing: Weighing, chosen: Choice) -> PhysicsModel | None:
+    """The model with a rival in place of one of its effects that surely saves more on held-out recordings; None: none.
+
+    Of two effects that few moments tell apart, a search keeps the one with fewer numbers, whatever it leaves.
+    """
+    places = range(len(weighing.subject.model.effects), len(view.linear.model.effects))
+    for place in (i for i in places if i not in chosen.dropped):
+        for start in rivals(view, place).values():
+            other = chosen.exchanged(place, start)
+            if weighing.refutes(chosen.model, other, other):
+                return other
+    return None
+
+
+def saved(weighing: Weighing | None, chosen: Choice, place: int, extended: PhysicsModel) -> tuple[Saving, ...]:
+    """What the effect in this place saves on held-out recordings, the rest fitted anew without it.
+
+    One that lets more noise of the inputs into a forecast is judged by half of its size as well, where that is worth
+    more: its number was found with the noise taken off, and on noisy inputs less of it forecasts best.
+    """
+    if weighing is None:
+        return ()
+    less, half = chosen.less(place), chosen.faded(place)
+    acts_on = weighing.channels_moved(half, chosen.model)
+    savings = weighing.savings(less, chosen.model, extended, acts_on)
+    if any(s.worth for s in savings) or not weighing.noisier(less, chosen.model):
+        return savings
+    attenuated = weighing.savings(less, half, extended, acts_on)
+    return attenuated if any(s.worth for s in attenuated) else savings
