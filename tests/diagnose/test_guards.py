@@ -222,7 +222,7 @@ def beside(others: float, residual: np.ndarray, drag: np.ndarray) -> View:
     linear = Linearization(model, None, own, starts, nothing, nothing, (), (1,), (frozenset(),), ({},))  # type: ignore[arg-type]
     rows = np.stack([known, -known, drag, residual]).reshape(4, -1)
     normal = Normal(((np.arange(4), rows),), 4, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
-    return replace(view, linear=linear, subsets=Subsets(linear, normal))
+    return replace(view, linear=linear, subsets=Subsets(linear, normal), explained=others * residual.size)
 
 
 @pytest.mark.parametrize(("others", "named"), [(0.0, True), (1e5, True), (1e5, False)])

@@ -119,15 +119,18 @@ def test_what_lets_noise_of_the_inputs_in_is_judged_by_half_of_it_too(full: floa
     assert [s.share for s in saved(weighing, chosen, 0, "full")] == [told]
 
 
-def test_a_rival_that_surely_saves_more_takes_the_place_of_an_effect(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Asked of the effects that are kept; the first of their rivals that held-out recordings are sure of is taken."""
+def test_a_rival_without_which_an_equation_is_lost_takes_the_place_of_an_effect(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Asked of the effects that are kept. Rotors that wear saved 7 % about one axis, beside a torque: too little."""
     monkeypatch.setattr(worthy, "rivals", lambda view, place: {"alike": f"alike {place}", "better": f"better {place}"})
     view = SimpleNamespace(linear=SimpleNamespace(model=SimpleNamespace(effects=("known", "dropped", "kept"))))
     chosen = SimpleNamespace(model="model", dropped=(1,), exchanged=lambda place, start: start)
-    for better, taken in (("better", "better 2"), ("none", None)):
+    for ratio, taken in ((0.5, "better 2"), (0.94, None)):
         weighing = SimpleNamespace(
             subject=SimpleNamespace(model=SimpleNamespace(effects=("known",))),
-            refutes=lambda other, full, extended, better=better: other == "model" and full.startswith(better),
+            savings=lambda less, full, extended, ratio=ratio: (Saving("torques", 0.5, 0.07, 0.02, 0.1, True, ratio),),
+            refutes=lambda other, full, extended: other == "model" and full.startswith("better"),
         )
         assert rival_that_saves(view, weighing, chosen) == taken
 

@@ -121,7 +121,10 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
     left = smaller.misfit - view.floor
     clears = left > view.floor and gained > CHOOSING.clearing * left
     gains = (subsets.losses(smaller) - subsets.losses(larger)).sum(0)
-    if gained < CHOOSING.visible * view.floor or not (clears or (gains > _trifle(view)).any()):
+    visible = CHOOSING.visible * view.floor
+    everything = max(view.explained, subsets.fit().misfit - view.floor)
+    relevant = gained >= CHOOSING.relevant * everything or (gains > np.maximum(_trifle(view), visible)).any()
+    if gained < visible or not (relevant or clears):
         return False
     saved = (subsets.held_out(smaller.starts, drop=drop) - subsets.held_out(larger.starts)).sum(1)
     # A large effect acts where the manoeuvre is, so its gains are as uneven as they are sure: their logarithm is not.
@@ -142,10 +145,9 @@ def _trifle(view: View) -> np.ndarray:
     Beside a large drag what an effect adds to the torques is a small share of everything, and may be all that is
     explained there.
     """
-    subsets = view.subsets
-    bare = subsets.losses(subsets.fit(drop=range(len(view.linear.model.effects)))).sum(0)
-    noise = view.floor / len(bare)
-    return np.maximum(CHOOSING.relevant * (bare - noise), CHOOSING.visible * noise)
+    bare = view.subsets.losses(view.subsets.fit(drop=range(len(view.linear.model.effects)))).sum(0)
+    gain: np.ndarray = CHOOSING.relevant * (bare - view.floor / len(bare))
+    return gain
 
 
 def select_across_views(views: Sequence[View]) -> tuple[View, Fit, list[list[Fit]]]:

@@ -101,7 +101,7 @@ def _worse(savings: Sequence[Saving]) -> bool:
 
 
 def rival_that_saves(view: View, weighing: Weighing, chosen: Choice) -> PhysicsModel | None:
-    """The model with a rival in place of one of its effects that surely saves more on held-out recordings; None: none.
+    """The model with a rival in place of one of its effects, which surely loses a held-out equation; None: none does.
 
     Of two effects that few moments tell apart, a search keeps the one with fewer numbers, whatever it leaves.
     """
@@ -109,7 +109,8 @@ def rival_that_saves(view: View, weighing: Weighing, chosen: Choice) -> PhysicsM
     for place in (i for i in places if i not in chosen.dropped):
         for start in rivals(view, place).values():
             other = chosen.exchanged(place, start)
-            if weighing.refutes(chosen.model, other, other):
+            rescued = any(s.rescues for s in weighing.savings(chosen.model, other, other))
+            if rescued and weighing.refutes(chosen.model, other, other):
                 return other
     return None
 
