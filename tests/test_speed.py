@@ -10,6 +10,10 @@ from click.testing import CliRunner
 from networks import noise, redrawn, weights
 
 from bench.cli.commands.speed import speed_command
+from bench.experiment.config import RunConfig, Training
+from bench.experiment.device import device
+from bench.experiment.notation import parse
+from bench.speed import gpu
 from bench.speed.floor import floating_operations
 from bench.speed.gates import GATES
 from bench.speed.measure import Measured
@@ -18,6 +22,7 @@ from bench.speed.rows import ROWS, Row
 from bench.speed.timing import Effort, interleaved
 from registry import PREDICTORS
 from registry.contracts import Problem
+from registry.core import DATASETS
 from registry.errors import BenchError
 from registry.kernels.native.library import core
 from registry.kernels.native.products import Products
@@ -112,3 +117,28 @@ def test_the_cost_of_a_diagnosis_is_that_of_a_process_that_named_an_effect(tmp_p
     (cost,) = json.loads((tmp_path / "speed.json").read_text())["diagnoses"]
     assert cost["samples"] == 18_000 and cost["cpu_s"] > 5 and cost["peak_mb"] > 200
     assert "rotor_drag" in cost["effects"] and "rotor_drag" in done.output
+
+
+def test_a_gpu_that_is_not_there_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    done = CliRunner().invoke(speed_command, ["--gpu"])
+    assert isinstance(done.exception, BenchError) and "finds no GPU here" in str(done.exception)
+
+
+def test_rows_beside_a_gpu_say_where_training_takes_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.delenv("BENCH_DEVICE", raising=False)
+    where = {}
+    for row in gpu.ROWS:
+        config = RunConfig(*parse(row.spec), DATASETS.get("toy")(), training=Training(batch=row.batch))
+        where[row.name] = {"cpu": "CPU", "cuda": "GPU"}[device(config).type]
+    assert where == {row.name: gpu.OnBoth(row, 1.0, 1.0).taken for row in gpu.ROWS}
+    assert set(where.values()) == {"CPU", "GPU"}
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
+def test_updates_on_a_gpu_are_measured(tmp_path: Path) -> None:
+    done = CliRunner().invoke(speed_command, ["--gpu", "--quick", "--json", str(tmp_path / "speed.json")])
+    assert done.exit_code == 0, done.output
+    rows = json.loads((tmp_path / "speed.json").read_text())["rows"]
+    assert len(rows) == 2 and all(r["cpu_ms"] > 0 and r["gpu_ms"] > 0 for r in rows)

@@ -11,9 +11,11 @@ from bench.experiment.config import RunConfig
 from registry.errors import BenchError, near
 from registry.kernels.native import library
 
+CHOICE = "BENCH_DEVICE"
+"""The environment variable."""
 WIDE = 2_000_000
-"""Cells of a layer squared, times windows of a batch, from which a GPU is taken. An estimate, not measured: one time
-step of a layer costs a GPU some twenty launches of 5 µs, and a CPU core 48 H² B operations at 10¹¹ a second: then 1 ms.
+"""Cells of a layer squared, times windows of a batch, from which a GPU is taken. One time step of a layer costs a GPU
+some twenty launches of 5 µs, and a CPU core 48 H² B operations at 10¹¹ a second. `bench speed --gpu` measures it.
 """
 _CHOICES = ("auto", "cpu", "cuda")
 
@@ -24,7 +26,7 @@ def device(config: RunConfig) -> torch.device:
     Raises:
         BenchError: ``BENCH_DEVICE`` is none of its values, or is cuda where there is no GPU.
     """
-    choice = os.environ.get("BENCH_DEVICE", "auto")
+    choice = os.environ.get(CHOICE, "auto")
     if choice not in _CHOICES:
         raise BenchError(f"BENCH_DEVICE={choice!r} is no device: {near(choice, _CHOICES)}")
     there = choice != "cpu" and torch.cuda.is_available()

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, cast
 
 import torch
@@ -76,16 +76,21 @@ def kernels() -> list[str]:
 
 
 @contextmanager
-def using(kernel: str) -> Iterator[None]:
-    """Within, networks run on this kernel."""
-    before = os.environ.get(KERNEL)
-    os.environ[KERNEL] = kernel
+def choosing(variable: str, value: str) -> Iterator[None]:
+    """Within, an environment variable has this value."""
+    before = os.environ.get(variable)
+    os.environ[variable] = value
     try:
         yield
     finally:
-        os.environ.pop(KERNEL)
+        os.environ.pop(variable)
         if before is not None:
-            os.environ[KERNEL] = before
+            os.environ[variable] = before
+
+
+def using(kernel: str) -> AbstractContextManager[None]:
+    """Within, networks run on this kernel."""
+    return choosing(KERNEL, kernel)
 
 
 def with_kernel(kernel: str, work: Contender) -> Contender:

@@ -31,11 +31,13 @@ if TYPE_CHECKING:
     help='Rows whose name holds TEXT, such as "MLFC". Repeatable.',
 )
 @click.option("--diagnose", is_flag=True, help="Diagnoses of 6 to 1,000 flights instead; about ten minutes.")
+@click.option("--gpu", is_flag=True, help="Updates on a GPU beside one CPU thread instead; two minutes.")
 @click.option("--json", "target", type=options.Output(), help="Write everything as JSON.")
-def speed_command(quick: bool, only: tuple[str, ...], diagnose: bool, target: Path | None) -> None:
+def speed_command(quick: bool, only: tuple[str, ...], diagnose: bool, gpu: bool, target: Path | None) -> None:
     """Measure how fast networks train here: ms of one step, on one thread, all in turns in one run.
 
-    With --diagnose: what a diagnosis takes as recordings become more.
+    With --diagnose: what a diagnosis takes as recordings become more. With --gpu: from which size on networks are
+    better trained on a GPU.
 
     \b
     reference   the equations under autograd, a Linear a gate, a loop over the time steps
@@ -49,14 +51,17 @@ def speed_command(quick: bool, only: tuple[str, ...], diagnose: bool, target: Pa
     bench speed --quick                          seconds
     bench speed --only "1x50" --json speed.json
     bench speed --diagnose                       seconds and memory of `bench diagnose`, 6 to 1,000 flights
+    bench speed --gpu                            CPU or GPU? `BENCH_DEVICE` decides for all, else the size does
 
     A step is forward, cost, backward and fused Adam. Times are CPU time of the process, so that other load matters
     little; with two processes wall time, for which the machine should be idle.
     """
-    if diagnose:
-        if only:
-            raise BenchError("--only chooses among networks: leave it out with --diagnose.")
-        return _diagnoses(options.console(), quick, target)
+    if diagnose or gpu:
+        asked = "--diagnose" if diagnose else "--gpu"
+        if only or (diagnose and gpu):
+            more = "--only chooses among networks" if only else "--gpu measures something else"
+            raise BenchError(f"{more}: leave it out with {asked}.")
+        return (_diagnoses if diagnose else _on_gpu)(options.console(), quick, target)
 
     from bench.speed.measure import machine, measure
     from bench.speed.timing import QUICK, Effort
@@ -110,6 +115,35 @@ def _diagnoses(out: Console, quick: bool, target: Path | None) -> None:
             f"{cost.peak_mb:.0f}",
             ", ".join(cost.effects),
         )
+    if done:
+        out.print(table)
+
+
+def _on_gpu(out: Console, quick: bool, target: Path | None) -> None:
+    """Updates of larger and larger networks on both; after Ctrl-C what is done is shown."""
+    from bench.speed import gpu
+    from bench.speed.measure import machine
+    from bench.speed.timing import QUICK, Effort
+
+    known, rows = gpu.name(), gpu.ROWS[:2] if quick else gpu.ROWS
+    done: list[gpu.OnBoth] = []
+    try:
+        with meter(out, len(rows), len(rows), "rows") as progress:
+            for row in rows:
+                progress.start(row.name)
+                done.append(gpu.measure(row, QUICK if quick else Effort()))
+                progress.tick(1)
+                progress.record()
+    except KeyboardInterrupt:
+        out.print(f"Stopped after {len(done)} of {len(rows)} rows.")
+    if target is not None:
+        _write(target, {**machine(), "gpu": known, "rows": [asdict(both) for both in done]})
+    table = Table(title=f"Milliseconds of an update, wall time: one CPU thread, {known}", title_justify="left")
+    for title in ("network", "T", "B", "CPU", "GPU", "trains on"):
+        table.add_column(title, justify="left" if title in ("network", "trains on") else "right")
+    for both in done:
+        times = (f"{t:.3g}" for t in (both.cpu_ms, both.gpu_ms))
+        table.add_row(both.row.spec, str(both.row.horizon), str(both.row.batch), *times, both.taken)
     if done:
         out.print(table)
 
