@@ -211,43 +211,18 @@ def test_noise_that_buries_a_constant_is_not_followed_in_its_place() -> None:
     assert verify.left_over(replace(view, subsets=buried))[1] < 1e-3 * view.floor
 
 
-def beside(others: float, residual: np.ndarray, drag: np.ndarray) -> View:
-    """A view of a model that has an effect already, in the same channel, which explains ``others`` times the noise."""
-    known = others**0.5 * np.random.default_rng(2).normal(size=residual.shape)
-    view = view_of(residual, drag=drag)
-    own = (Entry(0, "k_own", None, "1", 1.0, 1.0, -np.inf, np.inf),)
-    (drag_start,) = view.subsets.starts
-    starts = (replace(drag_start, columns=(2,)),)
-    model, nothing = SimpleNamespace(effects=(CogOffset(),)), np.empty(0)
-    linear = Linearization(model, None, own, starts, nothing, nothing, (), (1,), (frozenset(),), ({},))  # type: ignore[arg-type]
-    rows = np.stack([known, -known, drag, residual]).reshape(4, -1)
-    normal = Normal(((np.arange(4), rows),), 4, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
-    return replace(view, linear=linear, subsets=Subsets(linear, normal), explained=others * residual.size)
-
-
 @pytest.mark.parametrize(("others", "named"), [(0.0, True), (1e5, True), (1e5, False)])
 def test_what_clears_all_that_is_left_is_relevant_however_much_others_explain(others: float, named: bool) -> None:
     x, other, noise = np.random.default_rng(0).normal(size=(3, BLOCKS, ROWS))
     rest = 0.0 if named else 3.0  # times the noise, which the effect does not explain
-    view = beside(others, 2**0.5 * x + rest**0.5 * other + noise, drag=x)
+    view = replace(view_of(2**0.5 * x + rest**0.5 * other + noise, drag=x), explained=others * BLOCKS * ROWS)
     assert accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts)) is named
-
-
-def test_what_another_equation_explains_makes_nothing_a_trifle() -> None:
-    """A drag explains 10⁵ times the noise of forces, a gyroscope as much as the noise of torques."""
-    x, left, forces = np.random.default_rng(0).normal(size=(3, BLOCKS, ROWS))
-    view, still = beside(1e5, forces, drag=x), np.zeros(x.size)
-    force = np.stack([1e5**0.5 * forces.ravel()[::-1], -(1e5**0.5) * forces.ravel()[::-1], still, forces.ravel()])
-    torque = np.stack([still, still, x.ravel(), (x + left).ravel()])
-    normal = Normal(((np.arange(4), force), (np.arange(4), torque)), 4, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
-    view = replace(view, subsets=Subsets(view.linear, normal))
-    assert accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts))
 
 
 def test_nothing_is_cleared_where_more_was_taken_off_than_there_was_of_noise() -> None:
     x, noise = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))
-    view = beside(1e5, 2**0.5 * x + noise, drag=x)
-    view.subsets.normal = view.subsets.normal.less(np.diag([0.0, 0.0, 0.0, 4.0])[None])
+    view = replace(view_of(2**0.5 * x + noise, drag=x), explained=1e5 * BLOCKS * ROWS)
+    view.subsets.normal = view.subsets.normal.less(np.diag([0.0, 0.0, 4.0])[None])
     assert not accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts))
 
 

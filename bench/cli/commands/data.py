@@ -1,6 +1,7 @@
 """`bench data`: look at recordings, describe a folder of one's own, check it."""
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +15,10 @@ from bench.cli.names import check_dataset, check_system
 from registry.errors import BenchError
 
 if TYPE_CHECKING:
+    from bench.diagnose.checks.description.mistake import Mistake
     from bench.diagnose.logs.subject import Subject
-    from registry.contracts import Dataset, Finding
+    from registry.contracts import Dataset, Finding, RecordingSet
+    from registry.datasets.folder.dataset import Folder
 
 
 @click.group("data")
@@ -154,34 +157,19 @@ def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ig
     dataset, asked = Folder(path=str(folder)), DataOptions(str(folder), system=system, exclude=exclude)
     dataset = dataset.without(exclude) if exclude else dataset
     loaded, again = dataset.load(), asked.asked(ignore_problem=ignore)
-    seconds = sum(r.seconds for r in loaded.recordings)
-    click.echo(f"{len(loaded.recordings)} recording(s), {seconds:.1f} s in all, read without an error.")
-    for f in loaded.findings:
-        click.echo(f"  {f.recording}: {f.detail}")
-    for note in dataset.description.notes:
-        click.echo(f"  {note}")
-    if todo := (folder / "dataset.toml").read_text(encoding="utf-8").count("TODO"):
-        click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
+    _show_read(loaded, dataset)
     stated(dataset.processing)
     if dataset.system and not system:
         refuse_unstated(dataset, PHYSICS.get(dataset.system))
     subject = load(dataset, system) if system else _diagnosable(dataset)
-    mistakes = check_folder(dataset)
-    stopping = [m for m in mistakes if m.stops and m.kind not in ignore]
-    for m in mistakes:
-        click.echo(f"{'WRONG' if m in stopping else 'note'}: {m.kind}: {m.detail}")
-        for row in m.mend:
-            click.echo(f"    {row}")
-    if stopping:
+    if _misread(check_folder(dataset), ignore):
         check = again.command("data check", str(folder))
         click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: {check}")
         raise click.exceptions.Exit(2)
     if subject is not None and (kinds := _contradicted(subject, ignore)):
         click.echo(f"Mend the files or {folder / 'dataset.toml'}; `bench diagnose` would stop there.")
-        words = [w for kind in kinds for w in ("--ignore-problem", kind)]
-        click.echo(
-            f"Or, if that is no fault (or --exclude RECORDING): {again.command('data check', str(folder), *words)}"
-        )
+        check = again.command("data check", str(folder), *(w for k in kinds for w in ("--ignore-problem", k)))
+        click.echo(f"Or, if that is no fault (or --exclude RECORDING): {check}")
         raise click.exceptions.Exit(2)
     dataset.split(loaded.names)  # or it says that one short recording is too little
     spec = 'bench run "LSTM: 1x50 - MLP: 60x10" --dataset'
@@ -194,6 +182,28 @@ def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ig
         click.echo(f"No physics model: networks only. {drive} → {', '.join(dataset.predicted())}.")
         click.echo(f"Next: {network}")
         click.echo(f"  or: bench diagnose {shlex.quote(str(folder))} --system mine.py:Class   (physics of your own)")
+
+
+def _show_read(loaded: "RecordingSet", dataset: "Folder") -> None:
+    """Say what was read, what was found on the way, and what is still open."""
+    seconds = sum(r.seconds for r in loaded.recordings)
+    click.echo(f"{len(loaded.recordings)} recording(s), {seconds:.1f} s in all, read without an error.")
+    for f in loaded.findings:
+        click.echo(f"  {f.recording}: {f.detail}")
+    for note in dataset.description.notes:
+        click.echo(f"  {note}")
+    if todo := Path(dataset.described).read_text(encoding="utf-8").count("TODO"):
+        click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
+
+
+def _misread(mistakes: "Sequence[Mistake]", ignore: tuple[str, ...]) -> bool:
+    """Say what dataset.toml has wrong and the lines that mend it; whether a diagnosis would stop there."""
+    stopping = [m for m in mistakes if m.stops and m.kind not in ignore]
+    for m in mistakes:
+        click.echo(f"{'WRONG' if m in stopping else 'note'}: {m.kind}: {m.detail}")
+        for row in m.mend:
+            click.echo(f"    {row}")
+    return bool(stopping)
 
 
 def _diagnosable(dataset: "Dataset") -> "Subject | None":

@@ -118,13 +118,10 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
         return True  # constants that would otherwise lie far outside what is known of them
     if price <= 0 and gained > 0:
         return True
+    everything = max(view.explained, view.subsets.fit().misfit - view.floor)
     left = smaller.misfit - view.floor
     clears = left > view.floor and gained > CHOOSING.clearing * left
-    gains = (subsets.losses(smaller) - subsets.losses(larger)).sum(0)
-    visible = CHOOSING.visible * view.floor
-    everything = max(view.explained, subsets.fit().misfit - view.floor)
-    relevant = gained >= CHOOSING.relevant * everything or (gains > np.maximum(_trifle(view), visible)).any()
-    if gained < visible or not (relevant or clears):
+    if gained < CHOOSING.visible * view.floor or (gained < CHOOSING.relevant * everything and not clears):
         return False
     saved = (subsets.held_out(smaller.starts, drop=drop) - subsets.held_out(larger.starts)).sum(1)
     # A large effect acts where the manoeuvre is, so its gains are as uneven as they are sure: their logarithm is not.
@@ -137,17 +134,6 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
         return bool(saved.sum() > 0)
     plain = gained > CHOOSING.plain * view.floor
     return plain and (sure > CHOOSING.sure or uneven_gain(saved) > 0)
-
-
-def _trifle(view: View) -> np.ndarray:
-    """The gain (channels,) from which one is relevant beside all that any effect explains in the same channel.
-
-    Beside a large drag what an effect adds to the torques is a small share of everything, and may be all that is
-    explained there.
-    """
-    bare = view.subsets.losses(view.subsets.fit(drop=range(len(view.linear.model.effects)))).sum(0)
-    gain: np.ndarray = CHOOSING.relevant * (bare - view.floor / len(bare))
-    return gain
 
 
 def select_across_views(views: Sequence[View]) -> tuple[View, Fit, list[list[Fit]]]:
