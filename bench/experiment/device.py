@@ -32,8 +32,13 @@ def device(config: RunConfig) -> torch.device:
     there = choice != "cpu" and torch.cuda.is_available()
     if choice == "cuda" and not there:
         raise BenchError("BENCH_DEVICE=cuda, but torch finds no GPU here: unset it to train on the CPU.")
-    wide = choice == "cuda" or getattr(config.predictor, "hidden", 0) ** 2 * config.training.batch >= WIDE
-    return torch.device("cuda" if there and wide and config.predictor.training == "gradient" else "cpu")
+    taken = choice == "cuda" or wide(getattr(config.predictor, "hidden", 0), config.training.batch)
+    return torch.device("cuda" if there and taken and config.predictor.training == "gradient" else "cpu")
+
+
+def wide(hidden: int, batch: int) -> bool:
+    """Whether layers of so many cells are worth a GPU with batches of so many windows."""
+    return hidden**2 * batch >= WIDE
 
 
 def kernel(config: RunConfig) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
-from bench.experiment.device import CHOICE, WIDE
+from bench.experiment.device import CHOICE, wide
 from bench.speed.networks import choosing
 from bench.speed.rows import Row
 from bench.speed.timing import Contender, Effort, interleaved
@@ -39,7 +39,7 @@ class OnBoth:
     @property
     def taken(self) -> str:
         """Where such a network trains unless the user says otherwise."""
-        return "GPU" if self.row.hidden**2 * self.row.batch >= WIDE else "CPU"
+        return "GPU" if wide(self.row.hidden, self.row.batch) else "CPU"
 
 
 def name() -> str:

@@ -19,9 +19,9 @@ from bench.diagnose.settings import READING
 from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
 from registry.core import DATASETS, PHYSICS
-from registry.datasets.folder.dataset import Folder
+from registry.datasets.folder.dataset import Folder, refuse_unknown
 from registry.dynamics import PhysicsModel
-from registry.errors import BenchError, near
+from registry.errors import BenchError
 from registry.model_file import constants_of, read
 from registry.stated import refuse_unstated
 
@@ -179,10 +179,7 @@ def excluding(subject: Subject, names: Sequence[str]) -> Subject:
     """
     if not names:
         return subject
-    known = [log.name for log in subject.logs]
-    for name in names:
-        if name not in known:
-            raise BenchError(f"--exclude {name}: no recording has this name: {near(name, known)}")
+    refuse_unknown(names, [log.name for log in subject.logs])
     training, held_out = (tuple(n for n in part if n not in names) for part in (subject.training, subject.held_out))
     if not training or not held_out:
         raise BenchError(

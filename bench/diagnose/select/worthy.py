@@ -52,8 +52,16 @@ class Choice:
 
     def exchanged(self, place: int, start: Candidate) -> PhysicsModel:
         """The model with another effect in place of one, fitted until its numbers move no more, as those here do."""
-        fit = self.view.subsets.fit([start], drop=[*self.dropped, place])
-        return settled(self.search, advanced(self.search, self.view, fit).model, self.view)[1]
+        key = place, start.id, start.columns
+        if key not in self._exchanged:
+            fit = self.view.subsets.fit([start], drop=[*self.dropped, place])
+            self._exchanged[key] = settled(self.search, advanced(self.search, self.view, fit).model, self.view)[1]
+        return self._exchanged[key]
+
+    @cached_property
+    def _exchanged(self) -> dict[tuple[int, str, tuple[int, ...]], PhysicsModel]:
+        """What was fitted: a rival is asked whether it takes an effect's place, and whether it is a tie."""
+        return {}
 
 
 def worth_naming(

@@ -25,8 +25,8 @@ class Gains:
     """Of the vertical velocity: thrust needs no turn of the body."""
     height: float
     yaw: float
-    turning: float
-    """Of the rate of yaw."""
+    yaw_share: float
+    """Of the gains of its rate that yaw bears, against roll and pitch; no gain itself."""
 
 
 def gains(lag: float, period: float, lead: float = 0.0) -> Gains:
@@ -39,7 +39,7 @@ def gains(lag: float, period: float, lead: float = 0.0) -> Gains:
             that was tuned without it swings between the ends of what motors can do.
     """
     rate = min(1 / (1.6 * (lag + 1.2 * period)), 28.0)
-    attitude = rate / 2.4
+    attitude, yaw_share = rate / 2.4, 1 / (1 + lead * rate)
     return Gains(
         rate=rate,
         attitude=attitude,
@@ -47,8 +47,8 @@ def gains(lag: float, period: float, lead: float = 0.0) -> Gains:
         position=attitude / 6,
         climb=rate / 3,
         height=rate / 9,
-        yaw=attitude / 3 / (1 + lead * rate),
-        turning=0.6 * rate / (1 + lead * rate),
+        yaw=attitude / 3 * yaw_share,
+        yaw_share=yaw_share,
     )
 
 
@@ -72,8 +72,9 @@ class Pilot:
         self.greatest = craft.power * craft.mass * GRAVITY / 4
         self.place = np.array([[tuned.position], [tuned.position], [tuned.height]])
         self.pace = np.array([[tuned.velocity], [tuned.velocity], [tuned.climb]])
-        self.turning = np.array([[tuned.rate], [tuned.rate], [tuned.turning]])
-        self.trimming = 0.8 * self.turning / np.array([[1], [1], [0.6]])
+        shares = np.array([[1.0], [1.0], [tuned.yaw_share]])
+        self.turning = tuned.rate * np.array([[1.0], [1.0], [0.6]]) * shares
+        self.trimming = 0.8 * tuned.rate * shares
         self.drift = np.zeros((3, flights))
         self.trim = np.zeros((3, flights))
 

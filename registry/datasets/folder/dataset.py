@@ -83,9 +83,7 @@ class Folder(Dataset):
             BenchError: no recording has such a name, or all have.
         """
         known = {_name(f): f.name for f in self.files}
-        for name in names:
-            if name not in known:
-                raise BenchError(f"--exclude {name}: no recording has this name: {near(name, known)}")
+        refuse_unknown(names, known)
         left = tuple(file for name, file in known.items() if name not in names)
         if not left:
             raise BenchError(f"--exclude {', '.join(names)} leaves no recording of {self.path}.")
@@ -182,6 +180,13 @@ class Folder(Dataset):
         if len(names) == 2:
             return Split((ordered[0],), (), (ordered[1],))
         return Split(tuple(ordered[: -2 * n]), tuple(ordered[-2 * n : -n]), tuple(ordered[-n:]))
+
+
+def refuse_unknown(names: Collection[str], known: Collection[str]) -> None:
+    """Raise `BenchError` where one of the ``names`` to exclude is no recording's."""
+    for name in names:
+        if name not in known:
+            raise BenchError(f"--exclude {name}: no recording has this name: {near(name, known)}")
 
 
 def check(folder: str | Path) -> RecordingSet:
