@@ -11,7 +11,7 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.choose import compared, select_across_views
 from bench.diagnose.select.discovery import Discovery, Found, faint_traces, needs_first
-from bench.diagnose.select.given_past import revealed
+from bench.diagnose.select.given_past import idle, revealed
 from bench.diagnose.select.input_timing import mistimed, prepared, retimed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.release import contradicted
@@ -89,7 +89,38 @@ def _searched(
         again = _discovered(Search(subject, catalogue, tick, noise, memory=0, long_windows=long), noise)
         if again.found and again.clearer(first):
             return again
-    return first
+    return _balanced(subject, catalogue, tick, noise, first)
+
+
+def _balanced(
+    subject: Subject,
+    catalogue: Sequence[str] | None,
+    tick: Callable[[str], None],
+    noise: Noise,
+    first: Discovery,
+) -> Discovery:
+    """What the inputs balance, where a first answer says that they do nothing and this one understands them; else that.
+
+    The torque of a joint that turns at constant speed accelerates nothing, it balances friction: a huge inertia
+    forecasts such recordings, and beside that nothing is missing. With the inertia as stated, what the torque works
+    against is nearly all there is to see.
+    """
+    hidden = {c.constant: c.equation for c in first.obscured}
+    if not hidden or not subject.held_out:
+        return first
+    if not idle(Weighing(subject, noise, first.calibrated), first.model, hidden.values()):
+        return first
+    again = _discovered(Search(subject, catalogue, tick, noise, memory=0, as_stated=hidden), noise)
+    explained = {s.equation for f in again.found for s in f.savings if s.worth}
+    lost = {e.equation for e in again.equations if e.lost}
+    if not explained - lost >= set(hidden.values()):
+        return first
+    names = " and ".join(name.replace("_", " ") for name in hidden)
+    note = (
+        f"The {names} was held near what was stated: left free it would go where the inputs do nothing, and that would "
+        "forecast these recordings without what the inputs work against."
+    )
+    return replace(again, notes=(*again.notes, note))
 
 
 def _discovered(search: Search, noise: Noise) -> Discovery:

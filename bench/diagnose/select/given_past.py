@@ -65,6 +65,20 @@ def revealed(
     return tuple(out)
 
 
+def idle(weighing: Weighing, model: PhysicsModel, names: Collection[str]) -> bool:
+    """Whether inputs do next to nothing to a state of the equations ``names``: with all at their mean it errs alike."""
+    held = weighing.held
+    inputs, drives = held.inputs.clone(), held.inputs.shape[-1] - len(model.extras)
+    inputs[..., :drives] = held.samples(inputs)[:, :drives].mean(0)
+    at = [c for e in weighing.equations if e.name in names for c in e.group.at]
+    horizon = weighing.horizons[1]
+    still, driven = (
+        (left.over(horizon, max(1, horizon // 4))[0][:, at] ** 2).mean(0)
+        for left in (increments(model, replace(held, inputs=inputs), weighing.noise), weighing.increments(model))
+    )
+    return bool((still <= MATTERING.lost**2 * driven).any())
+
+
 def _told(weighing: Weighing, last: View, other: PhysicsModel, model: PhysicsModel, group: str) -> GivenPast | None:
     """The numbers of a fit that held-out recordings confirm; None: they do not."""
     gain = foretold(weighing, other, model, group)

@@ -88,6 +88,7 @@ class Search:
         noise: Noise | None = None,
         memory: int | None = None,
         long_windows: bool = False,
+        as_stated: Collection[str] = (),
     ) -> None:
         """Prepare.
 
@@ -100,8 +101,9 @@ class Search:
                 squares; default: as the subject says, else `SEARCHING.memory`.
             long_windows: whether test functions are as long as a free run: of slow effects short ones show nothing but
                 noise; so too where the subject says so.
+            as_stated: names of constants that are never let go.
         """
-        self.subject, self.catalogue, self.tick = subject, catalogue, tick
+        self.subject, self.catalogue, self.tick, self.as_stated = subject, catalogue, tick, frozenset(as_stated)
         self.memory = next(m for m in (memory, subject.memory, SEARCHING.memory) if m is not None)
         self.long_windows = long_windows or subject.long_windows
         logs = subject.of(subject.training)
@@ -136,7 +138,7 @@ class Search:
 
     def let_go(self, name: str | None) -> bool:
         """Whether there is a constant of this name to let go; nothing stated holds it from now on."""
-        if name is None:
+        if name is None or name in self.as_stated:
             return False
         stated = [e for e in entries(self.subject.model, self.subject.uncertainty) if e.constant and e.name == name]
         text = ", ".join(f"{e.value:.3g}" for e in stated)
