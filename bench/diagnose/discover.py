@@ -23,6 +23,7 @@ from bench.diagnose.select.tie import rivals
 from bench.diagnose.select.verify import estimates, least_imitation, left_over, ratios
 from bench.diagnose.select.worthy import Choice, rival_that_saves, saved, worth_naming
 from bench.diagnose.settings import DISCOVERING, MATTERING, VERIFYING
+from bench.diagnose.simulate.beginning import after_beginning
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Dataset
 from registry.core import EFFECTS
@@ -60,19 +61,21 @@ def read_and_discovered(
 
     What is missing makes inputs look late: play on the way to a machine, a moment of the air in wind that nobody knew.
     Where they act at another time beside what was found they are read again, and what errs less on held-out recordings
-    is kept.
+    is kept. What a lag or a delay that was found remembers of the time before a recording is left out, and the rest
+    searched again, where it was not what the recording begins with.
     """
     subject, noise = prepared(filed, noise, tick)
     if hidden(subject.logs):
         return subject, noise, by_simulation.discover(subject, catalogue, tick)
     found = _searched(subject, catalogue, tick, noise)
-    if filed.timed or not found.found or not mistimed(subject, found.model, noise):
-        return subject, noise, found
-    read = retimed(filed, found.model, noise)
-    again = _searched(read, catalogue, tick, noise)
-    errors = [[max(e.models["extended"], 1e-300) for e in d.equations] for d in (found, again)]
-    better = sum(math.log(b / a) for a, b in zip(*errors, strict=False)) < 0
-    return (read, noise, again) if better else (subject, noise, found)
+    if not filed.timed and found.found and mistimed(subject, found.model, noise):
+        read = retimed(filed, found.model, noise)
+        again = _searched(read, catalogue, tick, noise)
+        errors = [[max(e.models["extended"], 1e-300) for e in d.equations] for d in (found, again)]
+        if sum(math.log(b / a) for a, b in zip(*errors, strict=False)) < 0:
+            subject, found = read, again
+    later = after_beginning(subject, found.model, noise)
+    return (subject, noise, found) if later is subject else (later, noise, _searched(later, catalogue, tick, noise))
 
 
 def _searched(

@@ -41,6 +41,7 @@ class Recording:
         input_channels: the m columns of ``inputs``.
         output_channels: the n columns of ``outputs``.
         valid: (N,) bool; a window never touches a sample that is not valid.
+        begins: time of the first sample after the start of what it was cut from [s].
     """
 
     name: str
@@ -50,6 +51,7 @@ class Recording:
     input_channels: tuple[Channel, ...]
     output_channels: tuple[Channel, ...]
     valid: np.ndarray
+    begins: float = 0.0
 
     def __post_init__(self) -> None:
         n = len(self.outputs)
@@ -71,7 +73,9 @@ class Recording:
 
     def part(self, at: slice, name: str) -> Recording:
         """Some of the samples, as a recording of this name."""
-        return replace(self, name=name, inputs=self.inputs[at], outputs=self.outputs[at], valid=self.valid[at])
+        parts = {field: getattr(self, field)[at] for field in ("inputs", "outputs", "valid")}
+        begins = self.begins + at.indices(len(self))[0] / self.rate
+        return replace(self, name=name, begins=begins, **parts)
 
     @property
     def channels(self) -> tuple[Channel, ...]:

@@ -43,3 +43,10 @@ def test_every_recording_is_learnt_from_and_tested(three: Path) -> None:
 def test_whole_recordings_are_held_out(tmp_path: Path, count: int, seconds: float) -> None:
     subject = load(carts(tmp_path / "carts", dict.fromkeys("abcdef"[:count], 0.5), seconds))
     assert in_parts(subject).logs is subject.logs
+
+
+def test_the_clock_runs_on_through_the_parts_of_a_single_recording(tmp_path: Path) -> None:
+    one = load(carts(tmp_path / "one", {"a": 1.0}, 40.0))
+    assert len(one.logs) == 5
+    time = np.concatenate([log.inputs[:, one.model.extras.index("time") + 1] for log in one.logs])
+    np.testing.assert_allclose(time, np.arange(len(time)) / one.logs[0].rate, atol=1e-9)

@@ -148,7 +148,9 @@ def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
     states = np.stack([zeros if p is None else columns[:, p] for p in picks], axis=1)
     driving = recording.pick([drive])[0] if type(model).input_signals else columns[:, :0]
     extras = [
-        np.arange(len(recording)) / recording.rate if name == "time" else recording.pick([name])[0][:, 0]
+        recording.begins + np.arange(len(recording)) / recording.rate
+        if name == "time"
+        else recording.pick([name])[0][:, 0]
         for name in model.extras
     ]
     inputs = np.concatenate([driving, *(e[:, None] for e in extras)], axis=1)

@@ -19,7 +19,7 @@ from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.verify import neighbours
 from bench.diagnose.settings import CHOOSING, STEPPING, VERIFYING
 from registry.core import EFFECTS
-from registry.dynamics import PhysicsModel
+from registry.dynamics import Effect, InputEffect, PhysicsModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,34 @@ def next_step(search: Search, view: View, known: int) -> Step:
             other = _refitted(search, view, other)
         if stay.loss - other.loss >= least:
             return other
-    return stay
+    return min([stay, *_in_series(search, view, stay, known)], key=lambda s: s.loss)
+
+
+def _in_series(search: Search, view: View, stay: Step, known: int) -> list[Step]:
+    """Steps that exchange a lag or a delay for another one and are better than ``stay`` for sure.
+
+    What stands between inputs and what they move acts one after the other: an exchange is no sum of a term less and one
+    more, as a linearisation promises it, so every one is fitted and measured.
+    """
+    effects, dt = view.linear.model.effects, search.stack.dt
+    small, steps = CHOOSING.visible * view.floor, list[Step]()
+    for i in (i for i in range(known, len(effects)) if _remembers(effects[i], dt)):
+        best: dict[str, Fit] = {}
+        for start in view.subsets.starts:
+            if start.through is None and _remembers(start.effect, dt):
+                fit = view.subsets.fit([start], drop=[i])
+                best[start.id] = min(best.get(start.id, fit), fit, key=lambda f: f.loss)
+        for fit in best.values():
+            other = _refitted(search, view, advanced(search, view, fit))
+            price = view.subsets.penalty * (fit.parameters - view.subsets.fit().parameters)
+            if other.exchanged and stay.loss - other.loss > small + max(price, 0.0):
+                steps.append(other)
+    return steps
+
+
+def _remembers(effect: Effect, dt: float) -> bool:
+    """Whether what comes out of an effect follows from inputs of some time ago."""
+    return isinstance(effect, InputEffect) and effect.memory_size(1, dt) > 0
 
 
 def _refitted(search: Search, view: View, step: Step) -> Step:

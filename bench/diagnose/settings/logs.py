@@ -41,6 +41,14 @@ class Reading:
     part_samples: int = threshold(
         100, "samples of a part, at least: of slow logs ten seconds are few", Basis.JUDGED, "samples"
     )
+    beginning: int = threshold(
+        10, "of a recording at most one part in so many is left out for what was given before it began", Basis.JUDGED
+    )
+    faded: float = threshold(
+        0.01,
+        "of a difference in past inputs that is remembered no more: five time constants of a lag",
+        Basis.CONVENTION,
+    )
     enough: int = threshold(
         180_000,
         "samples that are diagnosed: of more, some recordings are, and all are checked",
