@@ -6,7 +6,6 @@ memory that nobody recorded: its first time constants are neither learnt from no
 
 from dataclasses import replace
 
-import numpy as np
 import torch
 
 from bench.diagnose.logs.noise import Noise
@@ -29,8 +28,8 @@ def after_beginning(subject: Subject, model: PhysicsModel, noise: Noise) -> Subj
     if count < 1 or not _errs(subject, model, noise, count):
         return subject
     note = (
-        f"The first {count / subject.logs[0].rate:.2g} s of each recording are not judged: what acts there follows from "
-        "inputs before it began, and they were not steady."
+        f"The first {count / subject.logs[0].rate:.2g} s of each recording are not judged: what acts there follows "
+        "from inputs before it began, and they were not steady."
     )
     logs = tuple(without_beginning(log, count) for log in subject.logs)
     return replace(subject, logs=logs, notes=(*subject.notes, note))
