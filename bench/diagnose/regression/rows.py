@@ -54,10 +54,14 @@ class Rows:
         acting = tuple(place[a[k]] for a, k in zip(self.acting, kept, strict=True))
         return replace(self, parts=parts, acting=acting, width=len(columns))
 
-    def of(self, channel: int) -> "Rows":
-        """The rows of one channel."""
-        parts = tuple((log[channel],) for log in self.parts)
-        return replace(self, parts=parts, acting=self.acting[channel : channel + 1], filters=self.filters[channel:][:1])
+    def only(self, channels: Sequence[int]) -> "Rows":
+        """The rows of some channels."""
+        return replace(
+            self,
+            parts=tuple(tuple(log[c] for c in channels) for log in self.parts),
+            acting=tuple(self.acting[c] for c in channels),
+            filters=tuple(self.filters[c] for c in channels) if self.filters else (),
+        )
 
     def less(self, other: "Rows") -> "Rows":
         """The difference from rows of as many columns, seen through the same filters."""

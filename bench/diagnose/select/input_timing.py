@@ -157,7 +157,7 @@ def _shifts(subject: Subject, noise: Noise) -> tuple[Shift, Shift, Shift]:
             value[_MOTION] = 0.0
         for _ in range(TIMING.steps):
             step, error = fit.step(value)
-            if not np.isfinite([step, error]).all():
+            if not np.isfinite([*step, error[_INPUTS]]).all():
                 return nothing, nothing, nothing  # nothing moves by which a shift could be told
             value = np.clip(value + np.clip(step, -1, 1), latest, widest)
             if (np.abs(step) < TIMING.negligible).all():
@@ -276,7 +276,7 @@ class _Regression:
             return np.empty(0), np.empty(0)
         rows, noise = self._whitened(shift)
         column = len(self.linear.columns) + self.shifted.index(which)
-        alone = [self._solved(rows.of(c), noise.of(c)) for c in range(rows.channels) if column in rows.acting[c]]
+        alone = [self._solved(rows.only([c]), noise.only([c])) for c in range(rows.channels) if column in rows.acting[c]]
         steps, errors = (np.array([pair[i][which] for pair in alone]) for i in (0, 1))
         return steps, errors
 
@@ -287,7 +287,8 @@ class _Regression:
 
     def _solved(self, rows: Rows, drawn: Rows) -> tuple[np.ndarray, np.ndarray]:
         """The step (3,) and its errors that rows, with what noise makes of them, tell."""
-        normal = rows.normal().less(drawn.mean_gram())
+        clear = self._clear(rows, drawn)
+        normal = rows.only(clear).normal().less(drawn.only(clear).mean_gram())
         gram = normal.total[:-1, :-1] + np.diag(_precision(self.linear, len(normal.total) - 1))
         scale = equilibrium(np.diag(gram))
         inverse = np.linalg.inv(gram * np.outer(scale, scale) + 1e-9 * np.eye(len(gram))) * np.outer(scale, scale)
@@ -298,8 +299,18 @@ class _Regression:
         variance = np.maximum(np.diag(spread), np.diag(inverse))
         error = np.sqrt(np.where(variance > 0, variance, np.inf))  # what rows tell beyond noise may be nothing
         first, step, spread_of = len(self.linear.columns), np.zeros(3), np.zeros(3)
-        step[self.shifted], spread_of[self.shifted] = beta[first:], error[first:]
+        step[self.shifted], spread_of[self.shifted] = np.where(np.isfinite(error), beta, 0.0)[first:], error[first:]
         return step, spread_of
+
+    def _clear(self, rows: Rows, drawn: Rows) -> list[int]:
+        """Channels of which some shift makes more than noise of the inputs does; all, where there is none.
+
+        What is left of the others once that noise was taken off may be less than nothing, and cancels what is known.
+        """
+        shifts = slice(len(self.linear.columns), -1)
+        made, noise = rows.power()[:, shifts], drawn.power()[:, shifts]
+        every = np.arange(rows.channels)
+        return list(every[((made > 0) & (2 * noise <= made)).any(1)]) or list(every)
 
     def _rows(self, linear: Linearization, shift: np.ndarray, noisy: bool) -> Rows:
         """Rows with a column for the shift of the inputs and for that of each kind of channels that is filed late."""

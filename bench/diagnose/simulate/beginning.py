@@ -38,6 +38,8 @@ def after_beginning(subject: Subject, model: PhysicsModel, noise: Noise) -> Subj
 def remembered(model: PhysicsModel, log: Log) -> int:
     """Samples for which what acts follows from inputs before a log began, to a hundredth of what differed then."""
     drives = log.inputs.shape[-1] - len(model.extras)
+    if not model.input_effects():
+        return 0
     other = log.inputs.clone()
     other[0, :drives] += log.inputs[:, :drives].std(0)
     gap = (acting(model, replace(log, inputs=other)) - acting(model, log)).abs()
