@@ -276,7 +276,9 @@ class _Regression:
             return np.empty(0), np.empty(0)
         rows, noise = self._whitened(shift)
         column = len(self.linear.columns) + self.shifted.index(which)
-        alone = [self._solved(rows.only([c]), noise.only([c])) for c in range(rows.channels) if column in rows.acting[c]]
+        alone = [
+            self._solved(rows.only([c]), noise.only([c])) for c in range(rows.channels) if column in rows.acting[c]
+        ]
         steps, errors = (np.array([pair[i][which] for pair in alone]) for i in (0, 1))
         return steps, errors
 
