@@ -66,7 +66,7 @@ def revealed(
 
 
 def idle(weighing: Weighing, model: PhysicsModel, names: Collection[str]) -> bool:
-    """Whether inputs do next to nothing to a state of the equations ``names``: with all at their mean it errs alike."""
+    """Whether inputs do next to nothing in the equations ``names``: with all at their mean every state errs alike."""
     held = weighing.held
     inputs, drives = held.inputs.clone(), held.inputs.shape[-1] - len(model.extras)
     inputs[..., :drives] = held.samples(inputs)[:, :drives].mean(0)
@@ -76,7 +76,7 @@ def idle(weighing: Weighing, model: PhysicsModel, names: Collection[str]) -> boo
         (left.over(horizon, max(1, horizon // 4))[0][:, at] ** 2).mean(0)
         for left in (increments(model, replace(held, inputs=inputs), weighing.noise), weighing.increments(model))
     )
-    return bool((still <= MATTERING.lost**2 * driven).any())
+    return bool((still <= MATTERING.lost**2 * driven).all())
 
 
 def _told(weighing: Weighing, last: View, other: PhysicsModel, model: PhysicsModel, group: str) -> GivenPast | None:

@@ -90,13 +90,17 @@ def fit_by_simulation(
 
 
 def estimates(of: Simulated, windows: int) -> list[Estimate]:
-    """Numbers with 95 % intervals; what is left counts as often as it is independent, less what was fitted."""
+    """Numbers with 95 % intervals; what is left counts as often as it is independent, less what was fitted.
+
+    Without those that nothing follows, such as the slope over a voltage that was not measured.
+    """
     free = max(independent(of) - len(of.where) - windows, 2.0)
     prior = Prior.of(of.where).precision
     information = of.gram * free / float(of.loss.sum()) + np.diag(prior)
     half = float(stdtrit(free, 0.975)) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0))
-    pairs = zip(of.where, half, strict=True)
-    return [Estimate(e, e.value, *e.interval(e.value, h)) for e, h in pairs]
+    acts = np.diag(information) > 0
+    told = zip(of.where, half, acts, strict=True)
+    return [Estimate(e, e.value, *e.interval(e.value, h)) for e, h, acting in told if acting]
 
 
 def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> Simulated:
