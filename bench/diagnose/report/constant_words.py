@@ -83,9 +83,9 @@ def moved(diagnosis: Diagnosis) -> tuple[list[Calibration], list[Calibration], l
 
 
 def _first(moved: Sequence[Calibration]) -> str:
-    """The first of what moved, and how many others did."""
-    first = moved[: TELLING.constants]
-    more = [f"{len(moved) - len(first)} more"] if len(moved) > len(first) else []
+    """The first of what moved, and how many others did; a single other one is as short to name as to count."""
+    rest = len(moved) - TELLING.constants
+    first, more = (moved[: TELLING.constants], [f"{rest} more"]) if rest > 1 else (moved, [])
     return listed([*map(change, first), *more])
 
 
