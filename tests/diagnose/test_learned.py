@@ -129,9 +129,8 @@ def test_a_dead_zone_has_two_edges(middle: float, names: set[str]) -> None:
     columns = option_columns(Pair("force_z", ("height",)), some, [{"height": x}]).values[0]
     rows = [np.column_stack([columns[:, i].T, y[i]]) for i in range(4)]
     nothing = np.zeros(len(columns) + 1)
-    view = SimpleNamespace(
-        grams=[r.T @ r for r in rows], floor=400.0, subsets=SimpleNamespace(anchor=nothing, centre=nothing)
-    )
+    known = SimpleNamespace(anchor=nothing, prior=nothing, centre=nothing)
+    view = SimpleNamespace(grams=[r.T @ r for r in rows], floor=400.0, subsets=known)
     fits = HeldOut(view, [])  # type: ignore[arg-type]
     assert set(fitted(fits, some, np.arange(len(columns)), (), x)) == names
 
