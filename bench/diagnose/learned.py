@@ -161,7 +161,10 @@ def instead(run: Setup, found: Discovery, before: Extension, told: Learned | Non
     read, terms = _sought(subject, model, run.noise, run.filed, run.tick)
     if not terms:
         return told
-    own = ordered(before.model, known, doubted).effects[known:]
+    # What needs another effect that may go is not added again: without it more is left, and the first answer stands.
+    own = ordered(before.model, known, [i for i in doubted if i in supported([*names, i], subject.model)]).effects[
+        known:
+    ]
     search = Search(read, (), run.tick, run.noise)
     with torch.no_grad():
         kept = worthy(read, run.noise, search, model, [*own, *terms], doubtful=False)
@@ -186,24 +189,26 @@ def instead(run: Setup, found: Discovery, before: Extension, told: Learned | Non
 
 
 def _doubted(found: Discovery, told: Learned | None) -> list[str]:
-    """The effects that act in an equation in which something was learned, or else is left."""
+    """The effects that act in an equation in which something was learned, or else much is left."""
     if not found.equations:
         return [f.id for f in found.found]
-    left = {e.equation for e in found.equations if e.models["extended"] > MATTERING.near * max(e.floor, 1e-300)}
+    high = DECIDING.high_excess**0.5
+    left = {e.equation for e in found.equations if e.models["extended"] > high * max(e.floor, 1e-300)}
     if told is not None:
         left = {e.acts_on for e in told.extension.effects if e.learned}
     return [f.id for f in found.found if any(s.equation in left and s.worth for s in f.savings)]
 
 
 def _better(run: Setup, other: Learned, before: Learned, alone: bool) -> bool:
-    """Whether free runs of other terms err clearly less, or no more with fewer effects and terms.
+    """Whether free runs of other terms err clearly less, or no more with fewer effects and terms and fewer numbers.
 
     Both of the recordings that were learnt from and of those held out. Where effects of the catalogue stand ``alone``,
     fewer is no reason: they are known, and a term is not; nor is it beside what swings, which free runs say little of.
     """
     both, horizon_s = (before, other), before.extension.comparison.horizon_s[-1]
     swings = any(isinstance(e, (HiddenMode, PeriodicTerm)) for e in before.extension.model.effects)
-    simpler = not (alone or swings) and len(other.extension.effects) < len(before.extension.effects)
+    terms, numbers = ([f(b.extension.effects) for b in both] for f in (len, _numbers))
+    simpler = not (alone or swings) and terms[1] < terms[0] and numbers[1] < numbers[0]
     for names in (run.subject.training, run.subject.held_out):
         (was, now), drawn = above_floor([(b.subject, b.extension.model) for b in both], run.noise, names, horizon_s)
         sure = np.quantile(drawn[:, 0] - drawn[:, 1], 0.025) > 0 and 1 + was > MATTERING.near**2 * (1 + now)
@@ -211,6 +216,11 @@ def _better(run: Setup, other: Learned, before: Learned, alone: bool) -> bool:
         if not (clear or (simpler and 1 + now <= MATTERING.near**2 * (1 + was))):
             return False
     return True
+
+
+def _numbers(effects: Sequence[NamedEffect]) -> int:
+    """How many parameters effects have."""
+    return sum(len(e.parameters) for e in effects)
 
 
 def _pruned(

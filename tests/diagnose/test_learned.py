@@ -332,26 +332,28 @@ def test_what_only_imitates_a_term_gives_way_to_it_and_what_is_there_does_not(na
 
 
 @pytest.mark.parametrize(
-    ("now", "alone", "fewer", "taken"),
+    ("now", "alone", "numbers", "taken"),
     [
-        ((1.0, 1.0), True, False, True),
-        ((1.0, 2.5), True, False, False),  # held-out recordings do not confirm it
-        ((2.5, 1.0), True, False, False),
-        ((3.0, 3.0), True, True, False),  # what is known stands alone
-        ((3.0, 3.0), False, True, True),
-        ((3.0, 3.0), False, False, False),
-        ((3.0, 4.0), False, True, False),
+        ((1.0, 1.0), True, [1], True),
+        ((1.0, 2.5), True, [1], False),  # held-out recordings do not confirm it
+        ((2.5, 1.0), True, [1], False),
+        ((3.0, 3.0), True, [3, 1], False),  # what is known stands alone
+        ((3.0, 3.0), False, [3, 1], True),
+        ((3.0, 3.0), False, [3], False),
+        ((3.0, 3.0), False, [1, 1], False),  # two effects in one formula are no fewer numbers
+        ((3.0, 4.0), False, [3, 1], False),
     ],
 )
 def test_terms_without_what_is_named_forecast_clearly_better_or_as_well_with_fewer(
-    monkeypatch: pytest.MonkeyPatch, now: tuple[float, float], alone: bool, fewer: bool, taken: bool
+    monkeypatch: pytest.MonkeyPatch, now: tuple[float, float], alone: bool, numbers: list[int], taken: bool
 ) -> None:
-    """What is named leaves 3 above the floor, in recordings that were learnt from and in those held out."""
+    """What is named, of effects with these numbers, leaves 3 above the floor; beside it stands a term with two."""
 
-    def told(count: int) -> SimpleNamespace:
+    def told(numbers: list[int]) -> SimpleNamespace:
         last = SimpleNamespace(horizon_s=(0.5,))
+        effects = [SimpleNamespace(parameters=dict.fromkeys(range(n))) for n in numbers]
         return SimpleNamespace(
-            subject=None, extension=SimpleNamespace(model=Oscillator(), effects=[None] * count, comparison=last)
+            subject=None, extension=SimpleNamespace(model=Oscillator(), effects=effects, comparison=last)
         )
 
     def left(models: object, noise: object, names: str, horizon_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -360,7 +362,7 @@ def test_terms_without_what_is_named_forecast_clearly_better_or_as_well_with_few
 
     monkeypatch.setattr(learned, "above_floor", left)
     run = SimpleNamespace(subject=SimpleNamespace(training="training", held_out="held out"), noise=None)
-    assert learned._better(run, told(1), told(1 + fewer), alone) is taken  # type: ignore[arg-type]
+    assert learned._better(run, told([2]), told(numbers), alone) is taken  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
