@@ -42,6 +42,9 @@ from registry.dynamics import PhysicsModel
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+DIVERGED = 1e12
+"""Squared error over the floor's beyond which a free run is lost, by how much does not matter."""
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Displayed):
@@ -179,6 +182,39 @@ def compare(
         noise=noise,
         lost_s=lost_s,
     )
+
+
+def above_floor(
+    models: Sequence[tuple[Subject, PhysicsModel]],
+    noise: Noise,
+    names: Sequence[str] | None = None,
+    horizon_s: float | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """What models leave above the noise floor at the end of the same free runs, as a mean of all groups of outputs.
+
+    Args:
+        models: each with the prepared measurements that it is run on; their logs differ in when inputs are read.
+        noise: of the measurements.
+        names: recordings; default: those held out.
+        horizon_s: of the free runs [s].
+
+    Returns:
+        (models,) and (draws, models): squared error over that of the lowest floor, less one; and draws of its mean.
+    """
+    runs = [free_runs(subject, noise, names, horizon_s) for subject, _ in models]
+    with torch.no_grad():
+        ends = [
+            (
+                errors(free_run(m, r.logs, r.at, r.steps), r.measured, r.groups)[:, -1:],
+                floor(m, r.logs, r.at, r.steps, noise, r.groups)[..., -1, :].mean((0, 1)),
+            )
+            for r, (_, m) in zip(runs, models, strict=True)
+        ]
+    least = np.fmin.reduce([finite(of) for _, of in ends])
+    over = [np.minimum(finite(of) / np.maximum(least, 1e-300), DIVERGED) for of, _ in ends]
+    drawn = Repetition.of(runs[0], over[0])
+    each = np.concatenate(over, axis=1).mean(-1) - 1  # (W, models)
+    return each.mean(0), drawn.means(each)
 
 
 @dataclass(frozen=True, eq=False)

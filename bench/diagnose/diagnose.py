@@ -13,7 +13,7 @@ from bench.diagnose.compare import refuse_long
 from bench.diagnose.confirm import Setup, calibrated_only, confirmed, with_forecasting
 from bench.diagnose.discover import read_and_discovered
 from bench.diagnose.extend import Extension
-from bench.diagnose.learned import Learned, curves, judged, learned, likened
+from bench.diagnose.learned import Learned, curves, instead, judged, learned, likened
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
@@ -189,6 +189,8 @@ def _concluded(
         differ = differing(run.subject, extension.model, run.noise, run.catalogue)
         # What one number for all of them leaves is no term of its own.
         told = _learned(run, found, extension, verdict, little=not high) if differ is None else None
+        if differ is None and found.found and (high or told is not None):
+            told = instead(run, found, extension, told)
     if differ is not None and not found.found:
         verdict = "unknown_effect"
     terms, subject = (None, run.subject) if told is None else (told.extension, told.subject)

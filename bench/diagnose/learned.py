@@ -4,31 +4,37 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # scipy.optimize is imported when it is used
+import torch
 
+from bench.diagnose.compare import above_floor
+from bench.diagnose.confirm import Setup
 from bench.diagnose.extend import Extension, extend, ordered
+from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.all_terms import learn_all_terms, left_by
 from bench.diagnose.learn.curve import curve
+from bench.diagnose.learn.learn import learn, worthy
+from bench.diagnose.learn.likeness import nearest
 from bench.diagnose.learn.modes.answered import answered
 from bench.diagnose.learn.waves import folded
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.linearise import Candidate, Linearization
+from bench.diagnose.regression.linearise import Linearization
 from bench.diagnose.report import phrases
 from bench.diagnose.report.learned_words import known_as
-from bench.diagnose.result import NamedEffect
+from bench.diagnose.result import NamedEffect, ParameterEstimate
 from bench.diagnose.select.discovery import Discovery, Found, supported
 from bench.diagnose.select.input_timing import retimed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
-from bench.diagnose.settings import DECIDING, EXTENDING, MATTERING, TELLING
+from bench.diagnose.settings import DECIDING, EXTENDING, MATTERING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
 from registry.effects.learned_term import LearnedTerm
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.effects.waves.periodic_term import PeriodicTerm
+from registry.terms.shapes import SHAPES, SPLINE
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,25 +76,12 @@ def learned(
         much: whether free runs err so much still that it may be a hidden mode.
         little: whether they err so little that only what stands out of noise is sought.
     """
-    terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much, little=little)
-    read_again = any(isinstance(t, HiddenMode) for t in terms) and subject.logs is not filed.logs
-    if read_again:
-        # A mode that nobody has added yet looks like an input that acts at another time.
-        subject = retimed(filed, replace(model, effects=(*model.effects, *terms)), noise)
-        terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much)
+    read, terms = _sought(subject, model, noise, filed, tick, doubtful=doubtful, much=much, little=little)
+    read_again, subject = read is not subject, read
     if not terms:
         return None
     names = [f.id for f in found]
-    rivals = {f.id: f.rivals for f in found}
-
-    def beside(names: Sequence[str], terms: Sequence[Effect]) -> Extension:
-        """Terms, added after those of the effects found that are named."""
-        base = subject.model
-        whole = ordered(model, len(base.effects), names)
-        start = replace(whole, effects=(*whole.effects, *terms))
-        asked: list[str | Effect] = [*names, *terms]
-        return extend(subject, base, asked, tick, noise, rivals=rivals, start=start, horizon_s=horizon_s)
-
+    beside = _Beside(subject, model, noise, {f.id: f.rivals for f in found}, tick, horizon_s)
     done = beside(names, terms)
     idle = {e.id for e in done.effects if not e.learned and _neutral(e)}
     if idle and not (_outdoes(done) or (read_again and _outdoes_given_the_past(subject, model, noise, terms, tick))):
@@ -98,6 +91,136 @@ def learned(
         done = beside(names, terms)
     pruned = _pruned(done, terms, named, lambda fewer: beside(names, fewer))
     return None if pruned is None else Learned(pruned, subject)
+
+
+def _sought(
+    subject: Subject,
+    model: PhysicsModel,
+    noise: Noise,
+    filed: Subject,
+    tick: Callable[[str], None],
+    *,
+    doubtful: bool = False,
+    much: bool = True,
+    little: bool = False,
+) -> tuple[Subject, tuple[Effect, ...]]:
+    """The terms that a model lacks, and the measurements, with inputs read when they act beside these."""
+    terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much, little=little)
+    if any(isinstance(t, HiddenMode) for t in terms) and subject.logs is not filed.logs:
+        # A mode that nobody has added yet looks like an input that acts at another time.
+        subject = retimed(filed, replace(model, effects=(*model.effects, *terms)), noise)
+        terms = learn_all_terms(subject, model, noise, tick, doubtful=doubtful, much=much)
+    return subject, terms
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """Adds terms after effects of the catalogue, and fits all."""
+
+    subject: Subject
+    model: PhysicsModel
+    """With these effects, and perhaps more."""
+    noise: Noise
+    rivals: Mapping[str, tuple[str, ...]]
+    tick: Callable[[str], None]
+    horizon_s: float | None
+
+    def __call__(self, names: Sequence[str], terms: Sequence[Effect]) -> Extension:
+        """The extension with the effects of these ids and these terms."""
+        base = self.subject.model
+        whole = ordered(self.model, len(base.effects), names)
+        start = replace(whole, effects=(*whole.effects, *terms))
+        asked: list[str | Effect] = [*names, *terms]
+        return extend(
+            self.subject, base, asked, self.tick, self.noise, rivals=self.rivals, start=start, horizon_s=self.horizon_s
+        )
+
+
+def instead(run: Setup, found: Discovery, before: Extension, told: Learned | None) -> Learned | None:
+    """What is learned without the named effects that may only imitate it, where that forecasts better; else ``told``.
+
+    Terms are learned with no effect of the equations in which something is left, and of these effects those are added
+    again that save enough beside the terms. Training recordings choose, recordings held out confirm. What is known
+    gives way to formulas and modes, not to a spline, which may be anything.
+
+    Args:
+        run: what most steps need.
+        found: with the effects that free runs confirm.
+        before: the model with these.
+        told: what was learned beside them; None: nothing.
+    """
+    subject, known = run.subject, len(run.subject.model.effects)
+    doubted = _doubted(found, told)
+    names = supported([f.id for f in found.found if f.id not in doubted], subject.model)
+    doubted = [f.id for f in found.found if f.id not in names]
+    if not doubted or not subject.held_out or hidden(subject.logs):
+        return told
+    run.tick("without what may be an imitation")
+    bare = ordered(before.model, known, names)
+    model, _ = fit_parameters(subject, bare, run.noise, run.tick, through_simulator=False)
+    read, terms = _sought(subject, model, run.noise, run.filed, run.tick)
+    if not terms:
+        return told
+    # What needs another effect that may go is not added again: without it more is left, and the first answer stands.
+    own = ordered(before.model, known, [i for i in doubted if i in supported([*names, i], subject.model)]).effects[
+        known:
+    ]
+    search = Search(read, (), run.tick, run.noise)
+    with torch.no_grad():
+        kept = worthy(read, run.noise, search, model, [*own, *terms], doubtful=False)
+    if any(e is k for e in own for k in kept):  # beside the largest terms a small one was not sought
+        grown = replace(model, effects=(*model.effects, *terms))
+        terms = (*terms, *learn(read, grown, run.noise, run.tick))
+        with torch.no_grad():
+            kept = worthy(read, run.noise, search, model, [*own, *terms], doubtful=False)
+    terms = tuple(t for t in terms if any(t is k for k in kept))
+    again = {EFFECTS.name_of(type(e)) for e in own if any(e is k for k in kept)}
+    names = supported([f.id for f in found.found if f.id in again or f.id not in doubted], subject.model)
+    curved = any(isinstance(t, LearnedTerm) and t.shape == SPLINE for t in terms)
+    if not terms or curved or len(names) == len(found.found):
+        return told
+    rivals = {f.id: f.rivals for f in found.found}
+    beside = _Beside(read, before.model, run.noise, rivals, run.tick, run.horizon_s)
+    pruned = _pruned(beside(names, terms), terms, (), lambda fewer: beside(names, fewer))
+    if pruned is None:
+        return told
+    other = Learned(pruned, read)
+    return other if _better(run, other, Learned(before, subject) if told is None else told, told is None) else told
+
+
+def _doubted(found: Discovery, told: Learned | None) -> list[str]:
+    """The effects that act in an equation in which something was learned, or else much is left."""
+    if not found.equations:
+        return [f.id for f in found.found]
+    high = DECIDING.high_excess**0.5
+    left = {e.equation for e in found.equations if e.models["extended"] > high * max(e.floor, 1e-300)}
+    if told is not None:
+        left = {e.acts_on for e in told.extension.effects if e.learned}
+    return [f.id for f in found.found if any(s.equation in left and s.worth for s in f.savings)]
+
+
+def _better(run: Setup, other: Learned, before: Learned, alone: bool) -> bool:
+    """Whether free runs of other terms err clearly less, or no more with fewer effects and terms and fewer numbers.
+
+    Both of the recordings that were learnt from and of those held out. Where effects of the catalogue stand ``alone``,
+    fewer is no reason: they are known, and a term is not; nor is it beside what swings, which free runs say little of.
+    """
+    both, horizon_s = (before, other), before.extension.comparison.horizon_s[-1]
+    swings = any(isinstance(e, (HiddenMode, PeriodicTerm)) for e in before.extension.model.effects)
+    terms, numbers = ([f(b.extension.effects) for b in both] for f in (len, _numbers))
+    simpler = not (alone or swings) and terms[1] < terms[0] and numbers[1] < numbers[0]
+    for names in (run.subject.training, run.subject.held_out):
+        (was, now), drawn = above_floor([(b.subject, b.extension.model) for b in both], run.noise, names, horizon_s)
+        sure = np.quantile(drawn[:, 0] - drawn[:, 1], 0.025) > 0 and 1 + was > MATTERING.near**2 * (1 + now)
+        clear = bool(sure) and now * MATTERING.lost**2 < was
+        if not (clear or (simpler and 1 + now <= MATTERING.near**2 * (1 + was))):
+            return False
+    return True
+
+
+def _numbers(effects: Sequence[NamedEffect]) -> int:
+    """How many parameters effects have."""
+    return sum(len(e.parameters) for e in effects)
 
 
 def _pruned(
@@ -114,6 +237,11 @@ def _pruned(
         named: the effects as they are fitted without terms.
         beside: fits the named effects with fewer terms.
     """
+    while (nothing := _nothing(done)) is not None:
+        terms = tuple(t for i, t in enumerate(terms) if i != nothing)
+        if not terms:
+            return None
+        done = beside(terms)
     while (needless := _needless(done)) is not None and len(terms) > 1:
         fewer = tuple(t for i, t in enumerate(terms) if i != needless)
         simpler = beside(fewer)
@@ -135,6 +263,19 @@ def _neutral(effect: NamedEffect) -> bool:
     """Whether every parameter may as well be the one that makes it no effect."""
     neutral = {p.name: float(p.neutral) for p in EFFECTS.get(effect.id).neutral().parameters() if p.uncertainty > 0}
     return all(p.low <= neutral[name] <= p.high for name, p in effect.parameters.items() if name in neutral)
+
+
+def _nothing(done: Extension) -> int | None:
+    """The place among the learned terms of the first that may as well be none: the interval of its size holds zero."""
+    sizes = [_sizes(e) for e in done.effects if e.learned]
+    return next((i for i, of in enumerate(sizes) if of and all(p.low <= 0 <= p.high for p in of)), None)
+
+
+def _sizes(effect: NamedEffect) -> list[ParameterEstimate]:
+    """The parameters of what was learned that are all zero where it does nothing."""
+    found = [p for n, p in effect.parameters.items() if n not in ("frequency", "damping", "time constant")]
+    shape = SHAPES.get(effect.term.shape) if effect.term is not None and effect.term.signals else None
+    return found if shape is None else found[: shape.linear]
 
 
 def _needless(done: Extension) -> int | None:
@@ -184,59 +325,6 @@ def judged(subject: Subject, noise: Noise, found: Discovery, extension: Extensio
     if not found.equations:
         return found
     return replace(found, equations=Weighing(subject, noise, found.calibrated).errors(extension.model))
-
-
-@dataclass(frozen=True)
-class Likeness:
-    """What a term is like."""
-
-    effects: tuple[str, ...]
-    """Ids of the effects of the catalogue that come nearest to it."""
-    share: float
-    """Of the squared rates that the term makes of the recordings, what the first of them would make too, 0 to 1."""
-
-
-def nearest(linear: Linearization, place: int) -> Likeness | None:
-    """The candidates that tell most of what the effect in a place of the model does; None: none tells much.
-
-    Rates of all groups of channels on which the term acts count alike, over all recordings that ``linear`` is of.
-    """
-    gone = linear.columns.responses[linear.removals[place]]
-    group = {c: linear.model.measured_channels[c].group for c in gone}
-    power = dict.fromkeys(group.values(), 0.0)
-    for c, x in gone.items():
-        power[group[c]] += float(np.mean(x**2))
-    scale = {c: power[g] ** 0.5 for c, g in group.items()}
-    y = -np.concatenate([x.ravel() / scale[c] for c, x in gone.items()])  # what goes with the term is what it does
-    shares: dict[str, float] = {}
-    for s in (s for s in linear.starts if s.through is None):
-        shares[s.id] = max(shares.get(s.id, 0.0), _told(linear, s, gone, scale, y))
-    best = max(shares.values(), default=0.0)
-    near = sorted((i for i in shares if shares[i] >= best - TELLING.as_near), key=lambda i: -shares[i])
-    return Likeness(tuple(near[: TELLING.nearest]), best) if best >= TELLING.alike else None
-
-
-def _told(
-    linear: Linearization, start: Candidate, gone: Mapping[int, np.ndarray], scale: Mapping[int, float], y: np.ndarray
-) -> float:
-    """R² of a candidate, with numbers that it may have, on what the term does: what pushes away is no spring."""
-    zeros = np.zeros(linear.columns.shape)
-    columns = [
-        np.concatenate([linear.columns.responses[j].get(c, zeros).ravel() / scale[c] for c in gone])
-        for j in start.columns
-    ]
-    x, low, high = np.stack(columns, axis=1), np.array(start.low), np.array(start.high)
-    acts = np.isfinite(x).all(0) & (np.abs(x).max(0) > 0)
-    given = acts & (low == high)  # an effect that is not linear in its numbers, as it is at this value of them
-    rest = y - x[:, given] @ low[given]
-    free = acts & ~given
-    if free.any():
-        size = np.linalg.norm(x[:, free], axis=0)
-        triangle = np.asarray(np.linalg.qr(np.column_stack([x[:, free] / size, rest]), mode="r"))
-        ends = low[free] * size, high[free] * size
-        fit = scipy.optimize.lsq_linear(triangle[:, :-1], triangle[:, -1], ends, method="bvls")
-        rest = rest - x[:, free] @ (fit.x / size)
-    return float(1 - rest @ rest / (y @ y))
 
 
 def likened(subject: Subject, noise: Noise, extension: Extension) -> Extension:

@@ -15,13 +15,14 @@ import pytest
 
 from bench.diagnose import compare, diagnose, extend, learned
 from bench.diagnose.compare import Comparison
+from bench.diagnose.confirm import Setup
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.candidates import Pair
 from bench.diagnose.learn.formulas import fitted, option_columns, options
 from bench.diagnose.learn.held_out import HeldOut
 from bench.diagnose.learn.learn import _Seen, learn
+from bench.diagnose.learn.likeness import nearest
 from bench.diagnose.learn.request import parsed
-from bench.diagnose.learned import nearest
 from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.report import model_file, page, sentences
@@ -130,7 +131,9 @@ def test_a_dead_zone_has_two_edges(middle: float, names: set[str]) -> None:
     rows = [np.column_stack([columns[:, i].T, y[i]]) for i in range(4)]
     nothing = np.zeros(len(columns) + 1)
     view = SimpleNamespace(
-        grams=[r.T @ r for r in rows], floor=400.0, subsets=SimpleNamespace(anchor=nothing, centre=nothing)
+        grams=[r.T @ r for r in rows],
+        floor=400.0,
+        subsets=SimpleNamespace(anchor=nothing, prior=nothing, centre=nothing),
     )
     fits = HeldOut(view, [])  # type: ignore[arg-type]
     assert set(fitted(fits, some, np.arange(len(columns)), (), x)) == names
@@ -251,7 +254,9 @@ def test_a_term_that_free_runs_do_not_need_is_not_added(
 
     def extended(subject: object, base: object, asked: list[LearnedTerm], *_: object, **__: object) -> object:
         terms = "".join(letters[t] for t in asked)
-        effects = [SimpleNamespace(learned=True, share_explained=share) for share in explained[terms]]
+        effects = [
+            SimpleNamespace(learned=True, share_explained=share, parameters={}, term=None) for share in explained[terms]
+        ]
         return SimpleNamespace(terms=terms, effects=effects)
 
     monkeypatch.setattr(learned, "learn_all_terms", lambda *_, **__: (a, b))
@@ -288,7 +293,7 @@ def test_a_named_effect_goes_for_a_mode_only_where_inputs_were_read_again(
         "learn_all_terms": lambda *_, **__: (mode,),
         "extend": extended,
         "ordered": lambda *_: Oscillator(),
-        "retimed": lambda *_: given,
+        "retimed": lambda *_: SimpleNamespace(**vars(given)),
         "_neutral": lambda e: True,
         "_outdoes": lambda done: False,
         "_outdoes_given_the_past": lambda *_: True,
@@ -310,11 +315,82 @@ def test_a_named_effect_goes_for_a_mode_only_where_inputs_were_read_again(
     assert (None if done is None else done.extension.effects) == ([term] if read_again else None)
 
 
+@pytest.mark.parametrize(("named", "kept"), [("coulomb_friction", []), ("quadratic_drag", ["quadratic_drag"])])
+def test_what_only_imitates_a_term_gives_way_to_it_and_what_is_there_does_not(named: str, kept: list[str]) -> None:
+    """A drag is hidden; Coulomb friction makes much of it, and beside that what is left would be learned or not."""
+    of, noise = prepared(subject(HIDDEN["signed_square"][0]))
+    before = extend(of, of.model, [named], noise=noise)
+    found = SimpleNamespace(found=(SimpleNamespace(id=named, rivals=()),), equations=())
+    done = learned.instead(Setup(of, noise, lambda what: None, None, of), found, before, None)  # type: ignore[arg-type]
+    if kept:
+        assert done is None
+        return
+    assert done is not None
+    (effect,) = done.extension.effects
+    assert effect.term is not None and effect.term.shape == "signed_square"
+    assert effect.parameters["k"].low <= -0.4 <= effect.parameters["k"].high
+
+
+@pytest.mark.parametrize(
+    ("now", "alone", "numbers", "taken"),
+    [
+        ((1.0, 1.0), True, [1], True),
+        ((1.0, 2.5), True, [1], False),  # held-out recordings do not confirm it
+        ((2.5, 1.0), True, [1], False),
+        ((3.0, 3.0), True, [3, 1], False),  # what is known stands alone
+        ((3.0, 3.0), False, [3, 1], True),
+        ((3.0, 3.0), False, [3], False),
+        ((3.0, 3.0), False, [1, 1], False),  # two effects in one formula are no fewer numbers
+        ((3.0, 4.0), False, [3, 1], False),
+    ],
+)
+def test_terms_without_what_is_named_forecast_clearly_better_or_as_well_with_fewer(
+    monkeypatch: pytest.MonkeyPatch, now: tuple[float, float], alone: bool, numbers: list[int], taken: bool
+) -> None:
+    """What is named, of effects with these numbers, leaves 3 above the floor; beside it stands a term with two."""
+
+    def told(numbers: list[int]) -> SimpleNamespace:
+        last = SimpleNamespace(horizon_s=(0.5,))
+        effects = [SimpleNamespace(parameters=dict.fromkeys(range(n))) for n in numbers]
+        return SimpleNamespace(
+            subject=None, extension=SimpleNamespace(model=Oscillator(), effects=effects, comparison=last)
+        )
+
+    def left(models: object, noise: object, names: str, horizon_s: float) -> tuple[np.ndarray, np.ndarray]:
+        mean = np.array([3.0, now[names == "held out"]])
+        return mean, np.tile(mean, (10, 1))
+
+    monkeypatch.setattr(learned, "above_floor", left)
+    run = SimpleNamespace(subject=SimpleNamespace(training="training", held_out="held out"), noise=None)
+    assert learned._better(run, told([2]), told(numbers), alone) is taken  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("shape", "intervals", "kept"),
+    [
+        ("linear", {"k": (-0.43, 0.34)}, False),
+        ("linear", {"k": (-0.43, -0.34)}, True),
+        ("above", {"k": (-1.0, 1.0), "w": (0.2, 0.3)}, False),
+        ("affine", {"k": (-1.0, 1.0), "c": (0.2, 0.3)}, True),
+        ("swing", {"frequency": (2.0, 2.1), "damping": (0.1, 0.2), "p": (-1.0, 1.0), "q": (-0.1, 0.2)}, False),
+    ],
+)
+def test_a_term_that_may_as_well_be_none_is_not_told(
+    shape: str, intervals: dict[str, tuple[float, float]], kept: bool
+) -> None:
+    numbers = {n: SimpleNamespace(value=sum(i) / 2, low=i[0], high=i[1]) for n, i in intervals.items()}
+    term = SimpleNamespace(shape=shape, signals=("speed.q",))
+    effect = SimpleNamespace(learned=True, share_explained=0.9, parameters=numbers, term=term)
+    done = SimpleNamespace(effects=[effect])
+    found = learned._pruned(done, (LearnedTerm(signals=("speed.q",)),), (), lambda fewer: done)  # type: ignore[arg-type]
+    assert (found is not None) is kept
+
+
 @pytest.mark.parametrize(("share", "now", "kept"), [(0.01, 1.3, False), (0.01, 1.05, True), (0.2, 1.3, True)])
 def test_a_trace_that_moves_what_is_named_is_not_added(share: float, now: float, kept: bool) -> None:
     def effect(name: str, learned: bool, share: float, value: float) -> SimpleNamespace:
         numbers = {"k": SimpleNamespace(value=value, low=0.9, high=1.1)}
-        return SimpleNamespace(id=name, learned=learned, share_explained=share, parameters=numbers)
+        return SimpleNamespace(id=name, learned=learned, share_explained=share, parameters=numbers, term=None)
 
     done = SimpleNamespace(effects=[effect("drag", False, 0.9, now), effect("learned_term", True, share, 1.0)])
     terms, named = (LearnedTerm(signals=("speed.q",)),), [effect("drag", False, 0.9, 1.0)]
@@ -449,6 +525,21 @@ def test_a_moment_that_goes_with_the_square_of_the_speed_is_found_in_flights(mon
     assert (effect.term.axis, effect.term.signals) == ("torque_y", ("body_velocity.x",))
     assert effect.term.shape == "signed_square"
     assert effect.parameters["k"].low <= 0.004 <= effect.parameters["k"].high
+
+
+@pytest.mark.slow
+def test_a_drag_of_each_axis_by_itself_is_not_taken_for_one_of_the_airspeed(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = np.array([0.12, 0.20, 0.06])
+
+    def drag(state: np.ndarray, air: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return -true[:, None] * np.abs(air) * air if air.ndim > 1 else -true * np.abs(air) * air, np.zeros_like(air)
+
+    found, _ = diagnose(flights(monkeypatch, "wrench", drag), brief=True)
+    assert found.verdict == "unknown_effect"
+    for effect in found.effects:
+        assert effect.term is not None and effect.term.shape == "signed_square"
+        k = effect.parameters["k"]
+        assert k.low <= -true["xyz".index(effect.term.axis[-1])] <= k.high
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,7 @@ class HeldOut:
         self.held = held
         self.total = np.asarray(sum(self.folds))
         self.rows = view.floor
+        self.known, self.centre = subsets.prior[self.own], subsets.centre[self.own]
 
     def losses(self, blocks: Sequence[Block]) -> np.ndarray:
         """Squared residuals (folds,) of each fold by a fit to the others."""
@@ -47,6 +48,13 @@ class HeldOut:
             vector = np.append(-_solved(total - here + penalty), 1.0)
             out.append(float(vector @ here @ vector))
         return np.array(out)
+
+    def prior(self, blocks: Sequence[Block]) -> float:
+        """Squared distance, in standard deviations, of the columns always fitted from what is known of them."""
+        index = [*self.own, *(int(c) for b in blocks for c in b.places)]
+        some = np.ix_([*index, -1], [*index, -1])
+        beta = _solved(self.total[some] + self._penalty(index, blocks, some))[: len(self.own)]
+        return float((self.known * (beta - self.centre) ** 2).sum())
 
     def fit(self, blocks: Sequence[Block]) -> list[np.ndarray]:
         """Coefficients of each block, fitted to all recordings."""

@@ -99,14 +99,22 @@ def chosen(fits: HeldOut, made: Sequence[Made], places: Sequence[np.ndarray]) ->
     gained: dict[str, float] = defaultdict(float)
 
     def best(beside: Sequence[Block], among: Sequence[int]) -> _Addition | None:
-        """The candidate that leaves least beside some blocks."""
+        """The candidate that leaves least beside some blocks, with what is known of the constants.
+
+        A force along one axis and a constant that was stated otherwise may make the same of another axis.
+        """
         # Beside a first spline formulas would mend what that is too coarse for.
         tried = Made.splines if beside else Made.blocks
         few = SPLINING.penalties[1::2]
         quick = {i: float(fits.best(tried(made[i], places[i], few), beside)[1].sum()) for i in among}
         first = sorted(quick, key=lambda i: quick[i])[: SPLINING.first]
         found = [(i, *fits.best(tried(made[i], places[i]), beside)) for i in first]
-        return min(found, key=lambda f: float(f[2].sum()), default=None)
+
+        def cost(one: _Addition) -> float:
+            i, which, losses = one
+            return float(losses.sum()) + fits.prior([*beside, made[i].blocks(places[i])[which]])
+
+        return min(found, key=cost, default=None)
 
     def least(pair: Pair, before: np.ndarray, losses: np.ndarray) -> float:
         """What a term must gain: more than noise, and not little of what its equation gains in all or of what is left.
