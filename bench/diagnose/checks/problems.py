@@ -158,7 +158,7 @@ def _clipped(view: View) -> Iterator[DataProblem]:
 def _frozen(view: View) -> Iterator[DataProblem]:
     """A sensor that repeats its value while the other one says that it changes."""
     valid = view.log.valid.numpy()
-    shortest = max(FREEZING.held_samples, round(FREEZING.held / view.dt))
+    shortest = max(FREEZING.held_samples, round(FREEZING.held * view.log.pace))
     moving = ~held(view.x[:, list(view.log.measured)])
     for pair in view.pairs:
         for signal, own, other in ((pair.signal, pair.channels, pair.rates), (pair.rate, pair.rates, pair.channels)):

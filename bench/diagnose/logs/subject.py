@@ -8,10 +8,12 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.logs.smoothing import Slope, Smoothing
+from bench.diagnose.settings import READING
 from registry.contracts import Recording
 from registry.datasets.folder.dataset import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
+from registry.physics.rigid_body import RigidBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,9 @@ class Log:
     """(N − 1, s): what the means of two samples lack as means of slopes between them; see `logs.slopes`."""
     part_of: str = ""
     """Name of the recording that it was cut from; empty: it is whole."""
+    second: float = 1.0
+    """Time [s] that stands for a second of flight in all that looks at stretches of time: of a vehicle a second, of a
+    slow or fast machine as long as `second_of` says."""
 
     @property
     def means(self) -> Tensor:
@@ -53,6 +58,11 @@ class Log:
     def dt(self) -> float:
         """Sampling period [s]."""
         return 1 / self.rate
+
+    @property
+    def pace(self) -> float:
+        """Samples in what stands for a second."""
+        return self.rate * self.second
 
     @property
     def paths(self) -> np.ndarray:
@@ -169,7 +179,18 @@ def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
         recording=recording,
         estimated=() if any(known) else tuple(not m for m in measured),
         sensed=_sensed(recording, model),
+        second=1.0 if isinstance(model, RigidBody) else second_of(recording),
     )
+
+
+def second_of(recording: Recording) -> float:
+    """Time [s] that stands for a second in a recording of a machine of any speed: a week's heating has no use for one.
+
+    A second where it holds samples enough, and is short against the recording; else the nearest time of which both
+    hold. So a machine that is slower by any factor is looked at over times that are longer by this factor.
+    """
+    samples, times = READING.second
+    return max(samples, min(recording.rate, len(recording) / times)) / recording.rate
 
 
 def _sensed(recording: Recording, model: PhysicsModel) -> Tensor | None:

@@ -53,6 +53,13 @@ class Reading:
         Basis.EFFORT,
         "count",
     )
+    second: tuple[int, int] = threshold(
+        (100, 8),
+        "of a machine that is no vehicle: samples that what stands for a second holds at least, however slow it is, "
+        "and how often that fits into a recording at least, however fast it is",
+        Basis.JUDGED,
+        "count",
+    )
     stretch: float = threshold(
         5.0,
         "shortest stretch of a recording that is looked at where recordings are not looked at whole: a block of rows "
