@@ -120,6 +120,8 @@ class Subject:
     """Whether a search settled that rates are compared over windows as long as a free run."""
     notes: tuple[str, ...] = ()
     """What was done to the measurements, in sentences."""
+    warned: tuple[str, ...] = ()
+    """Those of them that say what these recordings cannot tell, for who only checks them."""
     resampled: tuple[str, ...] = ()
     """Those of them that say where samples are not as they were logged."""
     folder: Folder | None = None
@@ -179,18 +181,18 @@ def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
         recording=recording,
         estimated=() if any(known) else tuple(not m for m in measured),
         sensed=_sensed(recording, model),
-        second=1.0 if isinstance(model, RigidBody) else second_of(recording),
+        second=1.0 if isinstance(model, RigidBody) else second_of(recording.rate),
     )
 
 
-def second_of(recording: Recording) -> float:
-    """Time [s] that stands for a second in a recording of a machine of any speed: a week's heating has no use for one.
+def second_of(rate: float) -> float:
+    """Time [s] that stands for a second of a machine of any speed, logged at a rate [Hz]: of a week's heating, hours.
 
-    A second where it holds samples enough, and is short against the recording; else the nearest time of which both
-    hold. So a machine that is slower by any factor is looked at over times that are longer by this factor.
+    A second where it holds neither too few nor too many samples, else the nearest time that does: a machine that is
+    slower by any factor is looked at over times that are longer by this factor.
     """
-    samples, times = READING.second
-    return max(samples, min(recording.rate, len(recording) / times)) / recording.rate
+    least, most = READING.second
+    return min(max(rate, least), most) / rate
 
 
 def _sensed(recording: Recording, model: PhysicsModel) -> Tensor | None:
@@ -202,6 +204,13 @@ def _sensed(recording: Recording, model: PhysicsModel) -> Tensor | None:
     shown = np.where(np.isfinite(shown), shown, 0.0)  # where it is not, the recording is not valid
     parts = (shown[1:] + shown[:-1]) / (2 * recording.rate)
     return torch.from_numpy(np.concatenate([np.zeros_like(shown[:1]), np.cumsum(parts, axis=0)]))
+
+
+def named_drive(log: Log, place: int) -> str:
+    """A channel of what drives the system in words, with its axis where there are several."""
+    channels = log.recording.input_channels
+    one = sum(c.group == channels[place].group for c in channels) == 1
+    return (channels[place].group if one else channels[place].name).replace(".", " ").replace("_", " ")
 
 
 def self_contained(model: PhysicsModel, measured: Sequence[bool]) -> tuple[bool, ...]:

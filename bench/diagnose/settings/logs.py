@@ -53,12 +53,15 @@ class Reading:
         Basis.EFFORT,
         "count",
     )
+    untold: float = threshold(
+        0.01, "share of the samples at which a model may give no finite rate: they are left out", Basis.JUDGED
+    )
     second: tuple[int, int] = threshold(
-        (100, 8),
+        (100, 1000),
         "of a machine that is no vehicle: samples that what stands for a second holds at least, however slow it is, "
-        "and how often that fits into a recording at least, however fast it is",
+        "and at most, however fast it is",
         Basis.JUDGED,
-        "count",
+        "samples",
     )
     stretch: float = threshold(
         5.0,
