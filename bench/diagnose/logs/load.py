@@ -109,8 +109,8 @@ def _unmoved(subject: Subject) -> list[str]:
         if len(values) and bool((values == values[0]).all()):
             unit = first.recording.input_channels[j].unit
             out.append(
-                f"{named_drive(first, j)} is {float(values[0]) + 0.0:g} {unit} in every sample: what it does, and whether "
-                "it does it as the model says, cannot be judged."
+                f"{named_drive(first, j)} is {float(values[0]) + 0.0:g} {unit} in every sample: what it does, and "
+                "whether it does it as the model says, cannot be judged."
             )
     return out
 
