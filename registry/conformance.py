@@ -94,9 +94,13 @@ class EffectConformance:
             assert p.measure or all(_within(v, p.low, p.high) for v in values), f"screen: {name} out of its bounds"
 
     def test_parameters_are_described(self) -> None:
-        """Each with a unit of SI and an explanation; neutral and typical value within the bounds."""
+        """Each with a unit of SI and an explanation; neutral and typical value within the bounds. Options beside."""
         parameters = self.effect.neutral().parameters()
-        assert len(parameters) == sum(f.default is not None for f in dataclasses.fields(self.effect)) > 0
+        options = [
+            f for f in dataclasses.fields(self.effect) if "help" in f.metadata and "uncertainty" not in f.metadata
+        ]
+        described = sum(f.default is not None for f in dataclasses.fields(self.effect)) - len(options)
+        assert len(parameters) == described > 0
         for p in parameters:
             assert p.unit and p.about, f"{p.name} lacks unit or explanation"
             exponents(p.unit)
@@ -134,7 +138,8 @@ class EffectConformance:
         why = "a number with a unit stands in the equation: make it a parameter, or take one of the model's constants"
         torch.testing.assert_close(found, self.final(effect), rtol=1e-8, atol=1e-10, msg=lambda said: f"{why}.\n{said}")
         before, after = (
-            {n: float(x.abs().max()) for n, x in m.followed(s, u).items()} | {"time_scale": m.time_scale(s, u)}
+            {n: float(x.abs().max()) for n, x in m.followed(s, u).items()}
+            | {"time_scale": m.time_scale(s, u), "second": 1.0}
             for m, s, u in ((model, state, inputs), (other, other_state, other_inputs))
         )
         for p in (p for p in effect.parameters() if p.measure):

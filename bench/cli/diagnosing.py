@@ -60,10 +60,10 @@ def folder_for(source: str, out: Path | None) -> Path:
 
 def print_problems(subject: "Subject") -> None:
     """Say what is wrong with the data before a step that would take it for physics."""
-    from bench.diagnose.checks.problems import problems
+    from bench.diagnose.checks.problems import contradictions
     from bench.diagnose.report.phrases import gathered
 
-    found = gathered(problems(subject).problems)
+    found = gathered(contradictions(subject))
     for line in found[:4]:
         click.echo(f"data problem: {line}", err=True)
     if len(found) > 4:

@@ -64,7 +64,7 @@ def confirmed(run: Setup, found: Discovery) -> tuple[Discovery, Extension | None
     if extension is None:
         return found, None, False
     # Where each equation was judged by itself, a free run that is lost in another one refutes nothing.
-    if not found.equations and sum(e.share_explained for e in extension.effects) < 0:
+    if len({e.equation for e in found.equations}) < 2 and sum(e.share_explained for e in extension.effects) < 0:
         return _unnamed(found, [f.id for f in found.found], _NO_BETTER), None, True
     return found, extension, False
 

@@ -2,7 +2,8 @@
 
 import math
 from abc import abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar
 
@@ -11,11 +12,15 @@ import torch
 from torch import Tensor
 from typing_extensions import override
 
-from registry.core import EFFECTS
-from registry.dynamics import InputEffect, constant, tensor
+from registry.core import EFFECTS, finite, option
+from registry.dynamics import InputEffect, Parameter, constant, tensor
+from registry.errors import BenchError
+from registry.model_file import constants_of
 
 LONGEST_DELAY = 0.2
-"""Upper bound of a delay [s]: it sets the length of the memory."""
+"""Upper bound of a vehicle's delay [s]: it sets the length of the memory."""
+_FURTHER = 1.4
+"""From one delay that is tried to the next, beyond those of a vehicle."""
 
 
 class DriveEffect(InputEffect):
@@ -173,9 +178,8 @@ class InputDelay(InputEffect):
     Between samples the delayed input is interpolated; of held inputs this is the mean over a step.
     """
 
-    delay: Any = constant(
-        0.0, "T_d", "s", low=0, high=LONGEST_DELAY, typical=0.02, source="order of magnitude for radio and controllers"
-    )
+    delay: Any = constant(0.0, "T_d", "s", low=0, typical=0.02, source="order of magnitude for radio and controllers")
+    longest: float = option(LONGEST_DELAY, "upper bound of the delay, which sets the length of the memory", unit="s")
     equation: ClassVar[str] = "u(t) → u(t − T_d)"
     screen: ClassVar[dict[str, tuple[float, ...]]] = {"delay": (0.005, 0.01, 0.02, 0.03, 0.045, 0.07, 0.1, 0.15)}
     manoeuvre: ClassVar[str] = (
@@ -183,9 +187,52 @@ class InputDelay(InputEffect):
         "alike, a lag rounds it off; then compare the clocks of inputs and outputs"
     )
 
+    @classmethod
+    @override
+    def suits(cls, kind: Any) -> bool:
+        return super().suits(kind) and (bool(cls.systems) or "tanks" not in kind.systems())
+
+    @override
+    def parameters(self) -> list[Parameter]:
+        (delay,) = super().parameters()
+        return [replace(delay, high=self.longest, typical=delay.typical * self.longest / type(self).longest)]
+
+    @classmethod
+    @override
+    def grid(cls, sizes: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+        """`screen` of a vehicle; of a machine of another speed in what stands for a second, up to `longest`."""
+        tried = [sizes.get("second", 1.0) * v for v in InputDelay.screen["delay"]]
+        while _FURTHER * tried[-1] < sizes.get("longest_delay", 0.0):
+            tried.append(_FURTHER * tried[-1])
+        return {"delay": tuple(tried)}
+
+    @override
+    def sized(self, sizes: Mapping[str, float], fitted: bool = True) -> "InputDelay":
+        longest = sizes.get("longest_delay", self.longest)
+        return replace(self, longest=longest, delay=self.delay * longest / self.longest if fitted else self.delay)
+
+    @override
+    def options(self) -> dict[str, Any]:
+        return {} if self.longest == type(self).longest else {"longest": self.longest}
+
+    @classmethod
+    @override
+    def from_options(cls, where: str, given: dict[str, Any]) -> "InputDelay":
+        """As a file has it.
+
+        Raises:
+            BenchError: a key is unknown, or a value is not finite or out of its bounds.
+        """
+        longest = given.get("longest", cls.longest)
+        if not finite(longest) or not longest > 0:
+            raise BenchError(f"{where}: longest must be a positive number [s], not {longest!r}.")
+        made = cls(longest=float(longest))
+        own = {key: value for key, value in given.items() if key != "longest"}
+        return replace(made, **constants_of(where, made.parameters(), own))
+
     def memory_size(self, inputs: int, dt: float) -> int:
         """The samples that the longest delay reaches back to."""
-        return inputs * (math.ceil(LONGEST_DELAY / dt - 1e-9) + 1)
+        return inputs * (math.ceil(self.longest / dt - 1e-9) + 1)
 
     def steady(self, inputs: Tensor, dt: float) -> Tensor:
         """A past that equals the present (…, m)."""

@@ -1,6 +1,5 @@
 """What tanks, valves, amplifiers and process lines do beyond the simple model."""
 
-import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -9,7 +8,7 @@ import torch
 from torch import Tensor
 from typing_extensions import override
 
-from registry.core import EFFECTS
+from registry.core import EFFECTS, option
 from registry.dynamics import RateEffect, constant, tensor
 from registry.effects.actuation import DriveEffect, InputDelay
 from registry.effects.mechanics.friction import scaled
@@ -54,15 +53,11 @@ class Overflow(RateEffect):
 class TransportDelay(InputDelay):
     """What enters a line comes out of it later, any fraction of a sample; as `input_delay`, but far longer."""
 
-    delay: Any = constant(0.0, "T_d", "s", low=0, high=LONGEST_LINE, typical=8.0)
+    delay: Any = constant(0.0, "T_d", "s", low=0, typical=8.0)
+    longest: float = option(LONGEST_LINE, "upper bound of the delay, which sets the length of the memory", unit="s")
     equation: ClassVar[str] = "u(t) → u(t − T_d)"
     systems: ClassVar[tuple[str, ...]] = ("tanks",)
-    screen: ClassVar[dict[str, tuple[float, ...]]] = {"delay": (4.0, 8.0, 16.0, 32.0)}
     manoeuvre: ClassVar[str] = "change the drive in steps, with long holds between"
-
-    def memory_size(self, inputs: int, dt: float) -> int:
-        """The samples that the longest delay reaches back to."""
-        return inputs * (math.ceil(LONGEST_LINE / dt - 1e-9) + 1)
 
 
 class StaticInputEffect(DriveEffect):

@@ -76,21 +76,36 @@ def recording(seed: int, drive: Callable[[Array], Array], loop: bool, noise: flo
     return u, path + rng.normal(size=path.shape) * noise * path.std(0)
 
 
+def delay(u: Array) -> Array:
+    """Behind it by a dead time of 90 ms."""
+    at = np.arange(len(u)) / RATE / FINE
+    return np.asarray(np.interp(at - 0.09, at, u))
+
+
 def cart(
-    drive: Callable[[Array], Array], loop: bool = False, length: float = 1.0, force: float = 1.0, noise: float = 2e-3
+    drive: Callable[[Array], Array],
+    loop: bool = False,
+    length: float = 1.0,
+    force: float = 1.0,
+    noise: float = 2e-3,
+    time: float = 1.0,
 ) -> Subject:
-    """Four recordings, the last one held out, with lengths and forces counted in units of 1/length m and 1/force N."""
-    model = Oscillator(*(c * force / length for c in (MASS, DAMPING, STIFFNESS)))
+    """Four recordings, the last one held out, of a cart as large, as strong and as slow by these factors."""
+    inertia, resistance, spring = (c * force / length for c in (MASS, DAMPING, STIFFNESS))
+    model = Oscillator(inertia * time**2, resistance * time, spring)
     runs = [recording(seed, drive, loop, noise) for seed in range(4)]
-    return recorded(model, [(force * u, length * x) for u, x in runs], Channel("force", "N"))
+    runs = [(force * u, length * x / np.array([1.0, time])) for u, x in runs]
+    return recorded(model, runs, Channel("force", "N"), RATE / time)
 
 
-def recorded(model: PhysicsModel, runs: list[tuple[Array, Array]], drive: Channel, **more: Any) -> Subject:
+def recorded(
+    model: PhysicsModel, runs: list[tuple[Array, Array]], drive: Channel, rate: float = RATE, **more: Any
+) -> Subject:
     """A subject of drives (N,) and states (N, s), the last of them held out."""
     logs = []
     for i, (u, x) in enumerate(runs):
         channels = model.state_channels[: x.shape[1]]
-        made = Recording(f"run_{i}", RATE, u[:, None], x, (drive,), channels, np.ones(len(x), bool))
+        made = Recording(f"run_{i}", rate, u[:, None], x, (drive,), channels, np.ones(len(x), bool))
         logs.append(log_of(made, model, drive.name))
     names = tuple(log.name for log in logs)
     signals = (*(c.group for c in logs[0].recording.channels[1:]), drive.name)

@@ -86,7 +86,9 @@ def test_short_recordings_among_long_ones_change_little_of_what_these_say_of_noi
         drawn = search.stack.samples(search.noisy.inputs - search.stack.inputs)
         assert float(drawn.std()) == pytest.approx(0.1, rel=0.05)
     points = [
-        StartingPoints.of(Oscillator(), s.stack.samples(s.stack.states), s.stack.samples(s.stack.inputs))
+        StartingPoints.of(
+            Oscillator(), s.stack.samples(s.stack.states), s.stack.samples(s.stack.inputs), s.stack.logs[0]
+        )
         for s in searches
     ]
     assert points[1].sizes["speed"] == pytest.approx(points[0].sizes["speed"], rel=0.02)

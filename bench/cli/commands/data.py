@@ -162,6 +162,8 @@ def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ig
     if dataset.system and not system:
         refuse_unstated(dataset, PHYSICS.get(dataset.system))
     subject = load(dataset, system) if system else _diagnosable(dataset)
+    for warning in () if subject is None else subject.warned:
+        click.echo(f"note: {warning}")
     if _misread(check_folder(dataset), ignore):
         check = again.command("data check", str(folder))
         click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: {check}")
@@ -220,14 +222,11 @@ def _diagnosable(dataset: "Dataset") -> "Subject | None":
 
 
 def _contradicted(subject: "Subject", ignore: tuple[str, ...]) -> list[str]:
-    """Say what signals tell against each other; the kinds of it that would stop a diagnosis.
-
-    When inputs act is judged by a diagnosis alone, beside what it finds missing.
-    """
-    from bench.diagnose.checks.problems import problems, without_damaged
+    """Say what signals tell against each other; the kinds of it that would stop a diagnosis."""
+    from bench.diagnose.checks.problems import contradictions, without_damaged
     from bench.diagnose.report.phrases import gathered
 
-    found = [p for p in problems(subject).problems if p.kind != "time shift"]
+    found = contradictions(subject)
     left = [p for p in found if p.kind not in ignore]
     stopping = left if without_damaged(subject, left) is None else []
     for word, said in (("WRONG", stopping), ("note", [p for p in found if p not in stopping])):

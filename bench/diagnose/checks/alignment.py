@@ -39,7 +39,7 @@ def alignment(
         usable: (N,) samples that count.
     """
     found: list[DataProblem] = []
-    sound, paces, length = [], [], max(3, round(ALIGNING.window * log.rate))
+    sound, paces, length = [], [], max(3, round(ALIGNING.window * log.pace))
     for pair in among:
         measured, said = _windows(pair, x, log.dt, length)
         inside = within(usable, length)
@@ -55,7 +55,7 @@ def alignment(
         found += wrong
         if not wrong:
             sound.append(pair)
-            paces.append(_paces(measured, said, inside, round(ALIGNING.clock_block * log.rate)))
+            paces.append(_paces(measured, said, inside, round(ALIGNING.clock_block * log.pace)))
     if not found:
         found += _clock(log, sound, paces, length)
     if not found:
@@ -133,7 +133,7 @@ def _axes(log: Log, pair: Pair, fit: Fit, x: Array, modelled: Array, usable: Arr
 def _blamed(log: Log, pair: Pair, axes: tuple[int, int], x: Array, modelled: Array, usable: Array) -> str:
     """Which of the two signals the model speaks against, along an axis, or two that are swapped."""
     i, j = axes
-    length = max(3, round(ALIGNING.window * log.rate))
+    length = max(3, round(ALIGNING.window * log.pace))
     channels = [pair.rates[i], pair.rates[j]]
     measured, said = (
         accumulated(s) for s in (np.diff(x[:, channels], axis=0), integral(modelled[:, channels], log.dt))
@@ -208,7 +208,7 @@ def _against_model(log: Log, sound: Sequence[Pair], x: Array, modelled: Array, u
     """Motion against the force that drives it, in signals that agree with each other."""
     found = []
     for pair in sound:
-        length = max(3, round((ALIGNING.window / 2 if pair.turns else ALIGNING.window) * log.rate))
+        length = max(3, round((ALIGNING.window / 2 if pair.turns else ALIGNING.window) * log.pace))
         channels = list(pair.rates)
         own, said = (accumulated(s) for s in (np.diff(x[:, channels], axis=0), integral(modelled[:, channels], log.dt)))
         inside = within(usable, length)

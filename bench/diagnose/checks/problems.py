@@ -14,6 +14,7 @@ from torch import Tensor
 
 from bench.diagnose.checks.alignment import alignment
 from bench.diagnose.checks.excursions import Event, excursions, standing_out
+from bench.diagnose.checks.machines import machine_problems
 from bench.diagnose.checks.shifts import shifts
 from bench.diagnose.logs.consistency import Pair, View, accumulated, change, integral, slope, spread
 from bench.diagnose.logs.subject import Log, Subject
@@ -64,12 +65,22 @@ def problems(subject: Subject, own: Mapping[str, Tensor] | None = None, known: K
         events += excursions
     stopping, minor = standing_out(events)
     found += stopping
+    found = found or machine_problems(subject)
     if not found:
         shifted, suspected = shifts(subject, own or {})
         found, minor = shifted, [*suspected, *minor]
     order = {log.name: i for i, log in enumerate(subject.logs)}
     found.sort(key=lambda p: (order[p.recording], p.rows or (0, 0)))
     return Checked(tuple(found), tuple(minor))
+
+
+def contradictions(subject: Subject) -> tuple[DataProblem, ...]:
+    """`problems` that stop an analysis whatever the model lacks: what every command but a diagnosis tells.
+
+    When inputs act is judged by a diagnosis alone, beside what it finds missing: an absorber on a spring looks like a
+    clock that is late.
+    """
+    return tuple(p for p in problems(subject).problems if p.kind != "time shift")
 
 
 def without_damaged(subject: Subject, found: Sequence[DataProblem]) -> Subject | None:
@@ -158,7 +169,7 @@ def _clipped(view: View) -> Iterator[DataProblem]:
 def _frozen(view: View) -> Iterator[DataProblem]:
     """A sensor that repeats its value while the other one says that it changes."""
     valid = view.log.valid.numpy()
-    shortest = max(FREEZING.held_samples, round(FREEZING.held / view.dt))
+    shortest = max(FREEZING.held_samples, round(FREEZING.held * view.log.pace))
     moving = ~held(view.x[:, list(view.log.measured)])
     for pair in view.pairs:
         for signal, own, other in ((pair.signal, pair.channels, pair.rates), (pair.rate, pair.rates, pair.channels)):

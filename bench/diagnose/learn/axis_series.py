@@ -71,7 +71,7 @@ def axis_series(subject: Subject, model: PhysicsModel, noise: Noise) -> list[Axi
     """
     share = min(1.0, UNSEEN.longest / sum(map(len, subject.logs)))
     stack = LogBatch.of([_beginning(log, share) for log in subject.logs])
-    stride = max(2, round(UNSEEN.window / stack.dt))
+    stride = max(2, round(UNSEEN.window * stack.logs[0].pace))
     base = len(model.effects)
     with torch.no_grad():
         linear = directions(with_axes(model), subject.model, subject.uncertainty, stack)

@@ -28,7 +28,8 @@ def consequences(
         splines: the terms.
         signals: what they follow, as measured and, where inputs are noisy, with more noise.
     """
-    leads = [max(1, round(lead / search.stack.dt)) for lead in LEARNING.leads]
+    stack = search.stack
+    leads = [max(1, round(lead * stack.logs[0].pace)) for lead in LEARNING.leads]
     tried = [s.made for s in splines]
     first = len(tried)
     may_follow = [{*s.pair.signals} - {s.pair.axis, "time"} for s in splines]

@@ -6,15 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from bench.diagnose.logs.differences import centred
 from bench.diagnose.logs.impacts import before_impacts
 from bench.diagnose.logs.meant import as_meant
-from bench.diagnose.logs.own_system import own_class
+from bench.diagnose.logs.own_system import own_class, where_told
 from bench.diagnose.logs.parts import thirds
 from bench.diagnose.logs.sample import shared
 from bench.diagnose.logs.slopes import with_missed, with_slopes
 from bench.diagnose.logs.smoothing import Smoothing, stated
-from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.logs.subject import Subject, log_of, named_drive
 from bench.diagnose.settings import READING
 from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
@@ -23,6 +25,7 @@ from registry.datasets.folder.dataset import Folder, refuse_unknown
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 from registry.model_file import constants_of, read
+from registry.physics.rigid_body import RigidBody
 from registry.stated import refuse_unstated
 
 
@@ -82,7 +85,34 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         folder=dataset if isinstance(dataset, Folder) else None,
         finer=dataset.finer_signals,
     )
-    return before_impacts(centred(subject))
+    subject = before_impacts(centred(subject))
+    return subject if isinstance(model, RigidBody) else _warned(subject)
+
+
+def _warned(subject: Subject) -> Subject:
+    """With what recordings of a machine cannot tell among the notes.
+
+    Raises:
+        BenchError: its model gives no finite rate at too many of the samples.
+    """
+    subject, lacking = where_told(subject)
+    warned = (*lacking, *_unmoved(subject))
+    notes, told = (*subject.notes, *warned), (*subject.resampled, *warned)
+    return replace(subject, warned=warned, notes=notes, resampled=told)
+
+
+def _unmoved(subject: Subject) -> list[str]:
+    """Drives that stand still in all recordings, in sentences."""
+    first, out = subject.logs[0], []
+    for j in range(first.inputs.shape[1] - len(subject.model.extras)):
+        values = torch.cat([log.inputs[log.valid, j] for log in subject.logs])
+        if len(values) and bool((values == values[0]).all()):
+            unit = first.recording.input_channels[j].unit
+            out.append(
+                f"{named_drive(first, j)} is {float(values[0]) + 0.0:g} {unit} in every sample: what it does, and "
+                "whether it does it as the model says, cannot be judged."
+            )
+    return out
 
 
 def subject_of(source: str | Path | Dataset | Subject) -> Subject:

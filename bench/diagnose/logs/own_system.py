@@ -13,7 +13,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from bench.diagnose.logs.consistency import drives
+from bench.diagnose.logs.consistency import drives, modelled
+from bench.diagnose.logs.subject import Subject
+from bench.diagnose.settings import READING
 from registry.contracts import Channel
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
@@ -108,6 +110,31 @@ def _tried(where: str, file: Path, kind: Any) -> None:
             )
         if not made.is_floating_point():
             raise BenchError(f"{where}: {told} returns {made.dtype}, where floats are due.")
+
+
+def where_told(subject: Subject) -> tuple[Subject, tuple[str, ...]]:
+    """The subject without samples at which its model gives no finite rate, few of many, and a sentence that says so.
+
+    Raises:
+        BenchError: they are many; how many, and where the first one is.
+    """
+    wrong, first = [], ""
+    for log in subject.logs:
+        given = torch.isfinite(log.states).all(-1) & torch.isfinite(log.inputs).all(-1) & log.valid
+        rates = torch.from_numpy(modelled(subject.model, log))[:, list(log.measured)]
+        wrong.append(given & ~torch.isfinite(rates).all(-1))
+        if wrong[-1].any() and not first:
+            first = f"first in {log.name} after {int(wrong[-1].nonzero()[0]) * log.dt:.6g} s"
+    count, whole = (sum(int(x.sum()) for x in some) for some in (wrong, (log.valid for log in subject.logs)))
+    if not count:
+        return subject, ()
+    said = f"{subject.system} gives no finite rate at {count} of {whole} samples ({100 * count / whole:.2g} %), {first}"
+    if count > READING.untold * whole:
+        raise BenchError(
+            f"{said}: write own_rate so that it holds wherever the system was, or leave these samples out."
+        )
+    logs = (replace(log, valid=log.valid & ~bad) for log, bad in zip(subject.logs, wrong, strict=True))
+    return replace(subject, logs=tuple(logs)), (f"{said}; these are left out.",)
 
 
 def _do(where: str, file: Path, what: str, action: Callable[[], Any]) -> Any:

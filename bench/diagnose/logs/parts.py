@@ -44,7 +44,7 @@ def in_parts(subject: Subject) -> Subject:
 
 def _parts(log: Log) -> list[Log]:
     """Parts of one length, in order; the whole where they would be too few or too short."""
-    shortest = max(READING.part * log.rate, READING.part_samples)
+    shortest = max(READING.part * log.pace, READING.part_samples)
     count = min(READING.most_parts, int(len(log) / shortest))
     if count < READING.fewest_parts:
         return [log]

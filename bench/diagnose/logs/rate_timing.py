@@ -57,7 +57,7 @@ def shift_of(logs: Sequence[Log], pair: Pair) -> float:
         return 0.0
     value = float(along.sum() / size.sum())
     error = float(np.sqrt(((along - value * size) ** 2).sum()) / size.sum())
-    largest = TIMING.within_window * TIMING.window * logs[0].rate
+    largest = TIMING.within_window * TIMING.window * logs[0].pace
     return value if TIMING.significant * error <= abs(value) <= largest else 0.0
 
 
@@ -67,7 +67,7 @@ def _sums(log: Log, pair: Pair, parts: int) -> list[tuple[float, float]]:
     m is what the rate misses of the signal's changes over a window, d its own change, by which it misses less where it
     is read a sample later: nothing is differentiated.
     """
-    window = max(4, round(TIMING.window * log.rate))
+    window = max(4, round(TIMING.window * log.pace))
     weights = np.hanning(window + 2)[1:-1]
     first = np.arange(0, len(log) - window, max(1, window // 2))
     at = first[:, None] + np.arange(window + 1)

@@ -95,7 +95,7 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = F
         held: whether an input holds until the next sample, so that its mean is that of the samples from there on.
     """
     samples = longest * stride
-    logs = spread(logs, int(samples / (READING.stretch * max(log.rate for log in logs))))
+    logs = spread(logs, int(samples / (READING.stretch * max(log.pace for log in logs))))
     share = min(1.0, samples / sum(map(len, logs)))
     out = []
     for log in logs:

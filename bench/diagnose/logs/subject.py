@@ -8,10 +8,12 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.logs.smoothing import Slope, Smoothing
+from bench.diagnose.settings import RUNNING
 from registry.contracts import Recording
 from registry.datasets.folder.dataset import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
+from registry.physics.rigid_body import RigidBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,9 @@ class Log:
     """(N − 1, s): what the means of two samples lack as means of slopes between them; see `logs.slopes`."""
     part_of: str = ""
     """Name of the recording that it was cut from; empty: it is whole."""
+    second: float = 1.0
+    """Time [s] that stands for a second of flight in all that looks at stretches of time: of a vehicle a second, of a
+    slow or fast machine as long as `second_of` says."""
 
     @property
     def means(self) -> Tensor:
@@ -53,6 +58,11 @@ class Log:
     def dt(self) -> float:
         """Sampling period [s]."""
         return 1 / self.rate
+
+    @property
+    def pace(self) -> float:
+        """Samples in what stands for a second."""
+        return self.rate * self.second
 
     @property
     def paths(self) -> np.ndarray:
@@ -110,6 +120,8 @@ class Subject:
     """Whether a search settled that rates are compared over windows as long as a free run."""
     notes: tuple[str, ...] = ()
     """What was done to the measurements, in sentences."""
+    warned: tuple[str, ...] = ()
+    """Those of them that say what these recordings cannot tell, for who only checks them."""
     resampled: tuple[str, ...] = ()
     """Those of them that say where samples are not as they were logged."""
     folder: Folder | None = None
@@ -171,7 +183,17 @@ def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
         recording=recording,
         estimated=() if any(known) else tuple(not m for m in measured),
         sensed=_sensed(recording, model),
+        second=1.0 if isinstance(model, RigidBody) else second_of(recording.rate),
     )
+
+
+def second_of(rate: float) -> float:
+    """Time [s] that stands for a second of a machine of any speed, logged at a rate [Hz]: of a week's heating, hours.
+
+    A second where its free runs are no shorter than they may be, else as long as these: a machine that is slower by any
+    factor, and logged as often in its own time, is looked at over times that are longer by this factor.
+    """
+    return max(1.0, RUNNING.fewest / RUNNING.longest / rate)
 
 
 def _sensed(recording: Recording, model: PhysicsModel) -> Tensor | None:
@@ -183,6 +205,13 @@ def _sensed(recording: Recording, model: PhysicsModel) -> Tensor | None:
     shown = np.where(np.isfinite(shown), shown, 0.0)  # where it is not, the recording is not valid
     parts = (shown[1:] + shown[:-1]) / (2 * recording.rate)
     return torch.from_numpy(np.concatenate([np.zeros_like(shown[:1]), np.cumsum(parts, axis=0)]))
+
+
+def named_drive(log: Log, place: int) -> str:
+    """A channel of what drives the system in words, with its axis where there are several."""
+    channels = log.recording.input_channels
+    one = sum(c.group == channels[place].group for c in channels) == 1
+    return (channels[place].group if one else channels[place].name).replace(".", " ").replace("_", " ")
 
 
 def self_contained(model: PhysicsModel, measured: Sequence[bool]) -> tuple[bool, ...]:

@@ -199,7 +199,7 @@ def _lengths(subject: Subject, seconds: Sequence[float] | None) -> tuple[float, 
         if lengths[0] < 20 * dt:
             raise BenchError(f"--seconds {lengths[0]:g} is less than 20 samples of {dt:g} s: give more.")
         return lengths
-    longer = max(1.0, DESIGNING.fewest * dt / DESIGNING.seconds[0])
+    longer = max(subject.logs[0].second, DESIGNING.fewest * dt / DESIGNING.seconds[0])
     return tuple(s * longer for s in DESIGNING.seconds)
 
 

@@ -91,8 +91,8 @@ class Judge:
 
     def _scores(self, apart: Distance, often: float) -> np.ndarray:
         dt, length = self.player.dt, self.windows.steps * self.player.dt
-        block = max(1, round(_block(self.player.samples * dt) / length))
-        beside = sum(len(log) * dt / _block(len(log) * dt) for log in self.player.subject.logs)
+        block = max(1, round(_block(self.player.samples * dt, self.player.log.second) / length))
+        beside = sum(len(log) * dt / _block(len(log) * dt, log.second) for log in self.player.subject.logs)
         recorded = sum(len(log) for log in self.player.subject.logs) / self.windows.steps
         # What leaves so much more than noise does is no rival, in however few blocks it shows.
         loud = VERIFYING.loud * len(self.windows.whitening) * (often * apart.rest.shape[1] + recorded)
@@ -147,9 +147,9 @@ class Judge:
         return np.stack([ndtri(0.975) * np.sqrt(np.diag(m)[at]) * c.scales[at] for m in made], axis=1)
 
 
-def _block(seconds: float) -> float:
+def _block(seconds: float, second: float) -> float:
     """Length of the blocks that a diagnosis cuts a recording of so many seconds into: five at least."""
-    return min(FOLDING.block, seconds / 5)
+    return min(FOLDING.block * second, seconds / 5)
 
 
 def _by(count: int, x: np.ndarray) -> np.ndarray:

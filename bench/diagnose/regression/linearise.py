@@ -163,7 +163,7 @@ class Linearization:
                 # What a sensor of rates shows has an offset of its own in every recording.
                 parts.append(rows - rows.mean(0) if self.channels[c] >= states and len(rows) else rows)
             out.append(tuple(parts))
-        return Rows(tuple(out), tuple(acting), width, tests.stride * dt)
+        return Rows(tuple(out), tuple(acting), width, tests.stride / self.stack.logs[0].pace)
 
 
 def directions(
@@ -204,7 +204,7 @@ def directions(
     more, reduced = _without(model, dependants, at, own, stack)
     columns += more
     starts: list[Candidate] = []
-    points = StartingPoints.of(model, stack.samples(stack.states), stack.samples(stack.inputs))
+    points = StartingPoints.of(model, stack.samples(stack.states), stack.samples(stack.inputs), stack.logs[0])
     for name, kind in candidates:
         tick(name)
         starts += _starts(points, name, kind, at, wide=wide, stack=stack, columns=columns)

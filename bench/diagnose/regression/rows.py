@@ -25,7 +25,7 @@ class Rows:
     width: int
     """Number of columns without the residual, which is the column of this number."""
     stride: float
-    """From one row to the next [s]."""
+    """From one row to the next, in what stands for a second (`Log.second`)."""
     filters: tuple[np.ndarray, ...] = ()
     """A channel: the whitening filter that its rows are seen through; none: as they are. What comes out of it is made
     anew whenever it is asked for: kept, it would take as much memory as the rows."""

@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.settings import LINEARISING
 from registry.dynamics import Effect, PhysicsModel
+from registry.effects.actuation import LONGEST_DELAY
+from registry.physics.rigid_body import RigidBody
 
 
 @dataclass(frozen=True)
@@ -20,20 +23,25 @@ class StartingPoints:
     model: PhysicsModel
     sizes: Mapping[str, float]
     """How large the signals of `PhysicsModel.followed` became, SI, and the "time_scale" [s]: that of a machine which is
-    seen to move, of others `PhysicsModel.time_scale`."""
+    seen to move, of others `PhysicsModel.time_scale`. Of what is no vehicle also the "second" (`Log.second`) and the
+    "longest_delay" that is looked for [s]."""
     medians: Mapping[str, float]
     """Of the model's extras."""
 
     @classmethod
-    def of(cls, model: PhysicsModel, states: Tensor, inputs: Tensor) -> "StartingPoints":
-        """In ``model``, to which effects are added, on states proper (…, s) and inputs (…, m)."""
+    def of(cls, model: PhysicsModel, states: Tensor, inputs: Tensor, log: Log) -> "StartingPoints":
+        """In ``model``, to which effects are added, on states proper (…, s) and inputs (…, m) sampled as ``log`` is."""
         first = inputs.shape[-1] - len(model.extras)
         medians = {name: float(inputs[..., first + i].median()) for i, name in enumerate(model.extras)}
         followed = model.followed(states, inputs).items()
         sizes = {name: float(np.quantile(np.abs(x.numpy()), LINEARISING.largest)) for name, x in followed}
         moves = sizes.get("displacement") and sizes.get("speed")
         time = sizes["displacement"] / sizes["speed"] if moves else model.time_scale(states, inputs)
-        return cls(model, sizes | {"time_scale": time}, medians)
+        sizes["time_scale"] = time
+        if not isinstance(model, RigidBody):
+            longest = max(LONGEST_DELAY * log.second, min(time, LINEARISING.remembered * log.dt))
+            sizes |= {"second": log.second, "longest_delay": longest}
+        return cls(model, sizes, medians)
 
     def neutral(self, kind: type[Effect]) -> list[Effect]:
         """Neutral for an effect that is linear in its parameters, else one a value of its search grid."""

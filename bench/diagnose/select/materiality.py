@@ -174,7 +174,7 @@ class Weighing:
 
     def _blocks(self, recording: np.ndarray, first: np.ndarray, horizon: int) -> np.ndarray:
         whole = sum(map(len, self.held.logs))
-        length = max(horizon, min(round(MATTERING.block / self.held.dt), whole // MATTERING.blocks))
+        length = max(horizon, min(round(MATTERING.block * self.held.logs[0].pace), whole // MATTERING.blocks))
         return np.unique(np.stack([recording, first // length]), axis=1, return_inverse=True)[1]
 
     def errors(self, extended: PhysicsModel) -> tuple[EquationError, ...]:

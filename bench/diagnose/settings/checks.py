@@ -87,7 +87,34 @@ class Freezing:
     rare: float = threshold(
         0.001, "share of repeated values elsewhere below which a signal does not repeat itself by nature", Basis.JUDGED
     )
+    pushed: float = threshold(
+        0.5,
+        "spread of a drive, over that of a usual recording, that would move a machine which stands still all the time",
+        Basis.JUDGED,
+    )
     unit_length: float = threshold(0.02, "how far the length of a quaternion may be from one", Basis.JUDGED)
+
+
+@dataclass(frozen=True)
+class Inverting:
+    """A machine's drive that acts with the other sign."""
+
+    window: float = threshold(
+        0.06,
+        "time over which motion and drive are compared: noise of single samples hardly counts then",
+        Basis.JUDGED,
+        "s",
+    )
+    latest: float = threshold(0.3, "delay with which the drive may act as filed all the same", Basis.JUDGED, "s")
+    least: int = threshold(10, "windows for each number that is fitted, at least", Basis.CONVENTION, "count")
+    better: float = threshold(
+        0.5,
+        "squares left with the other sign, relative to the least that no sign or the filed one leaves",
+        Basis.JUDGED,
+    )
+    between: tuple[float, float] = threshold(
+        (0.2, 5.0), "factors of what the model makes of it that are still the same drive", Basis.JUDGED
+    )
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,9 @@ class Reading:
         Basis.EFFORT,
         "count",
     )
+    untold: float = threshold(
+        0.01, "share of the samples at which a model may give no finite rate: they are left out", Basis.JUDGED
+    )
     stretch: float = threshold(
         5.0,
         "shortest stretch of a recording that is looked at where recordings are not looked at whole: a block of rows "

@@ -26,6 +26,12 @@ class Linearising:
         Basis.JUDGED,
     )
     probe: float = threshold(1e-3, "step of a one-sided difference, in scales of the parameter", Basis.ROUNDING)
+    remembered: int = threshold(
+        400,
+        "samples that a delay which is looked for reaches back at most: each one is a state",
+        Basis.EFFORT,
+        "samples",
+    )
     together: int = threshold(
         12,
         "models, at least, whose rates are held in memory at once; those of all starts would take gigabytes",

@@ -75,6 +75,12 @@ class Hiding:
     periods: float = threshold(
         3.0, "of a mode that the longest recording must hold, and time constants of what relaxes", Basis.JUDGED, "count"
     )
+    lowest: float = threshold(
+        1e-3,
+        "frequency to which one is bent at least, where it is slower than all recordings",
+        Basis.ROUNDING,
+        "1 / longest recording",
+    )
     highest: float = threshold(
         0.12, "frequency that is tried at most, of that of the windows", Basis.JUDGED, "1 / window step"
     )

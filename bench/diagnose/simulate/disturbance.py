@@ -104,7 +104,8 @@ class Observer:
         for share in 0.5 ** np.arange(OBSERVING.halvings):
             drift = torch.tensordot(torch.from_numpy(share * step), single, 1)
             rest = scaled(measured - free_run(self.model, logs, at, self.steps, drift))
-            losses[share] = float(np.nan_to_num(rest @ rest, nan=np.inf))
+            with np.errstate(over="ignore"):  # a run that is lost
+                losses[share] = float(np.nan_to_num(rest @ rest, nan=np.inf))
         return replace(self, trust=min(losses, key=lambda share: losses[share]) * step)
 
     def _single(self, left: Increments, at: Sequence[np.ndarray]) -> Tensor:

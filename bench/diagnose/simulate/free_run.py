@@ -44,7 +44,7 @@ def default_steps(logs: Sequence[Log]) -> int:
     """Samples of the default horizon; where states are estimated, so many that their beginning is forgotten."""
     if hidden(logs):
         return max(RUNNING.fewest, typical_length(logs) // 4)
-    return max(RUNNING.fewest, round(RUNNING.longest * logs[0].rate))
+    return max(RUNNING.fewest, round(RUNNING.longest * logs[0].pace))
 
 
 def margin(logs: Sequence[Log], half_width: int) -> int:

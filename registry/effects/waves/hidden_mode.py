@@ -31,7 +31,7 @@ class HiddenMode(InternalEffect, RateEffect):
     axes: tuple[str, ...] = option(("world_force_x",), "along which it acts: of body or world, or a state's rate")
     drivers: tuple[str, ...] = option(("velocity.x",), "the signal that drives it, one an axis")
     order: int = option(2, "2: it swings, 1: it relaxes", choices=(1, 2))
-    frequency: Any = constant(1.0, "ω/2π: how often it swings, what carries it held; or 1/(2πT)", "Hz", low=1e-4)
+    frequency: Any = constant(1.0, "ω/2π: how often it swings, what carries it held; or 1/(2πT)", "Hz", low=0)
     damping: Any = constant(0.02, "ζ: damping ratio of what swings", "1", low=0, high=1)
     gains: Any = constant((0.0, 0.0), "p and q of each axis; of what relaxes, p alone", "1")
 
@@ -152,7 +152,7 @@ class HiddenMode(InternalEffect, RateEffect):
             raise BenchError(f"{where}: drivers must be as many as axes: one signal drives it along each.")
         numbers = [given.get("frequency"), given.get("damping", 0.0)]
         frequency, damping = numbers
-        if not finite(frequency) or not frequency >= 1e-4:
+        if not finite(frequency) or not frequency > 0:
             raise BenchError(f"{where}: frequency must be a positive number [Hz], not {frequency!r}.")
         if not finite(damping) or not 0 <= damping <= 1:
             raise BenchError(f"{where}: damping must be a number from 0 to 1, not {damping!r}.")

@@ -107,10 +107,11 @@ def _refined(rows: AxisRows, pole: Pole, driver: int, names: Sequence[str], look
 def _nearest(rows: AxisRows, pole: Pole, driver: int, whiten: np.ndarray) -> Pole:
     """The poles near these at which least is left."""
     top, whitened = HIDING.highest / rows.series.step, rows.whitened([driver], whiten)
+    bottom = HIDING.lowest / max(s.t[-1] - s.t[0] for s in rows.seen)
 
     def made(x: np.ndarray) -> Pole:
         damping = float(np.clip(np.exp(x[1]), HIDING.least_damped, 0.99)) if pole.order == 2 else 0.0
-        return Pole(float(np.clip(np.exp(x[0]), 1e-4, 2 * top)), damping, pole.order)
+        return Pole(float(np.clip(np.exp(x[0]), bottom, 2 * top)), damping, pole.order)
 
     begin = np.log([pole.frequency, pole.damping]) if pole.order == 2 else np.log([pole.frequency])
     wide = [0.5 * HIDING.spacing * pole.damping, 0.5] if pole.order == 2 else [0.3]

@@ -131,7 +131,7 @@ def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> 
 def _points(windows: Windows, model: PhysicsModel) -> StartingPoints:
     """Where a search for effects in ``model`` starts; states that were not measured are as it carries them."""
     stack = LogBatch.of(windows.logs)
-    return StartingPoints.of(model, stack.samples(completed(model, stack)), stack.samples(stack.inputs))
+    return StartingPoints.of(model, stack.samples(completed(model, stack)), stack.samples(stack.inputs), stack.logs[0])
 
 
 def _refitted(
