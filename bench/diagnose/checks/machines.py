@@ -113,6 +113,8 @@ def _acts(model: PhysicsModel, log: Log, place: int) -> float | None:
     caused, seen = (rates - own)[:, :size], log.states.diff(dim=0).numpy() / log.dt - own[:, :size]
     good = log.valid.numpy()[:-1] & log.valid.numpy()[1:]
     length = max(2, round(INVERTING.window * log.pace))
+    if length > len(caused):
+        return None
     latest = max(1, round(INVERTING.latest * log.pace / length))
     c, y, x = (_means(s, length) for s in (caused, seen, log.states.numpy()[:-1]))
     whole = _means(good[:, None].astype(float), length)[latest:, 0] == 1
