@@ -44,6 +44,8 @@ def functions(equations: Equations) -> dict[str, Any]:
     k3 = derivative(now + dt / 2 * k2, middle, slopes[1])
     k4 = derivative(now + dt * k3, last, slopes[2])
     later = _of(ca, f.project, {"state": now + dt / 6 * (k1 + 2 * (k2 + k3) + k4)})
+    if f.advance is not None:
+        later = _of(ca, f.advance, {"state": now, "acting": acting})
     step = ca.Function(
         "step", [full, before, after], [ca.vertcat(later, memory)], ["full", "before", "after"], ["next"]
     )

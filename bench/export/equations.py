@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from registry.core import EFFECTS
-from registry.dynamics import PhysicsModel
+from registry.dynamics import PhysicsModel, advanced, sticks
 from registry.effects.learned_term import LearnedTerm
 from registry.equations.trace import Traced, traced
 from registry.errors import BenchError
@@ -34,6 +34,9 @@ class Equations:
     """state, inputs → full state after all has been steady."""
     transmit: Traced
     """memory, before, after → the memory after the step, then what acts at its start, middle and end."""
+    advance: Traced | None = None
+    """body, acting: that at start, middle and end of a step (3 m) → body at its end, where that is no step of the plain
+    4th-order Runge–Kutta method of the derivative: with dry friction."""
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -83,12 +86,17 @@ def equations(model: PhysicsModel, dt: float) -> Equations:
         left, segment = model.transmit(m, before, after, dt)
         return torch.cat([left, segment.reshape(-1)])
 
+    def advance(state: Any, acting: Any) -> Any:
+        return advanced(model, model.derivative, state, acting.reshape(3, width), dt)
+
     steps: dict[str, tuple[Callable[..., Any], dict[str, int]]] = {
         "derivative": (model.derivative, {"state": body, "inputs": width, "input_rates": width}),
         "project": (model.project, {"state": body}),
         "initial": (lambda state, inputs: model.initial(state, inputs, dt), {"state": proper, "inputs": width}),
         "transmit": (acting, {"memory": memory, "before": width, "after": width}),
     }
+    if sticks(model):
+        steps["advance"] = advance, {"state": body, "acting": 3 * width}
     found = {name: traced(function, sizes) for name, (function, sizes) in steps.items()}
     return Equations(model, dt, body, memory, width, **found)
 

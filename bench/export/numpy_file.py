@@ -48,13 +48,7 @@ def step(full, before, after):
     body, memory = full[..., :BODY], full[..., BODY:]
     passed = _transmit(memory, before, after)
     memory, acting = passed[..., : memory.shape[-1]], passed[..., memory.shape[-1] :]
-    first, middle, last = np.split(acting, 3, axis=-1)
-    rate = (4 * middle - 3 * first - last) / DT, (last - first) / DT, (3 * last - 4 * middle + first) / DT
-    k1 = derivative(body, first, rate[0])
-    k2 = derivative(body + DT / 2 * k1, middle, rate[1])
-    k3 = derivative(body + DT / 2 * k2, middle, rate[1])
-    k4 = derivative(body + DT * k3, last, rate[2])
-    body = _project(body + DT / 6 * (k1 + 2 * (k2 + k3) + k4))
+{advancing}
     return np.concatenate([body, memory], axis=-1)
 
 
@@ -76,10 +70,19 @@ def _beside(values, *given):
         out[..., i] = value
     return out
 '''
+_RUNGE_KUTTA = """\
+    first, middle, last = np.split(acting, 3, axis=-1)
+    rate = (4 * middle - 3 * first - last) / DT, (last - first) / DT, (3 * last - 4 * middle + first) / DT
+    k1 = derivative(body, first, rate[0])
+    k2 = derivative(body + DT / 2 * k1, middle, rate[1])
+    k3 = derivative(body + DT / 2 * k2, middle, rate[1])
+    k4 = derivative(body + DT * k3, last, rate[2])
+    body = _project(body + DT / 6 * (k1 + 2 * (k2 + k3) + k4))"""
 _ABOUT = {
     "derivative": "Time derivative of the state (..., BODY) at inputs and their time derivatives (..., m).",
     "project": "The state (..., BODY) with a quaternion, if there is one, at unit length.",
     "initial": "Full state from the state proper and inputs that have been steady until now.",
+    "advance": "The state (..., BODY) a period later, with dry friction; acting: at start, middle and end (..., 3 m).",
     "transmit": "What is remembered after a step, then what acts at its start, middle and end.",
 }
 
@@ -92,7 +95,7 @@ def source(equations: Equations, module: str = "model") -> str:
         module: how it will be imported, for the example in its head.
     """
     made = []
-    for name in ("derivative", "initial", "project", "transmit"):
+    for name in ("derivative", "initial", "project", "transmit", *(["advance"] if equations.advance else [])):
         shown = name if name in ("derivative", "initial") else f"_{name}"
         made.append(_function(shown, getattr(equations, name), _ABOUT[name]))
     held = "held" if equations.model.input_hold == "previous" else "straight lines"
@@ -108,6 +111,7 @@ def source(equations: Equations, module: str = "model") -> str:
         held=held,
         body=equations.body,
         functions="\n\n\n".join(made),
+        advancing="    body = _advance(body, acting)" if equations.advance else _RUNGE_KUTTA,
     )
 
 

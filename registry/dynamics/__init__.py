@@ -19,7 +19,7 @@ from registry.dynamics.effects import (
     TorqueEffect,
     WindEffect,
 )
-from registry.dynamics.model import PhysicsModel, runge_kutta, unsuited
+from registry.dynamics.model import PhysicsModel, Rates, advanced, mean_derivative, unsuited
 from registry.dynamics.parameters import (
     Parameter,
     constant,
@@ -34,10 +34,12 @@ from registry.dynamics.parameters import (
 )
 from registry.dynamics.pilot import Pilot, SetPoint
 from registry.dynamics.rotations import quaternion_rate, rotation_matrix
+from registry.dynamics.sticking import DryEffect, sticks
 
 __all__ = [
     "Axis",
     "Description",
+    "DryEffect",
     "Effect",
     "HubEffect",
     "InputEffect",
@@ -50,19 +52,22 @@ __all__ = [
     "Pilot",
     "Quantity",
     "RateEffect",
+    "Rates",
     "SetPoint",
     "Signals",
     "ThrustEffect",
     "TorqueEffect",
     "WindEffect",
+    "advanced",
     "constant",
     "cross",
     "in_measure",
     "joined",
+    "mean_derivative",
     "per_second",
     "quaternion_rate",
     "rotation_matrix",
-    "runge_kutta",
+    "sticks",
     "tensor",
     "total",
     "turned",

@@ -18,6 +18,7 @@ from registry.dynamics.description import Description
 from registry.dynamics.effects import Effect, InputEffect
 from registry.dynamics.parameters import Parameter, parameters_of
 from registry.dynamics.pilot import Pilot
+from registry.dynamics.sticking import held, sticks
 from registry.errors import BenchError
 from registry.units import SIGNALS, Signal
 
@@ -39,11 +40,15 @@ RATE_OF = {"position": "velocity", "attitude": "body_rates", "displacement": "sp
 """Poses, and the signal that is their rate of change."""
 
 
-def runge_kutta(rates: Callable[[Tensor, Tensor, Tensor], Tensor], state: Tensor, segment: Tensor, dt: float) -> Tensor:
+Rates = Callable[[Tensor, Tensor, Tensor], Tensor]
+"""State, inputs, their rates of change → rates of the state; see `PhysicsModel.derivative`."""
+
+
+def runge_kutta(rates: Rates, state: Tensor, segment: Tensor, dt: float) -> Tensor:
     """The state (…, s) a time step later, by the 4th-order method.
 
     Args:
-        rates: time derivative (…, s) at a state, inputs (…, m) and their time derivatives (…, m).
+        rates: (…, s) at a state and inputs (…, m).
         state: at the start.
         segment: (…, 3, m) the inputs at start, middle and end.
         dt: [s].
@@ -56,6 +61,41 @@ def runge_kutta(rates: Callable[[Tensor, Tensor, Tensor], Tensor], state: Tensor
     k3 = rates(state + dt / 2 * k2, um, dm)
     k4 = rates(state + dt * k3, u1, d1)
     return state + dt / 6 * (k1 + 2 * (k2 + k3) + k4)
+
+
+def advanced(model: PhysicsModel, rates: Rates, state: Tensor, segment: Tensor, dt: float) -> Tensor:
+    """The state (…, s) of a model a time step later, on its manifold.
+
+    Args:
+        model: whose dry frictions stop what moves within the step, and hold it.
+        rates: its `PhysicsModel.derivative`.
+        state: at the start, with the effects' own states.
+        segment: (…, 3, m) what acts at start, middle and end.
+        dt: [s].
+    """
+    if sticks(model):
+        first = segment[..., 0, :]
+        rates = held(model, state, first, dt, lambda of: runge_kutta(of.derivative, state, segment, dt)).derivative
+    return model.project(runge_kutta(rates, state, segment, dt))
+
+
+def mean_derivative(
+    model: PhysicsModel, rates: Rates, state: Tensor, inputs: Tensor, slopes: Tensor, start: Tensor, dt: float
+) -> Tensor:
+    """The mean of `PhysicsModel.derivative` (…, s) over a sampling interval.
+
+    Args:
+        model: whose dry frictions stop what moves within the interval, and hold it.
+        rates: its `PhysicsModel.derivative`.
+        state: mean (…, s) over the interval.
+        inputs: mean (…, m).
+        slopes: time derivative (…, m) of the inputs.
+        start: state (…, s) at its start.
+        dt: [s].
+    """
+    if sticks(model):
+        rates = held(model, start, inputs, dt, lambda of: start + dt * of.derivative(state, inputs, slopes)).derivative
+    return rates(state, inputs, slopes)
 
 
 @dataclass(frozen=True)
@@ -315,7 +355,7 @@ class PhysicsModel(ABC):
         size = len(self.state_channels) + self.internal_size
         body, memory = state[..., :size], state[..., size:]
         memory, segment = self.transmit(memory, before, after, dt)
-        body = self.project(runge_kutta(self.derivative, body, segment, dt))
+        body = advanced(self, self.derivative, body, segment, dt)
         return torch.cat([body, memory], dim=-1) if memory.shape[-1] else body
 
     def simulate(self, state: Tensor, inputs: Tensor, dt: float) -> Tensor:

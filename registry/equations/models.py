@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from registry.dynamics import Effect, PhysicsModel, runge_kutta
+from registry.dynamics import Effect, PhysicsModel, Rates, advanced
 from registry.equations import lanes
 from registry.equations.lanes import Lanes
 from registry.equations.trace import Recorder, Traced, recorded
@@ -98,7 +98,7 @@ def step(model: PhysicsModel, inputs: int, dt: float, drifting: bool = False) ->
         return None
 
     def function(of: PhysicsModel, derivative: Rates, state: Tensor, segment: Tensor, *drift: Tensor) -> Tensor:
-        after = of.project(runge_kutta(derivative, state, segment.unflatten(-1, (3, inputs)), dt))
+        after = advanced(of, derivative, state, segment.unflatten(-1, (3, inputs)), dt)
         return torch.cat([after[..., :size] + drift[0], after[..., size:]], dim=-1) if drift else after
 
     widths = (size + model.internal_size, 3 * inputs, *((size,) if drifting else ()))
@@ -125,15 +125,11 @@ def carried(model: PhysicsModel, inputs: int, dt: float, at: Sequence[int]) -> C
     def function(of: PhysicsModel, derivative: Rates, carried: Tensor, known: Tensor, segment: Tensor) -> Tensor:
         proper = [carried[..., places.index(i)] if i in places else known[..., i] for i in range(size)]
         state = torch.cat([torch.stack(proper, dim=-1), carried[..., len(places) :]], dim=-1)
-        after = of.project(runge_kutta(derivative, state, segment.unflatten(-1, (3, inputs)), dt))
+        after = advanced(of, derivative, state, segment.unflatten(-1, (3, inputs)), dt)
         return torch.cat([torch.stack([after[..., i] for i in places], dim=-1), after[..., size:]], dim=-1)
 
     widths = (len(places) + model.internal_size, size, 3 * inputs)
     return _compiled(model, inputs, ("carried", dt, tuple(at)), widths, function)
-
-
-Rates = Callable[[Tensor, Tensor, Tensor], Tensor]
-"""State, inputs, their rates of change → rates of the state; see `PhysicsModel.derivative`."""
 
 
 def _compiled(

@@ -121,6 +121,15 @@ def test_coulomb_friction_stops_a_mass_after_its_braking_distance():
     assert abs(path[-1, 1]) < STICKING * 1e-3
 
 
+def test_dry_friction_brakes_and_holds_a_mass_at_any_step():
+    """Braked from .1 m/s at 2 m/s² within a step of .1 s, and then held against half of what friction can."""
+    mass = MassOnRail(mass=1.0, force_gain=1.0, effects=(CoulombFriction(f_c=2.0),))
+    path = free(mass, (0.0, 0.1), 1.0, 0.1)
+    assert path[1:, 1] == pytest.approx(0.0, abs=1e-12) and path[1:, 0] == pytest.approx(path[1, 0], abs=1e-12)
+    pushed = mass.simulate(torch.zeros(2, dtype=F64), torch.ones(101, 1, dtype=F64), 0.02)
+    assert pushed.abs().max() < 1e-12
+
+
 def test_small_swings_of_a_pendulum():
     theta = free(Pendulum(length=0.7), (0.01, 0.0), 3.0, 0.01)[:, 0]
     assert theta == pytest.approx(0.01 * np.cos(math.sqrt(9.81 / 0.7) * np.arange(301) * 0.01), abs=2e-6)

@@ -1,9 +1,11 @@
 """Forces on a moving mass that go with its velocity, or with nothing.
 
-A sign is smoothed, sign v → tanh(v / v_0), so that gradients are finite and the integrator sees no jump.
+The sign of a measured speed is smoothed, sign v → tanh(v / v_0), so that gradients are finite. A simulation does not
+smooth it: there friction stops a motion and holds it (`registry.dynamics.sticking`).
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -12,7 +14,7 @@ from torch import Tensor
 from typing_extensions import override
 
 from registry.core import EFFECTS
-from registry.dynamics import RateEffect, constant, tensor
+from registry.dynamics import DryEffect, RateEffect, constant, tensor
 
 STICKING = 1e-3
 """Speed [m/s] over which the sign of a velocity changes, where nobody says how fast a machine is."""
@@ -49,6 +51,39 @@ class ForceEffect(RateEffect):
         return added
 
 
+class DryForce(DryEffect, ForceEffect):
+    """Dry friction along the path of a mechanical system."""
+
+    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator", "pendulum", "falling_body")
+    v_0: Any
+
+    @abstractmethod
+    def limit(self, speed: Tensor) -> Tensor:
+        """The largest force (…, n) [N] against a motion at speeds (…, n) [m/s]."""
+
+    @override
+    def motions(self, model: Any) -> Sequence[int]:
+        """Every velocity."""
+        size = len(model.state_channels)
+        return range(size // 2, size)
+
+    @override
+    def signs(self, model: Any, state: Tensor) -> Tensor:
+        """See `DryEffect.signs`."""
+        speed = model.speed(state)
+        return sign(speed, scaled(self.v_0, speed))
+
+    @override
+    def resisting(self, model: Any, state: Tensor, inputs: Tensor, signs: Tensor) -> Tensor:
+        """See `DryEffect.resisting`."""
+        added: Tensor = model.push(-self.limit(model.speed(state)) * signs)
+        return added
+
+    @override
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        return -self.limit(speed) * sign(speed, scaled(self.v_0, speed))
+
+
 @EFFECTS.register("viscous_friction")
 @dataclass(frozen=True)
 class ViscousFriction(ForceEffect):
@@ -65,7 +100,7 @@ class ViscousFriction(ForceEffect):
 
 @EFFECTS.register("coulomb_friction")
 @dataclass(frozen=True)
-class CoulombFriction(ForceEffect):
+class CoulombFriction(DryForce):
     """Dry friction: the same at every speed, against the motion."""
 
     f_c: Any = constant(0.0, "F_c", "N", low=0, typical=20.0, source=_EMPS, measure="force", share=0.1)
@@ -74,16 +109,15 @@ class CoulombFriction(ForceEffect):
     )
     equation: ClassVar[str] = "F = −F_c sign dq/dt"
     manoeuvre: ClassVar[str] = "move slowly in both directions, with reversals"
-    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail", "oscillator", "pendulum", "falling_body")
 
     @override
-    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        return -scaled(self.f_c, speed) * sign(speed, scaled(self.v_0, speed))
+    def limit(self, speed: Tensor) -> Tensor:
+        return scaled(self.f_c, speed).expand(speed.shape)
 
 
 @EFFECTS.register("stribeck_friction")
 @dataclass(frozen=True)
-class StribeckFriction(ForceEffect):
+class StribeckFriction(DryForce):
     """Dry friction that is larger at the lowest speeds (F_s) than beyond them (F_c)."""
 
     f_c: Any = constant(
@@ -99,7 +133,6 @@ class StribeckFriction(ForceEffect):
     equation: ClassVar[str] = "F = −[F_c + (F_s − F_c) exp(−(dq/dt / v_s)²)] sign dq/dt"
     screen: ClassVar[dict[str, tuple[float, ...]]] = {"v_s": (0.02, 0.07, 0.2, 0.7)}
     manoeuvre: ClassVar[str] = "creep through standstill in both directions, and move faster for comparison"
-    systems: ClassVar[tuple[str, ...]] = CoulombFriction.systems
 
     @property
     @override
@@ -107,10 +140,9 @@ class StribeckFriction(ForceEffect):
         return float(self.f_s) >= float(self.f_c)
 
     @override
-    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
-        f_c, f_s, v_s, v_0 = (scaled(p, speed) for p in (self.f_c, self.f_s, self.v_s, self.v_0))
-        peak = torch.exp(-((speed / v_s.clamp(min=_NO_SPEED)) ** 2))
-        return -(f_c + (f_s - f_c) * peak) * sign(speed, v_0)
+    def limit(self, speed: Tensor) -> Tensor:
+        f_c, f_s, v_s = (scaled(p, speed) for p in (self.f_c, self.f_s, self.v_s))
+        return f_c + (f_s - f_c) * torch.exp(-((speed / v_s.clamp(min=_NO_SPEED)) ** 2))
 
 
 @EFFECTS.register("offset_force")

@@ -1,7 +1,6 @@
 """Friction in the joints of a machine with a motor in each: what resists a joint acts where its motor does."""
 
-from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
@@ -9,7 +8,7 @@ from torch import Tensor
 from typing_extensions import override
 
 from registry.core import EFFECTS
-from registry.dynamics import Parameter, RateEffect, constant, vector
+from registry.dynamics import DryEffect, Parameter, RateEffect, constant, vector
 from registry.effects.mechanics.friction import STICKING, scaled, sign
 
 _EACH = "f_"
@@ -49,16 +48,10 @@ class JointEffect(RateEffect):
         told, joints = len(self._numbers), len(_joints(type(model)))
         return "" if told == joints else f"it has numbers of {told} joint(s), and the model {joints}."
 
-    @override
-    def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
-        """What it adds to dx/dt (…, s); see `RateEffect.rate`."""
-        resisted = self.resistance(state[..., list(_joints(type(model)))])
-        added: Tensor = model.own_rate(state, inputs - resisted) - model.own_rate(state, inputs)
+    def without(self, model: Any, state: Tensor, inputs: Tensor, lost: Tensor) -> Tensor:
+        """What is added to dx/dt (…, s) where the drive loses so much (…, n)."""
+        added: Tensor = model.own_rate(state, inputs - lost) - model.own_rate(state, inputs)
         return added
-
-    @abstractmethod
-    def resistance(self, rate: Tensor) -> Tensor:
-        """What the drive loses (…, n) at rates of the joints (…, n)."""
 
     @property
     def _numbers(self) -> list[Any]:
@@ -67,7 +60,7 @@ class JointEffect(RateEffect):
 
 @EFFECTS.register("joint_friction")
 @dataclass(frozen=True)
-class JointFriction(JointEffect):
+class JointFriction(DryEffect, JointEffect):
     """Dry friction in every joint: the same at every speed, against the motion, as of gears and seals."""
 
     f_1: Any = constant(0.0, "F_c of joint 1", "V", typical=_TYPICAL, **_DRY)
@@ -92,8 +85,20 @@ class JointFriction(JointEffect):
     manoeuvre: ClassVar[str] = "move every joint slowly in both directions, with reversals"
 
     @override
-    def resistance(self, rate: Tensor) -> Tensor:
-        return vector(self._numbers, rate) * sign(rate, scaled(self.w_0, rate))
+    def motions(self, model: Any) -> Sequence[int]:
+        """The rates of the joints."""
+        return _joints(type(model))
+
+    @override
+    def signs(self, model: Any, state: Tensor) -> Tensor:
+        """See `DryEffect.signs`."""
+        rate = state[..., list(self.motions(model))]
+        return sign(rate, scaled(self.w_0, rate))
+
+    @override
+    def resisting(self, model: Any, state: Tensor, inputs: Tensor, signs: Tensor) -> Tensor:
+        """See `DryEffect.resisting`."""
+        return self.without(model, state, inputs, vector(self._numbers, signs) * signs)
 
 
 @EFFECTS.register("joint_damping")
@@ -112,8 +117,10 @@ class JointDamping(JointEffect):
     manoeuvre: ClassVar[str] = "move every joint at several constant speeds, slow and fast"
 
     @override
-    def resistance(self, rate: Tensor) -> Tensor:
-        return vector(self._numbers, rate) * rate
+    def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
+        """What it adds to dx/dt (…, s); see `RateEffect.rate`."""
+        rate = state[..., list(_joints(type(model)))]
+        return self.without(model, state, inputs, vector(self._numbers, rate) * rate)
 
 
 def _joints(kind: Any) -> tuple[int, ...]:

@@ -38,7 +38,7 @@ class CubicStiffness(ForceEffect):
 @EFFECTS.register("cogging")
 @dataclass(frozen=True)
 class Cogging(ForceEffect):
-    """Force of a permanent-magnet motor's teeth, periodic in the position."""
+    """Force of a motor's magnets, or of the weight of an arm (one period a turn), periodic in the position."""
 
     a: Any = constant(0.0, "sine part", "N", typical=2.0, measure="force", share=0.05)
     b: Any = constant(0.0, "cosine part", "N", typical=1.0, measure="force", share=0.03)

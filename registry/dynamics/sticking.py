@@ -1,0 +1,117 @@
+"""Dry friction over a time step: its sign is taken as a mean over the step, in which a motion may reverse or stop.
+
+At a rate v of motion the friction takes c off it in a step, and all else adds d. Moving, its sign s is that of v. If it
+brings the motion to rest, that is after the share τ of the step; then the motion starts the other way if |d| > c, or
+sticks: friction balances all else. The mean sign is s where |v| + s d ≥ c, else
+
+    s (τ + (1 − τ) σ),    τ = |v| / (c − s d),    σ = s d / c, but no less than −1.
+
+No step is too long for it, and what sticks does not creep, which a sign that is smoothed over a speed does.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch import Tensor
+from typing_extensions import override
+
+from registry.dynamics.effects import RateEffect
+
+if TYPE_CHECKING:
+    from registry.dynamics.model import PhysicsModel
+
+_NOTHING = 1e-12
+"""Change of a rate of motion, in its unit, that is none, to divide by."""
+
+
+@dataclass(frozen=True)
+class DryEffect(RateEffect):
+    """Resists motions with a force that depends on their sign, and holds them at rest up to its limit."""
+
+    held: Any = field(default=None, kw_only=True, repr=False, compare=False)
+    """(…, n) mean signs of the motions over a time step, from an integrator; None: those of the rates now."""
+
+    @abstractmethod
+    def motions(self, model: Any) -> Sequence[int]:
+        """The n places in the state of the rates of the motions that it resists."""
+
+    @abstractmethod
+    def resisting(self, model: Any, state: Tensor, inputs: Tensor, signs: Tensor) -> Tensor:
+        """`rate` with the signs (…, n) of the motions given."""
+
+    @abstractmethod
+    def signs(self, model: Any, state: Tensor) -> Tensor:
+        """Signs (…, n) of the motions now."""
+
+    @override
+    def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
+        """What it adds to dx/dt; see `RateEffect.rate`."""
+        return self.resisting(model, state, inputs, self.signs(model, state) if self.held is None else self.held)
+
+
+def sticks(model: PhysicsModel) -> bool:
+    """Whether it has dry friction."""
+    return any(isinstance(e, DryEffect) for e in model.effects)
+
+
+def held(
+    model: PhysicsModel, state: Tensor, inputs: Tensor, dt: float, step: Callable[[PhysicsModel], Tensor]
+) -> PhysicsModel:
+    """The model with every dry friction held at its mean sign over a time step.
+
+    Args:
+        model: its dry frictions are independent of each other but for the inertia that couples their motions.
+        state: (…, s) at the start, with the effects' own states.
+        inputs: (…, m) at the start.
+        dt: [s].
+        step: the state (…, s) a time step later, of a model without dry friction.
+    """
+    dry = {i: list(e.motions(model)) for i, e in enumerate(model.effects) if isinstance(e, DryEffect)}
+    places = [p for motions in dry.values() for p in motions]
+
+    def with_signs(signs: Sequence[Tensor]) -> PhysicsModel:
+        left, effects = list(signs), list(model.effects)
+        for i, motions in dry.items():
+            mine, left = left[: len(motions)], left[len(motions) :]
+            effects[i] = replace(effects[i], **{"held": torch.stack(mine, dim=-1)})
+        return replace(model, effects=tuple(effects))
+
+    none = [torch.zeros_like(state[..., p]) for p in places]
+    ones = [[torch.ones_like(x) if i == j else x for i, x in enumerate(none)] for j in range(len(none))]
+
+    def taken(at: Tensor) -> list[list[Tensor]]:
+        """What each friction takes off each rate of motion in a step."""
+        bare = with_signs(none).derivative(at, inputs)
+        each = [with_signs(one).derivative(at, inputs) for one in ones]
+        return [[(bare[..., p] - x[..., p]) * dt for p in places] for x in each]
+
+    rest = torch.stack([torch.zeros_like(x) if i in places else x for i, x in enumerate(state.unbind(-1))], dim=-1)
+    moving, resting = taken(state), taken(rest)
+    free, signs = step(with_signs(none)), none
+    for j, place in enumerate(places):
+        others = sum((moving[i][j] * signs[i] for i in range(len(places)) if i != j), torch.zeros_like(none[j]))
+        added = free[..., place] - state[..., place] - others
+        mean = mean_sign(state[..., place], added, moving[j][j], resting[j][j])
+        signs = [mean if i == j else x for i, x in enumerate(signs)]
+    return with_signs(signs)
+
+
+def mean_sign(rate: Tensor, added: Tensor, taken: Tensor, resting: Tensor) -> Tensor:
+    """The mean sign over a time step of a motion that dry friction resists; see the head of this file.
+
+    Args:
+        rate: v (…) at its start.
+        added: d (…) that all else adds to it.
+        taken: c (…) that friction takes off it.
+        resting: c (…) about standstill, where friction may be larger.
+    """
+    sign = torch.where(rate < 0, -torch.ones_like(rate), torch.ones_like(rate))
+    speed, along = rate * sign, added * sign
+    before = (speed / (taken - along).clamp(min=_NOTHING)).clamp(max=1.0)
+    after = (along / resting.clamp(min=_NOTHING)).clamp(min=-1.0, max=1.0)
+    return sign * torch.where(speed + along >= taken, torch.ones_like(rate), before + (1 - before) * after)
