@@ -24,7 +24,7 @@ class StartingPoints:
     sizes: Mapping[str, float]
     """How large the signals of `PhysicsModel.followed` became, SI, and the "time_scale" [s]: that of a machine which is
     seen to move, of others `PhysicsModel.time_scale`. Of what is no vehicle also the "second" (`Log.second`) and the
-    "longest_delay" that is looked for [s]."""
+    "longest_delay" that is looked for [s], of what turns the "turn" [rad]."""
     medians: Mapping[str, float]
     """Of the model's extras."""
 
@@ -41,6 +41,8 @@ class StartingPoints:
         if not isinstance(model, RigidBody):
             longest = max(LONGEST_DELAY * log.second, min(time, LINEARISING.remembered * log.dt))
             sizes |= {"second": log.second, "longest_delay": longest}
+        if model.effect_unit("m") == "rad":
+            sizes["turn"] = 2 * np.pi
         return cls(model, sizes, medians)
 
     def neutral(self, kind: type[Effect]) -> list[Effect]:

@@ -1,6 +1,7 @@
 """Forces on a moving mass that go with its position, and the joint that the drive works through."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -35,6 +36,10 @@ class CubicStiffness(ForceEffect):
         return -scaled(self.k_3, displacement) * displacement**3
 
 
+_PERIODS = 48
+"""Periods of cogging in a turn that are tried, at most."""
+
+
 @EFFECTS.register("cogging")
 @dataclass(frozen=True)
 class Cogging(ForceEffect):
@@ -50,6 +55,15 @@ class Cogging(ForceEffect):
     systems: ClassVar[tuple[str, ...]] = ("mass_on_rail",)
     screen: ClassVar[dict[str, tuple[float, ...]]] = {"pitch": (0.02, 0.03, 0.04, 0.06, 0.08, 0.12, 0.16)}
     manoeuvre: ClassVar[str] = "travel slowly and evenly over many periods of the magnets"
+
+    @classmethod
+    @override
+    def grid(cls, sizes: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+        """`screen`; of what turns more than once, a whole number of periods a turn."""
+        turn = sizes.get("turn", math.inf)
+        if sizes.get("displacement", 0.0) < 2 * turn:
+            return super().grid(sizes)
+        return {"pitch": tuple(turn / n for n in range(1, _PERIODS + 1))}
 
     @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:

@@ -1,0 +1,64 @@
+"""A motor that turns many times: its magnets make a whole number of periods a turn, however far it travels."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from torch import Tensor
+
+from bench.diagnose import discover
+from bench.diagnose.logs.subject import Subject, log_of
+from registry.contracts import Channel, Recording
+from registry.dynamics import constant, tensor
+from registry.physics.state_space import Mechanical
+from registry.units import Signal
+
+STEP, SAMPLES, PERIODS = 0.005, 1600, 14
+INERTIA, VISCOUS, MAGNETS = 2e-4, 1e-3, 4e-3
+"""[kg m²], [N m s/rad], [N m]"""
+
+
+@dataclass(frozen=True)
+class Shaft(Mechanical):
+    """A shaft with a bearing, driven by a torque."""
+
+    mass: Any = constant(INERTIA, "J", "kg m^2", low=1e-9, uncertainty=0.1)
+    friction: Any = constant(VISCOUS, "B", "N m s/rad", low=0, uncertainty=0.1)
+
+    state_channels: ClassVar[tuple[Channel, ...]] = (Channel("angle.q", "rad"), Channel("angle_rate.q", "rad/s"))
+    input_signals: ClassVar[tuple[str, ...]] = ("torque",)
+    signals: ClassVar[dict[str, Signal]] = {"torque": Signal("N m", ("",))}
+    equation: ClassVar[str] = "J dω/dt = u − B ω"
+
+    def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """Torque less that of the bearing (…, 1) [N m]."""
+        return inputs[..., :1] - tensor(self.friction, state).unsqueeze(-1) * state[..., 1:]
+
+
+def recording(seed: int) -> Recording:
+    """Some eight turns, now faster, now slower, the torque held over each sample."""
+    rng, fine = np.random.default_rng(seed), 20
+    u = np.repeat(rng.uniform(4e-3, 1.3e-2, SAMPLES // 100), 100)
+    q, w, out = 0.0, 6.0, np.empty((SAMPLES, 2))
+    for i in range(SAMPLES):
+        out[i] = q, w
+        for _ in range(fine):
+            w += STEP / fine * (u[i] - VISCOUS * w + MAGNETS * np.sin(PERIODS * q + 1.0)) / INERTIA
+            q += STEP / fine * w
+    out += rng.normal(size=out.shape) * np.array([1e-3, 2e-2])
+    channels, valid = (Channel("torque", "N m"),), np.ones(SAMPLES, bool)
+    return Recording(f"run_{seed}", 1 / STEP, u[:, None], out, channels, Shaft.state_channels, valid)
+
+
+def test_cogging_is_found_over_many_turns() -> None:
+    made, model = [recording(seed) for seed in range(6)], Shaft(input_hold="previous")
+    assert min(float(np.ptp(r.outputs[:, 0])) for r in made) > 6 * 2 * np.pi
+    logs, names = tuple(log_of(r, model, "torque") for r in made), tuple(r.name for r in made)
+    signals = ("angle", "angle_rate", "torque")
+    answer = discover(Subject("shaft", model, logs, names[:-2], names[-2:], None, {}, {}, signals))
+    (cogging,) = answer.found
+    assert cogging.id == "cogging"
+    a, b, pitch = (x.value for x in cogging.estimates)
+    assert pitch == pytest.approx(2 * np.pi / PERIODS, rel=1e-4)
+    assert np.hypot(a, b) == pytest.approx(MAGNETS, rel=0.03)
