@@ -104,14 +104,17 @@ def _balanced(
 ) -> Discovery:
     """What the inputs balance, where a first answer says that they do nothing and this one understands them; else that.
 
-    The torque of a joint that turns at constant speed accelerates nothing, it balances friction: a huge inertia
-    forecasts such recordings, and beside that nothing is missing. With the inertia as stated, what the torque works
-    against is nearly all there is to see.
+    Only of a system of which nothing else is known: beside other equations a hidden inertia is a riddle of its own. The
+    torque of a joint that turns at constant speed accelerates nothing, it balances friction: a huge inertia forecasts
+    such recordings, and beside that nothing is missing. With the inertia as stated, what the torque works against is
+    nearly all there is to see.
     """
     hidden = {c.constant: c.equation for c in first.obscured}
     if not hidden or not subject.held_out:
         return first
-    if not idle(Weighing(subject, noise, first.calibrated), first.model, hidden.values()):
+    weighing = Weighing(subject, noise, first.calibrated)
+    alone = {e.name for e in weighing.equations} <= set(hidden.values())
+    if not alone or not idle(weighing, first.model, hidden.values()):
         return first
     again = _discovered(Search(subject, catalogue, tick, noise, memory=0, as_stated=hidden), noise)
     explained = {s.equation for f in again.found for s in f.savings if s.worth}
