@@ -97,7 +97,9 @@ class EffectConformance:
         """Each with a unit of SI and an explanation; neutral and typical value within the bounds. Options beside."""
         parameters = self.effect.neutral().parameters()
         options = [
-            f for f in dataclasses.fields(self.effect) if "help" in f.metadata and "uncertainty" not in f.metadata
+            f
+            for f in dataclasses.fields(self.effect)
+            if "help" in f.metadata and "uncertainty" not in f.metadata and f.default is not None
         ]
         described = sum(f.default is not None for f in dataclasses.fields(self.effect)) - len(options)
         assert len(parameters) == described > 0

@@ -11,9 +11,8 @@ from bench.diagnose.confirm import Setup
 from bench.diagnose.extend import Extension, extend, ordered
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.all_terms import learn_all_terms, left_by
-from bench.diagnose.learn.curve import curve
+from bench.diagnose.learn.curve import curve, nearest
 from bench.diagnose.learn.learn import learn, worthy
-from bench.diagnose.learn.likeness import nearest
 from bench.diagnose.learn.modes.answered import answered
 from bench.diagnose.learn.waves import folded
 from bench.diagnose.learned_shape import LearnedCurve

@@ -136,6 +136,8 @@ class PhysicsModel(ABC):
     """Ids of effects that the base model holds already."""
     rough: ClassVar[dict[str, float]] = {}
     """Relative 1σ of constants as vehicles of this kind have them where nobody says how well they are known."""
+    vehicle: ClassVar[bool] = False
+    """Whether it moves in seconds as vehicles do, however often it is logged."""
     needs_pilot: ClassVar[bool] = False
     """Whether it would fall, or run away, if somebody drove it open loop."""
     through_actuator: ClassVar[bool] = False

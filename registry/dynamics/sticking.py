@@ -14,16 +14,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
 from typing_extensions import override
 
 from registry.dynamics.effects import RateEffect
-
-if TYPE_CHECKING:
-    from registry.dynamics.model import PhysicsModel
 
 _NOTHING = 1e-12
 """Change of a rate of motion, in its unit, that is none, to divide by."""
@@ -33,8 +30,13 @@ _NOTHING = 1e-12
 class DryEffect(RateEffect):
     """Resists motions with a force that depends on their sign, and holds them at rest up to its limit."""
 
-    held: Any = field(default=None, kw_only=True, repr=False, compare=False)
-    """(…, n) mean signs of the motions over a time step, from an integrator; None: those of the rates now."""
+    held: Any = field(
+        default=None,
+        kw_only=True,
+        repr=False,
+        compare=False,
+        metadata={"help": "mean signs (…, n) of the motions over a time step, from an integrator; none: those now"},
+    )
 
     @abstractmethod
     def motions(self, model: Any) -> Sequence[int]:
@@ -54,18 +56,16 @@ class DryEffect(RateEffect):
         return self.resisting(model, state, inputs, self.signs(model, state) if self.held is None else self.held)
 
 
-def sticks(model: PhysicsModel) -> bool:
+def sticks(model: Any) -> bool:
     """Whether it has dry friction."""
     return any(isinstance(e, DryEffect) for e in model.effects)
 
 
-def held(
-    model: PhysicsModel, state: Tensor, inputs: Tensor, dt: float, step: Callable[[PhysicsModel], Tensor]
-) -> PhysicsModel:
+def held(model: Any, state: Tensor, inputs: Tensor, dt: float, step: Callable[[Any], Tensor]) -> Any:
     """The model with every dry friction held at its mean sign over a time step.
 
     Args:
-        model: its dry frictions are independent of each other but for the inertia that couples their motions.
+        model: a `PhysicsModel`, whose dry frictions are independent but for the inertia that couples their motions.
         state: (…, s) at the start, with the effects' own states.
         inputs: (…, m) at the start.
         dt: [s].
@@ -74,7 +74,7 @@ def held(
     dry = {i: list(e.motions(model)) for i, e in enumerate(model.effects) if isinstance(e, DryEffect)}
     places = [p for motions in dry.values() for p in motions]
 
-    def with_signs(signs: Sequence[Tensor]) -> PhysicsModel:
+    def with_signs(signs: Sequence[Tensor]) -> Any:
         left, effects = list(signs), list(model.effects)
         for i, motions in dry.items():
             mine, left = left[: len(motions)], left[len(motions) :]

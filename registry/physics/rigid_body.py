@@ -54,6 +54,7 @@ class RigidBody(PhysicsModel):
     state_channels: ClassVar[tuple[Channel, ...]] = tuple(
         Channel(f"{s}.{axis}", SIGNALS[s].unit) for s in _POSE for axis in SIGNALS[s].axes
     )
+    vehicle: ClassVar[bool] = True
     needs_pilot: ClassVar[bool] = True
     broadcasts: ClassVar[bool] = True
 

@@ -68,4 +68,3 @@ def test_friction_is_named_though_forecasts_are_best_where_no_torque_does_anythi
     (friction,) = answer.found  # before, nothing, and an inertia of 250 times what was stated
     assert friction.id == "coulomb_friction"
     assert [x.value for x in friction.estimates] == pytest.approx([DRY], rel=0.03)
-    assert not answer.obscured

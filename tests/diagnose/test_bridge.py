@@ -53,7 +53,10 @@ SUPPLY, PULL, BRAKE, DRY, VISCOUS, WARMTH = 5.0, 4000.0, 2.1, 7700.0, 0.2, 2.0
 
 
 def bridged(folder: Path, air: float = 0.0) -> Path:
-    """One run of 96 s at 50 Hz, another duty every .2 s or more; ``air`` [1/rad] brakes with the speed's square."""
+    """One run of 96 s at 50 Hz, another duty every .2 s or more.
+
+    ``air`` [1/rad] brakes with the speed's square, and cools: friction falls without it only.
+    """
     rng, parts = np.random.default_rng(3), []
     while sum(map(len, parts)) < 4800:
         parts.append(np.full(10 * rng.integers(1, 4), rng.uniform(2.9, 4.65)))
@@ -61,7 +64,7 @@ def bridged(folder: Path, air: float = 0.0) -> Path:
     for k, u in enumerate(volts):
         speed[k] = w
         for _ in range(fine):
-            dry = DRY - WARMTH * k / 50
+            dry = DRY - (0.0 if air else WARMTH * k / 50)
             w += (PULL * u - BRAKE * u * w - dry - VISCOUS * w - air * w * w) / 50 / fine
     speed = speed + rng.normal(0, 5, len(speed))
     words = {"signal": "angle_rate", "unit": "rad/s", "drive": "voltage", "of_drive": "V", "constant": CONSTANTS}

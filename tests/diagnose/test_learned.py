@@ -18,10 +18,10 @@ from bench.diagnose.compare import Comparison
 from bench.diagnose.confirm import Setup
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.candidates import Pair
+from bench.diagnose.learn.curve import nearest
 from bench.diagnose.learn.formulas import fitted, option_columns, options
 from bench.diagnose.learn.held_out import HeldOut
 from bench.diagnose.learn.learn import _Seen, learn
-from bench.diagnose.learn.likeness import nearest
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.logs.subject import Subject, log_of

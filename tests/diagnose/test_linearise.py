@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from bench.diagnose.learn.likeness import nearest
+from bench.diagnose.learn.curve import nearest
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.columns import Columns, response
 from bench.diagnose.regression.linearise import directions

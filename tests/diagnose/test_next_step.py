@@ -22,6 +22,7 @@ def test_what_stays_is_fitted_as_well_as_what_is_exchanged(
     monkeypatch.setattr(step, "advanced", lambda search, view, fit: first[id(fit)])
     monkeypatch.setattr(step, "neighbours", lambda view, known: [changed])
     monkeypatch.setattr(step, "settled", lambda search, model, view: (view, end[model][0]))
-    view = SimpleNamespace(subsets=SimpleNamespace(fit=lambda: here), floor=FLOOR)
-    search = SimpleNamespace(loss=lambda view, model: losses[model])
+    linear = SimpleNamespace(model=SimpleNamespace(effects=()))
+    view = SimpleNamespace(subsets=SimpleNamespace(fit=lambda: here), floor=FLOOR, linear=linear)
+    search = SimpleNamespace(loss=lambda view, model: losses[model], stack=SimpleNamespace(dt=0.01))
     assert next_step(search, view, 0).model == taken  # type: ignore[arg-type, comparison-overlap]

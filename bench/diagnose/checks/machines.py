@@ -16,14 +16,13 @@ from bench.diagnose.settings import FREEZING, INVERTING
 from registry.datasets.reading.cleaning import held, runs
 from registry.dynamics import PhysicsModel
 from registry.dynamics.model import RATE_OF
-from registry.physics.rigid_body import RigidBody
 
 Array = np.ndarray
 
 
 def machine_problems(subject: Subject) -> list[DataProblem]:
     """Recordings in which nothing moves while the drive does, and drives that act with the other sign."""
-    if isinstance(subject.model, RigidBody) or not _drives(subject.model, subject.logs[0]):
+    if subject.model.vehicle or not _drives(subject.model, subject.logs[0]):
         return []
     drives = _drives(subject.model, subject.logs[0])
     pushed = [

@@ -7,6 +7,7 @@ import numpy as np
 
 from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.select.search import View
+from bench.diagnose.settings import LINEARISING
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,9 @@ class HeldOut:
         self.held = held
         self.total = np.asarray(sum(self.folds))
         self.rows = view.floor
-        self.known, self.centre = subsets.prior[self.own], subsets.centre[self.own]
+        entries = (view.linear.own[i] for i in self.own)
+        well = [e.constant and e.scale < LINEARISING.wide * abs(e.stated) for e in entries]
+        self.known, self.centre = np.where(well, subsets.prior[self.own], 0.0), subsets.centre[self.own]
 
     def losses(self, blocks: Sequence[Block]) -> np.ndarray:
         """Squared residuals (folds,) of each fold by a fit to the others."""
@@ -50,7 +53,7 @@ class HeldOut:
         return np.array(out)
 
     def prior(self, blocks: Sequence[Block]) -> float:
-        """Squared distance, in standard deviations, of the columns always fitted from what is known of them."""
+        """Squared distance, in standard deviations, of constants that are known well from what is known of them."""
         index = [*self.own, *(int(c) for b in blocks for c in b.places)]
         some = np.ix_([*index, -1], [*index, -1])
         beta = _solved(self.total[some] + self._penalty(index, blocks, some))[: len(self.own)]

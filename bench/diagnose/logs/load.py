@@ -25,7 +25,6 @@ from registry.datasets.folder.dataset import Folder, refuse_unknown
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 from registry.model_file import constants_of, read
-from registry.physics.rigid_body import RigidBody
 from registry.stated import refuse_unstated
 
 
@@ -86,7 +85,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         finer=dataset.finer_signals,
     )
     subject = before_impacts(centred(subject))
-    return subject if isinstance(model, RigidBody) else _warned(subject)
+    return subject if model.vehicle else _warned(subject)
 
 
 def _warned(subject: Subject) -> Subject:

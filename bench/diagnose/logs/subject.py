@@ -13,7 +13,6 @@ from registry.contracts import Recording
 from registry.datasets.folder.dataset import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
-from registry.physics.rigid_body import RigidBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +182,7 @@ def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
         recording=recording,
         estimated=() if any(known) else tuple(not m for m in measured),
         sensed=_sensed(recording, model),
-        second=1.0 if isinstance(model, RigidBody) else second_of(recording.rate),
+        second=1.0 if model.vehicle else second_of(recording.rate),
     )
 
 

@@ -13,7 +13,6 @@ from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.settings import LINEARISING
 from registry.dynamics import Effect, PhysicsModel
 from registry.effects.actuation import LONGEST_DELAY
-from registry.physics.rigid_body import RigidBody
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class StartingPoints:
         moves = sizes.get("displacement") and sizes.get("speed")
         time = sizes["displacement"] / sizes["speed"] if moves else model.time_scale(states, inputs)
         sizes["time_scale"] = time
-        if not isinstance(model, RigidBody):
+        if not model.vehicle:
             longest = max(LONGEST_DELAY * log.second, min(time, LINEARISING.remembered * log.dt))
             sizes |= {"second": log.second, "longest_delay": longest}
         if model.effect_unit("m") == "rad":

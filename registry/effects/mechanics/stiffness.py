@@ -81,13 +81,7 @@ class JointElasticity(InputEffect):
     """
 
     resonance_period: Any = constant(
-        0.0,
-        "2π T: one swing of the resonance",
-        "s",
-        low=0,
-        typical=0.01 * _TURN,
-        measure="second",
-        share=0.01 * _TURN,
+        0.0, "2π T: one swing of the resonance", "s", low=0, high=_TURN, typical=0.01 * _TURN
     )
     damping: Any = constant(0.1, "ζ: damping ratio", "1", low=1e-3, high=0.9, typical=0.1)
     equation: ClassVar[str] = "T² d²F/dt² + 2 ζ T dF/dt + F = u, solved exactly"
