@@ -29,7 +29,7 @@ from bench.diagnose.select.search import Search
 from bench.diagnose.settings import DECIDING, EXTENDING, MATTERING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
-from registry.dynamics import Effect, PhysicsModel
+from registry.dynamics import Effect, InternalEffect, PhysicsModel
 from registry.effects.learned_term import LearnedTerm
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.effects.waves.periodic_term import PeriodicTerm
@@ -188,14 +188,18 @@ def instead(run: Setup, found: Discovery, before: Extension, told: Learned | Non
 
 
 def _doubted(found: Discovery, told: Learned | None) -> list[str]:
-    """The effects that act in an equation in which something was learned, or else much is left."""
+    """The effects that act in an equation in which something was learned, or else much is left.
+
+    One with states of its own is not doubted: free runs do not know how it begins, nor how a mode does that is learned.
+    """
+    mine = [f for f in found.found if not isinstance(f.effect, InternalEffect)]
     if not found.equations:
-        return [f.id for f in found.found]
+        return [f.id for f in mine]
     high = DECIDING.high_excess**0.5
     left = {e.equation for e in found.equations if e.models["extended"] > high * max(e.floor, 1e-300)}
     if told is not None:
         left = {e.acts_on for e in told.extension.effects if e.learned}
-    return [f.id for f in found.found if any(s.equation in left and s.worth for s in f.savings)]
+    return [f.id for f in mine if any(s.equation in left and s.worth for s in f.savings)]
 
 
 def _better(run: Setup, other: Learned, before: Learned, alone: bool) -> bool:

@@ -33,6 +33,7 @@ from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import Search
 from bench.diagnose.settings import LEARNING
 from registry.contracts import Channel, Recording
+from registry.core import EFFECTS
 from registry.effects.learned_term import LearnedTerm
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.errors import BenchError
@@ -315,12 +316,18 @@ def test_a_named_effect_goes_for_a_mode_only_where_inputs_were_read_again(
     assert (None if done is None else done.extension.effects) == ([term] if read_again else None)
 
 
+def test_an_effect_with_states_of_its_own_is_no_imitation_of_a_mode() -> None:
+    """A load of the catalogue had given way to "something swings": free runs know the beginning of neither."""
+    both = [SimpleNamespace(id=name, effect=EFFECTS.get(name).typical()) for name in ("suspended_load", "linear_drag")]
+    assert learned._doubted(SimpleNamespace(found=both, equations=()), None) == ["linear_drag"]  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("named", "kept"), [("coulomb_friction", []), ("quadratic_drag", ["quadratic_drag"])])
 def test_what_only_imitates_a_term_gives_way_to_it_and_what_is_there_does_not(named: str, kept: list[str]) -> None:
     """A drag is hidden; Coulomb friction makes much of it, and beside that what is left would be learned or not."""
     of, noise = prepared(subject(HIDDEN["signed_square"][0]))
     before = extend(of, of.model, [named], noise=noise)
-    found = SimpleNamespace(found=(SimpleNamespace(id=named, rivals=()),), equations=())
+    found = SimpleNamespace(found=(SimpleNamespace(id=named, rivals=(), effect=None),), equations=())
     done = learned.instead(Setup(of, noise, lambda what: None, None, of), found, before, None)  # type: ignore[arg-type]
     if kept:
         assert done is None
