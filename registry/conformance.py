@@ -140,8 +140,7 @@ class EffectConformance:
         why = "a number with a unit stands in the equation: make it a parameter, or take one of the model's constants"
         torch.testing.assert_close(found, self.final(effect), rtol=1e-8, atol=1e-10, msg=lambda said: f"{why}.\n{said}")
         before, after = (
-            {n: float(x.abs().max()) for n, x in m.followed(s, u).items()}
-            | {"time_scale": m.time_scale(s, u), "second": 1.0}
+            {n: float(x.abs().max()) for n, x in m.followed(s, u).items()} | {"time_scale": m.time_scale(s, u)}
             for m, s, u in ((model, state, inputs), (other, other_state, other_inputs))
         )
         for p in (p for p in effect.parameters() if p.measure):

@@ -73,9 +73,8 @@ class Recording:
 
     def part(self, at: slice, name: str) -> Recording:
         """Some of the samples, as a recording of this name."""
-        parts = {field: getattr(self, field)[at] for field in ("inputs", "outputs", "valid")}
-        begins = self.begins + at.indices(len(self))[0] / self.rate
-        return replace(self, name=name, begins=begins, **parts)
+        begins, inputs = self.begins + at.indices(len(self))[0] / self.rate, self.inputs[at]
+        return replace(self, name=name, inputs=inputs, outputs=self.outputs[at], valid=self.valid[at], begins=begins)
 
     @property
     def channels(self) -> tuple[Channel, ...]:

@@ -19,7 +19,7 @@ from registry.dynamics.effects import (
     TorqueEffect,
     WindEffect,
 )
-from registry.dynamics.model import PhysicsModel, Rates, advanced, mean_derivative, unsuited
+from registry.dynamics.model import PhysicsModel, Rates, advanced, unsuited
 from registry.dynamics.parameters import (
     Parameter,
     constant,
@@ -63,7 +63,6 @@ __all__ = [
     "cross",
     "in_measure",
     "joined",
-    "mean_derivative",
     "per_second",
     "quaternion_rate",
     "rotation_matrix",

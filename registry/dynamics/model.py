@@ -79,25 +79,6 @@ def advanced(model: PhysicsModel, rates: Rates, state: Tensor, segment: Tensor, 
     return model.project(runge_kutta(rates, state, segment, dt))
 
 
-def mean_derivative(
-    model: PhysicsModel, rates: Rates, state: Tensor, inputs: Tensor, slopes: Tensor, start: Tensor, dt: float
-) -> Tensor:
-    """The mean of `PhysicsModel.derivative` (…, s) over a sampling interval.
-
-    Args:
-        model: whose dry frictions stop what moves within the interval, and hold it.
-        rates: its `PhysicsModel.derivative`.
-        state: mean (…, s) over the interval.
-        inputs: mean (…, m).
-        slopes: time derivative (…, m) of the inputs.
-        start: state (…, s) at its start.
-        dt: [s].
-    """
-    if sticks(model):
-        rates = held(model, start, inputs, dt, lambda of: start + dt * of.derivative(state, inputs, slopes)).derivative
-    return rates(state, inputs, slopes)
-
-
 @dataclass(frozen=True)
 class PhysicsModel(ABC):
     """A continuous-time model dx/dt = f(x, u) and its integrator (4th-order Runge–Kutta).

@@ -65,9 +65,8 @@ def constant(
         uncertainty: relative, 1σ.
         typical: of an effect, a value met on real vehicles.
         measure: of an effect, what the parameter is measured in whatever the machine's size: a product of signals that
-            `PhysicsModel.followed` names, such as "speed", "1/input", "force/displacement^3", the "time_scale" of the
-            motion, or the "second" that stands for one in recordings of slow and fast machines. Its values in
-            `Effect.screen` are shares of how large these became in the recordings.
+            `PhysicsModel.followed` names, such as "speed", "1/input", "force/displacement^3", or the "time_scale" of
+            the motion. Its values in `Effect.screen` are shares of how large these became in the recordings.
         share: a value met in practice, in this measure: where a search for it starts, and what it stays at where it is
             not fitted (``uncertainty=0``).
     """

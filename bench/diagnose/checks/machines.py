@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.diagnose.checks.description.mistake import line
-from bench.diagnose.logs.subject import Log, Subject, named_drive
+from bench.diagnose.logs.subject import Log, Subject, drives_of, named_drive
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.result import DataProblem
 from bench.diagnose.settings import FREEZING, INVERTING
@@ -22,19 +22,15 @@ Array = np.ndarray
 
 def machine_problems(subject: Subject) -> list[DataProblem]:
     """Recordings in which nothing moves while the drive does, and drives that act with the other sign."""
-    if subject.model.vehicle or not _drives(subject.model, subject.logs[0]):
+    drives = drives_of(subject.model, subject.logs[0])
+    if subject.model.vehicle or not drives:
         return []
-    drives = _drives(subject.model, subject.logs[0])
     pushed = [
         float(log.inputs[log.valid, :drives].std(0).max()) if log.valid.sum() > 1 else 0.0 for log in subject.logs
     ]
     strong = [by >= FREEZING.pushed * float(np.median(pushed)) for by in pushed]
     found = [p for log, hard in zip(subject.logs, strong, strict=True) for p in _at_rest(subject.model, log, hard)]
     return found or _inverted(subject)
-
-
-def _drives(model: PhysicsModel, log: Log) -> int:
-    return log.inputs.shape[1] - len(model.extras)
 
 
 def _at_rest(model: PhysicsModel, log: Log, strong: bool) -> list[DataProblem]:
@@ -44,7 +40,7 @@ def _at_rest(model: PhysicsModel, log: Log, strong: bool) -> list[DataProblem]:
     """
     at = [i for i, known in enumerate(log.measured) if known]
     valid, x = log.valid.numpy(), log.states.numpy()[:, at]
-    pushed = ~held(log.inputs.numpy()[:, : _drives(model, log)])
+    pushed = ~held(log.inputs.numpy()[:, : drives_of(model, log)])
     rates = [i for i, c in enumerate(at) if model.state_channels[c].group in _rates_of_others(model)]
     out = []
     for a, b in runs(held(x) & valid):
@@ -71,7 +67,7 @@ def _rates_of_others(model: PhysicsModel) -> set[str]:
 
 def _inverted(subject: Subject) -> list[DataProblem]:
     out = []
-    for j, channel in enumerate(subject.logs[0].recording.input_channels[: _drives(subject.model, subject.logs[0])]):
+    for j, channel in enumerate(subject.logs[0].recording.input_channels[: drives_of(subject.model, subject.logs[0])]):
         told = {log.name: _acts(subject.model, log, j) for log in subject.logs}
         known = {name: by for name, by in told.items() if by is not None}
         if not known or max(known.values()) >= 0:

@@ -16,7 +16,7 @@ from bench.diagnose.logs.parts import thirds
 from bench.diagnose.logs.sample import shared
 from bench.diagnose.logs.slopes import with_missed, with_slopes
 from bench.diagnose.logs.smoothing import Smoothing, stated
-from bench.diagnose.logs.subject import Subject, log_of, named_drive
+from bench.diagnose.logs.subject import Subject, drives_of, log_of, named_drive
 from bench.diagnose.settings import READING
 from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
@@ -103,7 +103,7 @@ def _warned(subject: Subject) -> Subject:
 def _unmoved(subject: Subject) -> list[str]:
     """Drives that stand still in all recordings, in sentences."""
     first, out = subject.logs[0], []
-    for j in range(first.inputs.shape[1] - len(subject.model.extras)):
+    for j in range(drives_of(subject.model, first)):
         values = torch.cat([log.inputs[log.valid, j] for log in subject.logs])
         if len(values) and bool((values == values[0]).all()):
             unit = first.recording.input_channels[j].unit

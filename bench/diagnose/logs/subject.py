@@ -43,7 +43,7 @@ class Log:
     """Name of the recording that it was cut from; empty: it is whole."""
     second: float = 1.0
     """Time [s] that stands for a second of flight in all that looks at stretches of time: of a vehicle a second, of a
-    slow or fast machine as long as `second_of` says."""
+    slow machine as long as `second_of` says."""
 
     @property
     def means(self) -> Tensor:
@@ -204,6 +204,11 @@ def _sensed(recording: Recording, model: PhysicsModel) -> Tensor | None:
     shown = np.where(np.isfinite(shown), shown, 0.0)  # where it is not, the recording is not valid
     parts = (shown[1:] + shown[:-1]) / (2 * recording.rate)
     return torch.from_numpy(np.concatenate([np.zeros_like(shown[:1]), np.cumsum(parts, axis=0)]))
+
+
+def drives_of(model: PhysicsModel, log: Log) -> int:
+    """Channels of the driving signal among a log's inputs."""
+    return log.inputs.shape[1] - len(model.extras)
 
 
 def named_drive(log: Log, place: int) -> str:

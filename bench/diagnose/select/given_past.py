@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.diagnose.by_equation import GivenPast, ObscuredConstant
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import Subject, drives_of
 from bench.diagnose.regression.least_squares import whitening
 from bench.diagnose.regression.linearise import Linearization
 from bench.diagnose.regression.parameters import entries, with_values
@@ -68,7 +68,7 @@ def revealed(
 def idle(weighing: Weighing, model: PhysicsModel, names: Collection[str]) -> bool:
     """Whether inputs do next to nothing in the equations ``names``: with all at their mean every state errs alike."""
     held = weighing.held
-    inputs, drives = held.inputs.clone(), held.inputs.shape[-1] - len(model.extras)
+    inputs, drives = held.inputs.clone(), drives_of(model, held.logs[0])
     inputs[..., :drives] = held.samples(inputs)[:, :drives].mean(0)
     at = [c for e in weighing.equations if e.name in names for c in e.group.at]
     horizon = weighing.horizons[1]

@@ -19,7 +19,7 @@ from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.parts import in_parts
 from bench.diagnose.logs.rate_timing import moving_channels, rates_in_time, states_read_later
 from bench.diagnose.logs.sample import shortened
-from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.logs.subject import Subject, drives_of
 from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
@@ -107,11 +107,6 @@ def _tells_time(subject: Subject) -> bool:
     """Whether recordings could tell when their inputs act, and it is for the clock to say."""
     known, drives = entries(subject.model, subject.uncertainty), drives_of(subject.model, subject.logs[0])
     return bool(known and drives and subject.training) and not hidden(subject.logs)
-
-
-def drives_of(model: PhysicsModel, log: Log) -> int:
-    """Channels of the driving signal among a log's inputs."""
-    return log.inputs.shape[1] - len(model.extras)
 
 
 def is_held(subject: Subject) -> bool:
@@ -268,7 +263,9 @@ class _Regression:
 
         0 ± 0 for what there is none of.
         """
-        return self._solved(*self._whitened(shift))
+        rows, noise = self._whitened(shift)
+        clear = self._clear(rows, noise)
+        return self._solved(rows.only(clear), noise.only(clear))
 
     def apart(self, shift: np.ndarray, which: int) -> tuple[np.ndarray, np.ndarray]:
         """The same of one shift by every channel alone that it moves: steps (C,) and their standard errors."""
@@ -289,8 +286,7 @@ class _Regression:
 
     def _solved(self, rows: Rows, drawn: Rows) -> tuple[np.ndarray, np.ndarray]:
         """The step (3,) and its errors that rows, with what noise makes of them, tell."""
-        clear = self._clear(rows, drawn)
-        normal = rows.only(clear).normal().less(drawn.only(clear).mean_gram())
+        normal = rows.normal().less(drawn.mean_gram())
         gram = normal.total[:-1, :-1] + np.diag(_precision(self.linear, len(normal.total) - 1))
         scale = equilibrium(np.diag(gram))
         inverse = np.linalg.inv(gram * np.outer(scale, scale) + 1e-9 * np.eye(len(gram))) * np.outer(scale, scale)

@@ -73,10 +73,10 @@ def next_step(search: Search, view: View, known: int) -> Step:
             other = _refitted(search, view, other)
         if stay.loss - other.loss >= least:
             return other
-    return min([stay, *_in_series(search, view, stay, known)], key=lambda s: s.loss)
+    return min([stay, *_in_series(search, view, stay, here, known)], key=lambda s: s.loss)
 
 
-def _in_series(search: Search, view: View, stay: Step, known: int) -> list[Step]:
+def _in_series(search: Search, view: View, stay: Step, here: Fit, known: int) -> list[Step]:
     """Steps that exchange a lag or a delay for another one and are better than ``stay`` for sure.
 
     What stands between inputs and what they move acts one after the other: an exchange is no sum of a term less and one
@@ -92,7 +92,7 @@ def _in_series(search: Search, view: View, stay: Step, known: int) -> list[Step]
                 best[start.id] = min(best.get(start.id, fit), fit, key=lambda f: f.loss)
         for fit in best.values():
             other = _refitted(search, view, advanced(search, view, fit))
-            price = view.subsets.penalty * (fit.parameters - view.subsets.fit().parameters)
+            price = view.subsets.penalty * (fit.parameters - here.parameters)
             if other.exchanged and stay.loss - other.loss > small + max(price, 0.0):
                 steps.append(other)
     return steps

@@ -9,7 +9,7 @@ from dataclasses import replace
 import torch
 
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.logs.subject import Log, Subject, drives_of
 from bench.diagnose.regression.weak import LogBatch, acting
 from bench.diagnose.settings import MATTERING, READING
 from bench.diagnose.simulate.teacher_forced import equations, increments
@@ -37,7 +37,7 @@ def after_beginning(subject: Subject, model: PhysicsModel, noise: Noise) -> Subj
 
 def remembered(model: PhysicsModel, log: Log) -> int:
     """Samples for which what acts follows from inputs before a log began, to a hundredth of what differed then."""
-    drives = log.inputs.shape[-1] - len(model.extras)
+    drives = drives_of(model, log)
     if not model.input_effects():
         return 0
     other = log.inputs.clone()
