@@ -6,6 +6,7 @@ import pytest
 
 from bench.diagnose.select import step
 from bench.diagnose.select.step import Step, next_step
+from registry.effects.actuation import InputDelay, MotorLag
 
 FLOOR = 1000.0
 
@@ -26,3 +27,22 @@ def test_what_stays_is_fitted_as_well_as_what_is_exchanged(
     view = SimpleNamespace(subsets=SimpleNamespace(fit=lambda: here), floor=FLOOR, linear=linear)
     search = SimpleNamespace(loss=lambda view, model: losses[model], stack=SimpleNamespace(dt=0.01))
     assert next_step(search, view, 0).model == taken  # type: ignore[arg-type, comparison-overlap]
+
+
+def test_a_delay_gives_way_to_a_lag_that_leaves_less_though_no_linearisation_promises_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They act one after the other: what the one leaves beside the other tells nothing of an exchange."""
+    here, other = SimpleNamespace(loss=1400.0, parameters=1), SimpleNamespace(loss=5000.0, parameters=2)
+    steps = {id(here): Step("delay", 1400.0, False), id(other): Step("lag, far off", 3000.0, True)}  # type: ignore[arg-type]
+    losses = {"delay": 1400.0, "lag": 1050.0}
+    monkeypatch.setattr(step, "advanced", lambda search, view, fit: steps[id(fit)])
+    monkeypatch.setattr(step, "neighbours", lambda view, known: [])
+    monkeypatch.setattr(step, "settled", lambda search, model, view: (view, "lag"))
+    start = SimpleNamespace(id="motor_lag", effect=MotorLag(), through=None)
+    subsets = SimpleNamespace(fit=lambda starts=(), drop=(): other if starts else here, starts=[start], penalty=7.0)
+    linear = SimpleNamespace(model=SimpleNamespace(effects=(InputDelay(),)))
+    view = SimpleNamespace(subsets=subsets, floor=FLOOR, linear=linear)
+    search = SimpleNamespace(loss=lambda view, model: losses[model], stack=SimpleNamespace(dt=0.01))
+    assert next_step(search, view, 0).model == "lag"  # type: ignore[arg-type, comparison-overlap]
+    assert next_step(search, view, 1).model == "delay"  # type: ignore[arg-type, comparison-overlap]
