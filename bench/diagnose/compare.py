@@ -201,7 +201,7 @@ def above_floor(
     Returns:
         (models,) and (draws, models): squared error over that of the lowest floor, less one; and draws of its mean.
     """
-    runs = [free_runs(subject, noise, names, horizon_s) for subject, _ in models]
+    runs = [free_runs(subject, noise, names, horizon_s) for subject in _judged_alike([s for s, _ in models])]
     with torch.no_grad():
         ends = [
             (
@@ -215,6 +215,14 @@ def above_floor(
     drawn = Repetition.of(runs[0], over[0])
     each = np.concatenate(over, axis=1).mean(-1) - 1  # (W, models)
     return each.mean(0), drawn.means(each)
+
+
+def _judged_alike(subjects: Sequence[Subject]) -> list[Subject]:
+    """The same recordings with inputs read in several ways, each without the samples that any of them leaves out."""
+    valid = [torch.stack([log.valid for log in logs]).all(0) for logs in zip(*(s.logs for s in subjects), strict=True)]
+    return [
+        replace(s, logs=tuple(replace(log, valid=v) for log, v in zip(s.logs, valid, strict=True))) for s in subjects
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,17 @@ LENGTH, HUNG, GRAVITY = 0.35, 0.3, 9.81
 """Of the pendulum under it [m], its bob [kg], and [m/s²]: it swings at .843 Hz with the cart held."""
 SLOSH, SLOSH_DAMPING, SLOSHING = 1.6, 0.06, 0.4
 """Of a mass of liquid in a tank on the cart: how often it swings with the cart held [Hz], ζ, and its mass [kg]."""
+SHAFT, SHAFT_DAMPING, SHAFT_SHARE = 7.5, 0.05, 0.3
+"""Of a shaft between motor and cart: how often it swings [Hz], ζ, and what its swing takes of the force."""
 CREEP, CREEPING = 0.4, 12.0
 """Time constant [s] and stiffness [N/m] of a spring with a damper in series, between cart and wall."""
 
 
 def frequency_of(kind: str) -> float:
     """Of what is hidden [Hz]."""
-    return SLOSH if kind == "slosh" else (GRAVITY / LENGTH) ** 0.5 / 2 / np.pi
+    if kind in ("slosh", "shaft"):
+        return SLOSH if kind == "slosh" else SHAFT
+    return (GRAVITY / LENGTH) ** 0.5 / 2 / np.pi
 
 
 def _rates(kind: str, x: np.ndarray, force: float) -> np.ndarray:
@@ -36,6 +40,9 @@ def _rates(kind: str, x: np.ndarray, force: float) -> np.ndarray:
         w = 2 * np.pi * SLOSH
         between = SLOSHING * (w * w * (q - a) + 2 * SLOSH_DAMPING * w * (v - b))
         return np.array([v, (push - between) / MASS, b, between / SLOSHING])
+    if kind == "shaft":  # what it is wound up by, and how fast over ω
+        w = 2 * np.pi * SHAFT
+        return np.array([v, (push - SHAFT_SHARE * b) / MASS, w * b, w * (force - a - 2 * SHAFT_DAMPING * b)])
     if kind == "creep":  # a: where the damper's end has crept to
         pull = CREEPING * (q - a)
         return np.array([v, (push - pull) / MASS, (q - a) / CREEP, 0.0])
@@ -47,8 +54,8 @@ def _rates(kind: str, x: np.ndarray, force: float) -> np.ndarray:
 def recording(kind: str, seed: int, seconds: float, noise: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
     """Drive (N,) and state (N, 2), every 10 ms.
 
-    ``kind``: "pendulum", "slosh", "creep"; without anything hidden "clean", "gust" (a force that wanders), "wave" (one
-    of .8 Hz), "cubic" (a spring that hardens), "sampled" (a drive that is livelier than its samples).
+    ``kind``: "pendulum", "slosh", "shaft", "creep"; without anything hidden "clean", "gust" (a force that wanders),
+    "wave" (one of .8 Hz), "cubic" (a spring that hardens), "sampled" (a drive that is livelier than its samples).
     """
     rng, count = np.random.default_rng(seed), round(seconds * RATE * FINE)
     dt = 1 / RATE / FINE

@@ -127,20 +127,35 @@ def begun(
     seen = seen.expand(*shape, order + 1) * good.unsqueeze(-1)
     gram = seen.unsqueeze(-1) * seen.unsqueeze(-2)
     moment = seen * torch.where(good, left - forced, 0.0).unsqueeze(-1)
-    # What is known beforehand: the free swing is about as large as the driven one, the noise as samples differ.
-    told = torch.where(good, left - forced, 0.0)
-    rough = torch.nn.functional.pad(told.diff(dim=-1).square() / 2, (1, 0))
-    swung = path[..., :-1, :].square().sum(-1) - 2 * path[..., :-1, 0] * driver + driver.square()
     if so_far:
-        gram, moment, rough, swung = (
+        gram, moment = (
             torch.cat([torch.zeros_like(x.narrow(dim, 0, 1)), x.cumsum(dim)], dim=dim)
-            for x, dim in ((gram, -3), (moment, -2), (rough, -1), (swung, -1))
+            for x, dim in ((gram, -3), (moment, -2))
         )
     else:
         gram, moment = gram.sum(-3, keepdim=True), moment.sum(-2, keepdim=True)
-        rough, swung = (x.sum(-1, keepdim=True) for x in (rough, swung))
-    silent = rough / swung.clamp_min(1e-12) + 1e-9 * gains.square().sum(-1)
+    # What is known beforehand, of the whole recording, for a driver may rest long at first: the free swing is about as
+    # large as the driven one, and the noise is what no free swing has.
+    swung = path[..., :-1, :].square().sum(-1) - 2 * path[..., :-1, 0] * driver + driver.square()
+    rough = _rough(mode, torch.where(good, left - forced, 0.0), good, dt)
+    silent = (rough / swung.mean(-1).clamp_min(1e-12)).unsqueeze(-1) + 1e-9 * gains.square().sum(-1)
     held = torch.diag_embed(torch.stack([*[silent] * order, torch.ones_like(silent)], dim=-1))
     held = held + 1e-12 * torch.eye(order + 1, dtype=left.dtype)
     start = torch.linalg.solve(gram + held, moment.unsqueeze(-1))[..., :order, :]
     return path + (turned(mode, times.expand(1, -1)) @ start).squeeze(-1)
+
+
+def _rough(mode: HiddenMode, told: Tensor, good: Tensor, dt: float) -> Tensor:
+    """The mean square (…, L) of the noise in what a mode that swings out and noise do together over each interval.
+
+    A free swing obeys the recursion of its characteristic polynomial; white noise is left, larger by its coefficients.
+    """
+    step, order = turned(mode, torch.full((1, 1), dt, dtype=told.dtype)), mode.order  # (…, 1, 1, order, order)
+    recursion = [torch.ones_like(step[..., 0, 0]), -torch.diagonal(step, dim1=-2, dim2=-1).sum(-1)]
+    if order == 2:
+        recursion.append(torch.linalg.det(step))
+    count = told.shape[-1] - order
+    left = torch.stack([c * told[..., order - i : order - i + count] for i, c in enumerate(recursion)]).sum(0)
+    whole = torch.stack([good[..., i : i + count] for i in range(order + 1)]).all(0)
+    size = torch.stack([c.square() for c in recursion]).sum(0)
+    return (whole * left.square() / size).sum(-1) / whole.sum(-1).clamp_min(1)

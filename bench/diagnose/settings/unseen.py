@@ -84,6 +84,9 @@ class Hiding:
     highest: float = threshold(
         0.12, "frequency that is tried at most, of that of the windows", Basis.JUDGED, "1 / window step"
     )
+    highest_of_inputs: float = threshold(
+        0.2, "the same where an input is the driver, which has hardly any noise", Basis.JUDGED, "1 / window step"
+    )
     most_damped: float = threshold(0.6, "damping ratio of what is still called a swing", Basis.JUDGED)
     least_damped: float = threshold(1e-3, "damping ratio that is told from none", Basis.JUDGED)
     refined: int = threshold(60, "steps to the best frequency and damping", Basis.EFFORT, "count")

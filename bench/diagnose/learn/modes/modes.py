@@ -81,11 +81,12 @@ def drivers_of(model: PhysicsModel, axis: str) -> list[str]:
 def _candidates(subject: Subject, model: PhysicsModel, noise: Noise) -> list[HiddenMode]:
     """Modes that recordings confirm, of the axis that shows one most surely; the same one along others joined."""
     places = {name: i for i, name in enumerate(known.available(model))}
+    inputs = known.input_names(type(model), *known.drive_of(model))
     series = axis_series(subject, model, noise)
     found: list[Mode] = []
     for one in series:
         drivers = {name: places[name] for name in drivers_of(model, one.axis)}
-        found += sought(one, drivers, subject.training, len(series))
+        found += sought(one, drivers, subject.training, len(series), inputs)
     found.sort(key=lambda m: -m.evidence)
     return [_joined([mode, *found]) for mode in found if mode.axis == found[0].axis]
 
