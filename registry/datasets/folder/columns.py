@@ -91,11 +91,13 @@ _NAMED: dict[str, str] = {
 """Of systems with one axis, whose names are too short to be guessed where the system is not named."""
 _DRIVES = (
     r"u_?\d*|in(?:put)?_?\d*|(?:.*[_.])?(?:cmd|command|set_?point|reference|ref|drive|duty|throttle|pwm|pump|valve|heater"
-    r"|torque|force|voltage|current)(?:_.*|\d+)?"
+    r"|torque|force|voltage|volts|current)(?:_.*|\d+)?"
 )
 """What drives a system of which nothing else is known."""
-_SUFFIXES = ("l_min", "m_s", "rad_s", "deg_s", "degc", "bar", "kpa", "pa", "rpm", "hz", "kg", "mm", "deg", "rad")
-_SIGNS = ("V", "mV", "A", "mA", "N", "Nm")
+_SUFFIXES = ("l_min", "lpm", "m_s", "rad_s", "deg_s", "degc", "bar", "kpa", "pa", "rpm", "hz", "kg", "mm", "deg", "rad")
+_WORDS = {"volts": "V", "amps": "A", "newtons": "N", "pct": "%", "percent": "%", "rpm": "rpm", "celsius": "degC"}
+"""Units that are written out at the end of a name, or are all of it."""
+_SIGNS = ("V", "mV", "A", "mA", "N", "Nm", "C")
 """Units of one or two letters, which are none in small letters: "force_n" is north."""
 _OF_MOTION = {
     **{u: u for u in ("m", "cm", "mm", "deg", "rad", "g", "rpm")},
@@ -107,7 +109,16 @@ _OF_MOTION = {
     "mv": "mV",
 }
 """Endings of names of a vehicle's signals, where the signal can be measured so: "ax_g", "roll_deg"."""
-_UNITS = {"Nm": "N m", "degc": "degC", "kpa": "kPa", "pa": "Pa", "hz": "Hz", "l_min": "L/min"}
+_UNITS = {
+    "Nm": "N m",
+    "C": "degC",
+    "lpm": "L/min",
+    "degc": "degC",
+    "kpa": "kPa",
+    "pa": "Pa",
+    "hz": "Hz",
+    "l_min": "L/min",
+}
 
 
 @dataclass
@@ -261,8 +272,8 @@ def drives(column: str) -> bool:
 
 
 def bare(name: str) -> str:
-    """A column's name without a unit in brackets."""
-    return re.sub(r"\s*[\[(](?!\d+[\])]$)[^\[(]*[\])]$", "", name.strip())
+    """A column's name without a unit in brackets, and without what makes its header a comment."""
+    return re.sub(r"\s*[\[(](?!\d+[\])]$)[^\[(]*[\])]$", "", name.strip().lstrip("# "))
 
 
 def _unit(column: str) -> str:
@@ -273,6 +284,9 @@ def _unit(column: str) -> str:
             return checked(in_brackets[1])
         except BenchError:
             return ""
+    word = re.split(r"[_.\s]", column.strip().lower())[-1]
+    if word in _WORDS:
+        return _WORDS[word]
     endings = (column.lower(), _SUFFIXES), (column, _SIGNS)
     suffix = next((s for name, known in endings for s in known if name.endswith(f"_{s}")), "")
     return _UNITS.get(suffix, suffix.replace("_", "/"))

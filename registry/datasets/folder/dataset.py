@@ -235,10 +235,10 @@ def read_columns(file: Path, description: FolderDescription) -> tuple[Clock, dic
         BenchError: a column is missing or holds no numbers, or the clock does not run forward or drifts.
     """
     names = list(dict.fromkeys(c for s in description.signals.values() for c in s.names))
-    table = numbers(file, [description.time, *names], names)
+    table = numbers(file, [description.time, *names], names, time=description.time, tick=description.tick)
     if len(table) < 2:
         raise BenchError(f"{file} holds one sample: a recording has two or more; remove the file.")
-    of = clock(file, description.time, table[:, 0] * description.tick, description.rate)
+    of = clock(file, description.time, table[:, 0], description.rate)
     columns = dict(zip(names, table[:, 1:].T, strict=True))
     commands = description.inputs if description.input_hold == "previous" else ()  # may be logged at any time
     measured = [s for n, s in description.signals.items() if n not in commands]

@@ -14,7 +14,7 @@ from registry.datasets.folder.clock import pace
 from registry.datasets.folder.columns import Found, bare, drives, of_own, own_signal, recognised, time_column
 from registry.datasets.folder.constants import Constant, physics_lines
 from registry.datasets.folder.description import SECONDS
-from registry.datasets.reading.tables import ENDINGS, MissingValue, header, numbers, units
+from registry.datasets.reading.tables import ENDINGS, MissingValue, dated, header, numbers, units
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 from registry.units import SIGNALS, Signal
@@ -210,7 +210,7 @@ def _clock(file: Path, time: str | None, stated: Mapping[str, str]) -> list[str]
     if len(steps) < 2 or not (period := float(np.median(steps))) > 0:
         return ["rate_hz = 100  # TODO: check"]
     said = stated.get(time or "")
-    unit = said if said in SECONDS else time_unit(time or "", period)
+    unit = "s" if dated(file, time or "") else said if said in SECONDS else time_unit(time or "", period)
     rate = 1 / (period * SECONDS[unit])
     uneven = float(np.mean(np.abs(steps - period) > 0.1 * period))
     mean = pace(t).period  # stamps may be rounded
@@ -223,7 +223,7 @@ def _clock(file: Path, time: str | None, stated: Mapping[str, str]) -> list[str]
 
 def _times(file: Path, time: str) -> np.ndarray:
     try:
-        return numbers(file, [time])[:, 0]
+        return numbers(file, [time], time=time)[:, 0]
     except BenchError:
         return np.empty(0)  # `bench data check` says what is wrong with it
 

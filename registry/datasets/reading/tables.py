@@ -2,6 +2,7 @@
 
 import csv
 import gzip
+import re
 import zlib
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -18,9 +19,14 @@ from registry.units import unit_of
 
 LONGEST_LINE = 1 << 20
 """Bytes of a line that may hold units."""
+COMMENTS = 1000
+"""Lines before the header of a CSV file that may begin with "#"."""
 LARGEST = 1e60
 """Of a number in a file, whatever its unit: sums of fourth powers of it are finite yet."""
 ENDINGS = (".csv", ".csv.gz", ".parquet")
+
+
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 
 
 class MissingValue(BenchError):
@@ -36,13 +42,17 @@ def header(file: Path) -> list[str]:
     return [str(c) for c in read(file, rows=0).columns]
 
 
-def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> np.ndarray:
+def numbers(
+    file: Path, columns: Sequence[str], gaps: Collection[str] = (), time: str = "", tick: float = 1.0
+) -> np.ndarray:
     """The ``columns`` (N, len), every one a finite number.
 
     Args:
         file: a CSV or Parquet file.
         columns: their names.
         gaps: those that may lack values, which are NaN then, but for all of them.
+        time: one that becomes seconds: dates (ISO 8601) since the first of them, numbers times ``tick``.
+        tick: of the numbers of the time [s].
 
     Raises:
         MissingValue: the first that is no finite number is NaN or empty.
@@ -58,7 +68,7 @@ def numbers(file: Path, columns: Sequence[str], gaps: Collection[str] = ()) -> n
     values = np.empty((len(table), len(columns)))
     for j, column in enumerate(columns):
         raw = table[column]
-        number = _floats(raw)
+        number = _seconds(raw, tick) if column == time else _floats(raw)
         bad = ~(np.abs(number) <= LARGEST)  # NaN too
         if column in gaps and not bad.all():
             bad &= ~raw.isna().to_numpy()
@@ -80,6 +90,28 @@ def _floats(column: pd.Series) -> np.ndarray:
         return pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
     except OverflowError:  # a whole number beyond all floats
         return np.array([_float(value) for value in column])
+
+
+def _seconds(column: pd.Series, tick: float) -> np.ndarray:
+    """The times (N,) [s]: dates since the first, or numbers times ``tick``; NaN where one is neither."""
+    if not _holds_dates(column):
+        return _floats(column) * tick
+    dates = pd.to_datetime(column, errors="coerce", utc=True, format="ISO8601")
+    return (dates - dates.iloc[0]).dt.total_seconds().to_numpy(dtype=float)
+
+
+def dated(file: Path, column: str) -> bool:
+    """Whether a column of a file begins with a date."""
+    table = read(file, rows=1)
+    return column in table and _holds_dates(table[column])
+
+
+def _holds_dates(column: pd.Series) -> bool:
+    """Whether a column (N,) begins with a date as ISO 8601 writes it, and not with a number."""
+    if column.dtype.kind == "M":
+        return True
+    first = column.iloc[0] if len(column) else None
+    return isinstance(first, str) and _DATE.match(first.strip()) is not None
 
 
 def _float(value: Any) -> float:
@@ -115,7 +147,7 @@ def units(file: Path) -> dict[str, str]:
 
 def first_row(file: Path) -> int:
     """The row number of the first sample."""
-    return 1 if file.name.endswith(".parquet") else 3 if units(file) else 2
+    return 1 if file.name.endswith(".parquet") else len(_before(file)) + (3 if units(file) else 2)
 
 
 def read(file: Path, rows: int | None = None, any_ending: bool = False) -> pd.DataFrame:
@@ -152,12 +184,13 @@ def _parquet(file: Path, rows: int | None) -> pd.DataFrame:
 
 
 def _csv(file: Path, rows: int | None) -> pd.DataFrame:
+    above = _before(file)
     options: dict[str, Any] = {"encoding": "utf-8", "skip_blank_lines": False, "skipinitialspace": True}
     if (separator := _separator(_two_lines(file))) != ",":
         options |= {"sep": separator, "decimal": ","}  # as where commas are in numbers
-    first = pd.read_csv(file, **options, header=None, nrows=1, dtype=str, keep_default_na=False)
+    first = pd.read_csv(file, **options, header=None, nrows=1, dtype=str, keep_default_na=False, skiprows=len(above))
     _refuse_twice(file, [str(name) for name in first.iloc[0]])
-    skipped = [1] if rows != 0 and units(file) else None
+    skipped = [*range(len(above)), *([len(above) + 1] if rows != 0 and units(file) else [])]
     table = pd.read_csv(file, **options, low_memory=False, nrows=rows, skiprows=skipped)
     if not isinstance(table.index, pd.RangeIndex):  # pandas takes the first columns for names of the rows
         raise BenchError(
@@ -180,10 +213,31 @@ def _two_rows(file: Path) -> list[list[str]]:
 
 
 def _two_lines(file: Path) -> list[str]:
-    """The first two lines of a CSV file; none where they are no text."""
+    """The header of a CSV file and the line after it; none where they are no text."""
+    lines = _first_lines(file)
+    return lines[len(_before(file)) :][:2]
+
+
+def _before(file: Path) -> list[str]:
+    """The lines before the header of a CSV file: comments. Where numbers follow them, the last one is the header."""
+    *comments, first, _ = _first_lines(file) or ["", ""]
+    if comments and all(_finite(cell) for cell in re.split("[,;\t]", first.strip())):
+        comments.pop()
+    return comments
+
+
+def _finite(cell: str) -> bool:
+    return bool(np.isfinite(_float(cell.strip() or "0")))
+
+
+def _first_lines(file: Path) -> list[str]:
+    """The comments that a CSV file begins with, and two lines more; none where they are no text."""
+    out: list[str] = []
     try:
         with gzip.open(file, "rb") if file.name.endswith(".gz") else file.open("rb") as stream:
-            return [stream.readline(LONGEST_LINE).decode("utf-8-sig") for _ in range(2)]
+            while len(out) < COMMENTS and (not out or out[-1].startswith("#")):
+                out.append(stream.readline(LONGEST_LINE).decode("utf-8-sig"))
+            return [*out, stream.readline(LONGEST_LINE).decode("utf-8-sig")]
     except (OSError, ValueError, EOFError, zlib.error):
         return []
 
