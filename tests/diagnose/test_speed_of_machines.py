@@ -1,4 +1,4 @@
-"""What is hidden in a machine is found however slow it is: with the time axis its answer is scaled, no more."""
+"""What is hidden in a machine is found however slow or fast it is: with the time axis its answer is scaled, no more."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -26,9 +26,11 @@ SOME = ("actuator_lag", "input_delay", "joint_elasticity", "dead_zone", "saturat
     [
         (delay, 1000.0, "input_delay", 0.09),
         (lag, 1000.0, "actuator_lag", 0.04),
+        (delay, 1e-3, "input_delay", 0.09),
+        (lag, 1e-3, "actuator_lag", 0.04),
     ],
 )
-def test_a_slow_machine_has_the_same_answer_in_its_own_time(
+def test_a_slow_or_fast_machine_has_the_same_answer_in_its_own_time(
     drive: Any, time: float, id: str, value: float, tmp_path: Path
 ) -> None:
     """A dead time of 90 s was taken for a lag: none beyond .2 s was looked for."""

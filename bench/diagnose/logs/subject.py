@@ -43,7 +43,7 @@ class Log:
     """Name of the recording that it was cut from; empty: it is whole."""
     second: float = 1.0
     """Time [s] that stands for a second of flight in all that looks at stretches of time: of a vehicle a second, of a
-    slow machine as long as `second_of` says."""
+    slow or fast machine as long as `second_of` says."""
 
     @property
     def means(self) -> Tensor:
@@ -141,8 +141,14 @@ class Subject:
         return type(self.model).system_name()
 
 
-def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
+def log_of(recording: Recording, model: PhysicsModel, drive: str, longest: float | None = None) -> Log:
     """A recording in the order of the model's states and inputs.
+
+    Args:
+        recording: measurements.
+        model: with these states and inputs.
+        drive: the signal that drives it.
+        longest: how long the longest recording beside it is [s]; None: no longer.
 
     Raises:
         BenchError: a signal that the model needs was not measured.
@@ -172,6 +178,7 @@ def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
             states[:, at[-1]] = 1.0  # level
     measured = tuple(p is not None for p in picks)
     known = self_contained(model, measured)
+    longest = len(recording) / recording.rate if longest is None else longest
     return Log(
         name=recording.name,
         rate=recording.rate,
@@ -182,17 +189,22 @@ def log_of(recording: Recording, model: PhysicsModel, drive: str) -> Log:
         recording=recording,
         estimated=() if any(known) else tuple(not m for m in measured),
         sensed=_sensed(recording, model),
-        second=1.0 if model.vehicle else second_of(recording.rate),
+        second=1.0 if model.vehicle else second_of(recording.rate, longest),
     )
 
 
-def second_of(rate: float) -> float:
-    """Time [s] that stands for a second of a machine of any speed, logged at a rate [Hz]: of a week's heating, hours.
+def second_of(rate: float, longest: float) -> float:
+    """Time [s] that stands for a second of a machine of any speed: of a heated house hours, of a circuit milliseconds.
 
     A second where its free runs are no shorter than they may be, else as long as these: a machine that is slower by any
-    factor, and logged as often in its own time, is looked at over times that are longer by this factor.
+    factor, and logged as often in its own time, is looked at over times that are longer by this factor. No longer than
+    the longest recording.
+
+    Args:
+        rate: of the log [Hz].
+        longest: how long the longest recording is [s].
     """
-    return max(1.0, RUNNING.fewest / RUNNING.longest / rate)
+    return max(RUNNING.fewest / RUNNING.longest / rate, min(1.0, longest))
 
 
 def _sensed(recording: Recording, model: PhysicsModel) -> Tensor | None:
