@@ -189,7 +189,8 @@ def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ig
 def _show_read(loaded: "RecordingSet", dataset: "Folder") -> None:
     """Say what was read, what was found on the way, and what is still open."""
     seconds = sum(r.seconds for r in loaded.recordings)
-    click.echo(f"{len(loaded.recordings)} recording(s), {seconds:.1f} s in all, read without an error.")
+    long = f"{seconds:.1f}" if seconds >= 1 else f"{seconds:.2g}"
+    click.echo(f"{len(loaded.recordings)} recording(s), {long} s in all, read without an error.")
     for f in loaded.findings:
         click.echo(f"  {f.recording}: {f.detail}")
     for note in dataset.description.notes:

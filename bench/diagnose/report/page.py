@@ -78,7 +78,8 @@ def _templates() -> Environment:
 
 def _facts(d: Diagnosis) -> list[str]:
     e = d.evidence
-    facts = [f"{e.recordings} recordings" if e.recordings else "", f"{e.seconds:.0f} s in all" if e.seconds else ""]
+    long = f"{e.seconds:.0f}" if e.seconds >= 10 else f"{e.seconds:.2g}"
+    facts = [f"{e.recordings} recordings" if e.recordings else "", f"{long} s in all" if e.seconds else ""]
     return [*filter(None, (*facts, f"{len(e.held_out)} held out" if e.held_out else ""))]
 
 
