@@ -111,6 +111,8 @@ class PhysicsModel(ABC):
     """Signals that can drive the model; the first is its own."""
     signals: ClassVar[Mapping[str, Signal]] = {}
     """Signals of its own, such as what drives it, where `registry.units.SIGNALS` does not have them."""
+    disturbances: ClassVar[tuple[str, ...]] = ()
+    """Signals of one channel each, in `signals`, that were measured and act beside the drive: the first `extras`."""
     equation: ClassVar[str]
     """As text."""
     provides: ClassVar[tuple[str, ...]] = ()

@@ -21,9 +21,23 @@ class StateSpace(PhysicsModel):
 
     through_actuator: ClassVar[bool] = True
 
+    def __post_init__(self) -> None:
+        rest = (name for name in self.extras if name not in self.disturbances)
+        object.__setattr__(self, "extras", (*self.disturbances, *rest))
+        super().__post_init__()
+
     @abstractmethod
     def own_rate(self, state: Tensor, inputs: Tensor) -> Tensor:
-        """dx/dt (…, s) without effects, at the state proper (…, s) and the driving inputs (…, m)."""
+        """dx/dt (…, s) without effects, at the state proper (…, s), the driving inputs and the disturbances (…, m)."""
+
+    def acting(self, inputs: Tensor) -> Tensor:
+        """The driving inputs and the disturbances within the inputs (…, m), which hold all extras."""
+        return inputs[..., : inputs.shape[-1] - len(self.extras) + len(self.disturbances)]
+
+    def driven_by(self, more: Tensor, state: Tensor, acting: Tensor) -> Tensor:
+        """What is added to dx/dt (…, s) where so much (…, n) of every channel drives it beside what acts (…, m)."""
+        more = torch.nn.functional.pad(more, (0, acting.shape[-1] - more.shape[-1]))
+        return self.own_rate(state, acting + more) - self.own_rate(state, acting)
 
     @override
     def effect_unit(self, unit: str) -> str:
@@ -77,12 +91,12 @@ class StateSpace(PhysicsModel):
             if isinstance(effect, ModelEffect):
                 model = effect.adapt(model)
         size = at = len(self.state_channels)
-        proper, driving = state[..., :size], inputs[..., : inputs.shape[-1] - len(self.extras)]
-        rate, own = model.own_rate(proper, driving), []
+        proper, acting = state[..., :size], self.acting(inputs)
+        rate, own = model.own_rate(proper, acting), []
         for effect in self.effects:
             if isinstance(effect, RateEffect):
                 seen = torch.cat([proper, state[..., at : at + effect.internal_size]], dim=-1)
-                added = effect.rate(model, seen, inputs if effect.sees_extras else driving)
+                added = effect.rate(model, seen, inputs if effect.sees_extras else acting)
                 rate = rate + added[..., :size]
                 own.append(added[..., size:])
                 at += effect.internal_size
@@ -94,9 +108,9 @@ def _rate_of(kind: type[StateSpace]) -> tuple[int | None, ...]:
     """Of each state the place of another one that is its rate at all states and inputs, found by trying three."""
     generator, plain = torch.Generator().manual_seed(0), kind()
     state = 0.5 + torch.rand(3, len(kind.state_channels), generator=generator, dtype=torch.float64)
-    driving = torch.full((3, plain.driving_channels), 0.5, dtype=torch.float64)
+    acting = torch.full((3, plain.driving_channels + len(kind.disturbances)), 0.5, dtype=torch.float64)
     with torch.no_grad():
-        rate = plain.own_rate(state, driving)
+        rate = plain.own_rate(state, acting)
     same: list[list[bool]] = (rate[:, :, None] == state[:, None, :]).all(dim=0).tolist()
     return tuple(row.index(True) if any(row) else None for row in same)
 
@@ -162,9 +176,8 @@ class Mechanical(StateSpace):
     def followed(self, state: Tensor, inputs: Tensor) -> dict[str, Tensor]:
         """See `PhysicsModel.followed`; path and speed in metres, and the force of the model itself [N]."""
         all_of = super().followed(state, inputs)
-        driving = all_of.get("input", inputs[..., :0])
         own = {"displacement": self.displacement(state), "speed": self.speed(state)}
-        return all_of | own | {"force": self.own_force(state, driving)}
+        return all_of | own | {"force": self.own_force(state, self.acting(inputs))}
 
     def push(self, force: Tensor) -> Tensor:
         """What forces (…, n) [N] along the path add to dx/dt (…, 2n)."""

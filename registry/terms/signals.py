@@ -86,7 +86,8 @@ def signals_of(kind: type[PhysicsModel], drive: str, drives: int, extras: tuple[
         extras: signals that follow it in the inputs.
     """
     inputs = dict.fromkeys(input_names(kind, drive, drives), _input_unit(kind, drive))
-    inputs |= {n: _EXTRA_UNITS.get(n, "1") for n in extras}
+    known = {n: signal.unit for n in extras if (signal := kind.signal(n))}
+    inputs |= {n: known.get(n) or _EXTRA_UNITS.get(n, "1") for n in extras}
     if flies(kind):
         own = {n: unit for n, (unit, _) in _OF_MOTION.items() if n != "thrust" or hasattr(kind, "rotor_positions")}
         return {**own, **inputs}
@@ -186,8 +187,8 @@ def rate_along(axis: str, amount: Tensor, model: Any, state: Tensor, inputs: Ten
     drives = drives_of(kind)
     if axis in drives:
         unit = torch.eye(len(drives), dtype=state.dtype, device=state.device)[drives.index(axis)]
-        driving = inputs[..., : len(drives)]
-        added: Tensor = model.own_rate(state, driving + amount.unsqueeze(-1) * unit) - model.own_rate(state, driving)
+        acting = inputs[..., : len(drives) + len(kind.disturbances)]
+        added: Tensor = model.driven_by(amount.unsqueeze(-1) * unit, state, acting)
         return added
     place = [c.name for c in model.state_channels].index(axis)
     return amount.unsqueeze(-1) * torch.eye(state.shape[-1], dtype=state.dtype, device=state.device)[place]

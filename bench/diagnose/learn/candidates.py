@@ -69,7 +69,7 @@ def _coupled_drives(model: PhysicsModel) -> list[str]:
         return []
     with torch.no_grad():
         x = torch.linspace(0.1, 1.0, len(states), dtype=torch.float64)
-        still = torch.zeros(len(drives), dtype=torch.float64)
+        still = torch.zeros(len(drives) + len(model.extras), dtype=torch.float64)
         moved = [known.rate_along(d, torch.ones((), dtype=torch.float64), model, x, still) for d in drives]
     return [d for d, rates in zip(drives, moved, strict=True) if int((rates[states] != 0).sum()) > 1]
 

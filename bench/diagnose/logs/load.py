@@ -57,6 +57,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
     measured = dataset.load()
     recordings = tuple(as_meant(r, kind) for r in measured.recordings)
     signals = set.intersection(*({c.group for c in r.channels} for r in recordings))
+    _check_disturbed(dataset, kind, signals)
     if model is None:
         model = _nominal(dataset, kind, constants, drive, _extras(recordings[0], signals - {drive}))
     training, held_out = partition(dataset, [r.name for r in recordings])
@@ -159,6 +160,15 @@ def _check_driven(dataset: Dataset, kind: type[PhysicsModel], drive: str) -> Non
         raise BenchError(
             f"{dataset.label} is driven by {drive!r}, which {kind.__name__} does not accept: "
             f"it accepts {', '.join(kind.input_signals) or 'no input'}."
+        )
+
+
+def _check_disturbed(dataset: Dataset, kind: type[PhysicsModel], signals: Set[str]) -> None:
+    """Raise `BenchError` where what acts beside the drive of a model was not measured."""
+    if lacking := [name for name in kind.disturbances if name not in signals]:
+        raise BenchError(
+            f"{dataset.label} has no {' and no '.join(lacking)}, which acts on {kind.__name__} beside what drives it: "
+            "add it to [signals], or leave it out of the class's disturbances."
         )
 
 

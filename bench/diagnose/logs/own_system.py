@@ -70,6 +70,12 @@ def _says(where: str, kind: Any) -> None:
             f'{where}: {name}.input_signals must be a tuple of names such as ("force",), not {signals!r:.80}.'
         )
     known = {**SIGNALS, **kind.signals}
+    for beside in kind.disturbances:
+        if beside not in kind.signals or len(kind.signals[beside].axes) > 1:
+            raise BenchError(
+                f"{where}: {name}.disturbances has {beside!r}, which must stand in {name}.signals as a signal of one "
+                'channel, such as Signal("degC", ("",)).'
+            )
     for drive in signals:
         if drive not in known:
             raise BenchError(
@@ -85,7 +91,7 @@ def _tried(where: str, file: Path, kind: Any) -> None:
     name, size = kind.__name__, len(kind.state_channels)
     model = _do(where, file, f"{name}()", kind)
     _do(where, file, f"{name}.parameters", model.parameters)
-    width = _do(where, file, f"{name}()", lambda: drives(model))
+    width = _do(where, file, f"{name}()", lambda: drives(model)) + len(model.extras)
     state = torch.linspace(0.5, 1.5, BATCH * size, dtype=torch.float64).reshape(BATCH, size)
     inputs = torch.linspace(1.0, 2.0, BATCH * width, dtype=torch.float64).reshape(BATCH, width)
     one = {p.name: torch.full((BATCH,), float(p.value)) for p in model.parameters() if isinstance(p.value, int | float)}

@@ -152,9 +152,11 @@ def _of_own(kind: type[PhysicsModel], columns: Sequence[str], stated: Mapping[st
         if (own := [c for c in kind.state_channels if c.group == g])
     }
     known = {**SIGNALS, **kind.signals}
-    found = of_own(columns, wanted | {name: known[name] for name in kind.input_signals}, stated)
+    beside = (*kind.input_signals, *kind.disturbances)
+    found = of_own(columns, wanted | {name: known[name] for name in beside}, stated)
     driver, constants = next((s for s in kind.input_signals if s in found.signals), None), kind().parameters()
-    missing = [s for s in (*wanted, *(() if driver else kind.input_signals[:1])) if s not in found.signals]
+    missing = [*wanted, *(() if driver else kind.input_signals[:1]), *kind.disturbances]
+    missing = [s for s in missing if s not in found.signals]
     return [
         *([f'input = "{driver}"'] if driver else ["# TODO: input, the signal that drives the system"] * bool(missing)),
         'input_hold = "linear"  # TODO: "previous" if the input is a command',

@@ -50,7 +50,7 @@ class JointEffect(RateEffect):
 
     def without(self, model: Any, state: Tensor, inputs: Tensor, lost: Tensor) -> Tensor:
         """What is added to dx/dt (…, s) where the drive loses so much (…, n)."""
-        added: Tensor = model.own_rate(state, inputs - lost) - model.own_rate(state, inputs)
+        added: Tensor = model.driven_by(-lost, state, inputs)
         return added
 
     @property
