@@ -126,7 +126,7 @@ def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
         driven = " or ".join(map(_signal, entry.input_signals))
         out.print(f"states: {', '.join(map(_signal, groups))}", highlight=False, markup=False)
         out.print(f"driven by: {driven or 'nothing'}", highlight=False, markup=False)
-    fields = [f for f in dataclasses.fields(entry) if f.init]
+    fields = [f for f in dataclasses.fields(entry) if f.init and f.repr]  # or an integrator sets it
     if not fields:
         return
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
