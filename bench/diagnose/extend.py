@@ -315,10 +315,11 @@ def _named(
     """An effect that was added to ``model``, with what was estimated of it; of a wave what its ``line`` says."""
     name = EFFECTS.name_of(type(effect))
     numbers = parameter_estimates(found)
-    if isinstance(effect, LearnedTerm):
-        # Of a term that acts nowhere any more, such as one above what a signal reaches, nothing was estimated.
+    if isinstance(effect, LearnedTerm | HiddenMode):
+        # Where it acts nowhere any more, such as above what a signal reaches or all but damped, nothing was estimated.
         untold = (Estimate(e, e.value, e.low, e.high) for e in effect_entries(effect, owner=0))
         numbers = parameter_estimates([*untold]) | numbers
+    if isinstance(effect, LearnedTerm):
         term, numbers = learned_words.described(effect, model, list(numbers.values()))
         return NamedEffect(
             name, numbers, share, before, after, acts_on=equation_of(model, effect.axis), learned=True, term=term

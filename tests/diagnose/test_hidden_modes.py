@@ -15,6 +15,7 @@ from scipy.signal import StateSpace, lsim
 from bench.diagnose import diagnose, extend
 from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.compare import above_floor
+from bench.diagnose.extend import _named
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn import all_terms
 from bench.diagnose.learn.modes.filters import Pole
@@ -22,12 +23,14 @@ from bench.diagnose.learn.modes.modes import modes
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.regression.parameters import effect_entries
 from bench.diagnose.regression.recall import begun, driven, turned
 from bench.diagnose.regression.weak import LogBatch, own_states
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import EquationError
+from bench.diagnose.select.verify import Estimate
 from bench.diagnose.simulate.beginning import without_beginning
 from registry.contracts import Channel, Recording
 from registry.effects.waves.hidden_mode import HiddenMode
@@ -211,6 +214,15 @@ def test_a_mass_on_a_spring_under_a_vehicle_pulls_it_back() -> None:
     w = 2 * np.pi * 0.7
     np.testing.assert_allclose(rates[3:6] - plain[3:6], [-0.1 * w * 0.3 / model.mass, 0, 0], atol=1e-12)
     np.testing.assert_allclose(rates[13:], [w * 0.3, w * 2.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_a_mode_of_which_hardly_a_number_was_estimated_is_told_with_all() -> None:
+    mode = HiddenMode(("speed.q",), ("displacement.q",), 2, 0.07, 1.0, (-0.05, 0.38))
+    model = Oscillator(effects=(mode,))
+    often = next(e for e in effect_entries(mode, owner=0) if e.label == "frequency")
+    told = _named(mode, model, [Estimate(often, 0.07, 0.0, 0.19)], 0.0, {}, {}, {}, None)
+    assert list(told.parameters) == ["frequency", "damping", "p", "q"]
+    assert (told.parameters["frequency"].high, told.parameters["damping"].high) == (0.19, 1.0)
 
 
 def test_a_mode_is_asked_for_by_its_axis() -> None:
