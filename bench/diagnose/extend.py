@@ -314,11 +314,10 @@ def _named(
 ) -> NamedEffect:
     """An effect that was added to ``model``, with what was estimated of it; of a wave what its ``line`` says."""
     name = EFFECTS.name_of(type(effect))
-    numbers = parameter_estimates(found)
-    if isinstance(effect, LearnedTerm | HiddenMode):
-        # Where it acts nowhere any more, such as above what a signal reaches or all but damped, nothing was estimated.
-        untold = (Estimate(e, e.value, e.low, e.high) for e in effect_entries(effect, owner=0))
-        numbers = parameter_estimates([*untold]) | numbers
+    # Where it acts nowhere any more, such as above what a signal reaches or much faster than samples, nothing was
+    # estimated.
+    untold = (Estimate(e, e.value, e.low, e.high) for e in effect_entries(effect, owner=0))
+    numbers = parameter_estimates([*untold]) | parameter_estimates(found)
     if isinstance(effect, LearnedTerm):
         term, numbers = learned_words.described(effect, model, list(numbers.values()))
         return NamedEffect(

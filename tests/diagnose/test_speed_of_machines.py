@@ -1,5 +1,6 @@
 """What is hidden in a machine is found however slow or fast it is: with the time axis its answer is scaled, no more."""
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -10,10 +11,14 @@ import pytest
 from torch import Tensor
 
 from bench.diagnose import diagnose
+from bench.diagnose.extend import _named
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.report import model_file
+from bench.diagnose.result import ParameterEstimate
 from registry.contracts import Channel
 from registry.dynamics import constant, tensor
+from registry.effects.actuation import ActuatorLag
+from registry.physics.oscillator import Oscillator
 from registry.physics.state_space import StateSpace
 from registry.units import Signal
 from tests.diagnose.machines_of_any_size import Array, cart, delay, lag, recorded
@@ -99,3 +104,9 @@ def test_a_hidden_wall_is_found_in_seconds_and_in_days() -> None:
     assert one.frequency == pytest.approx(1 / 20 / np.pi, rel=0.03)
     assert 2000.0 * other.frequency == pytest.approx(one.frequency, rel=1e-6)
     assert other.gains == pytest.approx(tuple(np.array(one.gains)), rel=1e-6)
+
+
+def test_a_lag_much_shorter_than_the_samples_is_told_although_nothing_was_estimated() -> None:
+    lag_of_it = ActuatorLag(2.3)
+    told = _named(lag_of_it, Oscillator(effects=(lag_of_it,)), [], 0.0, {}, {}, {}, None)
+    assert told.parameters["tau"] == ParameterEstimate(2.3, 0.0, math.inf, "s")
