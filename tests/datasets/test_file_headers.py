@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from registry.datasets.folder.dataset import Folder, check, draft
-from registry.datasets.reading.tables import first_row, header, numbers
+from registry.datasets.reading.tables import first_row, header, numbers, units
 from registry.errors import BenchError
 
 
@@ -40,6 +40,14 @@ def test_a_header_that_is_a_comment_is_the_header(tmp_path: Path) -> None:
     assert 'time = "# t"' in text and "rate_hz = 20 " in text and 'input = ["u"]' in text and 'unit = "degC"' in text
     (r,) = check(tmp_path).recordings
     np.testing.assert_allclose(r.pick(["temp_C"])[0][:, 0], np.arange(40))
+
+
+def test_units_may_follow_a_header_that_is_a_comment(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "# logged by hand, once\n#t,u,y\nms,V,-\n" + "".join(f"{k},1,2\n" for k in range(5))
+    )
+    assert header(tmp_path / "a.csv") == ["#t", "u", "y"] and first_row(tmp_path / "a.csv") == 4
+    assert units(tmp_path / "a.csv") == {"#t": "ms", "u": "V", "y": "1"}
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])

@@ -219,15 +219,21 @@ def _two_lines(file: Path) -> list[str]:
 
 
 def _before(file: Path) -> list[str]:
-    """The lines before the header of a CSV file: comments. Where numbers follow them, the last one is the header."""
+    """The comments before the header of a CSV file. Where units or numbers follow them, the last is the header."""
     *comments, first, _ = _first_lines(file) or ["", ""]
-    if comments and all(_finite(cell) for cell in re.split("[,;\t]", first.strip())):
-        comments.pop()
+    if comments:
+        above, cells = (re.split("[,;\t]", line.strip()) for line in (comments[-1], first))
+        if all(map(_finite, cells)) or (1 < len(cells) == len(above) and all(map(_unit, cells))):
+            comments.pop()
     return comments
 
 
 def _finite(cell: str) -> bool:
     return bool(np.isfinite(_float(cell.strip() or "0")))
+
+
+def _unit(cell: str) -> bool:
+    return bool(unit_of(cell or "-"))
 
 
 def _first_lines(file: Path) -> list[str]:
