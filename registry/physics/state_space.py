@@ -36,8 +36,11 @@ class StateSpace(PhysicsModel):
 
     def driven_by(self, more: Tensor, state: Tensor, acting: Tensor) -> Tensor:
         """What is added to dx/dt (…, s) where so much (…, n) of every channel drives it beside what acts (…, m)."""
-        more = torch.nn.functional.pad(more, (0, acting.shape[-1] - more.shape[-1]))
-        return self.own_rate(state, acting + more) - self.own_rate(state, acting)
+        count = more.shape[-1]
+        driven = acting[..., :count] + more
+        if self.disturbances:
+            driven = torch.cat([driven, acting[..., count:].expand(*driven.shape[:-1], -1)], dim=-1)
+        return self.own_rate(state, driven) - self.own_rate(state, acting)
 
     @override
     def effect_unit(self, unit: str) -> str:

@@ -194,6 +194,6 @@ def test_states_that_were_not_measured_are_not_judged() -> None:
 
 
 def test_recordings_that_are_too_short_are_said_to_be() -> None:
-    states, force = flights(samples=40)
+    states, force = flights(samples=20)
     with pytest.raises(BenchError, match="give a shorter horizon"):
         compare(subject_of(TRUE, states, force), {})
