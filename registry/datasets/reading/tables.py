@@ -147,7 +147,7 @@ def units(file: Path) -> dict[str, str]:
 
 def first_row(file: Path) -> int:
     """The row number of the first sample."""
-    return 1 if file.name.endswith(".parquet") else len(_before(file)) + (3 if units(file) else 2)
+    return 1 if file.name.endswith(".parquet") else len(_before(_first_lines(file))) + (3 if units(file) else 2)
 
 
 def read(file: Path, rows: int | None = None, any_ending: bool = False) -> pd.DataFrame:
@@ -184,9 +184,10 @@ def _parquet(file: Path, rows: int | None) -> pd.DataFrame:
 
 
 def _csv(file: Path, rows: int | None) -> pd.DataFrame:
-    above = _before(file)
+    lines = _first_lines(file)
+    above = _before(lines)
     options: dict[str, Any] = {"encoding": "utf-8", "skip_blank_lines": False, "skipinitialspace": True}
-    if (separator := _separator(_two_lines(file))) != ",":
+    if (separator := _separator(lines[len(above) :])) != ",":
         options |= {"sep": separator, "decimal": ","}  # as where commas are in numbers
     first = pd.read_csv(file, **options, header=None, nrows=1, dtype=str, keep_default_na=False, skiprows=len(above))
     _refuse_twice(file, [str(name) for name in first.iloc[0]])
@@ -215,12 +216,12 @@ def _two_rows(file: Path) -> list[list[str]]:
 def _two_lines(file: Path) -> list[str]:
     """The header of a CSV file and the line after it; none where they are no text."""
     lines = _first_lines(file)
-    return lines[len(_before(file)) :][:2]
+    return lines[len(_before(lines)) :][:2]
 
 
-def _before(file: Path) -> list[str]:
-    """The comments before the header of a CSV file. Where units or numbers follow them, the last is the header."""
-    *comments, first, _ = _first_lines(file) or ["", ""]
+def _before(lines: Sequence[str]) -> list[str]:
+    """Of the first lines the comments before the header. Where units or numbers follow them, the last is the header."""
+    *comments, first, _ = lines or ["", ""]
     if comments:
         above, cells = (re.split("[,;\t]", line.strip()) for line in (comments[-1], first))
         if all(map(_finite, cells)) or (1 < len(cells) == len(above) and all(map(_unit, cells))):
