@@ -21,6 +21,7 @@ from bench.diagnose.select.search import Search, View, _acting
 from bench.diagnose.select.step import advanced
 from bench.diagnose.select.subset import Subsets, t_value
 from bench.diagnose.select.tie import rivals
+from bench.diagnose.select.worthy import worth_naming
 from bench.diagnose.settings import CHOOSING
 from registry.core import EFFECTS
 from registry.effects.actuation import LONGEST_DELAY
@@ -75,13 +76,37 @@ def test_what_is_small_beside_another_equation_may_be_much_in_its_own(drag: floa
     assert set(chosen.ids) == ({"drag", "damping"} if drag else {"damping"})
 
 
-@pytest.mark.parametrize(("gain", "named"), [(0.006, False), (0.03, True)])
-def test_what_noise_dwarfs_is_not_named_however_significant_it_is(gain: float, named: bool) -> None:
+@pytest.mark.parametrize(("gain", "recordings", "asked"), [(0.006, 4, True), (0.006, 3, False), (0.03, 4, True)])
+def test_forecasts_are_asked_of_what_noise_dwarfs_if_every_recording_confirms_it(
+    gain: float, recordings: int, asked: bool
+) -> None:
+    """A slow effect beside fast noise is little of it, and may be most of what a forecast of half a second errs."""
     x, noise = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))
-    view = view_of(gain**0.5 * x + noise, drag=x)
+    acts = np.arange(BLOCKS)[:, None] // 10 < recordings
+    view = view_of((gain * 4 / recordings) ** 0.5 * x * acts + noise, drag=x)
     smaller, larger = view.subsets.fit(), view.subsets.fit(view.subsets.starts)
-    assert smaller.misfit - larger.misfit > 10 * view.subsets.penalty  # 0.6 % of 40 000 rows is significant
-    assert accepted(view, smaller, larger) is named
+    assert smaller.misfit - larger.misfit > view.subsets.penalty  # all are significant
+    assert accepted(view, smaller, larger) is asked
+
+
+@pytest.mark.parametrize(("gain", "dropped"), [(0.006, (0,)), (0.03, ())])
+def test_what_noise_dwarfs_is_not_named_where_no_forecast_can_be_asked(gain: float, dropped: tuple[int, ...]) -> None:
+    x, noise = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))
+    bare = view_of(noise, drag=x, none=-(gain**0.5) * x)
+    k = replace(bare.linear.starts[0].entries[0], owner=0, value=gain**0.5)
+    model = SimpleNamespace(effects=(LinearDrag(),))
+    linear = replace(
+        bare.linear,
+        model=model,
+        own=(*bare.linear.own, k),
+        starts=(),
+        removals=(2,),
+        dependants=(frozenset(),),
+        reduced=({},),
+    )
+    view = replace(bare, linear=linear, subsets=Subsets(linear, bare.subsets.normal))
+    search = SimpleNamespace(subject=SimpleNamespace(model=SimpleNamespace(effects=())))
+    assert worth_naming(search, view, None)[0].dropped == dropped  # type: ignore[arg-type]
 
 
 def test_an_effect_of_few_manoeuvres_is_sure_though_it_passes_on_noise_of_its_input() -> None:

@@ -121,13 +121,17 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
     everything = max(view.explained, view.subsets.fit().misfit - view.floor)
     left = smaller.misfit - view.floor
     clears = left > view.floor and gained > CHOOSING.clearing * left
-    if gained < CHOOSING.visible * view.floor or (gained < CHOOSING.relevant * everything and not clears):
+    if gained < CHOOSING.relevant * everything and not clears:
         return False
     saved = (subsets.held_out(smaller.starts, drop=drop) - subsets.held_out(larger.starts)).sum(1)
     # A large effect acts where the manoeuvre is, so its gains are as uneven as they are sure: their logarithm is not.
     levels = np.log(np.maximum(subsets.losses(smaller).sum(1), 1e-9) / np.maximum(subsets.losses(larger).sum(1), 1e-9))
     sure = max(t_value(saved), t_value(levels))
     everywhere = all(saved[subsets.normal.fold == f].sum() > 0 for f in np.unique(subsets.normal.fold))
+    # Beside noise that is fast and large, what is slow gains little, however much of a forecast it is: where every
+    # recording confirms it, forecasts are asked (`worthy`).
+    if gained < CHOOSING.visible * view.floor and not (everywhere and sure > CHOOSING.significant):
+        return False
     if everywhere and gained > CHOOSING.large * view.floor:
         return True  # from few manoeuvres, but from some of every recording
     if saved.sum() <= 0 or sure > CHOOSING.significant:

@@ -16,6 +16,7 @@ from bench.diagnose.select.step import advanced, settled
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.tie import rivals
 from bench.diagnose.select.verify import at_bound, estimates
+from bench.diagnose.settings import CHOOSING
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 
@@ -85,6 +86,7 @@ def worth_naming(
         left = [i for i in places if i not in gone]
         unsure = [i for i in left if not accepted(view, subsets.fit(drop=[*gone, i]), chosen.fit, drop=[*gone, i])]
         if weighing is None:
+            unsure += [i for i in left if i not in unsure and _invisible(chosen, i)]
             if not unsure:
                 return chosen, (), ()
             dropped.add(unsure[0])
@@ -101,6 +103,13 @@ def worth_naming(
                 contradicted_effects.append(name)
             else:
                 remarks.append(trifle(name, savings[least]))
+
+
+def _invisible(chosen: Choice, place: int) -> bool:
+    """Whether what the effect in this place explains is next to nothing of the noise."""
+    subsets = chosen.view.subsets
+    gain = subsets.fit(drop=[*chosen.dropped, place]).misfit - chosen.fit.misfit
+    return gain < CHOOSING.visible * chosen.view.floor
 
 
 def _worse(savings: Sequence[Saving]) -> bool:
