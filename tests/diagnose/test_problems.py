@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_filter
+from scipy.signal import lsim, savgol_filter
 from scipy.spatial.transform import Rotation
 
 from bench.diagnose.checks.problems import Checked, problems
@@ -295,6 +295,20 @@ def test_any_system_whose_state_holds_its_own_rate_is_checked() -> None:
     assert checked(noisy[0], -noisy[1]) == [("speed", "swapped sign", (0, 2999))]
     noisy[1][1500] += 0.5
     assert checked(*noisy) == [("speed", "spike", (1500, 1500))]
+
+
+def test_a_turn_too_sharp_for_the_sampling_is_no_missing_sample() -> None:
+    """Kicks of 50 ms, one of them harder, sampled every 20 ms: speed and force do not say what happens in between."""
+    fine = np.arange(0, 40, 1e-4)
+    force = 3 * np.sin(2 * fine) + 2 * np.sin(5.3 * fine)
+    for i, at in enumerate(np.arange(3.013, 38, 3.7)):
+        force += (60 if i == 5 else 18) * np.exp(-(((fine - at) / 0.03) ** 2))
+    x = lsim(([1], [1, 0.5, 100]), force, fine)[1]
+    sampled, rng = np.stack([x, np.gradient(x, 1e-4), force])[:, ::200], np.random.default_rng(0)
+    noise = np.array([2e-5, 1e-3, 0])[:, None] * rng.normal(size=sampled.shape)
+    assert swinging(*(sampled + noise), 50.0) == ()
+    found = swinging(*np.delete(sampled + noise, 1200, axis=1), 50.0)
+    assert [(p.kind, p.rows) for p in found] == [("clock jump", (1199, 1200))]
 
 
 def test_a_rate_whose_zero_is_off_does_not_make_rest_a_frozen_sensor() -> None:

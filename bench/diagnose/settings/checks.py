@@ -42,6 +42,12 @@ class Spiking:
         "have long tails",
         Basis.JUDGED,
     )
+    lost: float = threshold(
+        0.5,
+        "how much further a signal goes over a step than its rate says, over what the rate changes about it, from "
+        "which samples are missing: no rate that does not turn in between makes more",
+        Basis.JUDGED,
+    )
     input: float = threshold(0.15, "spike of an input, over its mean size, from which it is one", Basis.JUDGED)
     response: int = threshold(
         12,
