@@ -21,6 +21,8 @@ REACHED = 1.15
 """Times the floor that the error of the true model may be; chance moves it by 2 to 4 %."""
 LEFT = 0.05
 """Of what was above the floor, that an extended model may leave."""
+WORTH = 1.05
+"""Times the error of the true model in each output, up to which a forecast is no worse: the rest is a remark."""
 
 
 def token(effect: str) -> str:
@@ -194,6 +196,18 @@ class Judged:
             return math.nan
         reached = all(true[g] <= REACHED * floor[g] for g in floor)
         return self.left(error.get("extended", {}), error, "true" if reached else "floor")
+
+    @property
+    def enough(self) -> bool:
+        """Whether nothing else is worth a name: all that is said is true, and forecasts like the model with all of it.
+
+        A mass that is half a per cent off is no effect where a stronger motor makes good for it, and a torque that
+        hardly moves the vehicle is a remark.
+        """
+        error = self.said["error"]
+        mine, true = error.get("extended", {}), error.get("true", {})
+        sound = self.verdict in ("nothing", "named") and not self.names_wrongly
+        return sound and bool(true) and all(mine.get(g, math.inf) <= WORTH * true[g] < math.inf for g in true)
 
     # --------------------------------------------------------------------------------- what is not an effect
 

@@ -13,6 +13,7 @@ pytest.importorskip("rotorpy")
 
 from bench.diagnose.logs.load import load
 from bench.score import cases as first
+from bench.score.chain import case as chain_case
 from bench.score.chain import flight, paths, recorder, suite
 from bench.score.chain.case import ROUGH, UNCERTAINTY, ChainCase, built, measured, stated, true_model, write
 from bench.score.chain.recorder import Logging
@@ -48,6 +49,26 @@ def _late(log: dict[str, np.ndarray], truth: flight.Truth, i: int) -> float:
     steps = np.round((log["t"] + 0.02) / flight.DT).astype(int)[10:-10]
     left = [np.abs(truth.speed[steps - k, :, i] - log["rotor_speed"][10:-10]).mean() for k in range(-12, 13)]
     return (int(np.argmin(left)) - 12) * flight.DT
+
+
+def test_a_flight_in_which_the_vehicle_is_lost_is_flown_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    def tried(case: ChainCase, vessel: Body, again: tuple[int, ...]) -> tuple[flight.Truth, np.ndarray]:
+        strayed = {(): [0.5, 5000.0, np.inf], (1,): [9000.0, 20.0, 1.0], (2,): [2.0, 3.0, 4.0]}[again]
+        attempt = np.full((4, 2, 3), float(len(again) and again[0]))
+        return flight.Truth(*[attempt] * 6), np.array(strayed)
+
+    one = ChainCase("x", "racer", condition="single", recordings=3)
+    monkeypatch.setattr(chain_case, "_tried", tried)
+    truth = chain_case._flown(one, Body(AIRFRAMES["racer"], {}, np.zeros(3)))
+    assert truth.state[0, 0].tolist() == truth.felt[-1, 1].tolist() == [0.0, 2.0, 1.0]
+
+
+def test_how_far_a_flight_strays_is_told_from_its_own_path() -> None:
+    one = replace(next(c for c in suite.cases(suite.DEVELOPMENT) if not c.effects), **SHORT)
+    truth, strayed = chain_case._tried(one, chain_case.body(one), ())
+    other, _ = chain_case._tried(one, chain_case.body(one), (1,))
+    assert strayed.shape == (3,) and (strayed < 2).all()  # paths are metres wide, the pilot follows them
+    assert not np.allclose(truth.state[0], other.state[0])
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.007])

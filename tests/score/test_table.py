@@ -115,6 +115,18 @@ def test_a_change_of_a_constant_may_be_told_by_its_calibration_if_the_interval_i
     assert values["… of all these, not named but told as a calibrated constant"] == "1/1"
 
 
+def test_nothing_false_is_enough_where_forecasts_are_as_good_as_those_of_the_true_model() -> None:
+    def enough(velocity: float, rates: float, true: dict[str, float], verdict: str = "named", *named: str) -> bool:
+        error = {**ERRORS, "extended": {"velocity": velocity, "body_rates": rates}, "true": true}
+        return judged(DRAG, said(verdict, *named, error=error)).enough
+
+    true = {"velocity": 0.1, "body_rates": 0.2}
+    assert enough(0.104, 0.19, true, "nothing") and enough(0.104, 0.19, true, "named", "rotor_drag")
+    assert not enough(0.106, 0.19, true) and not enough(0.09, 0.212, true)
+    assert not enough(0.1, 0.2, true, "named", "mass") and not enough(0.1, 0.2, true, "unknown_effect")
+    assert not enough(0.1, 0.2, {**true, "velocity": math.inf}) and not enough(0.1, 0.2, {})  # nobody knows
+
+
 def test_what_is_left_is_counted_from_the_floor_to_the_nominal_error() -> None:
     one = judged(DRAG, said("named", "rotor_drag"))
     assert one.remaining == pytest.approx((0.12 - 0.1) / 0.9)

@@ -15,7 +15,7 @@ from bench.score.chain import flight, folder, oracle, paths, pilot, recorder
 from bench.score.chain.condition import ChainCase
 from bench.score.chain.vehicle import turbulence
 from bench.score.chain.vehicle.airframe import AIRFRAMES, Airframe, specimen
-from bench.score.chain.vehicle.body import Body, Effects
+from bench.score.chain.vehicle.body import Body, Effects, P
 from bench.score.chain.vehicle.motors import Motors
 from bench.score.logs import as_case, written_once
 from registry.core import EFFECTS
@@ -31,6 +31,8 @@ HEIGHT = 5.0
 """At which turbulence is taken [m]."""
 RADII = 3.0
 """Of a rotor, over the ground, that paths come down to."""
+STRAYED, TRIES = 10.0, 8
+"""From its path, from which a vehicle is lost [m], and how often another path is tried then, at most."""
 
 
 def built(case: ChainCase) -> Airframe:
@@ -98,6 +100,24 @@ def motors(case: ChainCase) -> Motors:
 
 
 def _flown(case: ChainCase, vessel: Body) -> flight.Truth:
+    """The flights, each flown anew on another path where the vehicle is lost.
+
+    What is hidden may turn a vehicle over that its pilot cannot right any more. It falls for the rest of the flight,
+    through the ground if need be, at speeds that no log of a flight holds.
+    """
+    truth, strayed = _tried(case, vessel, ())
+    for again in range(1, TRIES):
+        lost = strayed > STRAYED
+        if not lost.any():
+            break
+        other, by = _tried(case, vessel, (again,))
+        less = lost & (by < strayed)
+        truth, strayed = truth.exchanged(less, other), np.where(less, by, strayed)
+    return truth
+
+
+def _tried(case: ChainCase, vessel: Body, again: tuple[int, ...]) -> tuple[flight.Truth, np.ndarray]:
+    """Flights, and how far each strayed from its path (B,) [m]; ``again`` draws other ones."""
     seconds, craft = case.seconds + flight.BEFORE + 0.1, vessel.craft
     drives, period = motors(case), 1 / case.control_hz
     manner = paths.eased(paths.MANNERS[case.style], pilot.gains(drives.slowest, period).attitude)
@@ -105,20 +125,22 @@ def _flown(case: ChainCase, vessel: Body) -> flight.Truth:
     asked = []
     for i in range(case.recordings):
         kind = paths.KINDS[i % len(paths.KINDS)]
-        rng = np.random.default_rng([case.flight_seed, 3, i])
+        rng = np.random.default_rng([case.flight_seed, 3, i, *again])
         asked.append(paths.path(rng, kind, manner, lowest, seconds, flight.DT))
     wanted = np.stack(asked, axis=2)
     wind = np.zeros((wanted.shape[1], 3, case.recordings))
     if case.turbulence:
-        rng = np.random.default_rng([case.flight_seed, 4])
+        rng = np.random.default_rng([case.flight_seed, 4, *again])
         wind += turbulence.gusts(rng, HEIGHT, case.turbulence, seconds, case.recordings, flight.DT)
     if e := acting(case).get("wind"):
         wind[:, 0] += e["w_x"]
         wind[:, 1] += e["w_y"]
     # The pilot was tuned on a vehicle that weighs and lifts what this one does.
     tuned = replace(craft, mass=vessel.mass, thrust=vessel.thrust_coefficient)
-    rng = np.random.default_rng([case.flight_seed, 5])
-    return flight.fly(rng, vessel, tuned, motors=drives, period=period, wanted=wanted, wind=wind)
+    rng = np.random.default_rng([case.flight_seed, 5, *again])
+    truth = flight.fly(rng, vessel, tuned, motors=drives, period=period, wanted=wanted, wind=wind)
+    aside = truth.state[:, P] - np.moveaxis(wanted[:3, -1 - len(truth.state) : -1], 1, 0)
+    return truth, np.nan_to_num(np.sqrt((aside**2).sum(1)).max(0), nan=np.inf)
 
 
 def logging(case: ChainCase) -> recorder.Logging:

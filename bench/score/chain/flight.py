@@ -1,6 +1,6 @@
 """Flights: pilot, motors, body and air together, a thousand steps a second."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -34,6 +34,10 @@ class Truth:
     """(N, 3, B) [m/s]."""
     felt: Array
     """Specific force, body frame (N, 3, B) [m/s²]."""
+
+    def exchanged(self, these: Array, other: "Truth") -> "Truth":
+        """With the flights that a mask (B,) is true of as ``other`` has them."""
+        return Truth(*(np.where(these, getattr(other, f.name), getattr(self, f.name)) for f in fields(self)))
 
 
 def fly(
