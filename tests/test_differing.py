@@ -1,6 +1,7 @@
 """Recordings that differ in a number are said to, with the numbers of each; those that are alike are not."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,9 @@ from simulated_fleet import vehicle
 
 from bench.diagnose import diagnose
 from bench.diagnose.regression.least_squares import Normal
+from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.report.sentences import explanation, headline
-from bench.diagnose.select.differing import _Judged, _Option, _simplest
+from bench.diagnose.select.differing import _Judged, _Option, _own_inside, _simplest
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.settings import CHOOSING, DIFFERING
 
@@ -111,6 +113,15 @@ def test_what_four_blocks_of_one_recording_show_is_not_sure():
 def halved(told: _Judged) -> list[np.ndarray]:
     """The blocks of each half of every recording."""
     return [half for gram in told.grams.values() for half in np.array_split(gram, 2)]
+
+
+@pytest.mark.parametrize(("low", "high", "inside"), [(-2.0, 2.0, True), (0.0, 2.0, True), (-1.0, 2.0, False)])
+def test_a_number_at_a_bound_is_none_unless_there_is_no_effect(low: float, high: float, inside: bool):
+    """Two recordings have no effect, one hardly any and one the opposite of it, which a drag has not."""
+    told = judged(lambda recording, _: (0.0, 1.0, 0.1, -1.5)[recording], noise=0.01)
+    k = Entry(0, "k", None, "N", 0.0, 1.0, low, high)
+    option = replace(told.option, low=np.array([low]), high=np.array([high]), inside=_own_inside([k]))
+    assert _Judged(option, told.parts).inside is inside
 
 
 def test_the_share_is_of_what_noise_does_not_leave():

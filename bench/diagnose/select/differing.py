@@ -57,7 +57,7 @@ def differing(
     parts: dict[str, list[Normal]] = {}
     for log, own in zip(search.stack.logs, rows.apart(), strict=True):
         parts.setdefault(log.part_of or log.name, []).append(own)
-    judged = [_Judged(option, parts) for option in _options(view)]
+    judged = [j for option in _options(view) if (j := _Judged(option, parts)).inside]
     if len(parts) < 2 or not judged:
         return None
     base = view.subsets.fit()
@@ -91,6 +91,8 @@ class _Option:
     values: Callable[[np.ndarray], Mapping[str, float]]
     """Parameters at coefficients (k,)."""
     units: Mapping[str, str]
+    inside: Callable[[np.ndarray], bool] = lambda beta: True
+    """Whether no parameter is pushed to a bound at coefficients (k,), but to that at which there is no effect."""
 
     def solved(self, gram: np.ndarray) -> np.ndarray:
         """What is added to the coefficients (k,), by normal equations (k + 1, k + 1) of what these leave."""
@@ -103,10 +105,11 @@ def _options(view: View) -> list[_Option]:
     own, subsets, out = view.linear.own, view.subsets, list[_Option]()
 
     def option(ids: tuple[str, ...], fit: Fit, places: Sequence[int], low: Sequence[float], high: Sequence[float],
-               values: Callable[[np.ndarray], Mapping[str, float]], entries: Sequence[Entry]) -> None:  # fmt: skip
-        at = fit.beta[list(places)]
+               values: Callable[[np.ndarray], Mapping[str, float]], inside: Callable[[np.ndarray], bool],
+               entries: Sequence[Entry]) -> None:  # fmt: skip
+        at, units = fit.beta[list(places)], {e.name: e.unit for e in entries}
         room = np.minimum(np.asarray(low) - at, 0.0), np.maximum(np.asarray(high) - at, 0.0)
-        out.append(_Option(ids, fit, tuple(places), *room, values=values, units={e.name: e.unit for e in entries}))
+        out.append(_Option(ids, fit, tuple(places), *room, values=values, units=units, inside=inside))
 
     base = subsets.fit()
     for place, effect in enumerate(view.linear.model.effects):
@@ -114,10 +117,19 @@ def _options(view: View) -> list[_Option]:
         mine, ids = [own[i] for i in at], (EFFECTS.name_of(type(effect)),)
         if mine:
             ends = [e.low - e.value for e in mine], [e.high - e.value for e in mine]
-            option(ids, base, at, *ends, values=_values_of_own(mine), entries=mine)
+            option(ids, base, at, *ends, values=_values_of_own(mine), inside=_own_inside(mine), entries=mine)
     for s in subsets.starts:
         places = range(len(own), len(own) + len(s.columns))
-        option(s.ids, subsets.fit([s]), places, s.low, s.high, values=_values_of_start(s), entries=s.entries)
+        option(
+            s.ids,
+            subsets.fit([s]),
+            places,
+            s.low,
+            s.high,
+            values=_values_of_start(s),
+            inside=_start_inside(s),
+            entries=s.entries,
+        )
     return out
 
 
@@ -126,6 +138,21 @@ def _values_of_own(entries: Sequence[Entry]) -> Callable[[np.ndarray], Mapping[s
         return {e.name: float(np.clip(e.value + b, e.low, e.high)) for e, b in zip(entries, beta, strict=True)}
 
     return values
+
+
+def _own_inside(entries: Sequence[Entry]) -> Callable[[np.ndarray], bool]:
+    def inside(beta: np.ndarray) -> bool:
+        values = [(e, e.value + b) for e, b in zip(entries, beta, strict=True)]
+        return all(e.low < value < e.high or value == e.neutral for e, value in values)
+
+    return inside
+
+
+def _start_inside(start: Candidate) -> Callable[[np.ndarray], bool]:
+    def inside(beta: np.ndarray) -> bool:
+        return start.within_bounds(beta.tolist())
+
+    return inside
 
 
 def _values_of_start(start: Candidate) -> Callable[[np.ndarray], Mapping[str, float]]:
@@ -164,6 +191,13 @@ class _Judged:
     def left(self) -> float:
         """Squares that are left then."""
         return sum(float(gram[:, -1, -1].sum()) for gram in self.grams.values()) - float(self.saved.sum())
+
+    @property
+    def inside(self) -> bool:
+        """Whether no recording has a number at a bound, which is none: what inputs do is lost in their noise there."""
+        option = self.option
+        common = option.fit.beta[list(option.places)]
+        return all(option.inside(common + option.solved(gram.sum(0))) for gram in self.grams.values())
 
     @property
     def sure(self) -> bool:
