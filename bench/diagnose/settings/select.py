@@ -126,7 +126,12 @@ class Choosing:
         "less than nothing, from which what was taken for noise of the inputs acts",
         Basis.CONVENTION,
     )
-    visible: float = threshold(0.01, "least gain of an effect, as a share of what noise leaves", Basis.JUDGED)
+    visible: float = threshold(
+        0.01,
+        "least gain of an effect, as a share of what noise leaves; less must be sure in every recording that was not "
+        "fitted, and is left to held-out forecasts",
+        Basis.JUDGED,
+    )
     relevant: float = threshold(0.004, "least gain of an effect, as a share of all that effects explain", Basis.JUDGED)
     clearing: float = threshold(
         0.8,
