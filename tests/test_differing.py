@@ -83,7 +83,8 @@ def judged(number: Callable[[int, np.ndarray], np.ndarray], noise: float) -> _Ju
         parts[str(recording)] = [Normal(((np.arange(2), rows),), 2, np.zeros(BLOCKS, int), np.full(BLOCKS, ROWS))]
     fit = Fit(starts=(), columns=(0,), beta=np.zeros(1), misfit=0.0, prior=0.0, parameters=1)
     anything = np.full(1, np.inf)
-    return _Judged(_Option(("pull",), fit, (0,), -anything, anything, lambda b: {"k": b[0]}, {"k": "N"}), parts)
+    told = {"values": lambda b: {"k": b[0]}, "units": {"k": "N"}, "inside": lambda b: True}
+    return _Judged(_Option(("pull",), fit, (0,), -anything, anything, **told), parts)  # type: ignore[arg-type]
 
 
 def test_numbers_that_differ_are_told_with_intervals_that_hold_them():
@@ -132,7 +133,7 @@ def test_the_share_is_of_what_noise_does_not_leave():
 
 def test_of_effects_that_explain_as_much_the_simplest_is_told():
     one, other = judged(lambda recording, _: recording, 0.1), judged(lambda recording, _: recording, 0.1)
-    free = _Option(("free",), other.option.fit, (0, 0), *[np.full(2, np.inf)] * 2, dict, {})
+    free = _Option(("free",), other.option.fit, (0, 0), *[np.full(2, np.inf)] * 2, dict, {}, lambda b: True)
     object.__setattr__(other, "option", free)
     object.__setattr__(other, "left", one.left * 0.99)
     assert _simplest([other, one], everything=1e6) == (one, ("free",))

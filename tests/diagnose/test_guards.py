@@ -85,7 +85,7 @@ def test_forecasts_are_asked_of_what_noise_dwarfs_if_every_recording_confirms_it
     acts = np.arange(BLOCKS)[:, None] // 10 < recordings
     view = view_of((gain * 4 / recordings) ** 0.5 * x * acts + noise, drag=x)
     smaller, larger = view.subsets.fit(), view.subsets.fit(view.subsets.starts)
-    assert smaller.misfit - larger.misfit > view.subsets.penalty  # all are significant
+    assert smaller.misfit - larger.misfit > 10 * view.subsets.penalty  # 0.6 % of 40 000 rows is significant
     assert accepted(view, smaller, larger) is asked
 
 

@@ -53,14 +53,15 @@ def _late(log: dict[str, np.ndarray], truth: flight.Truth, i: int) -> float:
 
 def test_a_flight_in_which_the_vehicle_is_lost_is_flown_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     def tried(case: ChainCase, vessel: Body, again: tuple[int, ...]) -> tuple[flight.Truth, np.ndarray]:
-        strayed = {(): [0.5, 5000.0, np.inf], (1,): [9000.0, 20.0, 1.0], (2,): [2.0, 3.0, 4.0]}[again]
-        attempt = np.full((4, 2, 3), float(len(again) and again[0]))
-        return flight.Truth(*[attempt] * 6), np.array(strayed)
+        first = {(): [0.5, 5000.0, np.inf, 50.0], (1,): [9000.0, 20.0, 1.0, 90.0]}
+        attempt = np.full((4, 2, 4), float(sum(again)))
+        return flight.Truth(*[attempt] * 6), np.array(first.get(again, [2.0, 3.0, 4.0, 90.0]))
 
-    one = ChainCase("x", "racer", condition="single", recordings=3)
+    one = ChainCase("x", "racer", condition="single", recordings=4)
     monkeypatch.setattr(chain_case, "_tried", tried)
-    truth = chain_case._flown(one, Body(AIRFRAMES["racer"], {}, np.zeros(3)))
-    assert truth.state[0, 0].tolist() == truth.felt[-1, 1].tolist() == [0.0, 2.0, 1.0]
+    truth = chain_case._flown(one, Body(AIRFRAMES["racer"], {}, np.zeros(4)))
+    # The last one is lost on every path, and stays as it strayed least.
+    assert truth.state[0, 0].tolist() == truth.felt[-1, 1].tolist() == [0.0, 2.0, 1.0, 0.0]
 
 
 def test_how_far_a_flight_strays_is_told_from_its_own_path() -> None:

@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from bench.diagnose.logs.consistency import (
     Pair,
     View,
     accumulated,
+    beyond_rate,
     change,
-    integral,
     modelled,
     outlying,
     slope,
@@ -209,11 +208,10 @@ def _jumps(view: View) -> list[Event]:
     second = np.sort(list(around.values()), axis=0)[-2]
     strength = np.minimum(second, np.max([around[s] for s in kinematic], axis=0))
     found = []
-    lost = np.max([_between(view, p) for p in view.pairs], axis=0)
     for a, b in runs(strength > 1):
         k = a + int(np.sum([sizes[s][a:b] for s in kinematic], axis=0).argmax())
         who = [s for s in sizes if around[s][k] > 1]
-        if lost[k] < SPIKING.lost:
+        if max(_between(view, p, k) for p in view.pairs) < SPIKING.lost:
             continue  # a turn too sharp for the sampling
         detail = f"{' and '.join(who)} jump together between samples {k} and {k + 1}: samples are missing there."
         problem = DataProblem(view.log.name, "time", "clock jump", (k, k + 1), detail)
@@ -221,18 +219,17 @@ def _jumps(view: View) -> list[Event]:
     return found
 
 
-def _between(view: View, pair: Pair) -> Array:
-    """How much further than its rate says a signal goes over each step, over what the rate changes about it (N − 1,).
+def _between(view: View, pair: Pair, step: int) -> float:
+    """How much further than its rate says a signal goes over a step, over what the rate changes about it.
 
     A rate that goes from one sample to the next without a turn makes a half at most, however fast it goes; where a
     sample is missing of a steady motion, it has no limit. Of the signals as they were measured.
     """
-    x = view.log.states.numpy()
-    rate = x[:, pair.rates]
-    beyond = change(x[:, pair.channels], pair.turns) - integral(rate, view.dt)
-    about = np.ptp(sliding_window_view(np.pad(rate, ((1, 1), (0, 0)), mode="edge"), 4, axis=0), -1)
-    out: Array = np.linalg.norm(beyond, axis=1) / np.maximum(view.dt * np.linalg.norm(about, axis=1), 1e-300)
-    return out
+    first = max(step - 1, 0)
+    x = view.log.states.numpy()[first : step + 3]
+    beyond = float(np.linalg.norm(beyond_rate(x, pair, view.dt)[step - first]))
+    changes = float(np.linalg.norm(np.ptp(x[:, pair.rates], axis=0)))
+    return beyond / max(view.dt * changes, 1e-300)
 
 
 def _sizes(steps: Array, usable: Array) -> Array:

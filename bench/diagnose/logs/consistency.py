@@ -94,6 +94,11 @@ def integral(rate: Array, dt: float) -> Array:
     return out * dt
 
 
+def beyond_rate(x: Array, pair: Pair, dt: float) -> Array:
+    """By how much a signal changes over each step of states (N, s) beyond what its rate says (N − 1, axes)."""
+    return change(x[:, pair.channels], pair.turns) - integral(x[:, pair.rates], dt)
+
+
 def slope(x: Array, turns: bool, dt: float) -> Array:
     """Rate of a signal (N, c) at every sample, from its neighbours (N, c or 3)."""
     middle = change(x, turns, 2) / (2 * dt)
@@ -148,7 +153,7 @@ class View:
 
     def steps(self, pair: Pair) -> Array:
         """By how much the signal changes over each step beyond what its rate says (N − 1, axes)."""
-        return change(self.x[:, pair.channels], pair.turns) - integral(self.x[:, pair.rates], self.dt)
+        return beyond_rate(self.x, pair, self.dt)
 
     def beyond_model(self, channels: tuple[int, ...]) -> Array:
         """By how much states change over each step beyond what the model says (N − 1, len)."""

@@ -55,7 +55,7 @@ class Candidate:
         """Whether no parameter is pushed to a bound that is not its neutral value; if one acts through it, it acts."""
         steps = list(beta)[len(self.columns) - len(self.entries) :]
         for e, value, b in zip(self.entries, self._values(beta), steps, strict=True):
-            if value != e.neutral and b != 0 and (value <= e.low or value >= e.high):
+            if b != 0 and e.pushed(value):
                 return False
         if self.through is None:
             return True

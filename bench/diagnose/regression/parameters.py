@@ -57,6 +57,10 @@ class Entry:
             return (max(low, 0.0) if self.low >= 0 else low), high
         return max(low, self.low), min(high, self.high)
 
+    def pushed(self, value: float) -> bool:
+        """Whether a value is at a bound, or beyond it, and makes an effect: what is best there imitates another."""
+        return value != self.neutral and not self.low < value < self.high
+
     @property
     def label(self) -> str:
         """Such as "inertia[2]"."""

@@ -91,7 +91,7 @@ class _Option:
     values: Callable[[np.ndarray], Mapping[str, float]]
     """Parameters at coefficients (k,)."""
     units: Mapping[str, str]
-    inside: Callable[[np.ndarray], bool] = lambda beta: True
+    inside: Callable[[Sequence[float]], bool]
     """Whether no parameter is pushed to a bound at coefficients (k,), but to that at which there is no effect."""
 
     def solved(self, gram: np.ndarray) -> np.ndarray:
@@ -105,7 +105,7 @@ def _options(view: View) -> list[_Option]:
     own, subsets, out = view.linear.own, view.subsets, list[_Option]()
 
     def option(ids: tuple[str, ...], fit: Fit, places: Sequence[int], low: Sequence[float], high: Sequence[float],
-               values: Callable[[np.ndarray], Mapping[str, float]], inside: Callable[[np.ndarray], bool],
+               values: Callable[[np.ndarray], Mapping[str, float]], inside: Callable[[Sequence[float]], bool],
                entries: Sequence[Entry]) -> None:  # fmt: skip
         at, units = fit.beta[list(places)], {e.name: e.unit for e in entries}
         room = np.minimum(np.asarray(low) - at, 0.0), np.maximum(np.asarray(high) - at, 0.0)
@@ -127,7 +127,7 @@ def _options(view: View) -> list[_Option]:
             s.low,
             s.high,
             values=_values_of_start(s),
-            inside=_start_inside(s),
+            inside=s.within_bounds,
             entries=s.entries,
         )
     return out
@@ -140,17 +140,9 @@ def _values_of_own(entries: Sequence[Entry]) -> Callable[[np.ndarray], Mapping[s
     return values
 
 
-def _own_inside(entries: Sequence[Entry]) -> Callable[[np.ndarray], bool]:
-    def inside(beta: np.ndarray) -> bool:
-        values = [(e, e.value + b) for e, b in zip(entries, beta, strict=True)]
-        return all(e.low < value < e.high or value == e.neutral for e, value in values)
-
-    return inside
-
-
-def _start_inside(start: Candidate) -> Callable[[np.ndarray], bool]:
-    def inside(beta: np.ndarray) -> bool:
-        return start.within_bounds(beta.tolist())
+def _own_inside(entries: Sequence[Entry]) -> Callable[[Sequence[float]], bool]:
+    def inside(beta: Sequence[float]) -> bool:
+        return not any(e.pushed(e.value + b) for e, b in zip(entries, beta, strict=True))
 
     return inside
 
@@ -197,7 +189,7 @@ class _Judged:
         """Whether no recording has a number at a bound, which is none: what inputs do is lost in their noise there."""
         option = self.option
         common = option.fit.beta[list(option.places)]
-        return all(option.inside(common + option.solved(gram.sum(0))) for gram in self.grams.values())
+        return all(option.inside((common + option.solved(gram.sum(0))).tolist()) for gram in self.grams.values())
 
     @property
     def sure(self) -> bool:

@@ -126,10 +126,7 @@ def at_bound(numbers: Sequence[Estimate], place: int) -> bool:
 
     What is best beyond the physical range is an imitation of something else.
     """
-    return any(
-        x.entry.owner == place and x.value != x.entry.neutral and not x.entry.low < x.value < x.entry.high
-        for x in numbers
-    )
+    return any(x.entry.owner == place and x.entry.pushed(x.value) for x in numbers)
 
 
 def left_over(view: View, dropped: Sequence[int] = ()) -> tuple[list[ResidualTerm], float]:

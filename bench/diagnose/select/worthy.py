@@ -84,9 +84,11 @@ def worth_naming(
         gone = view.linear.removed(sorted(dropped))[0]
         chosen = Choice(search, view, tuple(sorted(gone)))
         left = [i for i in places if i not in gone]
-        unsure = [i for i in left if not accepted(view, subsets.fit(drop=[*gone, i]), chosen.fit, drop=[*gone, i])]
+        less = {i: subsets.fit(drop=[*gone, i]) for i in left}
+        unsure = [i for i in left if not accepted(view, less[i], chosen.fit, drop=[*gone, i])]
         if weighing is None:
-            unsure += [i for i in left if i not in unsure and _invisible(chosen, i)]
+            visible = chosen.fit.misfit + CHOOSING.visible * view.floor
+            unsure += [i for i in left if less[i].misfit < visible]
             if not unsure:
                 return chosen, (), ()
             dropped.add(unsure[0])
@@ -103,13 +105,6 @@ def worth_naming(
                 contradicted_effects.append(name)
             else:
                 remarks.append(trifle(name, savings[least]))
-
-
-def _invisible(chosen: Choice, place: int) -> bool:
-    """Whether what the effect in this place explains is next to nothing of the noise."""
-    subsets = chosen.view.subsets
-    gain = subsets.fit(drop=[*chosen.dropped, place]).misfit - chosen.fit.misfit
-    return gain < CHOOSING.visible * chosen.view.floor
 
 
 def _worse(savings: Sequence[Saving]) -> bool:
