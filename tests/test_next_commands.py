@@ -103,7 +103,7 @@ def test_a_draft_without_signals_is_one_sentence(here: Path) -> None:
 def test_what_is_known_at_the_start_is_said_there(
     arguments: tuple[str, ...], says: str, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.diagnose.select.input_timing.noise_of", lambda *_: pytest.fail("work was begun"))
+    monkeypatch.setattr("bench.diagnose.select.timing.reading.noise_of", lambda *_: pytest.fail("work was begun"))
     given = [arguments[0], "my logs", "--system", "mine.py:Swing", *arguments[1:]]
     done = CliRunner().invoke(cli, given)
     assert isinstance(done.exception, BenchError) and says in str(done.exception), done.exception

@@ -20,7 +20,7 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import typical_length
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import ByGroup, GroupError
-from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import COMPARING
 from bench.diagnose.simulate.disturbance import Observer
 from bench.diagnose.simulate.floor import floor

@@ -12,7 +12,6 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.choose import compared, select_across_views
 from bench.diagnose.select.discovery import Discovery, Found, faint_traces, needs_first
 from bench.diagnose.select.given_past import idle, revealed
-from bench.diagnose.select.input_timing import mistimed, prepared, retimed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.release import contradicted
 from bench.diagnose.select.search import Search, View
@@ -20,6 +19,7 @@ from bench.diagnose.select.simulated import by_simulation
 from bench.diagnose.select.step import advanced, next_step, settled, without
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.tie import rivals
+from bench.diagnose.select.timing.reading import mistimed, prepared, retimed
 from bench.diagnose.select.verify import estimates, least_imitation, left_over, ratios
 from bench.diagnose.select.worthy import Choice, rival_that_saves, saved, worth_naming
 from bench.diagnose.settings import DISCOVERING, MATTERING, VERIFYING

@@ -27,7 +27,7 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import effect_entries
 from bench.diagnose.report import learned_words
 from bench.diagnose.result import ByGroup, NamedEffect
-from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import MATTERING
 from bench.diagnose.simulate.unmeasured import hidden

@@ -23,9 +23,9 @@ from bench.diagnose.report import phrases
 from bench.diagnose.report.learned_words import known_as
 from bench.diagnose.result import NamedEffect, ParameterEstimate
 from bench.diagnose.select.discovery import Discovery, Found, supported
-from bench.diagnose.select.input_timing import retimed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
+from bench.diagnose.select.timing.reading import retimed
 from bench.diagnose.settings import DECIDING, EXTENDING, MATTERING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS

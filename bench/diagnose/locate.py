@@ -19,7 +19,7 @@ from bench.diagnose.regression.conditions import Condition, conditions
 from bench.diagnose.regression.residuals import residual_maps
 from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.result import Region
-from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import LOCATING
 from bench.diagnose.simulate.floor import floor
 from bench.diagnose.simulate.free_run import (

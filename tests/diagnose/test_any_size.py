@@ -16,7 +16,7 @@ from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.report import model_file
 from bench.diagnose.select.catalogue import admissible, drive_is_noisy
-from bench.diagnose.select.input_timing import read_at
+from bench.diagnose.select.timing.regression import read_at
 from registry.contracts import Channel
 from registry.core import EFFECTS, PHYSICS
 from registry.dynamics import constant, tensor

@@ -9,7 +9,7 @@ from scipy.signal import StateSpace, lsim
 from bench.diagnose import compare
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.logs.subject import Subject, log_of
-from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.timing.reading import prepared
 from registry.contracts import Channel, Recording
 from registry.effects.learned_term import LearnedTerm
 from registry.physics.oscillator import Oscillator

@@ -6,8 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation, RotationSpline
 from test_compare import DT, TRUE, flights, subject_of
 from test_problems import flights as vehicle_flights
 from test_problems import made
@@ -15,7 +17,11 @@ from test_problems import made
 from bench.diagnose import discover
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.logs.noise import noise_of
-from bench.diagnose.select.input_timing import _Regression, _shared, prepared, read_at
+from bench.diagnose.select.search import Search
+from bench.diagnose.select.timing.estimate import _shared, shifts_of
+from bench.diagnose.select.timing.reading import prepared
+from bench.diagnose.select.timing.regression import ShiftRegression, read_at
+from bench.score.multirotor.corrupt import Columns
 from registry.effects.actuation import MotorLag
 
 
@@ -107,8 +113,8 @@ def test_every_channel_of_a_vehicle_tells_a_clock_by_itself() -> None:
     """Flights by inverse dynamics, of which the rotor speeds are filed six tenths of a sample early."""
     subject = made(vehicle_flights(3, count=3))
     early = tuple(replace(g, inputs=read_at(g.inputs, 4, 0.6)) for g in subject.logs)
-    fit = _Regression(replace(subject, logs=early), noise_of(subject), 0.0)
-    steps, errors = fit.apart(np.zeros(3), 0)
+    fit = ShiftRegression(replace(subject, logs=early), noise_of(subject), 0.0)
+    steps, errors = fit.apart(np.zeros(4), 0)
     assert len(steps) == 6 and (errors < 0.3).all()  # velocities and body rates
     assert (np.abs(steps + 0.6) < 2 * errors).all()
     assert steps[2:5] == pytest.approx(-0.6, abs=0.05)  # thrust, roll and pitch know it best
@@ -123,9 +129,36 @@ def test_torques_that_are_mostly_noise_of_the_rotor_speeds_hide_no_clock() -> No
         return out
 
     subject = replace(subject, logs=tuple(replace(g, inputs=early(g.inputs)) for g in subject.logs))
-    step, error = _Regression(subject, noise_of(subject), 0.0).step(np.zeros(3))
+    step, error = ShiftRegression(subject, noise_of(subject), 0.0).step(np.zeros(4))
     assert error[0] < 0.2
     assert step[0] == pytest.approx(-0.6, abs=0.2)  # -0.13 ± 0.23 where what is left of such channels counted too
+
+
+def added_up(log: Columns, ahead: float) -> Columns:
+    """A flight whose velocity is what it feels, turned by an attitude ``ahead`` of the one filed [s], and added up."""
+    t, gravity = log["t"], np.array([0, 0, 9.81])
+    turned, pull = RotationSpline(t, Rotation.from_quat(log["attitude"])), CubicSpline(t, log["velocity"]).derivative()
+    fine = np.linspace(t[0], t[-1] - ahead, 10 * len(t))
+    push = turned(fine + ahead).apply(turned(fine).inv().apply(pull(fine) + gravity)) - gravity
+    velocity = log["velocity"][0] + CubicSpline(fine, push).antiderivative()(t)
+    position = log["position"][0] + CubicSpline(t, velocity).antiderivative()(t)
+    rng = np.random.default_rng(len(t))
+    noise = (rng.normal(0, std, (len(t), 3)) for std in (3e-4, 1e-3))
+    return log | {k: x + next(noise) for k, x in (("position", position), ("velocity", velocity))}
+
+
+def test_an_estimator_that_adds_up_what_it_feels_by_another_attitude_than_is_filed_lacks_nothing() -> None:
+    """No clock of the inputs is late, yet forces seem to act T ω τ to the side: on slow paths, a drag."""
+    logs = [added_up(log, ahead=0.0015) for log in vehicle_flights(3, count=4, noise=0.2)]
+    subject = made(logs)
+    inputs, _, motion, forces = shifts_of(subject, noise_of(subject))
+    assert abs(inputs.value) < 0.02
+    assert motion.value == pytest.approx(-0.15, abs=0.02) and motion.low < -0.15 < motion.high
+    assert forces.value == pytest.approx(-0.15, abs=0.04)
+    told = discover(subject)
+    assert told.verdict == "nothing" and not told.found
+    as_filed = discover(replace(subject, timed=True))
+    assert any(t.axis == "force x" and "body_rates" in t.signal for t in as_filed.traces)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +176,7 @@ def test_a_clock_is_late_for_all_channels_alike(
 ) -> None:
     """In an ellipsoid's drag roll and pitch seemed 3.5 samples late, yaw none: an inertia of rotors that had none."""
     fit = SimpleNamespace(apart=lambda shift, which: (np.array(alone) - shift[0], np.array(errors)))
-    assert _shared(fit, np.array([-1.0, 0.0, 0.0]), 0, 0.04) == pytest.approx(told)  # type: ignore[arg-type]
+    assert _shared(fit, np.array([-1.0, 0.0, 0.0, 0.0]), 0, 0.04) == pytest.approx(told)  # type: ignore[arg-type]
 
 
 def test_a_shift_that_cross_correlation_suggests_is_read_only_where_the_regression_tells_it(
@@ -155,7 +188,7 @@ def test_a_shift_that_cross_correlation_suggests_is_read_only_where_the_regressi
     rng = np.random.default_rng(4)
     force = force + rng.normal(0.0, force.std(), force.shape)
     states = states + rng.normal(size=states.shape) * 0.1 * states.std((0, 1))
-    monkeypatch.setattr("bench.diagnose.select.input_timing._coarse", lambda subject: 1.4)
+    monkeypatch.setattr("bench.diagnose.select.timing.estimate._coarse", lambda subject: 1.4)
     monkeypatch.setattr(type(TRUE), "drive_acts_at_once", True)
     subject = subject_of(TRUE, states, force)
     timed, _ = prepared(subject)
@@ -186,3 +219,26 @@ def test_a_lag_behind_commands_that_were_given_more_often_than_logged_lies_withi
     for lag in (x for x in numbers if x.entry.name in ("tau_up", "tau_down")):
         assert 0 < tau - lag.value < DT / 2  # (dt − P) / 2 too short
         assert lag.low < tau < lag.high < lag.value + DT
+
+
+def test_noise_of_inputs_that_are_read_between_their_samples_is_slow_as_before() -> None:
+    """Cubic interpolation takes fast noise away; what adds up over a window stays, and is what a torque adds up to."""
+    subject, rng = made(vehicle_flights(3, count=3)), np.random.default_rng(0)
+    std = 0.01 * float(subject.logs[0].inputs[:, :4].mean())
+
+    def early(inputs: torch.Tensor) -> torch.Tensor:
+        out = read_at(inputs, 4, 0.5)
+        out[:, :4] += torch.from_numpy(std * rng.normal(size=(len(out), 4)))
+        return out
+
+    filed = replace(subject, logs=tuple(replace(g, inputs=early(g.inputs)) for g in subject.logs))
+    read, noise = prepared(filed)
+    assert any("rotor speed acts" in note for note in read.notes)
+    assert noise.inputs[:4] == pytest.approx([std] * 4, rel=0.1)
+    search = Search(read, (), lambda what: None, noise)
+    assert search.noisy is not None
+    drawn = (search.noisy.inputs - search.stack.inputs)[..., :4].numpy()
+    length = 25
+    summed = drawn[:, : drawn.shape[1] // length * length].reshape(len(drawn), -1, length, 4).sum(2)
+    assert summed.std() == pytest.approx(std * length**0.5, rel=0.1)
+    assert drawn.std() < 0.85 * std

@@ -29,8 +29,8 @@ from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.report.learned_words import known_as
 from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.catalogue import admissible, check_catalogue
-from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.search import Search
+from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import LEARNING
 from registry.contracts import Channel, Recording
 from registry.core import EFFECTS

@@ -12,7 +12,7 @@ from bench.diagnose import diagnose
 from bench.diagnose.logs.consistency import pairs
 from bench.diagnose.logs.rate_timing import rates_in_time, shift_of
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.timing.reading import prepared
 from registry.core import EFFECTS
 
 DT, DAMPING = 0.01, 0.1

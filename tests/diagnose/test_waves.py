@@ -22,7 +22,7 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.wave import wave
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
-from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.simulate.free_run import free_run
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.errors import BenchError

@@ -15,7 +15,7 @@ from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.candidates import dynamic_axes
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.select.input_timing import prepared, retimed
+from bench.diagnose.select.timing.reading import prepared, retimed
 from bench.score.chains import write_folder
 from bench.score.run import Job, part, work
 from bench.score.unknown import machines, rotorcraft

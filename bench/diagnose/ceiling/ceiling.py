@@ -23,7 +23,7 @@ from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, Subject
 from bench.diagnose.result import ByGroup, Diagnosis, GroupError
-from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import CEILING
 from bench.diagnose.simulate.floor import floor
 from bench.diagnose.simulate.free_run import Group, errors, margin, measured_windows, starts

@@ -11,9 +11,9 @@ from bench.diagnose.learn.spectral_line import Line
 from bench.diagnose.learn.waves import waves
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
+from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import MATTERING
 from registry.dynamics import Effect, PhysicsModel
 from registry.effects.waves.hidden_mode import HiddenMode

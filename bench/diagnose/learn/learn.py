@@ -25,9 +25,9 @@ from bench.diagnose.learn.splines import Made, Spline, chosen, confirmed, spline
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.choose import updated
-from bench.diagnose.select.input_timing import prepared
 from bench.diagnose.select.materiality import Saving, Weighing
 from bench.diagnose.select.search import Look, Search
+from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import LEARNING, SPLINING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import Effect, PhysicsModel

@@ -43,6 +43,13 @@ class Noise:
     """(f,) 1σ of what sensors show of the rates."""
     slopes: dict[int, Slope] = field(default_factory=dict)
     """State channels that are slopes of others; see `logs.slopes`."""
+    input_reading: tuple[float, ...] = (1.0,)
+    """Weights of the samples between which inputs are read: fast noise of theirs is less there, slow noise is not."""
+
+    @property
+    def input_weights(self) -> np.ndarray:
+        """Weights (w,) on white noise of the inputs that give it as a model sees it."""
+        return np.convolve(impulse_response(self.input_smoothing, False), self.input_reading)
 
     @property
     def half_width(self) -> int:

@@ -102,6 +102,15 @@ def moving_channels(model: PhysicsModel) -> tuple[int, ...]:
     return tuple(i for i, c in enumerate(model.state_channels) if c.group in moving)
 
 
+def pose_read_later(model: PhysicsModel, logs: Sequence[Log], moved: float, turned: float) -> tuple[Log, ...]:
+    """Logs of a body that turns with position and velocity, and with its attitude, read so many samples later."""
+    attitude = next(pair for pair in pairs(model, logs[0].measured) if pair.turns)
+    out = (states_read_later(log, moving_channels(model), moved) for log in logs)
+    if not turned:
+        return tuple(out)
+    return tuple(_unit(states_read_later(log, attitude.channels, turned), attitude.channels) for log in out)
+
+
 def states_read_later(log: Log, places: Sequence[int], shift: float) -> Log:
     """The log with the states in some places read ``shift`` samples later; by cubic interpolation."""
     from scipy.interpolate import CubicSpline  # slow to import, and seldom needed

@@ -110,7 +110,7 @@ class Subject:
     differences: tuple[str, ...] = ()
     """Rates that were computed as differences of their signals, and so have no clock of their own."""
     timed: bool = False
-    """Whether the inputs are read at the times at which they act; see `select.input_timing`."""
+    """Whether the inputs are read at the times at which they act; see `select.timing.reading`."""
     parted: bool = False
     """Whether it is settled which parts are learnt from; see `logs.parts`."""
     memory: int | None = None

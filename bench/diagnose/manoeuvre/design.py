@@ -18,7 +18,7 @@ from bench.diagnose.manoeuvre.play import Player
 from bench.diagnose.manoeuvre.rivals import Question, between, of_diagnosis
 from bench.diagnose.manoeuvre.separation import candidate, windows_of
 from bench.diagnose.manoeuvre.stock import kind_of, phrase_of, stock_signals
-from bench.diagnose.select.input_timing import prepared
+from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import COMPOSING, DESIGNING
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.dynamics import PhysicsModel, Pilot

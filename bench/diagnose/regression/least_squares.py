@@ -184,13 +184,23 @@ class Normal:
         it: each fold has noise of its own, so that what is taken off is the mean of several draws, with its error.
         """
         vector = self._vector(columns, beta)
-        owed = np.array([vector @ gram @ vector for gram in self.drawn])
+        owed = np.array([vector @ gram @ vector for gram in self.drawn]).reshape(-1, 1)
         left = max(float(self.rows), vector @ self.total @ vector + owed.sum())
-        chance = 2 * left**2 / self.rows
-        if len(owed) > 1:
-            share = np.bincount(self.fold, self.count, len(owed)) / self.count.sum()
-            chance += len(owed) / (len(owed) - 1) * float(((owed - share * owed.sum()) ** 2).sum())
-        return float(chance**0.5)
+        return float((2 * left**2 / self.rows + self._by_chance(owed).sum()) ** 0.5)
+
+    def drawn_meat(self, columns: Sequence[int], beta: np.ndarray) -> np.ndarray:
+        """Covariance (p, p) of the sum of `scores` for the noise that is taken off, which is the mean of few draws."""
+        vector = self._vector(columns, beta)
+        owed = [gram[list(columns)] @ vector for gram in self.drawn]
+        return self._by_chance(np.array(owed).reshape(len(owed), len(columns)))
+
+    def _by_chance(self, owed: np.ndarray) -> np.ndarray:
+        """Covariance (n, n) of the sum of what each fold (folds, n) owes to its draw."""
+        if len(owed) < 2:
+            return np.zeros((owed.shape[1], owed.shape[1]))
+        share = np.bincount(self.fold, self.count, len(owed)) / self.count.sum()
+        off = owed - share[:, None] * owed.sum(0)
+        return np.asarray(len(owed) / (len(owed) - 1) * (off.T @ off))
 
     def losses(self, columns: Sequence[int], beta: np.ndarray) -> np.ndarray:
         """Sum of squared whitened residuals (blocks, channels) with these coefficients."""

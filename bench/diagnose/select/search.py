@@ -120,7 +120,7 @@ class Search:
         filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
         self.smoothing = {c.name: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
         drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
-        through = noise.input_smoothing.coarser(stride).kernel()
+        through = noise.input_weights if stride == 1 else noise.input_smoothing.coarser(stride).kernel()
         sigma = input_noise(self.stack, drives, through) * (not held)  # commands are known
         generator = np.random.default_rng(0)
         drawn = convolve1d(generator.normal(size=self.stack.inputs.shape) * sigma, through, axis=1)

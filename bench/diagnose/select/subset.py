@@ -198,7 +198,8 @@ class Subsets:
         """Covariance (p, p) of a fit's coefficients.
 
         The larger, coefficient by coefficient, of what white residuals would give and of a sandwich over blocks, which
-        does not need them white; coefficients at a bound count as free, those that were given have none.
+        does not need them white, and counts the error of the noise that is taken off as well; coefficients at a bound
+        count as free, those that were given have none.
         """
         own = self._known(fit.columns[: len(self.own)])[0]
         fitted = np.setdiff1d(np.arange(len(fit.columns)), fit.fixed)
@@ -211,6 +212,7 @@ class Subsets:
         scores = scores - scores.mean(0)  # their sum is what the priors and bounds pull
         blocks = len(scores)
         meat = scores.T @ scores * (blocks / max(1, blocks - 1)) + np.diag(prior)
+        meat += self.normal.drawn_meat(fit.columns, fit.beta)[np.ix_(fitted, fitted)]
         white = inverse * max(1.0, fit.misfit / max(1, self.normal.rows - len(index)))
         sandwich = inverse @ meat @ inverse
         wider = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(white), 1e-300), 1.0))

@@ -41,8 +41,9 @@ def floor(
     for _ in range(RUNNING.draws):
         measured = measure(true[..., :size], noise, model.state_channels, dt, generator)
         start = torch.cat([measured[..., 0, :], true[..., r, size:]], dim=-1)
-        drawn = generator.normal(size=(len(start), steps + 2 * r + 1, len(noise.inputs))) * np.array(noise.inputs)
-        drawn = _convolved(drawn, impulse_response(noise.input_smoothing, False), r)
+        around = max(r, len(noise.input_weights) // 2)
+        drawn = generator.normal(size=(len(start), steps + 2 * around + 1, len(noise.inputs))) * np.array(noise.inputs)
+        drawn = _convolved(drawn, noise.input_weights, around)
         noisy = inputs[..., r : r + steps + 1, :] + torch.from_numpy(drawn)
         found.append(errors(roll(model, start, noisy, dt)[..., :size], measured, of))
     return torch.stack(found)

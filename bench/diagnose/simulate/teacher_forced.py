@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from scipy.ndimage import convolve1d
 
-from bench.diagnose.logs.noise import Noise, impulse_response
+from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.settings import RUNNING
@@ -127,7 +127,7 @@ def with_noise(model: PhysicsModel, stack: LogBatch, noise: Noise) -> LogBatch:
         padded, silent, channels, stack.dt, generator
     )
     white = generator.normal(size=stack.inputs.shape) * np.array(noise.inputs)
-    through = convolve1d(white, impulse_response(noise.input_smoothing, False), axis=1)
+    through = convolve1d(white, noise.input_weights, axis=1)
     states, inputs = stack.states + drawn, stack.inputs + torch.from_numpy(through)
     logs = [
         replace(log, states=x[: len(log)], inputs=u[: len(log)])
