@@ -225,6 +225,14 @@ def test_a_mode_of_which_hardly_a_number_was_estimated_is_told_with_all() -> Non
     assert (told.parameters["frequency"].high, told.parameters["damping"].high) == (0.19, 1.0)
 
 
+def test_a_mode_that_never_relaxes_has_no_end_of_its_time_constant() -> None:
+    mode = HiddenMode(("speed.q",), ("displacement.q",), 1, 0.0, 1.0, (0.1,))
+    often = next(e for e in effect_entries(mode, owner=0) if e.label == "frequency")
+    told = _named(mode, Oscillator(effects=(mode,)), [Estimate(often, 0.0, 0.0, 0.2)], 0.0, {}, {}, {}, None)
+    constant = told.parameters["time constant"]
+    assert constant.value == np.inf and constant.low == pytest.approx(1 / (2 * np.pi * 0.2))
+
+
 def test_a_mode_is_asked_for_by_its_axis() -> None:
     pair = parsed("speed ~ swing", Oscillator())
     assert pair is not None and (pair.axis, pair.signals) == ("speed.q", ("swing",))

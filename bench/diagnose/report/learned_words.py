@@ -167,7 +167,8 @@ def described_mode(
         numbers = {"frequency": often, "damping": estimates["damping"]}
         moves = f"swings at {phrases.estimate('', often)}, damping {phrases.estimate('', numbers['damping'])}"
     else:
-        longest, value, shortest = (1 / (2 * math.pi * f) for f in (often.low or math.nan, often.value, often.high))
+        value, shortest = (1 / (2 * math.pi * f) if f else math.inf for f in (often.value, often.high))
+        longest = 1 / (2 * math.pi * often.low) if often.low else math.nan  # nobody knows
         numbers = {"time constant": ParameterEstimate(value, shortest, longest, "s")}
         moves = f"relaxes with a time constant of {phrases.estimate('', numbers['time constant'])}"
     names = [
