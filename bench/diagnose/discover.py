@@ -86,12 +86,12 @@ def _searched(
 ) -> Discovery:
     """What a model lacks of measurements whose states were all measured and whose inputs are read when they act."""
     first = _discovered(Search(subject, catalogue, tick, noise), noise)
-    for long in (False, True):
-        # Traces beside what was found tell what is left in other words, unless an equation was missed altogether.
-        told = first.found and first.traces and not any(e.missed for e in first.equations)
-        lost = not told and any(e.lost for e in first.equations)
-        if not lost and (long or first.verdict != "unknown_effect"):
-            break
+    # Traces beside what was found tell what is left in other words, unless an equation was missed altogether.
+    told = first.found and first.traces and not any(e.missed for e in first.equations)
+    lost = not told and any(e.lost for e in first.equations)
+    short = lost or first.verdict == "unknown_effect"
+    # In short windows noise buries what long ones add up, and nothing is predictable then either.
+    for long in [False] * short + [True] * (lost or any(e.loud for e in first.equations)):
         again = _discovered(Search(subject, catalogue, tick, noise, memory=0, long_windows=long), noise)
         if again.found and again.clearer(first):
             return again

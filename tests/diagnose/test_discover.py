@@ -228,6 +228,21 @@ def test_a_slow_effect_in_noise_is_found_in_rows_as_long_as_a_free_run(cache):
     assert slow.models["extended"] < 1.15 * slow.floor < 0.65 * slow.models["calibrated"]
 
 
+def test_what_short_windows_bury_is_sought_in_long_ones_where_more_than_noise_is_left(cache):
+    """The change of the rotors' speeds is noise from sample to sample: nothing seemed to follow it."""
+    from bench.score.chain import suite
+    from bench.score.chains import measured
+
+    case = next(c for c in suite.cases(110) if c.id.startswith("110-pair-rotor_reaction_torque+inertia_products-nano"))
+    found = discover(measured(case, cache)[0])
+    assert {f.id for f in found.found} == set(case.effects)
+    for one in found.found:
+        for x in one.estimates:
+            assert x.value == pytest.approx(case.effects[one.id][x.entry.label], rel=0.05)
+    torques = next(e for e in found.equations if e.equation == "torques" and e.horizon_s > 0.3)
+    assert torques.models["extended"] < 1.6 * torques.floor < 0.3 * torques.models["calibrated"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "effect",

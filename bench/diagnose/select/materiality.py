@@ -69,6 +69,11 @@ class EquationError:
         return self.models["extended"] > MATTERING.lost * self.predictable
 
     @property
+    def loud(self) -> bool:
+        """Whether far more is left than noise leaves, whether or not functions of the measured signals predict it."""
+        return self.models["extended"] > MATTERING.lost * self.floor
+
+    @property
     def missed(self) -> bool:
         """Whether it is lost, and the effects found explain next to nothing of it, or make it worse."""
         return self.lost and self.unexplained > 1 - MATTERING.share
