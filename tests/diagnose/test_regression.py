@@ -1,5 +1,8 @@
 """Bounded least squares against SciPy, whitening against a process whose filter is known."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -7,6 +10,7 @@ from scipy.signal import lfilter
 
 from bench.diagnose.regression.least_squares import Normal, bounded, whitening
 from bench.diagnose.regression.rows import Crossings, Rows, filtered
+from bench.diagnose.select.subset import Subsets
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -96,3 +100,34 @@ def test_rows_of_the_columns_that_act_give_the_normal_equations_of_all():
     np.testing.assert_allclose(white.less(white.some([0, 1, 2, 3, 4])).power(), 0.0, atol=1e-12)
     some = [1, 2, 5]  # the last is the residual
     np.testing.assert_allclose(white.some(some[:-1]).normal().total, full.sum((0, 1))[np.ix_(some, some)], atol=1e-12)
+
+
+def test_what_the_draws_of_a_noise_that_is_taken_off_leave_to_chance_is_that_of_their_sum() -> None:
+    """Of m white samples in each of F folds n'n has variance 2 m, and β n'n is what the scores owe to them."""
+    rng, folds, samples, slope = np.random.default_rng(0), 6, 50, 1.5
+    white = rng.normal(size=(2000, folds, samples))
+    told = []
+    for power in (white**2).sum(-1):
+        drawn = tuple(np.diag([p, 0.0]) for p in power)
+        none = np.array([0, 1]), np.zeros((2, folds * samples))
+        normal = Normal((none,), 2, np.arange(folds), np.full(folds, samples), drawn=drawn)
+        told.append(normal.drawn_meat([0], np.array([slope])).item())
+    assert np.mean(told) == pytest.approx(slope**2 * folds * 2 * samples, rel=0.05)
+    one = Normal((none,), 2, np.arange(1), np.full(1, samples), drawn=drawn[:1])
+    assert one.drawn_meat([0], np.array([slope])).item() == 0.0  # one draw does not tell
+
+
+def test_an_interval_counts_the_noise_that_is_taken_off() -> None:
+    rng, folds, samples = np.random.default_rng(1), 4, 40
+    x = rng.normal(size=folds * samples)
+    rows = np.stack([x, 5.0 * x + 0.01 * rng.normal(size=len(x))])
+    plain = Normal(((np.array([0, 1]), rows),), 2, np.arange(folds), np.full(folds, samples))
+    linear = SimpleNamespace(own=(), starts=())
+    drawn = tuple(np.diag([p, 0.0]) for p in (rng.normal(size=(folds, samples)) ** 2).sum(1))
+    fit = SimpleNamespace(columns=(0,), beta=np.array([5.0]), fixed=(), misfit=0.0)
+    narrow, wide = (
+        Subsets(linear, n).covariance(fit).item()  # type: ignore[arg-type]
+        for n in (plain, replace(plain, drawn=drawn))
+    )
+    chance = plain.total[0, 0] ** -2 * replace(plain, drawn=drawn).drawn_meat([0], fit.beta).item()
+    assert narrow < 0.5 * chance and wide == pytest.approx(chance, rel=0.05)

@@ -36,10 +36,9 @@ def rates_in_time(subject: Subject) -> Subject:
         if abs(shift) >= TIMING.negligible:
             places, by = (pair.channels, -shift) if pose else (pair.rates, shift)
             if pair.turns:
-                places = (*places, *moving_channels(subject.model))
-            logs = tuple(states_read_later(log, places, by) for log in logs)
-            if pair.turns:
-                logs = tuple(_unit(log, pair.channels) for log in logs)
+                logs = pose_read_later(subject.model, logs, by, by)
+            else:
+                logs = tuple(states_read_later(log, places, by) for log in logs)
             late, against = (pair.signal, pair.rate) if pose else (pair.rate, pair.signal)
             notes.append(_said(late, against, 1e3 * by / logs[0].rate))
     return subject if logs is subject.logs else replace(subject, logs=logs, notes=tuple(notes))

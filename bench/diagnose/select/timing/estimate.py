@@ -29,7 +29,7 @@ def shifts_of(subject: Subject, noise: Noise) -> tuple[Shift, Shift, Shift, Shif
     """
     held, nothing = is_held(subject), Shift(0.0, 0.0, 0.0)
     instant = subject.model.drive_acts_at_once and not held
-    widest = np.array([np.inf if instant else TIMING.within_sample, np.inf, np.inf, TIMING.within_sample])
+    widest = np.array([np.inf if instant else TIMING.within_sample, np.inf, np.inf, np.inf])
     latest = np.array([0.0 if held else -widest[INPUTS], *-widest[1:]])
     value = np.array([_coarse(subject) if instant else 0.0, 0.0, 0.0, 0.0])
     error = np.full(len(value), np.inf)
@@ -54,8 +54,7 @@ def shifts_of(subject: Subject, noise: Noise) -> tuple[Shift, Shift, Shift, Shif
     for which in (INPUTS, MOTION):
         value[which], error[which] = _shared(fit, value, which, error[which])
     sure = (np.abs(value) >= TIMING.significant * error) & (value != 0)
-    if not sure[MOTION]:
-        sure[FORCES] = False
+    sure[FORCES] &= sure[MOTION]
     inputs, sensed, moving, forced = (
         Shift(v, v - 1.96 * e, v + 1.96 * e) if t else nothing
         for v, e, t in zip(value.tolist(), error.tolist(), sure, strict=True)
@@ -63,7 +62,7 @@ def shifts_of(subject: Subject, noise: Noise) -> tuple[Shift, Shift, Shift, Shif
     return inputs, sensed, moving, forced
 
 
-def _shared(fit: "ShiftRegression", shift: np.ndarray, which: int, error: float) -> tuple[float, float]:
+def _shared(fit: ShiftRegression, shift: np.ndarray, which: int, error: float) -> tuple[float, float]:
     """One of the shifts as every channel has it, and its standard error [samples].
 
     A clock is late for all channels alike (χ² of their own shifts). Where they disagree by less than filters of the

@@ -11,7 +11,7 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.rate_timing import moving_channels
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Subject, drives_of
-from bench.diagnose.regression.least_squares import equilibrium
+from bench.diagnose.regression.least_squares import Normal, equilibrium
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior
 from bench.diagnose.regression.rows import Rows
@@ -65,7 +65,7 @@ def read_at(inputs: torch.Tensor, drives: int, shift: float, held: bool = False)
 
 
 class ShiftRegression:
-    """The weak form of the training recordings with the shifts of inputs and sensors as two more numbers."""
+    """The weak form of the training recordings with the shifts as more numbers."""
 
     def __init__(self, subject: Subject, noise: Noise, shift: float) -> None:
         """Linearise the model and every effect of the catalogue where inputs are read ``shift`` samples later."""
@@ -115,10 +115,10 @@ class ShiftRegression:
         """
         rows, noise = self._whitened(shift)
         clear = self._clear(rows, noise)
-        rows, noise = rows.only(clear), noise.only(clear)
-        step, error = self._solved(rows, noise, [which for which in self.shifted if which != MOTION])
+        normal = rows.only(clear).normal().less(noise.only(clear).mean_gram())
+        step, error = self._solved(normal, [which for which in self.shifted if which != MOTION])
         if MOTION in self.late:
-            moved, spread = self._solved(rows, noise, [*self.shifted, FORCES])
+            moved, spread = self._solved(normal, [*self.shifted, FORCES])
             step[[MOTION, FORCES]], error[[MOTION, FORCES]] = moved[[MOTION, FORCES]], spread[[MOTION, FORCES]]
         return step, error
 
@@ -129,7 +129,7 @@ class ShiftRegression:
         rows, noise = self._whitened(shift)
         column = len(self.linear.columns) + self.shifted.index(which)
         alone = [
-            self._solved(rows.only([c]), noise.only([c]), self.shifted)
+            self._solved(rows.only([c]).normal().less(noise.only([c]).mean_gram()), self.shifted)
             for c in range(rows.channels)
             if column in rows.acting[c]
         ]
@@ -141,9 +141,9 @@ class ShiftRegression:
         rows, again = (self._rows(linear, shift, noisy) for linear, noisy in ((self.linear, False), (self.noisy, True)))
         return rows.whitened(self.whitening), rows.less(again).whitened(self.whitening)
 
-    def _solved(self, rows: Rows, drawn: Rows, asked: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        """The step (4,) and its errors that rows, with what noise makes of them, tell where these shifts are asked."""
-        normal, first = rows.normal().less(drawn.mean_gram()), len(self.linear.columns)
+    def _solved(self, normal: Normal, asked: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+        """The step (4,) and its errors that normal equations tell, noise taken off, where these shifts are asked."""
+        first = len(self.linear.columns)
         at = [*range(first), *(first + [*self.shifted, FORCES].index(which) for which in asked)]
         gram = normal.total[np.ix_(at, at)] + np.diag(_precision(self.linear, len(at)))
         scale = equilibrium(np.diag(gram))
