@@ -91,7 +91,7 @@ def _searched(
     lost = not told and any(e.lost for e in first.equations)
     short = lost or first.verdict == "unknown_effect"
     # In short windows noise buries what long ones add up, and nothing is predictable then either.
-    for long in [False] * short + [True] * (lost or any(e.loud for e in first.equations)):
+    for long in [False] * short + [True] * (lost or any(e.left for e in first.equations)):
         again = _discovered(Search(subject, catalogue, tick, noise, memory=0, long_windows=long), noise)
         if again.found and again.clearer(first):
             return again

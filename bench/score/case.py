@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache as once
 from importlib import import_module
@@ -133,22 +133,46 @@ def parameters(case: Case) -> dict[str, Any]:
     return out | true
 
 
-def changed_constants(case: Case) -> dict[str, dict[str, float]]:
-    """By hidden effect that is nothing but another base constant, what the model's calibration may say: true values.
+@dataclass(frozen=True)
+class Hull:
+    """What a vehicle is without what is hidden, SI."""
 
-    That constant, or its ratio to another one where flights tell no more.
+    mass: float
+    thrust: float
+    drag: float
+    """Torque coefficient."""
+    inertia: Sequence[float]
+
+
+def changed_constants(case: Case) -> dict[str, list[dict[str, float]]]:
+    """By hidden effect that is nothing but other base constants, what the model's calibration may say: true values.
+
+    For each of these constants: that constant, or its ratio to another one where flights tell no more.
     """
     true = parameters(case)
-    return of_changed(case, true["mass"], true["k_eta"])
+    return of_changed(case, Hull(true["mass"], true["k_eta"], true["k_m"], [true[k] for k in ("Ixx", "Iyy", "Izz")]))
 
 
-def of_changed(case: Case, mass: float, thrust: float) -> dict[str, dict[str, float]]:
-    """`changed_constants` of a vehicle of this mass [kg] and thrust coefficient [N s²] without what is hidden."""
-    mass += case.effects.get("mass", {}).get("delta", 0.0)
-    thrust *= 1 + case.effects.get("thrust_scale", {}).get("eps", 0.0)
-    alone = {"mass": ("mass", mass), "thrust_scale": ("thrust_coefficient", thrust)}
-    ratio = {"thrust_coefficient / mass": thrust / mass}
-    return {effect: {name: true, **ratio} for effect, (name, true) in alone.items() if effect in case.effects}
+def of_changed(case: Case, hull: Hull) -> dict[str, list[dict[str, float]]]:
+    """`changed_constants` of a vehicle.
+
+    A torque that is larger by a factor turns like a moment of inertia that is smaller by it, up to ω × I ω.
+    """
+    mass = hull.mass + case.effects.get("mass", {}).get("delta", 0.0)
+    thrust = hull.thrust * (1 + case.effects.get("thrust_scale", {}).get("eps", 0.0))
+    scales = case.effects.get("torque_scale", {}).values()
+    turned_by = (("thrust_coefficient", thrust),) * 2 + (("torque_coefficient", hull.drag),)
+    inertia = [moment / (1 + scale) for moment, scale in zip(hull.inertia, scales, strict=False)]
+    lifts = {"thrust_coefficient / mass": thrust / mass}
+    out = {
+        "mass": [{"mass": mass, **lifts}],
+        "thrust_scale": [{"thrust_coefficient": thrust, **lifts}],
+        "torque_scale": [
+            {f"inertia[{i}]": moment, f"{name} / inertia[{i}]": value / moment}
+            for i, (moment, (name, value)) in enumerate(zip(inertia, turned_by, strict=False))
+        ],
+    }
+    return {effect: constants for effect, constants in out.items() if effect in case.effects}
 
 
 def true_model(case: Case, base: PhysicsModel) -> PhysicsModel:

@@ -35,7 +35,7 @@ def shares(case: Case, cache: Path) -> dict[str, float]:
     return oracle.shares(case, first.truth(case, cache))
 
 
-def changed_constants(case: Case) -> dict[str, dict[str, float]]:
+def changed_constants(case: Case) -> dict[str, list[dict[str, float]]]:
     """See `bench.score.case.changed_constants`."""
     if isinstance(case, second.ChainCase):
         return second.changed_constants(case)

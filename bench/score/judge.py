@@ -97,21 +97,28 @@ class Judged:
         """Effects that must be named, were not, and were found all the same: as a change of a base constant.
 
         Constants are calibrated within three of their stated uncertainties before an effect is named. An effect that is
-        nothing but another constant is found there if the interval of that constant, or of its ratio to the one that
-        flights do not tell it from, excludes the nominal value, so that the answer says that it is off, and holds the
-        true one.
+        nothing but other constants is found there if the interval of such a constant, or of its ratio to the one that
+        flights do not tell it from, excludes the nominal value, so that the answer says that it is off, and each of
+        them has one that holds the true value.
         """
         found = set()
         if self.verdict in ("nothing", "named"):
             for effect, constants in changed_constants(self.case).items():
-                if effect not in self.named and any(self._told(name, true) for name, true in constants.items()):
+                right = [[name for name, true in of.items() if self._holds(name, true)] for of in constants]
+                off = any(self._is_off(name) for names in right for name in names)
+                if effect not in self.named and all(right) and off:
                     found.add(token(effect))
         return found & self.required
 
-    def _told(self, constant: str, true: float) -> bool:
-        """Whether a constant is said to be off, by an interval that holds its true value."""
-        nominal, _, low, high = self.said.get("constants", {}).get(constant, (math.nan,) * 4)
-        return not low <= nominal <= high and low <= true <= high
+    def _holds(self, constant: str, true: float) -> bool:
+        """Whether the interval of a constant, as calibrated, holds its true value."""
+        _, _, low, high = self.said.get("constants", {}).get(constant, (math.nan,) * 4)
+        return bool(low <= true <= high)
+
+    def _is_off(self, constant: str) -> bool:
+        """Whether a constant is said to be off: its interval excludes the stated value."""
+        stated, _, low, high = self.said["constants"][constant]
+        return bool(not low <= stated <= high)
 
     @property
     def answered(self) -> bool:

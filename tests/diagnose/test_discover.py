@@ -197,7 +197,7 @@ def test_a_constant_that_is_off_within_what_is_stated_is_calibrated_and_said(cac
     case = flights.Case("stronger", effects={"thrust_scale": {"eps": 0.05}}, recordings=4, seconds=12.0, flight_seed=80)
     answer = diagnosed(case, cache)
     assert (answer.verdict, answer.named) == ("nothing", {})
-    true = changed_constants(case)["thrust_scale"]["thrust_coefficient"]
+    true = changed_constants(case)["thrust_scale"][0]["thrust_coefficient"]
     nominal, _, low, high = answer.constants["thrust_coefficient"]
     assert nominal < low < true < high < 1.05 * low
     nominal, _, low, high = answer.constants["thrust_coefficient / mass"]
@@ -228,19 +228,22 @@ def test_a_slow_effect_in_noise_is_found_in_rows_as_long_as_a_free_run(cache):
     assert slow.models["extended"] < 1.15 * slow.floor < 0.65 * slow.models["calibrated"]
 
 
-def test_what_short_windows_bury_is_sought_in_long_ones_where_more_than_noise_is_left(cache):
+@pytest.mark.parametrize("seed", [110, 111])
+def test_what_short_windows_bury_is_sought_in_long_ones_where_more_than_noise_is_left(cache, seed):
     """The change of the rotors' speeds is noise from sample to sample: nothing seemed to follow it."""
     from bench.score.chain import suite
     from bench.score.chains import measured
 
-    case = next(c for c in suite.cases(110) if c.id.startswith("110-pair-rotor_reaction_torque+inertia_products-nano"))
+    name = f"{seed}-pair-rotor_reaction_torque+inertia_products-nano"
+    case = next(c for c in suite.cases(seed) if c.id.startswith(name))
     found = discover(measured(case, cache)[0])
-    assert {f.id for f in found.found} == set(case.effects)
+    assert {f.id for f in found.found} == set(case.effects) and found.long_windows
     for one in found.found:
         for x in one.estimates:
-            assert x.value == pytest.approx(case.effects[one.id][x.entry.label], rel=0.05)
+            true = case.effects[one.id][x.entry.label]
+            assert x.low < true < x.high or x.value == pytest.approx(true, rel=0.05)
     torques = next(e for e in found.equations if e.equation == "torques" and e.horizon_s > 0.3)
-    assert torques.models["extended"] < 1.6 * torques.floor < 0.3 * torques.models["calibrated"]
+    assert torques.models["extended"] < 1.15 * torques.own_floor and torques.models["calibrated"] > 1.6 * torques.floor
 
 
 @pytest.mark.slow

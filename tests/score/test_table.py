@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rotorpy")
 
 from bench.score.attempt import _followed
-from bench.score.case import Case, changed_constants
+from bench.score.case import Case, changed_constants, parameters
 from bench.score.judge import Judged
 from bench.score.show import markdown
 from bench.score.table import bounds, table
@@ -86,7 +86,7 @@ def test_either_effect_of_the_rotors_inertia_or_both_is_right(named: tuple[str, 
 
 def test_a_change_of_a_constant_may_be_told_by_its_calibration_if_the_interval_is_right() -> None:
     heavy = case("1-single-mass", effects={"mass": {"delta": 0.02}})
-    nominal, true = 0.5, changed_constants(heavy)["mass"]["mass"]
+    nominal, true = 0.5, changed_constants(heavy)["mass"][0]["mass"]
     assert abs(true / nominal - 1.04) < 0.02  # the base constant itself is drawn within 1 %, at most 2 σ
 
     def told(low: float, high: float, *named: str, verdict: str = "nothing", one: Case = heavy) -> Judged:
@@ -95,7 +95,7 @@ def test_a_change_of_a_constant_may_be_told_by_its_calibration_if_the_interval_i
 
     near, far = true - 0.003, true + 0.003
     assert told(near, far).answered and told(near, far).first and told(near, far).right and not told(near, far).exact
-    ratio, right = "thrust_coefficient / mass", changed_constants(heavy)["mass"]["thrust_coefficient / mass"]
+    ratio, right = "thrust_coefficient / mass", changed_constants(heavy)["mass"][0]["thrust_coefficient / mass"]
     for stated, answered in ((1.05 * right, True), (right, False)):  # flights may tell no more than the ratio
         shared = {ratio: [stated, right, 0.99 * right, 1.01 * right], "mass": [nominal, nominal, 0.49, 0.51]}
         one = judged(heavy, said("nothing", shares={"mass": 1.0}, constants=shared))
@@ -113,6 +113,26 @@ def test_a_change_of_a_constant_may_be_told_by_its_calibration_if_the_interval_i
     values = {x.text: x.value.partition(" =")[0] for x in lines}
     assert values["single effect: exact set"] == "1/1"
     assert values["… of all these, not named but told as a calibrated constant"] == "1/1"
+
+
+def test_torques_that_are_larger_may_be_told_as_moments_of_inertia_that_are_smaller() -> None:
+    scales = {"eps_x": 0.15, "eps_y": 0.1, "eps_z": -0.1}
+    strong = case("1-single-torque_scale", effects={"torque_scale": scales})
+    p = parameters(strong)
+    true = [p[name] / (1 + eps) for name, eps in zip(("Ixx", "Iyy", "Izz"), scales.values(), strict=True)]
+
+    def told(**constants: list[float]) -> bool:
+        names = {f"inertia[{i}]": constants.get(axis, [x, x, 0.9 * x, 1.1 * x]) for i, (axis, x) in enumerate(moments)}
+        return judged(strong, said("nothing", shares={"torque_scale": 1.0}, constants=names | ratio)).answered
+
+    moments, ratio = list(zip("xyz", true, strict=True)), dict[str, list[float]]()
+    off = [1.2 * true[0], true[0], 0.99 * true[0], 1.01 * true[0]]
+    assert told(x=off) and not told()  # one is off as stated, and all hold the truth; none is off
+    wrong = [1.2 * true[1], 1.1 * true[1], 1.05 * true[1], 1.15 * true[1]]
+    assert not told(x=off, y=wrong)
+    pitch = p["k_eta"] / true[1]
+    ratio["thrust_coefficient / inertia[1]"] = [0.8 * pitch, pitch, 0.99 * pitch, 1.01 * pitch]
+    assert told(x=off, y=wrong)
 
 
 def test_nothing_false_is_enough_where_forecasts_are_as_good_as_those_of_the_true_model() -> None:

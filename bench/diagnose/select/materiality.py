@@ -47,6 +47,8 @@ class EquationError:
     """What measurement noise alone leaves."""
     axis: str = ""
     """Along which it is judged, such as "torque z"; empty: all together."""
+    own_floor: float = 0.0
+    """What noise leaves of the extended model, which may let more noise of the inputs in."""
 
     @property
     def explainable(self) -> float:
@@ -69,9 +71,14 @@ class EquationError:
         return self.models["extended"] > MATTERING.lost * self.predictable
 
     @property
-    def loud(self) -> bool:
-        """Whether far more is left than noise leaves, whether or not functions of the measured signals predict it."""
-        return self.models["extended"] > MATTERING.lost * self.floor
+    def left(self) -> bool:
+        """Whether more is left than noise leaves, whether or not functions of the measured signals predict it."""
+        return self.models["extended"] > MATTERING.near * self.own_floor
+
+    def worse(self, other: "EquationError") -> bool:
+        """Whether the extended model errs more than another answer's, and not for the noise that it lets in alone."""
+        mine, its = (e.models["extended"] for e in (self, other))
+        return mine > MATTERING.near * its and mine * other.own_floor > MATTERING.near * its * self.own_floor
 
     @property
     def missed(self) -> bool:
@@ -191,14 +198,14 @@ class Weighing:
         if extended in self._errors:
             return self._errors[extended]
         models = {"nominal": self.subject.model, "calibrated": self.calibrated, "extended": extended}
-        shares = self._unpredictable(extended)
+        shares, own = self._unpredictable(extended), noise_increments(extended, self.held, self.noise)
         out = []
         for (equation, axis, horizon), share in shares.items():
             mean = {
                 name: float(self.squares(self.increments(model), equation, axis, horizon)[0].mean())
                 for name, model in models.items()
             }
-            chance = float(self.squares(self.chance, equation, axis, horizon)[0].mean())
+            chances = [float(self.squares(c, equation, axis, horizon)[0].mean()) for c in (self.chance, own)]
             out.append(
                 EquationError(
                     equation.name,
@@ -206,8 +213,9 @@ class Weighing:
                     equation.group.unit,
                     models={name: value**0.5 for name, value in mean.items()},
                     predictable=(mean["extended"] * share) ** 0.5,
-                    floor=chance**0.5,
+                    floor=chances[0] ** 0.5,
                     axis=axis,
+                    own_floor=chances[1] ** 0.5,
                 )
             )
         self._errors[extended] = tuple(out)
@@ -225,13 +233,15 @@ class Weighing:
 
         Without an effect nothing is worse than the calibrated model, which has none, nor than the one as stated: where
         ``without`` is, because the rest was fitted beside the effect, the better of them stands for it. Of an axis only
-        what is worth a term, unless other axes pay for it: the equation as a whole may err hardly more.
+        what is worth a term, unless other axes pay for it: the equation as a whole may not err more, or, where the
+        effect acts along some axes only and constants moved along the others, hardly more.
 
         Where an effect does not act, that is outside of some ``channels``, only constants moved: that is no harm that
         it does. But constants that are bent without it may speak for it, where nothing else does.
         """
         out: list[Saving] = []
         acts = {e.name for e in self.equations if channels is None or not set(channels).isdisjoint(e.group.at)}
+        everywhere = {e.name for e in self.equations if channels is None or set(channels).issuperset(e.group.at)}
         for error in self.by_axis(extended):
             others = (self._at(error, self.increments(m)) for m in (without, self.calibrated, self.subject.model))
             before, block = min(others, key=lambda found: float(found[0].mean()))
@@ -251,7 +261,8 @@ class Weighing:
             )
             here = (error.equation, error.horizon_s, "")
             whole = next((s for s in out if (s.equation, s.horizon_s, s.axis) == here), saving)
-            if not error.axis or (saving.worth and whole.ratio <= MATTERING.near):
+            paid = MATTERING.near if error.equation not in everywhere else 1.0
+            if not error.axis or (saving.worth and whole.ratio <= paid):
                 out.append(saving)
         there = tuple(s for s in out if s.equation in acts)
         return there if any(s.worth for s in there) else (*there, *(s for s in out if s not in there and s.worth))

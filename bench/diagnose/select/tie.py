@@ -4,10 +4,11 @@ Two kinds of evidence, and a rule for each: normal equations, where every state 
 were simulated, where one was not. Thresholds: `Verifying`, and `Growing` of the second, in `bench.diagnose.settings`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.select.search import View
@@ -25,7 +26,8 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
 
     One of them makes a tie. It is as likely, within what blocks of the recordings differ; it gains most of what the
     effect gains; and where the effect leaves nothing but noise, it does not leave plainly more. Parameters count that
-    differ from no effect: a torque of three axes of which two act is no larger than an offset of two.
+    differ from no effect: a torque of three axes of which two act is no larger than an offset of two. One that does
+    what the effect does with more of them is no other explanation: four rotors that all lift too much are a scale.
     """
     known, current = view.subsets, view.subsets.fit()
     subsets = known.holding(current)
@@ -53,10 +55,22 @@ def rivals(view: View, place: int) -> dict[str, Candidate]:
             continue  # its parameters are costly to count
         first = len(view.linear.own) + len(s.columns) - len(s.entries)
         more = _acting(subsets, other, dict(enumerate(s.entries, first))) - parameters
+        if more > 0 and spanned(known.normal.total, list(mine), s.columns):
+            continue
         margin = worse + subsets.penalty * more
         if margin < min(limit, best.get(s.id, (np.inf, s))[0]) and replaces(s):
             best[s.id] = margin, s
     return {name: start for name, (_, start) in sorted(best.items(), key=lambda item: item[1][0])}
+
+
+def spanned(gram: np.ndarray, columns: Sequence[int], by: Sequence[int]) -> bool:
+    """Whether some columns are sums of others, by the products (columns, columns) of all."""
+    own, others = list(columns), list(by)
+    scale = equilibrium(gram.diagonal())
+    products = gram * np.outer(scale, scale)
+    sums = np.linalg.lstsq(products[np.ix_(others, others)], products[np.ix_(others, own)], rcond=1e-12)[0]
+    left = products[np.ix_(own, own)] - products[np.ix_(own, others)] @ sums
+    return bool(np.all(np.abs(left.diagonal()) < VERIFYING.spanned * products.diagonal()[own]))
 
 
 def _spread(other: np.ndarray, level: np.ndarray) -> float:

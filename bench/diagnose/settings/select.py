@@ -201,6 +201,9 @@ class Verifying:
         "what a dictionary of signals may still explain, as a share of what noise leaves, before something is missing",
         Basis.JUDGED,
     )
+    spanned: float = threshold(
+        1e-6, "square of a column that sums of others leave, relative to its own, up to which it is one", Basis.ROUNDING
+    )
     together: float = threshold(
         0.5,
         "uncertainty of a ratio of two constants, relative to that of the better known one, below which it is told too",

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject
-from bench.score.case import of_changed
+from bench.score.case import Hull, of_changed
 from bench.score.chain import flight, folder, oracle, paths, pilot, recorder
 from bench.score.chain.condition import ChainCase
 from bench.score.chain.vehicle import turbulence
@@ -72,10 +72,10 @@ def stated(case: ChainCase) -> dict[str, Any]:
     return out
 
 
-def changed_constants(case: ChainCase) -> dict[str, dict[str, float]]:
+def changed_constants(case: ChainCase) -> dict[str, list[dict[str, float]]]:
     """See `bench.score.case.changed_constants`."""
     true = built(case)
-    return of_changed(case, true.mass, true.thrust)
+    return of_changed(case, Hull(true.mass, true.thrust, true.drag, true.inertia))
 
 
 def acting(case: ChainCase) -> Effects:
