@@ -8,9 +8,9 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.result import NamedEffect, ParameterEstimate
 from bench.diagnose.select.discovery import Discovery, Found
-from bench.diagnose.select.materiality import Saving
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import EXTENDING
+from bench.diagnose.simulate.equation_error import Saving
 from registry.dynamics import PhysicsModel
 
 

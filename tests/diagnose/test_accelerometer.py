@@ -16,8 +16,9 @@ from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.regression import test_functions
 from bench.diagnose.regression.linearise import directions
 from bench.diagnose.regression.weak import LogBatch, mean_rates
-from bench.diagnose.select.materiality import Saving, Weighing
+from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.timing.reading import prepared
+from bench.diagnose.simulate.equation_error import Saving
 from bench.diagnose.simulate.floor import measure
 from registry.contracts import Channel, Recording
 from registry.effects.air import LinearDrag

@@ -25,9 +25,9 @@ from bench.diagnose.report import constant_words, page_sections, phrases, senten
 from bench.diagnose.report.phrases import gathered
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, ParameterEstimate, schema
 from bench.diagnose.select.discovery import Discovery, Found
-from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import TELLING
+from bench.diagnose.simulate.equation_error import EquationError, Saving
 from bench.diagnose.simulate.free_run import Group
 from bench.diagnose.summaries import constant_estimates, equation_results, placed
 from registry.errors import BenchError

@@ -28,10 +28,10 @@ from bench.diagnose.regression.recall import begun, driven, turned
 from bench.diagnose.regression.weak import LogBatch, own_states
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
-from bench.diagnose.select.materiality import EquationError
 from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.simulate.beginning import without_beginning
+from bench.diagnose.simulate.equation_error import EquationError
 from registry.contracts import Channel, Recording
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.errors import BenchError

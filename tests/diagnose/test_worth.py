@@ -11,9 +11,10 @@ from simulated_fleet import CUBIC, DRAG, vehicle
 from bench.diagnose import diagnose, discover, load
 from bench.diagnose.select import materiality, worthy
 from bench.diagnose.select.discovery import Discovery, trifle
-from bench.diagnose.select.materiality import EquationError, Saving, Weighing
+from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.tie import spanned
 from bench.diagnose.select.worthy import rival_that_saves, saved
+from bench.diagnose.simulate.equation_error import EquationError, Saving
 from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.mechanics.hysteresis import BoucWen
 from registry.physics.oscillator import Oscillator
@@ -167,6 +168,10 @@ def test_an_answer_that_saves_what_matters_is_believed_where_nothing_is_worse_bu
     assert Discovery.clearer(more, answer("another", 1.0, 1.0)) is believed
     asks = answer("", 1.0, 1.0, traces=("a signal",)), answer("", 1.0, 1.0, predictable=0.6)
     assert not any(Discovery.clearer(more, other) for other in asks)  # that is to be explained first
+    constants = answer("effect", 0.7, short, floors=(0.6, own_floor), acts_on="forces")
+    assert not Discovery.clearer(constants, first)  # other constants save in torques, and it acts in forces
+    uneven = answer("effect", 0.7, 0.7, floors=(0.6, own_floor), one=1.6)  # an offset of one flight's attitude
+    assert not Discovery.clearer(uneven, first)
 
 
 def answer(
@@ -175,13 +180,25 @@ def answer(
     floors: tuple[float, ...] = (0.6, 0.6),
     traces: tuple[str, ...] = (),
     predictable: float = 0.8,
+    one: float = 1.0,
+    acts_on: str = "torques",
 ) -> Discovery:
-    """Held-out errors of a model with an effect of this name, or none; all but ``errors`` alike."""
+    """Held-out errors of a model with an effect of this name, or none; of ``one`` recording so many times as large."""
     equations = tuple(
-        EquationError("torques", 0.5, "rad/s", {"calibrated": 1.0, "extended": e}, predictable, 0.6, own_floor=floor)
+        EquationError(
+            "torques",
+            0.5,
+            "rad/s",
+            {"calibrated": 1.0, "extended": e},
+            predictable,
+            0.6,
+            own_floor=floor,
+            by_recording=(e, e * one),
+        )
         for e, floor in zip(errors, floors, strict=True)
     )
-    found = (SimpleNamespace(id=name),) if name else ()
+    saving = Saving(acts_on, 0.5, 0.9, 0.8, 1.0, matters=True)
+    found = (SimpleNamespace(id=name, savings=(saving,)),) if name else ()
     return SimpleNamespace(equations=equations, found=found, confounders=(), traces=traces)  # type: ignore[return-value]
 
 

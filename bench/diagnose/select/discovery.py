@@ -11,9 +11,9 @@ from bench.analysis.display import Displayed, draw_bars, new_axes
 from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.result import effect_frame
 from bench.diagnose.select.choose import RejectedCandidate
-from bench.diagnose.select.materiality import EquationError, Saving
 from bench.diagnose.select.verify import Estimate, Ratio, ResidualTerm
 from bench.diagnose.settings import MATTERING
+from bench.diagnose.simulate.equation_error import EquationError, Saving
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
 
@@ -117,18 +117,19 @@ class Discovery(Displayed):
 
         It saves an equation that the other one loses, and loses none, for what nobody understands errs a little more or
         less in any answer; or it names what the other one chose and then took for an imitation, every equation is
-        better and none is lost; or the other one leaves nothing that asks for an explanation, and this one saves what
-        matters and nothing is worse. Whitened rows are mostly what a controller answers where that works against
-        something light: its inertia grows, and what resists looks small.
+        better and none is lost; or the other one leaves nothing that asks for an explanation, this one saves what
+        matters where its effects act, and nothing is worse. Whitened rows are mostly what a controller answers where
+        that works against something light: its inertia grows, and what resists looks small.
         """
-        pairs = zip(self.equations, other.equations, strict=True)
+        pairs = list(zip(self.equations, other.equations, strict=True))
         ratios = [mine.models["extended"] / max(its.models["extended"], 1e-300) for mine, its in pairs]
         sought = not other.found and {f.id for f in self.found} <= set(other.confounders)
         if sought and max(ratios) < 1 / MATTERING.near and not any(e.lost for e in self.equations):
             return True
-        worse = any(mine.worse(its) for mine, its in zip(self.equations, other.equations, strict=True))
         settled = not other.traces and not any(e.lost for e in other.equations)
-        if settled and not worse and min(ratios) < 1 / MATTERING.near:
+        acts = {s.equation for f in self.found for s in f.savings if s.worth}
+        better = any(mine.better(its) for mine, its in pairs if mine.equation in acts)
+        if settled and better and not any(mine.worse(its) for mine, its in pairs):
             return True
         saved = 1 / MATTERING.lost
         return min(ratios) < saved and math.prod(ratios) < saved and max(ratios) < MATTERING.lost

@@ -21,6 +21,8 @@ from bench.diagnose.regression.generic import Dictionary, Folds, dictionary, fol
 from bench.diagnose.regression.least_squares import ridge, ridge_losses
 from bench.diagnose.regression.weak import LogBatch, mean_rates, measured
 from bench.diagnose.settings import FOLDING, MATTERING
+from bench.diagnose.simulate.equation_error import EquationError, Saving
+from bench.diagnose.simulate.offsets import attitude_offsets, less_offsets
 from bench.diagnose.simulate.teacher_forced import (
     Equation,
     Increments,
@@ -30,111 +32,6 @@ from bench.diagnose.simulate.teacher_forced import (
     noise_increments,
 )
 from registry.dynamics import PhysicsModel
-
-
-@dataclass(frozen=True)
-class EquationError:
-    """Root mean square errors of one equation at one horizon on held-out recordings, SI."""
-
-    equation: str
-    horizon_s: float
-    unit: str
-    models: dict[str, float]
-    """By model."""
-    predictable: float
-    """What the last model leaves with the help of a regression on all measured signals."""
-    floor: float
-    """What measurement noise alone leaves."""
-    axis: str = ""
-    """Along which it is judged, such as "torque z"; empty: all together."""
-    own_floor: float = 0.0
-    """What noise leaves of the extended model, which may let more noise of the inputs in."""
-
-    @property
-    def explainable(self) -> float:
-        """Squared error of the calibrated model that could be explained."""
-        return max(self.models["calibrated"] ** 2 - self._best**2, 0.0)
-
-    @property
-    def scale(self) -> float:
-        """Squared error that shares are told of: what can be explained, but no less than what would matter."""
-        return max(self.explainable, (MATTERING.near**2 - 1) * self._best**2, 1e-300)
-
-    @property
-    def matters(self) -> bool:
-        """Whether enough can be explained that anything is worth a term."""
-        return self.models["calibrated"] > MATTERING.near * self._best
-
-    @property
-    def lost(self) -> bool:
-        """Whether functions of the measured signals would predict far better than the extended model does."""
-        return self.models["extended"] > MATTERING.lost * self.predictable
-
-    @property
-    def left(self) -> bool:
-        """Whether more is left than noise leaves, whether or not functions of the measured signals predict it."""
-        return self.models["extended"] > MATTERING.near * self.own_floor
-
-    def worse(self, other: "EquationError") -> bool:
-        """Whether the extended model errs more than another answer's, and not for the noise that it lets in alone."""
-        mine, its = (e.models["extended"] for e in (self, other))
-        return mine > MATTERING.near * its and mine * other.own_floor > MATTERING.near * its * self.own_floor
-
-    @property
-    def missed(self) -> bool:
-        """Whether it is lost, and the effects found explain next to nothing of it, or make it worse."""
-        return self.lost and self.unexplained > 1 - MATTERING.share
-
-    @property
-    def _best(self) -> float:
-        return min(self.models["extended"], self.predictable)
-
-    @property
-    def unexplained(self) -> float:
-        """Share of what can be explained that the extended model leaves, 0 to 1; 0 where it is near the best."""
-        if self.models["extended"] <= MATTERING.near * self.predictable:
-            return 0.0
-        left = self.models["extended"] ** 2 - self.predictable**2
-        return left / max(self.models["calibrated"] ** 2 - self.predictable**2, left)
-
-
-@dataclass(frozen=True)
-class Saving:
-    """What an effect saves of one equation's squared error on held-out recordings."""
-
-    equation: str
-    horizon_s: float
-    share: float
-    """Of what can be explained there."""
-    low: float
-    high: float
-    """95 % over blocks of recordings."""
-    matters: bool
-    """Whether enough can be explained in this equation that anything is worth a term."""
-    ratio: float = 1.0
-    """Error with the effect, relative to that without."""
-    axis: str = ""
-    """Along which it is judged, such as "torque z"; empty: all together."""
-
-    @property
-    def harms(self) -> bool:
-        """Whether the equation is lost by it, for sure: what other equations gain is then not understood."""
-        return self.ratio > MATTERING.lost and self.high < 0
-
-    @property
-    def rescues(self) -> bool:
-        """Whether the equation would be lost without it, for sure, however little that is of all that was missing."""
-        return self.ratio < 1 / MATTERING.lost and self.low > 0
-
-    @property
-    def worth(self) -> bool:
-        """Whether it is large enough, and sure: by its share of all, or as what keeps an equation from being lost.
-
-        Beside a much larger effect the second one is a small share of the squared error, and most of what the first one
-        leaves. Then the error itself counts: its rise without the effect, of what can be explained.
-        """
-        rise = (max(self.share, 0.0) * (1 - self.ratio) / (1 + self.ratio)) ** 0.5 if self.rescues else 0.0
-        return self.matters and self.low > 0 and max(self.share, rise) >= MATTERING.share
 
 
 class Weighing:
@@ -179,6 +76,17 @@ class Weighing:
             squared = squared / (horizon * self.held.dt) ** 2
         return squared, self._blocks(recording, first, horizon)
 
+    def _by_recording(self, left: Increments, equation: Equation, horizon: int) -> tuple[float, ...]:
+        """Root mean square error of an equation in each recording, less what offsets of that recording explain."""
+        signals, every = self._signals[1].of(equation.group.at), max(1, horizon // 4)
+        bodily = [a for a in signals.axes if not a.startswith("world")]
+        errors, *offsets = (signals.along(x, bodily).over(horizon, every)[0] for x in (left, *self._offsets))
+        return less_offsets(errors, offsets, left.over(horizon, every)[1])
+
+    @cached_property
+    def _offsets(self) -> tuple[Increments, ...]:
+        return attitude_offsets(self.calibrated, self.held, self.noise)
+
     def blocks(self, left: Increments, horizon: int) -> np.ndarray:
         """The block (W,) of each window over a horizon."""
         _, recording, first = left.over(horizon, max(1, horizon // 4))
@@ -216,6 +124,7 @@ class Weighing:
                     floor=chances[0] ** 0.5,
                     axis=axis,
                     own_floor=chances[1] ** 0.5,
+                    by_recording=() if axis else self._by_recording(self.increments(extended), equation, horizon),
                 )
             )
         self._errors[extended] = tuple(out)

@@ -10,13 +10,14 @@ from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import effect_entries, with_values
 from bench.diagnose.select.choose import accepted
 from bench.diagnose.select.discovery import trifle
-from bench.diagnose.select.materiality import Saving, Weighing
+from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced, settled
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.tie import rivals
 from bench.diagnose.select.verify import at_bound, estimates
 from bench.diagnose.settings import CHOOSING
+from bench.diagnose.simulate.equation_error import Saving
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
 

@@ -1,0 +1,62 @@
+"""What offsets of a recording's own explain of its errors: of each axis, and of the attitude.
+
+An estimator levels itself in every flight anew, and a set of markers is mounted anew: the attitude is off by a constant
+then, which looks like a force that goes with the thrust. Few recordings may agree in it by chance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from bench.diagnose.logs.noise import Noise
+from bench.diagnose.regression.weak import LogBatch
+from bench.diagnose.simulate.teacher_forced import Increments, increments
+from registry.dynamics import PhysicsModel
+
+ANGLE = 1e-3
+"""By which an attitude is turned to see what that does [rad]."""
+
+
+def attitude_offsets(model: PhysicsModel, stack: LogBatch, noise: Noise) -> tuple[Increments, ...]:
+    """What increments lack once the attitude, if any, is turned by a constant about each axis of the body."""
+    turning = model.description().turning
+    if turning is None:
+        return ()
+    at = [i for i, c in enumerate(model.state_channels) if c.group == turning[0]]
+    before, out = increments(model, stack, noise), []
+    for axis in torch.eye(3, dtype=stack.states.dtype) * (ANGLE / 2):
+        states = stack.states.clone()
+        states[..., at] = _turned(states[..., at], axis)
+        logs = tuple(replace(log, states=x[: len(log)]) for log, x in zip(stack.logs, states, strict=True))
+        after = increments(model, replace(stack, logs=logs, states=states), noise)
+        out.append(Increments(after.steps - before.steps, before.valid))
+    return tuple(out)
+
+
+def less_offsets(errors: np.ndarray, offsets: Sequence[np.ndarray], recording: np.ndarray) -> tuple[float, ...]:
+    """Root mean square errors in each recording, less what constants and these offsets explain there.
+
+    Args:
+        errors: over windows, along each axis (W, a).
+        offsets: what one offset each does to them (W, a).
+        recording: of each window (W,).
+    """
+    out = []
+    for i in np.unique(recording):
+        own = errors[recording == i]
+        constants = np.tile(np.eye(own.shape[1]), (len(own), 1))
+        columns = np.column_stack([constants, *(o[recording == i].ravel() for o in offsets)])
+        left = own.ravel() - columns @ np.linalg.lstsq(columns, own.ravel(), rcond=1e-9)[0]
+        out.append(float((left**2).sum() / len(own)) ** 0.5)
+    return tuple(out)
+
+
+def _turned(attitude: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
+    """Unit quaternions xyzw (…, 4) turned by a small rotation about the body's axes with this vector part (3,)."""
+    w = (1 - vector.square().sum()).sqrt()
+    own, scalar = attitude[..., :3], attitude[..., 3:]
+    vector = vector.expand_as(own)
+    turned = w * own + scalar * vector + torch.linalg.cross(own, vector)
+    return torch.cat([turned, w * scalar - (own * vector).sum(-1, keepdim=True)], dim=-1)
