@@ -62,9 +62,18 @@ def test_savings_are_told_beside_constants_as_stated_and_where_an_effect_acts():
     assert set(told) == {"forces"} and told["forces"] > 0
 
 
-@pytest.mark.parametrize(("roll", "paid"), [(7.0, False), (3.05, True)])
-def test_what_one_axis_gains_counts_where_the_others_do_not_pay_for_it(roll: float, paid: bool) -> None:
-    """A gyroscope that is turned: unequal rotors saved 97 % about x, and cost more than that about y."""
+@pytest.mark.parametrize(
+    ("roll", "channels", "paid"),
+    [(7.0, {0}, False), (7.0, None, False), (3.05, None, True), (5.2, {0}, True), (5.2, {0, 1}, False)],
+)
+def test_what_one_axis_gains_counts_where_the_others_do_not_pay_for_it(
+    roll: float, channels: set[int] | None, paid: bool
+) -> None:
+    """A gyroscope that is turned: unequal rotors saved 97 % about x, and cost more than that about y.
+
+    What acts about one axis alone may cost the others a little, where constants moved; gusts had a wind, which acts along
+    all, that saved along z and cost more than that.
+    """
     squares = {"without": {"torque x": 2.0, "torque y": 3.0}, "full": {"torque x": 0.1, "torque y": roll}}
     whole = {model: sum(of.values()) for model, of in squares.items()}
     errors = [
@@ -72,7 +81,7 @@ def test_what_one_axis_gains_counts_where_the_others_do_not_pay_for_it(roll: flo
         for axis in ("", "torque x", "torque y")
     ]
     weighing = SimpleNamespace(
-        equations=[SimpleNamespace(name="torques", group=SimpleNamespace(at=(0,)))],
+        equations=[SimpleNamespace(name="torques", group=SimpleNamespace(at=(0, 1)))],
         by_axis=lambda extended: errors,
         increments=lambda model: model,
         _at=lambda error, model: (
@@ -82,7 +91,7 @@ def test_what_one_axis_gains_counts_where_the_others_do_not_pay_for_it(roll: flo
         calibrated="without",
         subject=SimpleNamespace(model="without"),
     )
-    told = Weighing.savings(weighing, "without", "full", "full")
+    told = Weighing.savings(weighing, "without", "full", "full", channels)
     assert [s.axis for s in told] == (["", "torque x"] if paid else [""])
     assert any(s.worth for s in told) is paid
 

@@ -79,7 +79,7 @@ class Weighing:
     def _by_recording(self, left: Increments, equation: Equation, horizon: int) -> tuple[float, ...]:
         """Root mean square error of an equation in each recording, less what offsets of that recording explain."""
         signals, every = self._signals[1].of(equation.group.at), max(1, horizon // 4)
-        bodily = [a for a in signals.axes if not a.startswith("world")]
+        bodily = [a for a in signals.axes if not a.startswith("world")] or list(signals.axes)
         errors, *offsets = (signals.along(x, bodily).over(horizon, every)[0] for x in (left, *self._offsets))
         return less_offsets(errors, offsets, left.over(horizon, every)[1])
 
