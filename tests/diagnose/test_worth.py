@@ -71,8 +71,8 @@ def test_what_one_axis_gains_counts_where_the_others_do_not_pay_for_it(
 ) -> None:
     """A gyroscope that is turned: unequal rotors saved 97 % about x, and cost more than that about y.
 
-    What acts about one axis alone may cost the others a little, where constants moved; gusts had a wind, which acts along
-    all, that saved along z and cost more than that.
+    What acts about one axis alone may cost the others a little, where constants moved. Gusts had a wind, which acts
+    along all axes, that saved along z and cost more than that.
     """
     squares = {"without": {"torque x": 2.0, "torque y": 3.0}, "full": {"torque x": 0.1, "torque y": roll}}
     whole = {model: sum(of.values()) for model, of in squares.items()}
