@@ -93,7 +93,9 @@ def _searched(
     # In short windows noise buries what long ones add up, and nothing is predictable then either.
     for long in [False] * short + [True] * (lost or any(e.left for e in first.equations)):
         again = _discovered(Search(subject, catalogue, tick, noise, memory=0, long_windows=long), noise)
-        if again.found and again.clearer(first):
+        # Where what is left is told, other numbers of the same effects do not say more of it.
+        more = {f.id for f in again.found} - {f.id for f in first.found if told}
+        if more and again.clearer(first):
             return again
     return _balanced(subject, catalogue, tick, noise, first)
 
