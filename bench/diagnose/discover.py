@@ -231,7 +231,8 @@ def _names(view: View) -> list[str]:
 def _exchanged(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) -> View:
     """The view of the chosen effects, exchanged, added and dropped one by one until nothing changes.
 
-    An effect that ends with numbers that no such thing has is an imitation: it is sought no more, and the others again.
+    An effect that ends with numbers that no such thing has is an imitation, and so is one that swings faster than half
+    the sampling rate (Nyquist): it bends what inputs do between samples. It is sought no more, and the others again.
     """
     everything = view.subsets.fit().misfit - view.floor
     shortlist = {i for field in fields[1:] for f in field[:8] for i in f.ids}
@@ -240,7 +241,8 @@ def _exchanged(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) ->
     while True:
         view = _one_by_one(search, view, model, shortlist, everything)
         effects = view.linear.model.effects
-        odd = [i for i in range(known, len(effects)) if not effects[i].possible]
+        seen = 2 * search.subject.logs[0].dt
+        odd = [i for i in range(known, len(effects)) if not effects[i].possible or effects[i].fastest < seen]
         if not odd:
             return view
         gone = {EFFECTS.name_of(type(effects[i])) for i in odd}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
@@ -131,6 +132,11 @@ class Effect(ABC):
     def possible(self) -> bool:
         """Whether anything has such numbers, beyond the bounds of each: peaks are no dips."""
         return True
+
+    @property
+    def fastest(self) -> float:
+        """Period of the fastest oscillation that it brings [s]; infinite: it brings none."""
+        return math.inf
 
     @classmethod
     def grid(cls, sizes: Mapping[str, float]) -> dict[str, tuple[float, ...]]:

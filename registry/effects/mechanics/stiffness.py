@@ -92,6 +92,11 @@ class JointElasticity(InputEffect):
     }
     manoeuvre: ClassVar[str] = "start and stop abruptly, or sweep the drive through the resonance"
 
+    @property
+    @override
+    def fastest(self) -> float:
+        return float(self.resonance_period)
+
     def memory_size(self, inputs: int, dt: float) -> int:
         """Each input's F and T dF/dt."""
         return 2 * inputs
