@@ -238,10 +238,10 @@ def _exchanged(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) ->
     shortlist = {i for field in fields[1:] for f in field[:8] for i in f.ids}
     known = len(search.subject.model.effects)
     model = advanced(search, view, fit).model
+    seen = 2 * search.subject.logs[0].dt
     while True:
         view = _one_by_one(search, view, model, shortlist, everything)
         effects = view.linear.model.effects
-        seen = 2 * search.subject.logs[0].dt
         odd = [i for i in range(known, len(effects)) if not effects[i].possible or effects[i].fastest < seen]
         if not odd:
             return view

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache as once
 from importlib import import_module
@@ -133,15 +133,14 @@ def parameters(case: Case) -> dict[str, Any]:
     return out | true
 
 
-@dataclass(frozen=True)
-class Hull:
-    """What a vehicle is without what is hidden, SI."""
-
-    mass: float
-    thrust: float
-    drag: float
-    """Torque coefficient."""
-    inertia: Sequence[float]
+def _constants(p: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of RotorPy's parameters that are drawn, as a model names them; SI."""
+    return {
+        "mass": p["mass"],
+        "inertia": [p["Ixx"], p["Iyy"], p["Izz"]],
+        "thrust_coefficient": p["k_eta"],
+        "torque_coefficient": p["k_m"],
+    }
 
 
 def changed_constants(case: Case) -> dict[str, list[dict[str, float]]]:
@@ -149,20 +148,19 @@ def changed_constants(case: Case) -> dict[str, list[dict[str, float]]]:
 
     For each of these constants: that constant, or its ratio to another one where flights tell no more.
     """
-    true = parameters(case)
-    return of_changed(case, Hull(true["mass"], true["k_eta"], true["k_m"], [true[k] for k in ("Ixx", "Iyy", "Izz")]))
+    return of_changed(case, _constants(parameters(case)))
 
 
-def of_changed(case: Case, hull: Hull) -> dict[str, list[dict[str, float]]]:
-    """`changed_constants` of a vehicle.
+def of_changed(case: Case, base: Mapping[str, Any]) -> dict[str, list[dict[str, float]]]:
+    """`changed_constants` of a vehicle with these constants without what is hidden; SI.
 
     A torque that is larger by a factor turns like a moment of inertia that is smaller by it, up to ω × I ω.
     """
-    mass = hull.mass + case.effects.get("mass", {}).get("delta", 0.0)
-    thrust = hull.thrust * (1 + case.effects.get("thrust_scale", {}).get("eps", 0.0))
+    mass = base["mass"] + case.effects.get("mass", {}).get("delta", 0.0)
+    thrust = base["thrust_coefficient"] * (1 + case.effects.get("thrust_scale", {}).get("eps", 0.0))
     scales = case.effects.get("torque_scale", {}).values()
-    turned_by = (("thrust_coefficient", thrust),) * 2 + (("torque_coefficient", hull.drag),)
-    inertia = [moment / (1 + scale) for moment, scale in zip(hull.inertia, scales, strict=False)]
+    turned_by = (("thrust_coefficient", thrust),) * 2 + (("torque_coefficient", base["torque_coefficient"]),)
+    inertia = [moment / (1 + scale) for moment, scale in zip(base["inertia"], scales, strict=False)]
     lifts = {"thrust_coefficient / mass": thrust / mass}
     out = {
         "mass": [{"mass": mass, **lifts}],
@@ -177,13 +175,8 @@ def of_changed(case: Case, hull: Hull) -> dict[str, list[dict[str, float]]]:
 
 def true_model(case: Case, base: PhysicsModel) -> PhysicsModel:
     """``base`` with the true constants and the hidden effects."""
-    p = parameters(case)
-    constants: dict[str, Any] = {
-        "mass": p["mass"],
-        "inertia": (p["Ixx"], p["Iyy"], p["Izz"]),
-        "thrust_coefficient": p["k_eta"],
-        "torque_coefficient": p["k_m"],
-    }
+    constants = _constants(parameters(case))
+    constants["inertia"] = tuple(constants["inertia"])
     hidden = (EFFECTS.get(name)(**values) for name, values in case.effects.items())
     return replace(base, **constants, effects=(*base.effects, *hidden))
 
@@ -191,11 +184,7 @@ def true_model(case: Case, base: PhysicsModel) -> PhysicsModel:
 def nominal(case: Case) -> dict[str, Any]:
     """The constants that the user is given, as in `dataset.toml` [physics]; SI."""
     p = _rotorpy(case.vehicle)
-    return {
-        "mass": p["mass"],
-        "inertia": [p["Ixx"], p["Iyy"], p["Izz"]],
-        "thrust_coefficient": p["k_eta"],
-        "torque_coefficient": p["k_m"],
+    return _constants(p) | {
         "rotor_positions": [[float(x) for x in r] for r in p["rotor_pos"].values()],
         "rotor_directions": [int(s) for s in p["rotor_directions"]],
         "rotor_radius": VEHICLES[case.vehicle].around.rotor_radius,

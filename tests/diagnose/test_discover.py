@@ -228,8 +228,8 @@ def test_a_slow_effect_in_noise_is_found_in_rows_as_long_as_a_free_run(cache):
     assert slow.models["extended"] < 1.15 * slow.floor < 0.65 * slow.models["calibrated"]
 
 
-@pytest.mark.parametrize("seed", [110, 111])
-def test_what_short_windows_bury_is_sought_in_long_ones_where_more_than_noise_is_left(cache, seed):
+@pytest.mark.parametrize(("seed", "error"), [(110, 0.05), (111, 0.35)])
+def test_what_short_windows_bury_is_sought_in_long_ones_where_more_than_noise_is_left(cache, seed, error):
     """The change of the rotors' speeds is noise from sample to sample: nothing seemed to follow it."""
     from bench.score.chain import suite
     from bench.score.chains import measured
@@ -240,10 +240,11 @@ def test_what_short_windows_bury_is_sought_in_long_ones_where_more_than_noise_is
     assert {f.id for f in found.found} == set(case.effects) and found.long_windows
     for one in found.found:
         for x in one.estimates:
-            true = case.effects[one.id][x.entry.label]
-            assert x.low < true < x.high or x.value == pytest.approx(true, rel=0.05)
+            assert x.value == pytest.approx(case.effects[one.id][x.entry.label], rel=error)
     torques = next(e for e in found.equations if e.equation == "torques" and e.horizon_s > 0.3)
     assert torques.models["extended"] < 1.15 * torques.own_floor and torques.models["calibrated"] > 1.6 * torques.floor
+    if seed == 110:  # with little noise
+        assert torques.models["extended"] < 1.6 * torques.floor < 0.3 * torques.models["calibrated"]
 
 
 @pytest.mark.slow

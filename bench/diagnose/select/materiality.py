@@ -76,8 +76,9 @@ class Weighing:
             squared = squared / (horizon * self.held.dt) ** 2
         return squared, self._blocks(recording, first, horizon)
 
-    def _by_recording(self, left: Increments, equation: Equation, horizon: int) -> tuple[float, ...]:
+    def _by_recording(self, error: EquationError, left: Increments) -> tuple[float, ...]:
         """Root mean square error of an equation in each recording, less what offsets of that recording explain."""
+        equation, horizon = self._place(error)
         signals, every = self._signals[1].of(equation.group.at), max(1, horizon // 4)
         bodily = [a for a in signals.axes if not a.startswith("world")] or list(signals.axes)
         errors, *offsets = (signals.along(x, bodily).over(horizon, every)[0] for x in (left, *self._offsets))
@@ -99,21 +100,30 @@ class Weighing:
 
     def errors(self, extended: PhysicsModel) -> tuple[EquationError, ...]:
         """Errors of every equation at every horizon, of the nominal, the calibrated and the extended model."""
-        return tuple(e for e in self.by_axis(extended) if not e.axis)
+        own = noise_increments(extended, self.held, self.noise)
+        return tuple(
+            replace(
+                e,
+                own_floor=float(self._at(e, own)[0].mean()) ** 0.5,
+                by_recording=self._by_recording(e, self.increments(extended)),
+            )
+            for e in self.by_axis(extended)
+            if not e.axis
+        )
 
     def by_axis(self, extended: PhysicsModel) -> tuple[EquationError, ...]:
-        """`errors`, and those along the axes of every equation that has several."""
+        """Errors as in `errors`, without its own floor and recordings, and those along the axes of every equation."""
         if extended in self._errors:
             return self._errors[extended]
         models = {"nominal": self.subject.model, "calibrated": self.calibrated, "extended": extended}
-        shares, own = self._unpredictable(extended), noise_increments(extended, self.held, self.noise)
+        shares = self._unpredictable(extended)
         out = []
         for (equation, axis, horizon), share in shares.items():
             mean = {
                 name: float(self.squares(self.increments(model), equation, axis, horizon)[0].mean())
                 for name, model in models.items()
             }
-            chances = [float(self.squares(c, equation, axis, horizon)[0].mean()) for c in (self.chance, own)]
+            chance = float(self.squares(self.chance, equation, axis, horizon)[0].mean())
             out.append(
                 EquationError(
                     equation.name,
@@ -121,10 +131,8 @@ class Weighing:
                     equation.group.unit,
                     models={name: value**0.5 for name, value in mean.items()},
                     predictable=(mean["extended"] * share) ** 0.5,
-                    floor=chances[0] ** 0.5,
+                    floor=chance**0.5,
                     axis=axis,
-                    own_floor=chances[1] ** 0.5,
-                    by_recording=() if axis else self._by_recording(self.increments(extended), equation, horizon),
                 )
             )
         self._errors[extended] = tuple(out)
@@ -201,8 +209,13 @@ class Weighing:
 
     def _at(self, place: EquationError | Saving, left: Increments) -> tuple[np.ndarray, np.ndarray]:
         """`squares` of the equation, along the axis and over the horizon of an error or a saving."""
-        (equation,) = (e for e in self.equations if e.name == place.equation)
-        return self.squares(left, equation, place.axis, round(place.horizon_s / self.held.dt))
+        equation, horizon = self._place(place)
+        return self.squares(left, equation, place.axis, horizon)
+
+    def _place(self, of: EquationError | Saving) -> tuple[Equation, int]:
+        """The equation and the horizon, in samples, of an error or a saving."""
+        (equation,) = (e for e in self.equations if e.name == of.equation)
+        return equation, round(of.horizon_s / self.held.dt)
 
     def _unpredictable(self, model: PhysicsModel) -> dict[tuple[Equation, str, int], float]:
         """By equation, axis and horizon: share of what a model leaves that no function of the signals explains.

@@ -14,6 +14,7 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.simulate.teacher_forced import Increments, increments
 from registry.dynamics import PhysicsModel
+from registry.dynamics.rotations import quaternion_rate
 
 ANGLE = 1e-3
 """By which an attitude is turned to see what that does [rad]."""
@@ -26,9 +27,9 @@ def attitude_offsets(model: PhysicsModel, stack: LogBatch, noise: Noise) -> tupl
         return ()
     at = [i for i, c in enumerate(model.state_channels) if c.group == turning[0]]
     before, out = increments(model, stack, noise), []
-    for axis in torch.eye(3, dtype=stack.states.dtype) * (ANGLE / 2):
-        states = stack.states.clone()
-        states[..., at] = _turned(states[..., at], axis)
+    for axis in torch.eye(3, dtype=stack.states.dtype) * ANGLE:
+        states, attitude = stack.states.clone(), stack.states[..., at]
+        states[..., at] = attitude + quaternion_rate(attitude, axis)
         logs = tuple(replace(log, states=x[: len(log)]) for log, x in zip(stack.logs, states, strict=True))
         after = increments(model, replace(stack, logs=logs, states=states), noise)
         out.append(Increments(after.steps - before.steps, before.valid))
@@ -51,12 +52,3 @@ def less_offsets(errors: np.ndarray, offsets: Sequence[np.ndarray], recording: n
         left = own.ravel() - columns @ np.linalg.lstsq(columns, own.ravel(), rcond=1e-9)[0]
         out.append(float((left**2).sum() / len(own)) ** 0.5)
     return tuple(out)
-
-
-def _turned(attitude: torch.Tensor, vector: torch.Tensor) -> torch.Tensor:
-    """Unit quaternions xyzw (…, 4) turned by a small rotation about the body's axes with this vector part (3,)."""
-    w = (1 - vector.square().sum()).sqrt()
-    own, scalar = attitude[..., :3], attitude[..., 3:]
-    vector = vector.expand_as(own)
-    turned = w * own + scalar * vector + torch.linalg.cross(own, vector)
-    return torch.cat([turned, w * scalar - (own * vector).sum(-1, keepdim=True)], dim=-1)

@@ -10,7 +10,7 @@ import numpy as np
 
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject
-from bench.score.case import Hull, of_changed
+from bench.score.case import of_changed
 from bench.score.chain import flight, folder, oracle, paths, pilot, recorder
 from bench.score.chain.condition import ChainCase
 from bench.score.chain.vehicle import turbulence
@@ -74,8 +74,7 @@ def stated(case: ChainCase) -> dict[str, Any]:
 
 def changed_constants(case: ChainCase) -> dict[str, list[dict[str, float]]]:
     """See `bench.score.case.changed_constants`."""
-    true = built(case)
-    return of_changed(case, Hull(true.mass, true.thrust, true.drag, true.inertia))
+    return of_changed(case, constants(built(case)))
 
 
 def acting(case: ChainCase) -> Effects:
