@@ -77,6 +77,8 @@ class Effect(ABC):
     """What to do so that the effect shows and can be told from others, as a phrase that follows "to see it, "."""
     internal_size: ClassVar[int] = 0
     """Number of states of its own."""
+    changes_model: ClassVar[bool] = False
+    """Whether it alters what the model's constants do to a motion, as what stands before the input always does."""
     learned: ClassVar[bool] = False
     """Whether it is estimated from what the catalogue leaves, and no member of it."""
 
@@ -249,6 +251,8 @@ class ModelEffect(Effect):
 
 class InputEffect(Effect):
     """Stands between the given input and the one that acts; has a memory of its own."""
+
+    changes_model: ClassVar[bool] = True
 
     @abstractmethod
     def memory_size(self, inputs: int, dt: float) -> int:

@@ -13,7 +13,7 @@ from typing_extensions import override
 
 from registry.dynamics import ModelEffect, PhysicsModel, RateEffect, tensor
 from registry.terms.unit_algebra import product
-from registry.units import exponents
+from registry.units import bare, exponents
 
 
 class StateSpace(PhysicsModel):
@@ -155,7 +155,8 @@ class Mechanical(StateSpace):
         """Of what turns: torques in N m, inertia in kg m^2 and paths in rad, where a mass on a rail has N, kg and m."""
         turning = {"N": "N m", "kg": "kg m^2", "m": "rad"}
         turns = any(p.name == "mass" and p.unit == turning["kg"] for p in self.parameters())
-        turned = re.sub(r"\b(N|kg|m)\b", lambda of: turning[of[0]], unit) if turns else unit
+        turned = re.sub(r"\b(N|kg|m)\b", lambda of: turning[of[0]], bare(unit)) if turns else unit
+        turned = re.sub(r"/(\S+ .+)", r"/(\1)", turned)
         return super().effect_unit(turned)
 
     @abstractmethod

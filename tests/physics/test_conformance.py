@@ -12,6 +12,7 @@ from registry.effects.polynomial import Monomial
 from registry.errors import BenchError
 from registry.physics.mass_on_rail import MassOnRail
 from tests.cranes import Cranes
+from tests.servos import Servo
 
 TESTS = [name for name in dir(EffectConformance) if name.startswith("test_")]
 SINKING = (0.1, -0.2, 0.35, 1.5, -0.8, -5.0, 0.1, -0.05, 0.2, 0.97, 0.6, -0.7, 0.5)
@@ -25,6 +26,7 @@ MORE: dict[str, dict[str, Any]] = {
     "battery_sag": {"extras": ("time", "battery")},
     "battery_sag, time alone": {"extras": ("time",)},
     "bouc_wen": {"dt": 1e-3},
+    "force_limit": {"model": lambda self, *effects, **more: Servo(effects=effects, **more), "start": (0.3, -0.2)},
     "joint_damping": CRANES,
     "joint_friction": CRANES,
     "overflow": {"dt": 4.0},

@@ -15,7 +15,7 @@ from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import LogBatch, mean_rates
 from bench.diagnose.settings import LINEARISING
 from registry.core import EFFECTS
-from registry.dynamics import Effect, InputEffect, PhysicsModel
+from registry.dynamics import Effect, PhysicsModel
 
 
 @dataclass(frozen=True)
@@ -306,7 +306,7 @@ def _starts(
         low = (*[1.0] * offset, *(r[0] - e.value for r, e in zip(reach, where, strict=True)))
         high = (*[1.0] * offset, *(r[1] - e.value for r, e in zip(reach, where, strict=True)))
         instead = {}
-        if issubclass(kind, InputEffect) and offset:
+        if kind.changes_model and offset:
             instead = {j: len(columns) + k for k, j in enumerate(wide)}
             here = replace(model, effects=(*model.effects, effect))
             columns += _with_each(here, list(wide.values()), x[0], stack)

@@ -59,10 +59,10 @@ class Cogging(ForceEffect):
     @classmethod
     @override
     def grid(cls, sizes: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """`screen`; of what turns more than once, a whole number of periods a turn."""
+        """`screen`, and of what turns a whole turn; of what turns more than once, a whole number of periods a turn."""
         turn = sizes.get("turn", math.inf)
         if sizes.get("displacement", 0.0) < 2 * turn:
-            return super().grid(sizes)
+            return {"pitch": (*super().grid(sizes)["pitch"], *[turn] * math.isfinite(turn))}
         return {"pitch": tuple(turn / n for n in range(1, _PERIODS + 1))}
 
     @override
