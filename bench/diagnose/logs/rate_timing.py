@@ -30,9 +30,10 @@ def rates_in_time(subject: Subject) -> Subject:
         return subject
     logs, notes = subject.logs, list(subject.notes)
     pose = subject.model.description().turning is not None  # the pair of the attitude comes first
+    held = subject.model.input_hold == "previous" and not pose  # what damps a vehicle is slow against its sampling
     measured = [m and i not in subject.slopes for i, m in enumerate(logs[0].measured)]  # a slope is in time
     for pair in pairs(subject.model, tuple(measured)):
-        shift = 0.0 if pair.rate in subject.differences else shift_of(logs, pair)
+        shift = 0.0 if pair.rate in subject.differences else shift_of(logs, pair, held)
         if abs(shift) >= TIMING.negligible:
             places, by = (pair.channels, -shift) if pose else (pair.rates, shift)
             if pair.turns:
@@ -44,27 +45,28 @@ def rates_in_time(subject: Subject) -> Subject:
     return subject if logs is subject.logs else replace(subject, logs=logs, notes=tuple(notes))
 
 
-def shift_of(logs: Sequence[Log], pair: Pair) -> float:
+def shift_of(logs: Sequence[Log], pair: Pair, held: bool = False) -> float:
     """By how many samples later than filed the rate of a pair is to be read in all logs; 0: no shift is significant.
 
-    A clock is late by the same in all: parts of recordings that disagree make the shift uncertain.
+    A clock is late by the same in all: parts of recordings that disagree make the shift uncertain. Where inputs are
+    ``held`` over each sample a rate that bends in between looks late too, and what is left must be more than that.
     """
     each = math.ceil(TIMING.blocks / len(logs))
-    sums = np.array([part for log in logs for part in _sums(log, pair, each)]).reshape(-1, 2)
-    along, size = sums.T
+    sums = np.array([part for log in logs for part in _sums(log, pair, held, each)]).reshape(-1, 3)
+    along, bent, size = sums.T
     if len(sums) < TIMING.blocks // 2 or not size.sum():
         return 0.0
-    value = float(along.sum() / size.sum())
-    error = float(np.sqrt(((along - value * size) ** 2).sum()) / size.sum())
+    value, bend = float((along - bent).sum() / size.sum()), float(bent.sum() / size.sum())
+    error = float(np.sqrt(((along - bent - value * size) ** 2).sum()) / size.sum())
     largest = TIMING.within_window * TIMING.window * logs[0].pace
-    return value if TIMING.significant * error <= abs(value) <= largest else 0.0
+    return value if max(TIMING.significant * error, abs(bend)) <= abs(value) <= largest else 0.0
 
 
-def _sums(log: Log, pair: Pair, parts: int) -> list[tuple[float, float]]:
-    """What each part of a log says of the shift: Σ m d and Σ d².
+def _sums(log: Log, pair: Pair, held: bool, parts: int) -> list[tuple[float, float, float]]:
+    """What each part of a log says of the shift: Σ m d, Σ b d and Σ d².
 
     m is what the rate misses of the signal's changes over a window, d its own change, by which it misses less where it
-    is read a sample later: nothing is differentiated.
+    is read a sample later: nothing is differentiated. b is what it misses where it bends between two samples.
     """
     window = max(4, round(TIMING.window * log.pace))
     weights = np.hanning(window + 2)[1:-1]
@@ -81,11 +83,28 @@ def _sums(log: Log, pair: Pair, parts: int) -> list[tuple[float, float]]:
         return np.einsum("jkc,k->jc", x[at[:, :-1]], weights)
 
     missing = weighed(change(signal, pair.turns)) - weighed((rate[1:] + rate[:-1]) / 2) / log.rate
+    bent = weighed(_bent(log, pair)) if held else np.zeros_like(missing)
     moved = weighed(np.diff(rate, axis=0)) / log.rate
     return [
-        (float((moved[p] * missing[p]).sum()), float((moved[p] ** 2).sum()))
+        (float((moved[p] * missing[p]).sum()), float((moved[p] * bent[p]).sum()), float((moved[p] ** 2).sum()))
         for p in np.array_split(np.arange(len(at)), parts)
     ]
+
+
+def _bent(log: Log, pair: Pair) -> Array:
+    """What the mean of its two ends misses of the integral of a rate over each sample (N − 1, c), inputs held.
+
+    Of a smooth rate v that is −(v̇(dt) − v̇(0)) dt²/12. As long as v̇ does not jump it adds up to nothing; where inputs
+    do, it does not. How v̇ changes with rate and signal is read off the log, as of a linear system.
+    """
+    x = log.states.numpy()
+    places = [*pair.rates, *pair.channels]
+    steps, middle = np.diff(x[:, places], axis=0), (x[1:, places] + x[:-1, places]) / 2
+    acting = np.concatenate([middle, log.inputs[:-1].numpy(), np.ones((len(middle), 1))], axis=1)
+    scale = 1 / np.maximum(np.abs(acting).max(axis=0), 1e-300)
+    good = (log.valid[1:] & log.valid[:-1]).numpy()
+    gains = np.linalg.lstsq((acting * scale)[good], steps[good][:, : len(pair.rates)], rcond=None)[0] * scale[:, None]
+    return np.asarray(-steps @ gains[: len(places)] * log.dt / 12)
 
 
 def _unit(log: Log, places: Sequence[int]) -> Log:

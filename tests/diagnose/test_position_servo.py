@@ -1,0 +1,79 @@
+"""A servo follows a commanded angle with a controller of its own: its motor has a limit, and its arm weighs."""
+
+import numpy as np
+import pytest
+
+from bench.diagnose import discover
+from bench.diagnose.logs.subject import Subject, log_of
+from registry.contracts import Channel, Recording
+from registry.effects.mechanics.force_limit import ForceLimit
+from registry.units import Signal
+from tests.servos import Servo
+
+STEP, SAMPLES = 0.02, 300
+INERTIA, STIFFNESS, DAMPING = 0.004, 1.2, 0.09
+"""[kg m²], [N m/rad], [N m s/rad]"""
+LIMIT, WEIGHT = 0.4, 0.15
+"""Of the motor and of the arm [N m]."""
+
+
+def subject(limit: float = np.inf, weight: float = 0.0, model: Servo | None = None) -> Subject:
+    """Six recordings of commands in steps, the commands held."""
+    made, model, parts = [], model or Servo(input_hold="previous"), 20
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.uniform(-1.5, 1.5, SAMPLES // 15), 15)
+        q, w, out = 0.0, 0.0, np.empty((SAMPLES, 2))
+        for i in range(SAMPLES):
+            out[i] = q, w
+            for _ in range(
+                parts
+            ):  # of Störmer and Verlet: a half step of the angle, one of its rate, and the other half
+                q += STEP / parts * w / 2
+                torque = np.clip(STIFFNESS * (u[i] - q) - DAMPING * w, -limit, limit)
+                w += STEP / parts * (torque - weight * np.sin(q + 0.4)) / INERTIA
+                q += STEP / parts * w / 2
+        out += rng.normal(size=out.shape) * np.array([1e-3, 2e-2])
+        channels, valid = (Channel("command", "rad"),), np.ones(SAMPLES, bool)
+        made.append(Recording(f"run_{seed}", 1 / STEP, u[:, None], out, channels, Servo.state_channels, valid))
+    logs, names = tuple(log_of(r, model, "command") for r in made), tuple(r.name for r in made)
+    return Subject("servo", model, logs, names[:-2], names[-2:], None, {}, {}, ("angle", "angle_rate", "command"))
+
+
+def test_the_limit_of_the_motor_is_found_and_the_weight_of_the_arm() -> None:
+    answer = discover(subject(LIMIT, WEIGHT))
+    found = {f.id: [x.value for x in f.estimates] for f in answer.found}
+    assert set(found) == {"force_limit", "cogging"}
+    # Only ratios of torques and inertia are told.
+    scale = answer.model.mass / INERTIA
+    assert 1 / found["force_limit"][0] / scale == pytest.approx(LIMIT, rel=0.05)
+    a, b, turn = found["cogging"]
+    assert turn == pytest.approx(2 * np.pi, rel=0.1)
+    assert np.hypot(a, b) / scale == pytest.approx(WEIGHT, rel=0.1)
+
+
+def test_nothing_is_missing_of_a_servo_that_does_as_its_model_says() -> None:
+    assert discover(subject()).verdict == "nothing"
+
+
+@pytest.mark.parametrize("off", [(0.002, 3.0, 0.25), (0.02, 0.9, 0.15), (0.04, 1.2, 0.09)])
+def test_the_last_constant_that_is_stated_holds_the_scale(off: tuple[float, float, float]) -> None:
+    mass, stiffness, damping = off
+    model = Servo(mass=mass, stiffness=stiffness, damping=damping, input_hold="previous")
+    answer = discover(subject(model=model), catalogue=[])
+    assert answer.verdict == "nothing" and not answer.obscured
+    found = answer.model
+    assert found.stiffness / found.mass == pytest.approx(STIFFNESS / INERTIA, rel=0.03)
+    assert found.damping / found.mass == pytest.approx(DAMPING / INERTIA, rel=0.03)
+    moved = [abs(np.log(getattr(found, p.name) / p.value)) for p in model.parameters()]
+    assert min(moved) < 0.3, "all would drift, and the mass with them: a common factor changes nothing"
+
+
+def test_a_limit_is_of_what_follows_a_set_point() -> None:
+    assert ForceLimit.suits(Servo)
+    assert not ForceLimit.suits(type("Pushed", (Servo,), {"signals": {"command": Signal("N m", ("",))}}))
+    assert not ForceLimit.suits(type("Still", (Servo,), {"input_signals": ()}))
+
+
+def test_a_limit_counts_in_the_unit_of_what_turns() -> None:
+    assert Servo().effect_unit("1/N") == "1/(N m)"
