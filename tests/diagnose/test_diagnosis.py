@@ -307,8 +307,13 @@ def test_a_constant_that_calibration_held_back_is_told_where_free_runs_still_err
     near = replace(d, error=replace(d.error, extended=d.noise_floor))
     far = replace(d, error=replace(d.error, extended=d.error.nominal))
     assert constant_words.miscalibrated(near) == []
-    said = constant_words.miscalibrated(far)
-    assert said[0] == "Calibration stopped at 3 stated standard deviations of damping."
+    stopped = "Calibration stopped at 3 stated standard deviations of damping."
+    assert constant_words.miscalibrated(far)[0] == stopped
+    # The end of what is stated is no result, of the constant or of a ratio with it.
+    moved = replace(held, high=690.0)
+    ratio = replace(moved, constant="damping / mass", stopped=False)
+    ends = replace(near, evidence=replace(d.evidence, calibration=(moved, ratio)))
+    assert constant_words.miscalibrated(ends) == [stopped]
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, 9.995, 0.00099951, 99999.0, -2.5e-7, 1.234e-4, 123456.0, 0.1, -0.0314])

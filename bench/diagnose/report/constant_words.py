@@ -25,15 +25,19 @@ def miscalibrated(diagnosis: Diagnosis) -> list[str]:
 
 
 def _stopped(diagnosis: Diagnosis) -> list[str]:
-    """A sentence about constants that calibration took as far as it may, where free runs err far above the floor."""
+    """Sentences about constants that calibration took as far as it may; where free runs err far, with what to do."""
     squares = ((e.rmse, diagnosis.noise_floor[g].rmse) for g, e in diagnosis.error.extended.items())
-    constants = listed(named(c.constant) for c in diagnosis.evidence.calibration if c.stopped)
-    if not constants or all(error**2 <= DECIDING.high_excess * floor**2 for error, floor in squares):
+    far = any(error**2 > DECIDING.high_excess * floor**2 for error, floor in squares)
+    constants = listed(named(c.constant) for c in diagnosis.evidence.calibration if c.stopped and (far or c.moved))
+    if not constants:
         return []
+    advice = (
+        "What may be further off needs a larger one under [physics.uncertainty] in dataset.toml; what cannot be stands "
+        "for something else that is wrong."
+    )
     return [
         f"Calibration stopped at {CALIBRATING.within:g} stated standard deviations of {constants}.",
-        "What may be further off needs a larger one under [physics.uncertainty] in dataset.toml; what cannot be stands "
-        "for something else that is wrong.",
+        *[advice] * far,
     ]
 
 
@@ -70,10 +74,16 @@ def _plain(name: str, value: float, unit: str) -> str:
 def moved(diagnosis: Diagnosis) -> tuple[list[Calibration], list[Calibration], list[Calibration]]:
     """What calibration moved, most first by stated uncertainties: ratios, constants within such, other constants.
 
-    Recordings tell a ratio; how it is shared between its two constants follows from what is stated of each.
+    Recordings tell a ratio; how it is shared between its two constants follows from what is stated of each. The end of
+    what is stated of a constant is no result, and nor is a ratio with it.
     """
     hidden = {c.constant for c in diagnosis.evidence.obscured}
-    told = [c for c in diagnosis.evidence.calibration if not hidden & c.constants]
+    ends = {c.constant for c in diagnosis.evidence.calibration if c.stopped}
+    told = [
+        c
+        for c in diagnosis.evidence.calibration
+        if not hidden & c.constants and ends.isdisjoint(c.constant.split(" / "))
+    ]
     far = [c for c in told if c.moved and abs(c.sigma) >= TELLING.constant_moved]
     far.sort(key=lambda c: -abs(c.sigma))
     ratios, alone = ([c for c in far if (" / " in c.constant) is both] for both in (True, False))
