@@ -15,8 +15,10 @@ from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.tie import spanned
 from bench.diagnose.select.worthy import rival_that_saves, saved
 from bench.diagnose.simulate.equation_error import EquationError, Saving
+from registry.dynamics import Effect
 from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.mechanics.hysteresis import BoucWen
+from registry.effects.torque import RotationalDamping, TorqueScale
 from registry.physics.oscillator import Oscillator
 
 
@@ -206,6 +208,30 @@ def answer(
     saving = Saving(acts_on, 0.5, 0.9, 0.8, 1.0, matters=True)
     found = (SimpleNamespace(id=name, savings=(saving,)),) if name else ()
     return SimpleNamespace(equations=equations, found=found, confounders=(), traces=traces)  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("effect", "saves", "cancels"),
+    [(TorqueScale(), -0.03, True), (TorqueScale(), 0.26, False), (RotationalDamping(), -0.03, False)],
+)
+def test_what_scales_all_torques_must_save_given_the_moments_before_too(
+    effect: Effect, saves: float, cancels: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A survey craft in turbulence that its controller cancelled had lost 40 % of its yaw torque."""
+    asked: list[tuple[str, str, str]] = []
+
+    def foretold(weighing: object, less: str, model: str, group: str) -> SimpleNamespace:
+        asked.append((less, model, group))
+        return SimpleNamespace(saves=saves)
+
+    monkeypatch.setattr(worthy, "foretold", foretold)
+    view = SimpleNamespace(linear=SimpleNamespace(model=SimpleNamespace(effects=(effect,))))
+    chosen = SimpleNamespace(view=view, model="full", less=lambda place: "without")
+    groups = {"torques": "body_rates", "forces": "velocity"}
+    equations = [SimpleNamespace(name=n, group=SimpleNamespace(name=g)) for n, g in groups.items()]
+    savings = [Saving(n, 0.5, s, s - 0.2, s + 0.2, matters=True) for n, s in (("torques", 0.5), ("forces", 0.0))]
+    assert worthy._cancels(SimpleNamespace(equations=equations), chosen, 0, savings) is cancels
+    assert asked in ([], [("without", "full", "body_rates")])
 
 
 def test_a_trifle_is_told_of_the_equation_in_which_it_is_sure():

@@ -10,6 +10,7 @@ from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import effect_entries, with_values
 from bench.diagnose.select.choose import accepted
 from bench.diagnose.select.discovery import trifle
+from bench.diagnose.select.given_past import foretold
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced, settled
@@ -19,7 +20,7 @@ from bench.diagnose.select.verify import at_bound, estimates
 from bench.diagnose.settings import CHOOSING
 from bench.diagnose.simulate.equation_error import Saving
 from registry.core import EFFECTS
-from registry.dynamics import PhysicsModel
+from registry.dynamics import PhysicsModel, TorqueEffect
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,14 @@ def worth_naming(
             dropped.add(unsure[0])
             continue
         savings = {i: saved(weighing, chosen, i, chosen.model) for i in left}
-        idle = [i for i in left if i in unsure or _worse(savings[i]) or not any(s.worth for s in savings[i])]
+        idle = [
+            i
+            for i in left
+            if i in unsure
+            or _worse(savings[i])
+            or not any(s.worth for s in savings[i])
+            or _cancels(weighing, chosen, i, savings[i])
+        ]
         if not idle:
             return chosen, tuple(remarks), tuple(contradicted_effects)
         least = min(idle, key=lambda i: max((s.share for s in savings[i]), default=0.0))
@@ -104,8 +112,26 @@ def worth_naming(
             name = EFFECTS.name_of(type(view.linear.model.effects[least]))
             if _worse(savings[least]):
                 contradicted_effects.append(name)
+            elif any(s.worth for s in savings[least]):
+                remarks.append(
+                    f"What {name.replace('_', ' ')} saves is nothing once the moments before are known: inputs that "
+                    "cancel what nobody measured seem to do less than they do."
+                )
             else:
                 remarks.append(trifle(name, savings[least]))
+
+
+def _cancels(weighing: Weighing, chosen: Choice, place: int, savings: Sequence[Saving]) -> bool:
+    """Whether an effect on all torques only says that inputs cancel what nobody measured.
+
+    Below the bandwidth of a controller they seem to do less than they do. What they do is told by fast motion, *given
+    the moments before* (`select.given_past`): there such an effect saves nothing.
+    """
+    if not isinstance(chosen.view.linear.model.effects[place], TorqueEffect):
+        return False
+    worth = {s.equation for s in savings if s.worth}
+    groups = {e.group.name for e in weighing.equations if e.name in worth}
+    return all(foretold(weighing, chosen.less(place), chosen.model, g).saves <= 0 for g in groups)
 
 
 def _worse(savings: Sequence[Saving]) -> bool:
