@@ -190,8 +190,29 @@ def test_one_recording_is_cut_into_parts_and_two_are_enough(tmp_path: Path) -> N
     assert (pair.train, pair.validation, pair.test) == (("a",), (), ("b",))
 
 
+def test_two_rows_of_one_time_are_one_sample(tmp_path: Path) -> None:
+    """A stamp that came a sample late, and rows that hold a part of the signals each."""
+    late = logged(tmp_path, 100, lambda d: d.assign(t=d.t.where(d.index != 9, d.t[10])))
+    (twice, gap) = late.findings[:2]
+    assert (twice.kind, twice.count, gap.kind) == ("twice", 1, "gap")
+    assert twice.detail == "1 row has the time of the row before and other values: the later one stays"
+    whole = np.concatenate([r.outputs[:, 0] for r in late.recordings])
+    assert whole == pytest.approx(motion(np.arange(len(whole)) / 100), abs=2e-3)
+
+    def in_parts(d: pd.DataFrame) -> pd.DataFrame:
+        columns = [c for c in d if c != "t"]
+        parts = [d.assign(**{c: np.nan for c in columns if c != kept}) for kept in columns]
+        return pd.concat(parts).sort_values("t", kind="stable")
+
+    apart = logged(tmp_path, 100, in_parts)
+    assert "twice" not in {f.kind for f in apart.findings}
+    assert np.concatenate([r.outputs[:, 0] for r in apart.recordings]) == pytest.approx(
+        motion(np.arange(len(whole)) / 100)
+    )
+
+
 def test_a_clock_that_stands_or_leaps_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BenchError, match="row 12: the clock goes on by 0 s"):
-        logged(tmp_path, 200, lambda d: d.assign(t=d.t.where(d.index != 10, d.t[9])))
+    with pytest.raises(BenchError, match="row 3: the clock goes on by 0 s"):
+        logged(tmp_path, 200, lambda d: d.assign(t=np.floor(d.t / 0.02) * 0.02))
     with pytest.raises(BenchError, match="jumps by 1000 s"):
         logged(tmp_path, 200, lambda d: d.assign(t=d.t + 1000.0 * (d.index >= 10)))

@@ -27,6 +27,8 @@ DRIFT, STRETCH = 0.05, 50
 """How far the rate may vary within a file, measured over so many samples."""
 ODD = 0.1
 """Share of a file that may run at another rate than the rest, as a computer does that has just started: left out."""
+TWICE = 0.01
+"""Share of the rows that may hold other values at the time of the row before, as where a stamp came late."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +43,8 @@ class Clock:
     """(M,) [s]; ``t`` itself where the samples are taken as they are."""
     odd: tuple[tuple[float, float], ...] = ()
     """From when to when [s] its rate is another one: the times are not those of the samples."""
+    twice: int = 0
+    """Rows that held other values at the time of the row before, and were left out."""
 
     @property
     def as_it_is(self) -> bool:
@@ -115,6 +119,25 @@ def clock(file: Path, column: str, t: Array, rate: float) -> Clock:
     if np.ptp(step) <= UNIFORM * period and abs(np.median(step) - period) <= UNIFORM * period:
         return Clock(t, rate, t)
     return Clock(t, rate, t[0] + np.arange(int((t[-1] - t[0]) * rate + 1e-6) + 1) * period)
+
+
+def joined(table: Array) -> tuple[Array, int]:
+    """Rows (N, 1 + c) of times and values, those of one time made one; and how many had other values for it.
+
+    A row may hold some signals and the next one others. Of two values of one signal the later one stays; a file in
+    which that is more than seldom is left as it is: its clock is wrong.
+    """
+    same = np.flatnonzero(np.diff(table[:, 0]) == 0)
+    if not len(same):
+        return table, 0
+    first, later = table[same, 1:], table[same + 1, 1:]
+    twice = int((np.isfinite(first) & np.isfinite(later) & (first != later)).any(axis=1).sum())
+    if twice > TWICE * len(table):
+        return table, 0
+    out = table.copy()
+    for i in same:
+        out[i + 1] = np.where(np.isfinite(out[i + 1]), out[i + 1], out[i])
+    return np.delete(out, same, axis=0), twice
 
 
 def pace(t: Array) -> Pace:
@@ -251,6 +274,10 @@ def clock_findings(name: str, of: Clock, logged: Mapping[str, Array], near: Mapp
         near: (M,) by signal, samples of the grid that it had samples near to; the others are left out.
     """
     found: list[Finding] = []
+    if of.twice:
+        rows, stay = ("row has", "one stays") if of.twice == 1 else ("rows have", "ones stay")
+        detail = f"{of.twice} {rows} the time of the row before and other values: the later {stay}"
+        found.append(Finding(name, "twice", of.twice, detail))
     if len(of.t) < 3:
         return found
     own, wanted = pace(of.t), of.rate

@@ -12,7 +12,7 @@ from typing_extensions import override
 
 from registry.contracts import Channel, Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, PHYSICS, option
-from registry.datasets.folder.clock import Clock, clock, clock_findings, gridded, without_drift
+from registry.datasets.folder.clock import Clock, clock, clock_findings, gridded, joined, without_drift
 from registry.datasets.folder.conversion import attitude, in_frames, own_units
 from registry.datasets.folder.description import FILE, FolderDescription, describe
 from registry.datasets.folder.draft import draft
@@ -236,9 +236,10 @@ def read_columns(file: Path, description: FolderDescription) -> tuple[Clock, dic
     """
     names = list(dict.fromkeys(c for s in description.signals.values() for c in s.names))
     table = numbers(file, [description.time, *names], names, time=description.time, tick=description.tick)
+    table, twice = joined(table)
     if len(table) < 2:
         raise BenchError(f"{file} holds one sample: a recording has two or more; remove the file.")
-    of = clock(file, description.time, table[:, 0], description.rate)
+    of = replace(clock(file, description.time, table[:, 0], description.rate), twice=twice)
     columns = dict(zip(names, table[:, 1:].T, strict=True))
     commands = description.inputs if description.input_hold == "previous" else ()  # may be logged at any time
     measured = [s for n, s in description.signals.items() if n not in commands]
