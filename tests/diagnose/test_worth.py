@@ -1,22 +1,26 @@
 """What is worth a term on held-out recordings: where few moments tell, where signals are far from zero."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from simulated_fleet import CUBIC, DRAG, vehicle
+from test_compare import TRUE, flights, subject_of
 
 from bench.diagnose import diagnose, discover, load
 from bench.diagnose.select import materiality, worthy
 from bench.diagnose.select.discovery import Discovery, trifle
 from bench.diagnose.select.materiality import Weighing
+from bench.diagnose.select.search import Search
 from bench.diagnose.select.tie import spanned
+from bench.diagnose.select.verify import by_chance, estimates
 from bench.diagnose.select.worthy import rival_that_saves, saved
 from bench.diagnose.simulate.equation_error import EquationError, Saving
 from registry.dynamics import Effect
-from registry.effects.mechanics.friction import CoulombFriction
+from registry.effects.mechanics.friction import CoulombFriction, OffsetForce
 from registry.effects.mechanics.hysteresis import BoucWen
 from registry.effects.torque import RotationalDamping, TorqueScale
 from registry.physics.oscillator import Oscillator
@@ -232,6 +236,26 @@ def test_what_scales_all_torques_must_save_given_the_moments_before_too(
     savings = [Saving(n, 0.5, s, s - 0.2, s + 0.2, matters=True) for n, s in (("torques", 0.5), ("forces", 0.0))]
     assert worthy._cancels(SimpleNamespace(equations=equations), chosen, 0, savings) is cancels
     assert asked in ([], [("without", "full", "body_rates")])
+
+
+@pytest.mark.parametrize(
+    ("forces", "chance"),
+    [
+        ((0.26, 0.53, 1.42, 0.20), True),  # 2.2 standard errors, where white noise alone would have a tenth of them
+        ((1.26, 1.53, 2.42, 1.20), False),
+        ((0.6, 0.6, 0.6, 0.6), False),
+    ],
+)
+def test_what_recordings_disagree_about_is_as_sure_as_their_mean(forces: tuple[float, ...], chance: bool) -> None:
+    states, pushed = flights(count=4)
+    seen = states + np.random.default_rng(1).normal(size=states.shape) * [1e-4, 1e-3]
+    subject = subject_of(TRUE, seen, pushed - np.array(forces)[:, None, None])
+    search = Search(subject, ["offset_force"], lambda what: None)
+    view = search.views(search.own(replace(TRUE, effects=(OffsetForce(0.5),))))[-1]
+    fit = view.subsets.fit()
+    (found,) = (x for x in estimates(view, fit) if not x.entry.constant)
+    assert found.value == pytest.approx(np.mean(forces), rel=0.05) and found.low > 0
+    assert by_chance(view, fit, 0) is chance
 
 
 def test_a_trifle_is_told_of_the_equation_in_which_it_is_sure():

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import chdtri, stdtrit
 
 from bench.diagnose.regression.generic import Folds, follow
 from bench.diagnose.regression.least_squares import ridge
@@ -65,6 +65,35 @@ def estimates(view: View, fit: Fit) -> list[Estimate]:
         value = float(np.clip(e.value + b, e.low, e.high))
         out.append(Estimate(e, value, *e.interval(value, reach * s)))
     return out
+
+
+def by_chance(view: View, fit: Fit, place: int) -> bool:
+    """Whether recordings disagree about the effect in this place, and are sure of none of its numbers all the same.
+
+    An estimator levels anew in every flight, and gusts have a mean: such numbers are known as well as their mean over
+    the recordings is (Student's t). Each recording tells a number with all others held; that they disagree is told by
+    Cochran's Q (W. G. Cochran, Biometrics 10, 1954).
+    """
+    own, normal = view.linear.own, view.subsets.normal
+    numbers = [i for i, e in enumerate(own) if e.owner == place and i in fit.columns]
+    blocks, variance = normal.products(numbers, fit.columns, fit.beta), np.diag(view.subsets.covariance(fit))
+    grams = np.stack([blocks[normal.fold == f].sum(0) for f in np.unique(normal.fold)])
+    disagree = False
+    for k, i in enumerate(numbers):
+        told, count = grams[:, k, k], int((grams[:, k, k] > 0).sum())
+        at = fit.columns.index(i)
+        if count < 2 or not variance[at] > 0:
+            return False
+        weight = told / told.sum()
+        values = own[i].value - own[i].neutral + fit.beta[at] + grams[:, k, -1] / np.where(told > 0, told, np.inf)
+        mean = float(weight @ values)
+        apart = float(weight @ (values - mean) ** 2 / variance[at]) > chdtri(count - 1, VERIFYING.disagree)
+        disagree |= bool(apart)
+        squared = float(weight**2 @ (values - mean) ** 2) * count / (count - 1) if apart else variance[at]
+        reach = stdtrit(count - 1 if apart else len(normal.fold) - 1, 0.95)  # held-out recordings confirm it beside
+        if abs(mean) > reach * squared**0.5:
+            return False
+    return disagree
 
 
 def ratios(view: View, fit: Fit) -> list[Ratio]:

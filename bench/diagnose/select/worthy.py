@@ -16,7 +16,7 @@ from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced, settled
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.tie import rivals
-from bench.diagnose.select.verify import at_bound, estimates
+from bench.diagnose.select.verify import at_bound, by_chance, estimates
 from bench.diagnose.settings import CHOOSING
 from bench.diagnose.simulate.equation_error import Saving
 from registry.core import EFFECTS
@@ -102,6 +102,7 @@ def worth_naming(
             if i in unsure
             or _worse(savings[i])
             or not any(s.worth for s in savings[i])
+            or by_chance(view, chosen.fit, i)
             or _cancels(weighing, chosen, i, savings[i])
         ]
         if not idle:
@@ -112,6 +113,11 @@ def worth_naming(
             name = EFFECTS.name_of(type(view.linear.model.effects[least]))
             if _worse(savings[least]):
                 contradicted_effects.append(name)
+            elif by_chance(view, chosen.fit, least):
+                remarks.append(
+                    f"A trace of {name.replace('_', ' ')} shows; recordings disagree about it, and nothing of it is "
+                    "sure of all of them."
+                )
             elif any(s.worth for s in savings[least]):
                 remarks.append(
                     f"What {name.replace('_', ' ')} saves is nothing once the moments before are known: inputs that "

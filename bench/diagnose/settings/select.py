@@ -188,6 +188,9 @@ class Verifying:
         "share of all that is explained by which free terms must do better before an effect counts as their imitation",
         Basis.JUDGED,
     )
+    disagree: float = threshold(
+        0.01, "probability that recordings which share a number seem to disagree about it", Basis.CONVENTION
+    )
     own_share: float = threshold(
         0.3, "share of its gain that an effect must keep beside such terms, or it is their imitation", Basis.JUDGED
     )

@@ -275,8 +275,8 @@ def clock_findings(name: str, of: Clock, logged: Mapping[str, Array], near: Mapp
     """
     found: list[Finding] = []
     if of.twice:
-        rows, stay = ("row has", "one stays") if of.twice == 1 else ("rows have", "ones stay")
-        detail = f"{of.twice} {rows} the time of the row before and other values: the later {stay}"
+        have, stay = ("row has", "one stays") if of.twice == 1 else ("rows have", "ones stay")
+        detail = f"{of.twice} {have} the time of the row before and other values: the later {stay}"
         found.append(Finding(name, "twice", of.twice, detail))
     if len(of.t) < 3:
         return found
