@@ -82,8 +82,8 @@ def by_chance(view: View, fit: Fit, place: int) -> bool:
     for k, i in enumerate(numbers):
         told, count = grams[:, k, k], int((grams[:, k, k] > 0).sum())
         at = fit.columns.index(i)
-        if count < 2 or not variance[at] > 0:
-            return False
+        if count < 3 or not variance[at] > 0:
+            return False  # two tell too little of how they differ
         weight = told / told.sum()
         values = own[i].value - own[i].neutral + fit.beta[at] + grams[:, k, -1] / np.where(told > 0, told, np.inf)
         mean = float(weight @ values)
