@@ -18,7 +18,7 @@ LIMIT, WEIGHT = 0.4, 0.15
 
 
 def subject(limit: float = np.inf, weight: float = 0.0, model: Servo | None = None) -> Subject:
-    """Six recordings of commands in steps, the commands held."""
+    """Six recordings of commands in steps, by Störmer and Verlet: half a step of the angle, one of its rate, half."""
     made, model, parts = [], model or Servo(input_hold="previous"), 20
     for seed in range(6):
         rng = np.random.default_rng(seed)
@@ -26,9 +26,7 @@ def subject(limit: float = np.inf, weight: float = 0.0, model: Servo | None = No
         q, w, out = 0.0, 0.0, np.empty((SAMPLES, 2))
         for i in range(SAMPLES):
             out[i] = q, w
-            for _ in range(
-                parts
-            ):  # of Störmer and Verlet: a half step of the angle, one of its rate, and the other half
+            for _ in range(parts):
                 q += STEP / parts * w / 2
                 torque = np.clip(STIFFNESS * (u[i] - q) - DAMPING * w, -limit, limit)
                 w += STEP / parts * (torque - weight * np.sin(q + 0.4)) / INERTIA
