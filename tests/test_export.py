@@ -29,6 +29,7 @@ from registry.equations.trace import traced
 from registry.errors import BenchError
 from registry.physics.quadrotor import Quadrotor
 from tests.cranes import Cranes
+from tests.servos import Servo
 
 DT, STEPS, BATCH = 0.01, 12, 3
 STIFF = {"bouc_wen": 1e-4}
@@ -51,7 +52,11 @@ def every() -> dict[str, Callable[[], PhysicsModel]]:
     """Every system alone, and every effect of the catalogue in the first system that it suits, a few at a time."""
     found: dict[str, Callable[[], PhysicsModel]] = {}
     left = [n for n in EFFECTS.names() if not EFFECTS.get(n).learned]
-    for system, kind in [*((name, PHYSICS.get(name)) for name in PHYSICS.names()), ("cranes", Cranes)]:
+    for system, kind in [
+        *((name, PHYSICS.get(name)) for name in PHYSICS.names()),
+        ("cranes", Cranes),
+        ("servo", Servo),
+    ]:
         found[system] = kind
         own = [n for n in left if EFFECTS.get(n).suits(kind)]
         left = [n for n in left if n not in own]

@@ -54,19 +54,6 @@ def test_nothing_is_missing_of_a_servo_that_does_as_its_model_says() -> None:
     assert discover(subject()).verdict == "nothing"
 
 
-@pytest.mark.parametrize("off", [(0.002, 3.0, 0.25), (0.02, 0.9, 0.15), (0.04, 1.2, 0.09)])
-def test_the_last_constant_that_is_stated_holds_the_scale(off: tuple[float, float, float]) -> None:
-    mass, stiffness, damping = off
-    model = Servo(mass=mass, stiffness=stiffness, damping=damping, input_hold="previous")
-    answer = discover(subject(model=model), catalogue=[])
-    assert answer.verdict == "nothing" and not answer.obscured
-    found = answer.model
-    assert found.stiffness / found.mass == pytest.approx(STIFFNESS / INERTIA, rel=0.03)
-    assert found.damping / found.mass == pytest.approx(DAMPING / INERTIA, rel=0.03)
-    moved = [abs(np.log(getattr(found, p.name) / p.value)) for p in model.parameters()]
-    assert min(moved) < 0.3, "all would drift, and the mass with them: a common factor changes nothing"
-
-
 def test_a_limit_is_of_what_follows_a_set_point() -> None:
     assert ForceLimit.suits(Servo)
     assert not ForceLimit.suits(type("Pushed", (Servo,), {"signals": {"command": Signal("N m", ("",))}}))

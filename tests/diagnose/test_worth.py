@@ -186,6 +186,15 @@ def test_an_answer_that_saves_what_matters_is_believed_where_nothing_is_worse_bu
     assert not Discovery.clearer(uneven, first)
 
 
+@pytest.mark.parametrize(("number", "believed"), [((0.95, 0.7, 1.2), False), ((0.8, 0.6, 1.0), True)])
+def test_an_answer_that_knows_the_same_less_well_is_not_taken(
+    number: tuple[float, float, float], believed: bool
+) -> None:
+    """EMPS with a speed of twice the window: viscous friction 188 (152 to 225) in place of 204 (182 to 226)."""
+    first, long = answer("effect", 1.0, 1.0), answer("effect", 0.7, 0.7, number=number)
+    assert Discovery.clearer(long, first) is believed
+
+
 def answer(
     name: str,
     *errors: float,
@@ -194,6 +203,7 @@ def answer(
     predictable: float = 0.8,
     one: float = 1.0,
     acts_on: str = "torques",
+    number: tuple[float, float, float] = (1.0, 0.9, 1.1),
 ) -> Discovery:
     """Held-out errors of a model with an effect of this name, or none; of ``one`` recording so many times as large."""
     equations = tuple(
@@ -210,7 +220,8 @@ def answer(
         for e, floor in zip(errors, floors, strict=True)
     )
     saving = Saving(acts_on, 0.5, 0.9, 0.8, 1.0, matters=True)
-    found = (SimpleNamespace(id=name, savings=(saving,)),) if name else ()
+    told = SimpleNamespace(entry=SimpleNamespace(label="k"), **dict(zip(("value", "low", "high"), number, strict=True)))
+    found = (SimpleNamespace(id=name, savings=(saving,), estimates=(told,)),) if name else ()
     return SimpleNamespace(equations=equations, found=found, confounders=(), traces=traces)  # type: ignore[return-value]
 
 

@@ -118,7 +118,7 @@ class Discovery(Displayed):
         It saves an equation that the other one loses, and loses none, for what nobody understands errs a little more or
         less in any answer; or it names what the other one chose and then took for an imitation, every equation is
         better and none is lost; or the other one leaves nothing that asks for an explanation, this one saves what
-        matters where its effects act, and nothing is worse. Whitened rows are mostly what a controller answers where
+        matters where its effects act, nothing is worse, and it says something else. Whitened rows are mostly what a controller answers where
         that works against something light: its inertia grows, and what resists looks small.
         """
         pairs = list(zip(self.equations, other.equations, strict=True))
@@ -130,7 +130,7 @@ class Discovery(Displayed):
         acts = {s.equation for f in self.found for s in f.savings if s.worth}
         better = any(mine.better(its) for mine, its in pairs if mine.equation in acts)
         if settled and better and not any(mine.worse(its) for mine, its in pairs):
-            return True
+            return not _agree(self, other)
         saved = 1 / MATTERING.lost
         return min(ratios) < saved and math.prod(ratios) < saved and max(ratios) < MATTERING.lost
 
@@ -155,6 +155,14 @@ class Discovery(Displayed):
         limits = [[100 * getattr(s, end) for _, s in rows] for end in ("low", "high")]
         draw_bars(axes, [name for name, _ in rows], shares, "share of what can be explained [%]", limits)
         return axes
+
+
+def _agree(one: Discovery, other: Discovery) -> bool:
+    """Whether both name the same, with every number within the interval that the other one has of it."""
+    a, b = ({(f.id, x.entry.label): x for f in d.found for x in f.estimates} for d in (one, other))
+    return a.keys() == b.keys() and all(
+        a[k].low <= b[k].value <= a[k].high and b[k].low <= a[k].value <= b[k].high for k in a
+    )
 
 
 def trifle(name: str, savings: Sequence[Saving]) -> str:

@@ -6,16 +6,12 @@ place, and what is right in the other equation is lost. Such a constant is known
 """
 
 import math
-from collections.abc import Sequence
-
-import numpy as np
 
 from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.least_squares import equilibrium
 from bench.diagnose.select.search import View
 from bench.diagnose.select.subset import Fit
-from bench.diagnose.settings import CALIBRATING, LINEARISING, RELEASING
+from bench.diagnose.settings import CALIBRATING, LINEARISING
 
 
 def contradicted(view: View, fit: Fit) -> str | None:
@@ -27,29 +23,14 @@ def contradicted(view: View, fit: Fit) -> str | None:
     """
     spread = {i: e.scale / abs(e.stated) for i, e in enumerate(view.linear.own) if e.constant}
     rough = {view.linear.own[i].name for i, s in spread.items() if LINEARISING.wide * (1 + 1e-9) < s < CALIBRATING.free}
-    loose = [i for i, e in enumerate(view.linear.own) if not e.constant or spread[i] >= CALIBRATING.free]
     best, most = None, 0.0
     for name in sorted(rough):
         places = [i for i in spread if view.linear.own[i].name == name]
-        if _holds_scale(view, places, loose):
-            continue
         free = view.subsets.freed(places, CALIBRATING.free).fit(fit.starts, drop=fit.dropped)
         gained = fit.loss - free.loss - sum(2 * math.log(CALIBRATING.free / spread[i]) for i in places)
         if gained > most:
             best, most = name, gained
     return best
-
-
-def _holds_scale(view: View, places: Sequence[int], loose: Sequence[int]) -> bool:
-    """Whether a common factor of these constants and of the ``loose`` numbers changes nothing, such as that of a mass
-    and of all forces on it: recordings tell ratios of them, and the last one that is stated says how large they are.
-    """
-    among = [*places, *loose]
-    gram = view.subsets.normal.total[np.ix_(among, among)]
-    factor = equilibrium(np.diag(gram))
-    values, vectors = np.linalg.eigh(gram * np.outer(factor, factor))
-    flat = vectors[: len(places), values < RELEASING.flat * values[-1]]
-    return bool((flat**2).sum() > RELEASING.flat)
 
 
 def obscured(view: View, fit: Fit, subject: Subject) -> tuple[ObscuredConstant, ...]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.parameters import Entry, entries
+from bench.diagnose.regression.parameters import entries
 from bench.diagnose.select.choose import updated
 from bench.diagnose.select.discovery import supported
 from bench.diagnose.select.search import Search, View
@@ -128,12 +128,9 @@ def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tu
 def close(before: PhysicsModel, after: PhysicsModel, subject: Subject) -> bool:
     """Whether a step moved every number by little against its scale."""
     pairs = zip(entries(before, subject.uncertainty), entries(after, subject.uncertainty), strict=True)
-
-    def little(e: Entry) -> float:
-        relative = 0.05 * abs(e.value)
-        return (min(0.3 * e.scale, 2 * relative) if e.constant else relative) + 1e-12
-
-    return all(abs(a.value - b.value) <= little(b) for a, b in pairs)
+    return all(
+        abs(a.value - b.value) <= (0.3 * b.scale if b.constant else 0.05 * abs(b.value)) + 1e-12 for a, b in pairs
+    )
 
 
 def without(model: PhysicsModel, dropped: Sequence[int]) -> PhysicsModel:
