@@ -118,8 +118,8 @@ class Discovery(Displayed):
         It saves an equation that the other one loses, and loses none, for what nobody understands errs a little more or
         less in any answer; or it names what the other one chose and then took for an imitation, every equation is
         better and none is lost; or the other one leaves nothing that asks for an explanation, this one saves what
-        matters where its effects act, nothing is worse, and it says something else. Whitened rows are mostly what a controller answers where
-        that works against something light: its inertia grows, and what resists looks small.
+        matters where its effects act, nothing is worse, and it says something else. Whitened rows are mostly what a
+        controller answers where that works against something light: its inertia grows, and what resists looks small.
         """
         pairs = list(zip(self.equations, other.equations, strict=True))
         ratios = [mine.models["extended"] / max(its.models["extended"], 1e-300) for mine, its in pairs]
