@@ -11,7 +11,7 @@ from typing_extensions import override
 from registry.core import EFFECTS, option
 from registry.dynamics import RateEffect, constant, tensor
 from registry.effects.actuation import DriveEffect, InputDelay
-from registry.effects.mechanics.friction import scaled
+from registry.effects.mechanics.friction import limited, scaled
 
 LONGEST_LINE = 60.0
 """Upper bound of a transport delay [s]."""
@@ -115,7 +115,7 @@ class Saturation(StaticInputEffect):
 
     @override
     def characteristic(self, drive: Tensor) -> Tensor:
-        return drive / (drive.abs() * scaled(self.inverse, drive).unsqueeze(-1)).clamp(min=1)
+        return limited(drive, scaled(self.inverse, drive).unsqueeze(-1))
 
 
 @EFFECTS.register("curved_drive")

@@ -155,9 +155,10 @@ class Mechanical(StateSpace):
         """Of what turns: torques in N m, inertia in kg m^2 and paths in rad, where a mass on a rail has N, kg and m."""
         turning = {"N": "N m", "kg": "kg m^2", "m": "rad"}
         turns = any(p.name == "mass" and p.unit == turning["kg"] for p in self.parameters())
-        turned = re.sub(r"\b(N|kg|m)\b", lambda of: turning[of[0]], bare(unit)) if turns else unit
-        turned = re.sub(r"/(\S+ .+)", r"/(\1)", turned)
-        return super().effect_unit(turned)
+        if turns:
+            unit = re.sub(r"\b(N|kg|m)\b", lambda of: turning[of[0]], bare(unit))
+            unit = re.sub(r"/(\S+ .+)", r"/(\1)", unit)
+        return super().effect_unit(unit)
 
     @abstractmethod
     def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:

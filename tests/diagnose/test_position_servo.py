@@ -7,6 +7,7 @@ from bench.diagnose import discover
 from bench.diagnose.logs.subject import Subject, log_of
 from registry.contracts import Channel, Recording
 from registry.effects.mechanics.force_limit import ForceLimit
+from registry.physics.oscillator import Oscillator
 from registry.units import Signal
 from tests.servos import Servo
 
@@ -61,4 +62,5 @@ def test_a_limit_is_of_what_follows_a_set_point() -> None:
 
 
 def test_a_limit_counts_in_the_unit_of_what_turns() -> None:
-    assert Servo().effect_unit("1/N") == "1/(N m)"
+    assert Servo().effect_unit("1/N") == "1/(N m)" and Servo().effect_unit("1/(N s)") == "1/(N m s)"
+    assert Oscillator().effect_unit("1/(N s)") == "1/(N s)"

@@ -96,13 +96,14 @@ def worth_naming(
             dropped.add(unsure[0])
             continue
         savings = {i: saved(weighing, chosen, i, chosen.model) for i in left}
+        chance = {i for i in left if by_chance(view, chosen.fit, i)}
         idle = [
             i
             for i in left
             if i in unsure
             or _worse(savings[i])
             or not any(s.worth for s in savings[i])
-            or by_chance(view, chosen.fit, i)
+            or i in chance
             or _cancels(weighing, chosen, i, savings[i])
         ]
         if not idle:
@@ -113,18 +114,21 @@ def worth_naming(
             name = EFFECTS.name_of(type(view.linear.model.effects[least]))
             if _worse(savings[least]):
                 contradicted_effects.append(name)
-            elif by_chance(view, chosen.fit, least):
-                remarks.append(
-                    f"A trace of {name.replace('_', ' ')} shows; recordings disagree about it, and nothing of it is "
-                    "sure of all of them."
-                )
-            elif any(s.worth for s in savings[least]):
-                remarks.append(
-                    f"What {name.replace('_', ' ')} saves is nothing once the moments before are known: inputs that "
-                    "cancel what nobody measured seem to do less than they do."
-                )
             else:
-                remarks.append(trifle(name, savings[least]))
+                remarks.append(_doubted(name, savings[least], least in chance))
+
+
+def _doubted(name: str, savings: Sequence[Saving], chance: bool) -> str:
+    """A remark on an effect that is not named: its recordings disagree, its inputs cancel something, or a trifle."""
+    effect = name.replace("_", " ")
+    if chance:
+        return f"A trace of {effect} shows; recordings disagree about it, and nothing of it is sure of all of them."
+    if any(s.worth for s in savings):
+        return (
+            f"What {effect} saves is nothing once the moments before are known: inputs that cancel what nobody "
+            "measured seem to do less than they do."
+        )
+    return trifle(name, savings)
 
 
 def _cancels(weighing: Weighing, chosen: Choice, place: int, savings: Sequence[Saving]) -> bool:

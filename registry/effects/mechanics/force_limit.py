@@ -8,7 +8,7 @@ from typing_extensions import override
 
 from registry.core import EFFECTS
 from registry.dynamics import RateEffect, constant
-from registry.effects.mechanics.friction import scaled
+from registry.effects.mechanics.friction import limited, scaled
 
 
 @EFFECTS.register("force_limit")
@@ -35,6 +35,5 @@ class ForceLimit(RateEffect):
     def rate(self, model: Any, state: Tensor, inputs: Tensor) -> Tensor:
         """What is missing of the force beyond the limit, as an addition to dx/dt (…, 2n); see `RateEffect.rate`."""
         force = model.own_force(state, inputs)
-        limited = force / (force.abs() * scaled(self.inverse, force)).clamp(min=1)
-        added: Tensor = model.push(limited - force)
+        added: Tensor = model.push(limited(force, scaled(self.inverse, force)) - force)
         return added

@@ -35,6 +35,11 @@ def scaled(parameter: Any, like: Tensor) -> Tensor:
     return tensor(parameter, like).unsqueeze(-1)
 
 
+def limited(x: Tensor, inverse: Tensor) -> Tensor:
+    """``x``, no further from zero than one over ``inverse`` says."""
+    return x / (x.abs() * inverse).clamp(min=1)
+
+
 class ForceEffect(RateEffect):
     """Adds a force along the path of a mechanical system."""
 
