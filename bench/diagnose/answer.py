@@ -145,25 +145,25 @@ def _ranking(found: Discovery) -> tuple[tuple[Candidate, ...], ...]:
 
 
 def _calibration(subject: Subject, found: Discovery) -> tuple[Calibration, ...]:
-    given = {e.label: e.value for e in entries(subject.model, subject.uncertainty)}
+    known = subject.uncertainty if found.stated is None else dict(found.stated)
+    given = {e.label: e for e in entries(subject.model, known)}
     out = []
     for x in found.constants:
-        e, nominal = x.entry, given[x.entry.label]
+        e, nominal = x.entry, given[x.entry.label].value
         moved = Calibration(
             constant=e.label,
             nominal=nominal,
             calibrated=x.value,
             unit=e.unit,
-            sigma=(x.value - nominal) / e.scale,
+            sigma=(x.value - nominal) / given[e.label].scale,
             low=x.low,
             high=x.high,
             stopped=any(math.isclose(x.value, end, rel_tol=1e-6) for end in (e.low, e.high)),
         )
         out.append(moved)
     for r in found.ratios:
-        a, b = r.over, r.under
-        nominal = given[a.label] / given[b.label]
-        stated = math.hypot(a.scale / given[a.label], b.scale / given[b.label])
+        a, b = given[r.over.label], given[r.under.label]
+        nominal, stated = a.value / b.value, math.hypot(a.scale / a.value, b.scale / b.value)
         moved = Calibration(
             constant=f"{a.label} / {b.label}",
             nominal=nominal,

@@ -13,7 +13,7 @@ from bench.diagnose.select.choose import compared, select_across_views
 from bench.diagnose.select.discovery import Discovery, Found, faint_traces, needs_first
 from bench.diagnose.select.given_past import idle, revealed
 from bench.diagnose.select.materiality import Weighing
-from bench.diagnose.select.release import contradicted
+from bench.diagnose.select.release import contradicted, equations_of_freed
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.simulated import by_simulation
 from bench.diagnose.select.step import advanced, next_step, settled, without
@@ -114,19 +114,19 @@ def _balanced(
     such recordings, and beside that nothing is missing. With the inertia as stated, what the torque works against is
     nearly all there is to see.
     """
-    hidden = {c.constant: c.equation for c in first.obscured}
-    if not hidden or not subject.held_out:
+    free = first.let_go
+    if not free or not subject.held_out:
         return first
     weighing = Weighing(subject, noise, first.calibrated)
-    alone = {e.name for e in weighing.equations} <= set(hidden.values())
-    if not alone or not idle(weighing, first.model, hidden.values()):
+    alone = {e.name for e in weighing.equations} <= set(free.values())
+    if not alone or not idle(weighing, first.calibrated, free.values()):
         return first
-    again = _discovered(Search(subject, catalogue, tick, noise, memory=0, as_stated=hidden), noise)
+    again = _discovered(Search(subject, catalogue, tick, noise, memory=0, as_stated=free), noise)
     explained = {s.equation for f in again.found for s in f.savings if s.worth}
     lost = {e.equation for e in again.equations if e.lost}
-    if not explained - lost >= set(hidden.values()):
+    if not explained - lost >= set(free.values()):
         return first
-    names = " and ".join(name.replace("_", " ") for name in hidden)
+    names = " and ".join(name.replace("_", " ") for name in free)
     note = (
         f"The {names} was held near what was stated: left free it would go where the inputs do nothing, and that would "
         "forecast these recordings without what the inputs work against."
@@ -178,9 +178,11 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         remarks=remarks,
         contradicted_effects=contradicted_effects,
         uncertainty=subject.uncertainty,
+        stated=stated.uncertainty,
         memory=search.memory,
         long_windows=search.long_windows,
         obscured=hidden_constants,
+        let_go=equations_of_freed(view, subject),
     )
 
 

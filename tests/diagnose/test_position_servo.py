@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from bench.diagnose import discover
+from bench.diagnose import diagnose, discover
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.report.sentences import explanation
 from registry.contracts import Channel, Recording
 from registry.effects.mechanics.force_limit import ForceLimit
 from registry.physics.oscillator import Oscillator
@@ -53,6 +54,29 @@ def test_the_limit_of_the_motor_is_found_and_the_weight_of_the_arm() -> None:
 
 def test_nothing_is_missing_of_a_servo_that_does_as_its_model_says() -> None:
     assert discover(subject()).verdict == "nothing"
+
+
+@pytest.mark.parametrize("stated", [(0.002, 3.0, 0.25), (0.02, 0.9, 0.15), (0.04, 1.2, 0.09), (0.00015, 1.2, 0.09)])
+def test_the_last_constant_that_is_stated_holds_the_scale(stated: tuple[float, float, float]) -> None:
+    """Of constants that are up to 27 times off the ratios are told; a common factor changes nothing, and stays."""
+    mass, stiffness, damping = stated
+    model = Servo(mass=mass, stiffness=stiffness, damping=damping, input_hold="previous")
+    answer = discover(subject(model=model), catalogue=[])
+    assert answer.verdict == "nothing" and not answer.obscured
+    found = answer.model
+    assert found.stiffness / found.mass == pytest.approx(STIFFNESS / INERTIA, rel=0.03)
+    assert found.damping / found.mass == pytest.approx(DAMPING / INERTIA, rel=0.03)
+    moved = [abs(np.log(getattr(found, p.name) / p.value)) for p in model.parameters()]
+    assert min(moved) < 0.3
+
+
+def test_how_far_off_a_constant_was_is_told_by_what_was_stated_of_it_though_it_was_let_go() -> None:
+    model = Servo(mass=0.00015, stiffness=1.2, damping=0.09, input_hold="previous")
+    said, _ = diagnose(subject(model=model), brief=True)
+    (mass,) = (c for c in said.evidence.calibration if c.constant == "mass")
+    assert mass.calibrated == pytest.approx(INERTIA, rel=0.1)
+    assert mass.sigma == pytest.approx((mass.calibrated / mass.nominal - 1) / 0.3)
+    assert "mass to 2" in explanation(said) and "not to be believed" not in explanation(said)
 
 
 def test_a_limit_is_of_what_follows_a_set_point() -> None:

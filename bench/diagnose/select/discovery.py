@@ -90,12 +90,16 @@ class Discovery(Displayed):
     """Effects that the training recordings are sure of and held-out ones contradict; not named."""
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     """Relative 1σ of constants as stated, and of those that were let go; see `select.release`."""
+    stated: Mapping[str, float] | None = None
+    """The same before any was let go; None: none was."""
     memory: int | None = None
     """Order of the autoregression that whitened the rows; see `select.search`."""
     long_windows: bool = False
     """Whether the rows are as long as a free run."""
     obscured: tuple[ObscuredConstant, ...] = ()
     """Constants of which these recordings say nothing that could be believed."""
+    let_go: Mapping[str, str] = field(default_factory=dict)
+    """The constants that were let go, each with the equation that it acts in most."""
 
     @property
     def verdict(self) -> str:

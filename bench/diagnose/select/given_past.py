@@ -39,7 +39,9 @@ def revealed(
     subject: Subject,
     weighing: Weighing | None,
 ) -> tuple[ObscuredConstant, ...]:
-    """Constants that a fit takes where they cannot be, with what is told of them beside a slow disturbance.
+    """Constants that a fit takes far off where inputs do nothing, and what they are beside a slow disturbance.
+
+    Where inputs do something, what was stated is wrong.
 
     Args:
         search: of the training recordings.
@@ -49,7 +51,8 @@ def revealed(
         subject: with what was known of the constants before any was let go.
         weighing: held-out recordings; None: there are none, and nothing is confirmed.
     """
-    found = obscured(view, fit, search.subject)
+    far = obscured(view, fit, search.subject)
+    found = [c for c in far if weighing is None or idle(weighing, other, [c.equation])]
     out = []
     for group in dict.fromkeys(c.group for c in found):
         these = [c for c in found if c.group == group]

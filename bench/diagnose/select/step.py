@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.parameters import Entry, entries
 from bench.diagnose.select.choose import updated
 from bench.diagnose.select.discovery import supported
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.verify import neighbours
-from bench.diagnose.settings import CHOOSING, STEPPING, VERIFYING
+from bench.diagnose.settings import CALIBRATING, CHOOSING, STEPPING, VERIFYING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
 
@@ -126,11 +126,14 @@ def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tu
 
 
 def close(before: PhysicsModel, after: PhysicsModel, subject: Subject) -> bool:
-    """Whether a step moved every number by little against its scale."""
+    """Whether a step moved every number by little: a constant against what is known of it, others by themselves."""
     pairs = zip(entries(before, subject.uncertainty), entries(after, subject.uncertainty), strict=True)
-    return all(
-        abs(a.value - b.value) <= (0.3 * b.scale if b.constant else 0.05 * abs(b.value)) + 1e-12 for a, b in pairs
-    )
+    return all(abs(a.value - b.value) <= 1e-12 + _little(b) for a, b in pairs)
+
+
+def _little(e: Entry) -> float:
+    known = e.constant and e.scale < CALIBRATING.free * abs(e.stated) * (1 - 1e-9)
+    return 0.3 * e.scale if known else 0.05 * abs(e.value)
 
 
 def without(model: PhysicsModel, dropped: Sequence[int]) -> PhysicsModel:

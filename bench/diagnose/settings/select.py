@@ -50,6 +50,12 @@ class Releasing:
         Basis.EFFORT,
         "count",
     )
+    flat: float = threshold(
+        1e-4,
+        "eigenvalue of normal equations of normalised columns, over the largest, below which a direction is flat; "
+        "one-sided differences leave up to 2e-5 of an exact one",
+        Basis.ROUNDING,
+    )
     remembered: int = threshold(4_000, "hops over which an autoregression's answer is summed", Basis.EFFORT, "hops")
 
 
