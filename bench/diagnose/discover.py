@@ -158,7 +158,7 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         chosen, *_ = worth_naming(search, view, weighing)
         named = [i for i in range(len(subject.model.effects), len(_names(view))) if i not in chosen.dropped]
     found = _found(weighing, chosen, named, worthy.model, sure=not confounders)
-    errors = () if weighing is None else weighing.errors(chosen.model)
+    errors, along = ((), ()) if weighing is None else (weighing.errors(chosen.model, axes) for axes in (False, True))
     traces, total = left_over(view, chosen.dropped)
     unknown = total > VERIFYING.left * view.floor
     if unknown and errors and not contradicted_effects and not any(e.unexplained >= MATTERING.share for e in errors):
@@ -175,6 +175,7 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         faint=tuple(t for t in traces if t.gain > DISCOVERING.faint_trace),
         notes=(*subject.notes, *search.notes),
         equations=errors,
+        along_axes=along,
         remarks=remarks,
         contradicted_effects=contradicted_effects,
         uncertainty=subject.uncertainty,

@@ -186,6 +186,20 @@ def test_an_answer_that_saves_what_matters_is_believed_where_nothing_is_worse_bu
     assert not Discovery.clearer(uneven, first)
 
 
+@pytest.mark.parametrize(("speaks", "along", "believed"), [("z", 0.9, True), ("z", 0.97, False), ("x", 0.9, False)])
+def test_an_answer_that_saves_what_matters_along_one_axis_is_believed(
+    speaks: str, along: float, believed: bool
+) -> None:
+    """Ground effect of a nano near the ground: .90 of what z had erred, and .96 of all three axes."""
+    first, more = answer("", 1.0, 1.0), answer("effect", 0.96, 0.99, axis=speaks)
+    axes = [
+        (replace(a.equations[0], axis="z", models={"extended": e}, by_recording=(e, e)),)
+        for a, e in ((first, 1.0), (more, along))
+    ]
+    first.along_axes, more.along_axes = axes  # type: ignore[misc]
+    assert Discovery.clearer(more, first) is believed
+
+
 @pytest.mark.parametrize(("number", "believed"), [((0.95, 0.7, 1.2), False), ((0.8, 0.6, 1.0), True)])
 def test_an_answer_that_knows_the_same_less_well_is_not_taken(
     number: tuple[float, float, float], believed: bool
@@ -204,6 +218,7 @@ def answer(
     one: float = 1.0,
     acts_on: str = "torques",
     number: tuple[float, float, float] = (1.0, 0.9, 1.1),
+    axis: str = "",
 ) -> Discovery:
     """Held-out errors of a model with an effect of this name, or none; of ``one`` recording so many times as large."""
     equations = tuple(
@@ -219,10 +234,12 @@ def answer(
         )
         for e, floor in zip(errors, floors, strict=True)
     )
-    saving = Saving(acts_on, 0.5, 0.9, 0.8, 1.0, matters=True)
+    saving = Saving(acts_on, 0.5, 0.9, 0.8, 1.0, matters=True, axis=axis)
     told = SimpleNamespace(entry=SimpleNamespace(label="k"), **dict(zip(("value", "low", "high"), number, strict=True)))
     found = (SimpleNamespace(id=name, savings=(saving,), estimates=(told,)),) if name else ()
-    return SimpleNamespace(equations=equations, found=found, confounders=(), traces=traces)  # type: ignore[return-value]
+    return SimpleNamespace(  # type: ignore[return-value]
+        equations=equations, along_axes=(), found=found, confounders=(), traces=traces
+    )
 
 
 @pytest.mark.parametrize(

@@ -84,6 +84,8 @@ class Discovery(Displayed):
     """What was done, in sentences."""
     equations: tuple[EquationError, ...] = ()
     """Held-out errors equation by equation."""
+    along_axes: tuple[EquationError, ...] = ()
+    """The same along the axes of every equation."""
     remarks: tuple[str, ...] = ()
     """Sentences about what is there and is not worth a term."""
     contradicted_effects: tuple[str, ...] = ()
@@ -122,8 +124,9 @@ class Discovery(Displayed):
         It saves an equation that the other one loses, and loses none, for what nobody understands errs a little more or
         less in any answer; or it names what the other one chose and then took for an imitation, every equation is
         better and none is lost; or the other one leaves nothing that asks for an explanation, this one saves what
-        matters where its effects act, nothing is worse, and it says something else. Whitened rows are mostly what a
-        controller answers where that works against something light: its inertia grows, and what resists looks small.
+        matters where its effects act, be it along one axis, nothing is worse, and it says something else. Whitened rows
+        are mostly what a controller answers where that works against something light: its inertia grows, and what
+        resists looks small.
         """
         pairs = list(zip(self.equations, other.equations, strict=True))
         ratios = [mine.models["extended"] / max(its.models["extended"], 1e-300) for mine, its in pairs]
@@ -131,8 +134,9 @@ class Discovery(Displayed):
         if sought and max(ratios) < 1 / MATTERING.near and not any(e.lost for e in self.equations):
             return True
         settled = not other.traces and not any(e.lost for e in other.equations)
-        acts = {s.equation for f in self.found for s in f.savings if s.worth}
-        better = any(mine.better(its) for mine, its in pairs if mine.equation in acts)
+        acts = {(s.equation, s.axis) for f in self.found for s in f.savings if s.worth}
+        axes = zip(self.along_axes, other.along_axes, strict=True)
+        better = any(mine.better(its) for mine, its in (*pairs, *axes) if (mine.equation, mine.axis) in acts)
         if settled and better and not any(mine.worse(its) for mine, its in pairs):
             return not _agree(self, other)
         saved = 1 / MATTERING.lost

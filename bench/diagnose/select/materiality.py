@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bench.analysis.stats import relative_gain, uneven_gain
+from bench.analysis.stats import rare_gain, relative_gain, uneven_gain
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import Subject
@@ -67,21 +67,27 @@ class Weighing:
         return self._squares[key]
 
     def _squared(self, left: Increments, equation: Equation, axis: str, horizon: int) -> tuple[np.ndarray, np.ndarray]:
+        errors, _, block = self._windows(left, equation, axis, horizon)
+        return (errors**2).sum(1), block
+
+    def _windows(
+        self, left: Increments, equation: Equation, axis: str, horizon: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Errors (W, c) of an equation along an axis (empty: along all), the recording and the block (W,) of each."""
         at = list(equation.group.at)
         if axis:
             left, at = self._signals[1].of(equation.group.at).along(left, [axis]), [0]
         errors, recording, first = left.over(horizon, max(1, horizon // 4))
-        squared = (errors[:, at] ** 2).sum(1)
-        if equation.sensed:
-            squared = squared / (horizon * self.held.dt) ** 2
-        return squared, self._blocks(recording, first, horizon)
+        scale = 1 / (horizon * self.held.dt) if equation.sensed else 1.0
+        return errors[:, at] * scale, recording, self._blocks(recording, first, horizon)
 
     def _by_recording(self, error: EquationError, left: Increments) -> tuple[float, ...]:
-        """Root mean square error of an equation in each recording, less what offsets of that recording explain."""
+        """Root mean square error in each recording, less what offsets of that recording explain."""
         equation, horizon = self._place(error)
         signals, every = self._signals[1].of(equation.group.at), max(1, horizon // 4)
         bodily = [a for a in signals.axes if not a.startswith("world")] or list(signals.axes)
-        errors, *offsets = (signals.along(x, bodily).over(horizon, every)[0] for x in (left, *self._offsets))
+        axes = [error.axis] if error.axis else bodily
+        errors, *offsets = (signals.along(x, axes).over(horizon, every)[0] for x in (left, *self._offsets))
         return less_offsets(errors, offsets, left.over(horizon, every)[1])
 
     @cached_property
@@ -98,8 +104,11 @@ class Weighing:
         length = max(horizon, min(round(MATTERING.block * self.held.logs[0].pace), whole // MATTERING.blocks))
         return np.unique(np.stack([recording, first // length]), axis=1, return_inverse=True)[1]
 
-    def errors(self, extended: PhysicsModel) -> tuple[EquationError, ...]:
-        """Errors of every equation at every horizon, of the nominal, the calibrated and the extended model."""
+    def errors(self, extended: PhysicsModel, along_axes: bool = False) -> tuple[EquationError, ...]:
+        """Errors of every equation at every horizon, of the nominal, the calibrated and the extended model.
+
+        ``along_axes``: along each axis, not of the equation as a whole.
+        """
         own = noise_increments(extended, self.held, self.noise)
         return tuple(
             replace(
@@ -108,7 +117,7 @@ class Weighing:
                 by_recording=self._by_recording(e, self.increments(extended)),
             )
             for e in self.by_axis(extended)
-            if not e.axis
+            if bool(e.axis) is along_axes
         )
 
     def by_axis(self, extended: PhysicsModel) -> tuple[EquationError, ...]:
@@ -160,9 +169,9 @@ class Weighing:
         acts = {e.name for e in self.equations if channels is None or not set(channels).isdisjoint(e.group.at)}
         everywhere = {e.name for e in self.equations if channels is None or set(channels).issuperset(e.group.at)}
         for error in self.by_axis(extended):
-            others = (self._at(error, self.increments(m)) for m in (without, self.calibrated, self.subject.model))
-            before, block = min(others, key=lambda found: float(found[0].mean()))
-            after, _ = self._at(error, self.increments(full))
+            others = [self.increments(m) for m in (without, self.calibrated, self.subject.model)]
+            best = min(others, key=lambda left: float(self._at(error, left)[0].mean()))
+            (before, block), (after, _) = (self._at(error, left) for left in (best, self.increments(full)))
             gains = np.bincount(block, before - after) / np.maximum(np.bincount(block), 1)
             mean = float(gains.mean())
             spread = float(gains.std(ddof=1)) / len(gains) ** 0.5 if len(gains) > 1 else np.inf
@@ -171,6 +180,8 @@ class Weighing:
                 by_block = [np.bincount(block, squares) for squares in (before, after)]
                 steady = relative_gain(by_block[0], by_block[1], MATTERING.sure) * float(before.mean())
                 low = max(low, uneven_gain(gains) / error.scale, steady / error.scale)
+            if low <= 0 < mean:
+                low = max(low, self._rare(error, best, self.increments(full)) / error.scale)
             ratio = float(after.mean() / max(before.mean(), 1e-300)) ** 0.5
             share = mean / error.scale
             saving = Saving(
@@ -183,6 +194,14 @@ class Weighing:
                 out.append(saving)
         there = tuple(s for s in out if s.equation in acts)
         return there if any(s.worth for s in there) else (*there, *(s for s in out if s not in there and s.worth))
+
+    def _rare(self, place: EquationError, without: Increments, full: Increments) -> float:
+        """See `stats.rare_gain`."""
+        equation, horizon = self._place(place)
+        (before, recording, block), (after, *_) = (
+            self._windows(left, equation, place.axis, horizon) for left in (without, full)
+        )
+        return rare_gain(before, after, recording, block, MATTERING.sure)
 
     def channels_moved(self, before: PhysicsModel, after: PhysicsModel) -> frozenset[int]:
         """The channels whose rates on the held-out recordings differ between two models, or are no numbers."""
