@@ -11,9 +11,10 @@ from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.locate import Location
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
+from bench.diagnose.report.phrases import listed, named
 from bench.diagnose.result import ByGroup, DataProblem, Diagnosis, DifferingEffect, Errors, Unexplained
 from bench.diagnose.select.discovery import Discovery
-from bench.diagnose.settings import DECIDING
+from bench.diagnose.settings import DECIDING, MATTERING
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.diagnose.summaries import constant_estimates, equation_results, placed
 
@@ -116,8 +117,22 @@ def _notes(steps: Steps) -> tuple[str, ...]:
         *dict.fromkeys((*steps.subject.notes, *discovery.notes)),
         *steps.extension.comparison.notes,
         *steps.location.notes,
+        *_high_floor(steps),
         *_warnings(steps.subject, discovery, steps.checked.suspicions),
     )
+
+
+def _high_floor(steps: Steps) -> list[str]:
+    """A sentence where less is left than noise alone is said to leave."""
+    floor, left = steps.extension.comparison.error("floor"), steps.extension.last
+    groups = [g for g, e in floor.items() if g in left and e.rmse > MATTERING.near * left[g].rmse]
+    if not groups:
+        return []
+    return [
+        f"The noise floor of {listed(named(g) for g in groups)} is too high: less is left. Inputs that move as fast as "
+        "they are sampled look noisier than they are; what is known of their noise can be stated under [processing] in "
+        "dataset.toml."
+    ]
 
 
 def _unexplained(steps: Steps) -> Unexplained:
