@@ -75,10 +75,12 @@ def read_and_discovered(
         if sum(math.log(b / a) for a, b in zip(*errors, strict=False)) < 0:
             subject, found = read, again
     later = after_beginning(subject, found.model, noise)
-    if later is subject:
-        return subject, noise, found
-    search = Search(later, catalogue, tick, noise, memory=found.memory, long_windows=found.long_windows)
-    return later, noise, _discovered(search, noise)
+    if later is not subject:
+        search = Search(later, catalogue, tick, noise, memory=found.memory, long_windows=found.long_windows)
+        subject, found = later, _discovered(search, noise)
+    if subject.held_out:
+        noise = Weighing(subject, noise, found.calibrated).bounded(found.model).noise
+    return subject, noise, found
 
 
 def _searched(
@@ -145,7 +147,7 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
     subject = search.subject
     search.tick("weigh")
     _, calibrated = settled(search, bare, first)
-    weighing = Weighing(subject, noise, calibrated) if subject.held_out else None
+    weighing = Weighing(subject, noise, calibrated).bounded(calibrated) if subject.held_out else None
     worthy, remarks, contradicted_effects = worth_naming(search, view, weighing)
     if weighing is not None and (other := rival_that_saves(view, weighing, worthy)) is not None:
         view = _viewed(search, other, (), view.explained)

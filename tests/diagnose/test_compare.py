@@ -27,11 +27,14 @@ SAVGOL = Smoothing("savgol", 9, 3, derived=True)
 TRUE = Oscillator(mass=1.0, damping=0.5, stiffness=100.0)
 
 
-def flights(count: int = 2, samples: int = 3000, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Exact states (R, N, 2) and forces (R, N, 1) of the oscillator, by the matrix exponential, not the simulator."""
+def flights(count: int = 2, samples: int = 3000, seed: int = 0, every: int = 20) -> tuple[np.ndarray, np.ndarray]:
+    """Exact states (R, N, 2) and forces (R, N, 1) of the oscillator, by the matrix exponential, not the simulator.
+
+    The force bends at random ``every`` so many samples.
+    """
     rng = np.random.default_rng(seed)
-    coarse = rng.normal(0, 30, (count, samples // 20 + 2))
-    force = np.stack([np.interp(np.arange(samples) / 20, np.arange(len(c)), c) for c in coarse])
+    coarse = rng.normal(0, 30, (count, samples // every + 2))
+    force = np.stack([np.interp(np.arange(samples) / every, np.arange(len(c)), c) for c in coarse])
     # With u linear between samples: x, u and the slope of u make one autonomous linear system.
     whole = np.zeros((4, 4))
     whole[0, 1], whole[1, :3], whole[2, 3] = 1, [-100.0, -0.5, 1.0], 1

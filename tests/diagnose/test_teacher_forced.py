@@ -53,3 +53,18 @@ def test_what_is_left_of_a_missing_term_is_predictable_and_noise_is_not() -> Non
         last = Weighing(subject, noise_of(subject), model).errors(model)[-1]
         assert (last.predictable < 0.5 * last.models["extended"]) is predictable
         assert last.predictable > 0.9 * last.floor
+
+
+@pytest.mark.parametrize("every", [1, 20])
+def test_inputs_are_no_noisier_than_the_errors_that_they_leave(every: int) -> None:
+    """A force that is another one at every sample looks like noise of 30 N; 3 N of it are, and the rest acts."""
+    states, force = flights(count=6, samples=1500, every=every)
+    rng = np.random.default_rng(1)
+    seen, told = states + rng.normal(size=states.shape) * [1e-3, 0.02], force + rng.normal(0, 3.0, force.shape)
+    subject = subject_of(TRUE, seen, told, **STATED)
+    noise = noise_of(subject)
+    assert noise.inputs[0] == pytest.approx(3.0 if every > 1 else 30.0, rel=0.15)
+    bounded = Weighing(subject, noise, TRUE).bounded(TRUE)
+    assert bounded.noise.inputs[0] == pytest.approx(3.0, rel=0.15)
+    stated = replace(noise, inputs_stated=True)
+    assert Weighing(subject, stated, TRUE).bounded(TRUE).noise is stated

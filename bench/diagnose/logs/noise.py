@@ -43,6 +43,8 @@ class Noise:
     """(f,) 1σ of what sensors show of the rates."""
     slopes: dict[int, Slope] = field(default_factory=dict)
     """State channels that are slopes of others; see `logs.slopes`."""
+    inputs_stated: bool = False
+    """Whether somebody stated the noise of the inputs."""
     input_reading: tuple[float, ...] = (1.0,)
     """Weights of the samples between which inputs are read: fast noise of theirs is less there, slow noise is not."""
 
@@ -111,6 +113,7 @@ def noise_of(subject: Subject) -> Noise:
     for i, slope in subject.slopes.items():
         processed[i] = raw[slope.of] * float(np.linalg.norm(impulse_response(slope.smoothing, True))) * logs[0].rate
     inputs, through = _input_noise(subject, replace(smoothing, derived=False), length)
+    driven = {c.group for log in logs for c in log.recording.input_channels[:1]}
     if through.kind != "none":
         notes.append(f"The inputs show {through} as well.")
     sensed = _sensed_noise(subject, length)
@@ -124,6 +127,7 @@ def noise_of(subject: Subject) -> Noise:
         notes=tuple(notes),
         sensed=sensed,
         slopes=subject.slopes,
+        inputs_stated=not driven.isdisjoint(subject.noise),
     )
 
 

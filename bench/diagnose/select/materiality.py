@@ -53,6 +53,27 @@ class Weighing:
         self._squares: dict[tuple[Increments, str, str, int], tuple[np.ndarray, np.ndarray]] = {}
         self._errors: dict[PhysicsModel, tuple[EquationError, ...]] = {}
 
+    def bounded(self, model: PhysicsModel) -> "Weighing":
+        """The same with no more noise of the inputs than ``model`` has errors that it could make.
+
+        Inputs that move as fast as they are sampled look noisier than they are: a controller answers its own noisy
+        sensors, and the system follows. What noise alone would leave is no more than what a model does leave, in each
+        equation and over each horizon that noise of the inputs makes more of than that of the states.
+        """
+        if self.noise.inputs_stated or not any(self.noise.inputs):
+            return self
+        still = replace(self.noise, inputs=(0.0,) * len(self.noise.inputs))
+        parts = self.increments(model), self.chance, noise_increments(self.calibrated, self.held, still)
+        shares = [1.0]
+        for equation in self.equations:
+            for horizon in self.horizons:
+                left, every, states = (float(self.squares(x, equation, "", horizon)[0].mean()) for x in parts)
+                if every > 2 * states:
+                    shares.append((left - states) / (every - states))
+        smaller = max(min(shares), 0.0) ** 0.5
+        noise = replace(self.noise, inputs=tuple(smaller * sigma for sigma in self.noise.inputs))
+        return self if smaller == 1 else Weighing(self.subject, noise, self.calibrated)
+
     def increments(self, model: PhysicsModel) -> Increments:
         """What a model leaves of the held-out recordings."""
         if model not in self._left:
