@@ -102,6 +102,24 @@ def test_what_one_axis_gains_counts_where_the_others_do_not_pay_for_it(
     assert any(s.worth for s in told) is paid
 
 
+@pytest.mark.parametrize(("rare", "sure"), [(0.5, True), (-np.inf, False)])
+def test_what_one_block_of_eight_saves_is_sure_by_its_course_or_not_at_all(rare: float, sure: bool) -> None:
+    """See `stats.rare_gain`: a vortex ring that a flight meets once."""
+    squares = {"without": np.repeat([10.0, *[1.0] * 7], 5), "full": np.ones(40)}
+    error = EquationError("torques", 0.5, "rad/s", {"calibrated": 2.0, "extended": 1.0}, 1.0, 0.1)
+    weighing = SimpleNamespace(
+        equations=[SimpleNamespace(name="torques", group=SimpleNamespace(at=(0,)))],
+        by_axis=lambda extended: [error],
+        increments=lambda model: model,
+        _at=lambda error, model: (squares[model], np.repeat(np.arange(8), 5)),
+        _rare=lambda error, without, full: rare,
+        calibrated="without",
+        subject=SimpleNamespace(model="without"),
+    )
+    (saving,) = Weighing.savings(weighing, "without", "full", "full")
+    assert saving.worth is sure and (not sure or saving.low == rare / error.scale)
+
+
 @pytest.mark.parametrize(("ratio", "low", "refuted"), [(0.55, 5e-4, True), (0.9, 5e-4, False), (0.55, -1e-4, False)])
 def test_a_rival_that_loses_an_equation_is_none_however_little_that_is_of_everything(
     ratio: float, low: float, refuted: bool, monkeypatch: pytest.MonkeyPatch

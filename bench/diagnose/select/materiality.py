@@ -54,7 +54,7 @@ class Weighing:
         self._errors: dict[PhysicsModel, tuple[EquationError, ...]] = {}
 
     def bounded(self, model: PhysicsModel) -> "Weighing":
-        """The same with no more noise of the inputs than ``model`` has errors that it could make.
+        """The same with the inputs' noise cut to what the errors of ``model`` leave room for.
 
         Inputs that move as fast as they are sampled look noisier than they are: a controller answers its own noisy
         sensors, and the system follows. What noise alone would leave is no more than what a model does leave, in each
