@@ -113,10 +113,8 @@ def noise_of(subject: Subject) -> Noise:
     for i, slope in subject.slopes.items():
         processed[i] = raw[slope.of] * float(np.linalg.norm(impulse_response(slope.smoothing, True))) * logs[0].rate
     inputs, through = _input_noise(subject, replace(smoothing, derived=False), length)
-    driven = {c.group for log in logs for c in log.recording.input_channels[:1]}
     if through.kind != "none":
         notes.append(f"The inputs show {through} as well.")
-    sensed = _sensed_noise(subject, length)
     return Noise(
         smoothing=smoothing,
         derived=derived,
@@ -125,9 +123,9 @@ def noise_of(subject: Subject) -> Noise:
         inputs=inputs,
         input_smoothing=through,
         notes=tuple(notes),
-        sensed=sensed,
+        sensed=_sensed_noise(subject, length),
         slopes=subject.slopes,
-        inputs_stated=not driven.isdisjoint(subject.noise),
+        inputs_stated=any(c.group in subject.noise for c in logs[0].recording.input_channels[:1]),
     )
 
 
