@@ -75,12 +75,10 @@ def read_and_discovered(
         if sum(math.log(b / a) for a, b in zip(*errors, strict=False)) < 0:
             subject, found = read, again
     later = after_beginning(subject, found.model, noise)
-    if later is not subject:
-        search = Search(later, catalogue, tick, noise, memory=found.memory, long_windows=found.long_windows)
-        subject, found = later, _discovered(search, noise)
-    if subject.held_out:
-        noise = Weighing(subject, noise, found.calibrated).bounded(found.model).noise
-    return subject, noise, found
+    if later is subject:
+        return subject, noise, found
+    search = Search(later, catalogue, tick, noise, memory=found.memory, long_windows=found.long_windows)
+    return later, noise, _discovered(search, noise)
 
 
 def _searched(
