@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_compare import DT, TRUE, flights, subject_of
 
-from bench.diagnose.discover import discover
+from bench.diagnose import diagnose, discover
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.regression.weak import LogBatch
@@ -70,3 +70,5 @@ def test_inputs_are_no_noisier_than_the_errors_that_they_leave(every: int) -> No
     stated = replace(noise, inputs_stated=True)
     assert Weighing(subject, stated, TRUE).bounded(TRUE).noise is stated
     assert all(e.floor < 1.1 * e.models["extended"] for e in discover(subject, []).equations)
+    said, _ = diagnose(subject, catalogue=[], brief=True)
+    assert any("noise floor of displacement and speed is too high" in n for n in said.evidence.notes) is (every == 1)

@@ -11,7 +11,7 @@ from simulated_fleet import CUBIC, DRAG, vehicle
 from test_compare import TRUE, flights, subject_of
 
 from bench.diagnose import diagnose, discover, load
-from bench.diagnose.select import materiality, worthy
+from bench.diagnose.select import worthy
 from bench.diagnose.select.discovery import Discovery, trifle
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
@@ -122,16 +122,14 @@ def test_what_one_block_of_eight_saves_is_sure_by_its_course_or_not_at_all(rare:
 
 @pytest.mark.parametrize(("ratio", "low", "refuted"), [(0.55, 5e-4, True), (0.9, 5e-4, False), (0.55, -1e-4, False)])
 def test_a_rival_that_loses_an_equation_is_none_however_little_that_is_of_everything(
-    ratio: float, low: float, refuted: bool, monkeypatch: pytest.MonkeyPatch
+    ratio: float, low: float, refuted: bool
 ) -> None:
     """Beside unequal rotors a shifted centre of gravity explained 99.9 % of the torques, and left twice the error."""
-    monkeypatch.setattr(materiality, "noise_increments", lambda model, held, noise: "noise")
     saving = Saving("torques", 0.5, 0.001, low, 0.0015, matters=True, ratio=ratio)
     weighing = SimpleNamespace(
         savings=lambda other, full, extended: [saving],
         increments=lambda model: model,
-        held=None,
-        noise=None,
+        noise_alone=lambda model: "noise",
         _at=lambda place, left: (np.full(8, 1.0 if left == "noise" else 4.0), None),
     )
     assert Weighing.refutes(weighing, "other", "full", "full") is refuted

@@ -39,6 +39,11 @@ class Entry:
         """Whether it belongs to the base model, and so has a prior."""
         return self.owner < 0
 
+    @property
+    def hardly_known(self) -> bool:
+        """Whether it is a constant that is known to an order of magnitude at best, as one that was let go."""
+        return self.constant and self.scale >= CALIBRATING.free * abs(self.stated) * (1 - 1e-9)
+
     def pull(self, value: float) -> tuple[float, float]:
         """Precision of what is known of a step from ``value``, and the step to its centre; 0, 0 where nothing is.
 

@@ -93,7 +93,7 @@ class Discovery(Displayed):
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     """Relative 1σ of constants as stated, and of those that were let go; see `select.release`."""
     stated: Mapping[str, float] | None = None
-    """The same before any was let go; None: none was."""
+    """The same before any was let go; None: none is ever, where sets are compared by simulation."""
     memory: int | None = None
     """Order of the autoregression that whitened the rows; see `select.search`."""
     long_windows: bool = False

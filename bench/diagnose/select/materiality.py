@@ -50,6 +50,7 @@ class Weighing:
         self.horizons = horizons(self.held.logs)
         self.equations = equations(subject.model, measured(subject.logs))
         self._left: dict[PhysicsModel, Increments] = {}
+        self._noise: dict[PhysicsModel, Increments] = {}
         self._squares: dict[tuple[Increments, str, str, int], tuple[np.ndarray, np.ndarray]] = {}
         self._errors: dict[PhysicsModel, tuple[EquationError, ...]] = {}
 
@@ -130,7 +131,7 @@ class Weighing:
 
         ``along_axes``: along each axis, not of the equation as a whole.
         """
-        own = noise_increments(extended, self.held, self.noise)
+        own = self.noise_alone(extended)
         return tuple(
             replace(
                 e,
@@ -168,10 +169,16 @@ class Weighing:
         self._errors[extended] = tuple(out)
         return self._errors[extended]
 
-    @cached_property
+    @property
     def chance(self) -> Increments:
         """What noise alone leaves of the held-out recordings."""
-        return noise_increments(self.calibrated, self.held, self.noise)
+        return self.noise_alone(self.calibrated)
+
+    def noise_alone(self, model: PhysicsModel) -> Increments:
+        """What noise alone leaves of them beside a model, which may let more noise of the inputs in."""
+        if model not in self._noise:
+            self._noise[model] = noise_increments(model, self.held, self.noise)
+        return self._noise[model]
 
     def savings(
         self, without: PhysicsModel, full: PhysicsModel, extended: PhysicsModel, channels: Collection[int] | None = None
@@ -237,13 +244,13 @@ class Weighing:
         worse = [s for s in self.savings(other, full, extended) if s.worth or s.rescues]
         if not worse:
             return False
-        errors, chance = self.increments(other), noise_increments(other, self.held, self.noise)
+        errors, chance = self.increments(other), self.noise_alone(other)
         means = ((self._at(s, errors)[0].mean(), self._at(s, chance)[0].mean()) for s in worse)
         return any(level > MATTERING.near**2 * floor for level, floor in means)
 
     def noisier(self, without: PhysicsModel, full: PhysicsModel) -> bool:
         """Whether ``full`` lets so much more noise of the inputs in that some error would matter for that alone."""
-        chances = [noise_increments(m, self.held, self.noise) for m in (without, full)]
+        chances = [self.noise_alone(m) for m in (without, full)]
         means = ([self._at(e, c)[0].mean() for c in chances] for e in self.by_axis(full) if not e.axis)
         return any(after > MATTERING.near**2 * before for before, after in means)
 

@@ -27,8 +27,9 @@ def contradicted(view: View, fit: Fit) -> str | None:
         fit: of the effects that explain it best.
     """
     spread = {i: e.scale / abs(e.stated) for i, e in enumerate(view.linear.own) if e.constant}
-    rough = {view.linear.own[i].name for i, s in spread.items() if LINEARISING.wide * (1 + 1e-9) < s < CALIBRATING.free}
-    loose = [i for i, e in enumerate(view.linear.own) if not e.constant or spread[i] >= CALIBRATING.free]
+    held = {i: e.name for i, e in enumerate(view.linear.own) if e.constant and not e.hardly_known}
+    rough = {name for i, name in held.items() if spread[i] > LINEARISING.wide * (1 + 1e-9)}
+    loose = [i for i in range(len(view.linear.own)) if i not in held]
     best, most = None, 0.0
     for name in sorted(rough):
         places = [i for i in spread if view.linear.own[i].name == name]

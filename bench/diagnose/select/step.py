@@ -17,7 +17,7 @@ from bench.diagnose.select.discovery import supported
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.verify import neighbours
-from bench.diagnose.settings import CALIBRATING, CHOOSING, STEPPING, VERIFYING
+from bench.diagnose.settings import CHOOSING, STEPPING, VERIFYING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InputEffect, PhysicsModel
 
@@ -132,8 +132,7 @@ def close(before: PhysicsModel, after: PhysicsModel, subject: Subject) -> bool:
 
 
 def _little(e: Entry) -> float:
-    known = e.constant and e.scale < CALIBRATING.free * abs(e.stated) * (1 - 1e-9)
-    return 0.3 * e.scale if known else 0.05 * abs(e.value)
+    return 0.3 * e.scale if e.constant and not e.hardly_known else 0.05 * abs(e.value)
 
 
 def without(model: PhysicsModel, dropped: Sequence[int]) -> PhysicsModel:
