@@ -211,7 +211,7 @@ def _jumps(view: View) -> list[Event]:
     for a, b in runs(strength > 1):
         k = a + int(np.sum([sizes[s][a:b] for s in kinematic], axis=0).argmax())
         who = [s for s in sizes if around[s][k] > 1]
-        if max(_between(view, p, k) for p in view.pairs) < SPIKING.lost:
+        if max(_between(view, p, k) for p in view.pairs if p.signal in who) < SPIKING.lost:
             continue  # a turn too sharp for the sampling
         detail = f"{' and '.join(who)} jump together between samples {k} and {k + 1}: samples are missing there."
         problem = DataProblem(view.log.name, "time", "clock jump", (k, k + 1), detail)
