@@ -5,7 +5,6 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
@@ -151,7 +150,8 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         view = _viewed(search, other, (), view.explained)
         worthy, remarks, contradicted_effects = worth_naming(search, view, weighing)
     hidden_constants = revealed(search, view, worthy.fit, worthy.model, stated, weighing)
-    named, confounders = _understood(view, worthy, len(subject.model.effects), hidden_constants)
+    settled_groups = _settled(weighing, worthy.model) | {c.group for c in hidden_constants if c.told is not None}
+    named, confounders = _understood(view, worthy, len(subject.model.effects), settled_groups)
     chosen, sought = worthy, [_names(view)[i] for i in (*named, *confounders)]
     if confounders:  # what was worth a term beside an imitation may save nothing without it
         view = _relinearised(search, view, {*worthy.dropped, *confounders})
@@ -305,21 +305,29 @@ def _viewed(search: Search, model: PhysicsModel, only: Collection[str], explaine
     return min(search.views(search.look(model, only), explained), key=lambda v: v.subsets.fit().prior)
 
 
-def _understood(
-    view: View, worthy: Choice, known: int, hidden: Sequence[ObscuredConstant] = ()
-) -> tuple[list[int], list[int]]:
+def _settled(weighing: Weighing | None, model: PhysicsModel) -> set[str]:
+    """Groups of channels whose equations are predicted as well as any function of the measured signals would."""
+    if weighing is None:
+        return set()
+    errors = weighing.by_axis(model)
+    left = {e.equation for e in errors if e.unexplained >= MATTERING.share}
+    return {e.group.name for e in weighing.equations if e.name not in left}
+
+
+def _understood(view: View, worthy: Choice, known: int, settled_groups: Collection[str]) -> tuple[list[int], list[int]]:
     """Places of the effects that are what they seem, and of those that only imitate something else.
 
-    What is left of an equation in which the inputs seem to do nothing and do, beside a slow disturbance, is known. The
-    effect that explains least goes first: two that share what they explain would both seem less than what is left.
+    What is left of an equation is known where nothing predicts it better, or where the inputs seem to do nothing and
+    do, beside a slow disturbance; so is what those explain that are not worth a term. The effect that explains least
+    goes first: two that share what they explain would both seem less than what is left.
     """
-    told = {c.group for c in hidden if c.told is not None}
     channels = enumerate(view.linear.channels)
-    known_channels = {k for k, c in channels if view.linear.model.measured_channels[c].group in told}
+    known_channels = {k for k, c in channels if view.linear.model.measured_channels[c].group in settled_groups}
     first = len(view.linear.columns)
-    gone = set(worthy.dropped)
+    places = [i for i in range(known, len(view.linear.model.effects)) if i not in worthy.dropped]
+    gone = set(worthy.dropped) - set(worthy.trifles)
     while True:
-        left = [i for i in range(known, len(view.linear.model.effects)) if i not in gone]
+        left = [i for i in places if i not in gone]
         traces, total = left_over(view, sorted(gone))
         explained = [t for t in traces if view.reach[t.column - first] <= known_channels]
         total -= view.floor * sum(t.gain for t in explained)
