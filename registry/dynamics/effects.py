@@ -241,6 +241,14 @@ class WindEffect(Effect):
         """Velocity of the air (…, 3) [m/s], world frame, of the type of ``like``."""
 
 
+class PointEffect(Effect):
+    """Says of which point of a rigid body position and velocity are recorded."""
+
+    @abstractmethod
+    def arm(self, like: Tensor) -> Tensor:
+        """Where it is (…, 3) [m], from the centre of gravity along the body's axes, of the type of ``like``."""
+
+
 class ModelEffect(Effect):
     """Acts on the model's constants."""
 

@@ -16,6 +16,7 @@ from registry.dynamics import (
     ModelEffect,
     Motion,
     PhysicsModel,
+    PointEffect,
     ThrustEffect,
     TorqueEffect,
     WindEffect,
@@ -80,7 +81,10 @@ class RigidBody(PhysicsModel):
 
     @property
     def sensed_channels(self) -> tuple[Channel, ...]:
-        """An accelerometer at the centre of gravity, along the body's axes."""
+        """An accelerometer at the point that is recorded, the centre of gravity unless a `PointEffect` says otherwise.
+
+        It measures along the body's axes.
+        """
         return _ACCELEROMETER
 
     def sensed(self, state: Tensor, rates: Tensor) -> Tensor:
@@ -114,7 +118,14 @@ class RigidBody(PhysicsModel):
                 torque = last.net_torque(torque)
         spin = motion.model.angular_acceleration(torque, motion.body_rates)
         turning = quaternion_rate(state[..., ATTITUDE], motion.body_rates)
-        return joined([motion.velocity, acceleration, turning, spin, *own_rates])
+        for arm in self._arms(state):
+            about = cross(spin, arm) + cross(motion.body_rates, cross(motion.body_rates, arm))
+            acceleration = acceleration + turned(motion.rotation, about)
+        return joined([state[..., VELOCITY], acceleration, turning, spin, *own_rates])
+
+    def _arms(self, like: Tensor) -> list[Tensor]:
+        """Of every `PointEffect`: what it says the recorded point is away from the centre of gravity."""
+        return [e.arm(like) for e in self.effects if isinstance(e, PointEffect)]
 
     def internal_rates(self, state: Tensor, inputs: Tensor, input_rates: Tensor) -> Callable[[Tensor], Tensor]:
         """Rates (…, i) of the effects' own states at any of these (…, i); see `PhysicsModel.internal_rates`."""
@@ -142,13 +153,18 @@ class RigidBody(PhysicsModel):
             input_rates: (…, m).
 
         Returns:
-            The motion, force (…, 3) [N] and torque (…, 3) [N m] in the body frame, the derivative of the model's states
-            beyond pose and velocities, and the acceleration (…, 3) [m/s²] in the world frame, gravity included.
+            The motion of the centre of gravity, force (…, 3) [N] and torque (…, 3) [N m] in the body frame, the
+            derivative of the model's states beyond pose and velocities, and the acceleration (…, 3) [m/s²] in the world
+            frame, gravity included.
         """
         position, velocity, attitude, rates, internal = state[..., : len(self.state_channels)].split(
             [3, 3, 4, 3, len(self.state_channels) - 13], dim=-1
         )
-        motion = self._motion(position, velocity, rotation_matrix(attitude), rates, inputs, input_rates)
+        rotation = rotation_matrix(attitude)
+        for arm in self._arms(state):
+            position = position - turned(rotation, arm)
+            velocity = velocity - turned(rotation, cross(rates, arm))
+        motion = self._motion(position, velocity, rotation, rates, inputs, input_rates)
         model = motion.model
         force, torque, internal_rate = model.own_load(motion, internal)
         for effect in self.effects:

@@ -26,6 +26,7 @@ OTHER = (
     "torque_scale",
     "suspended_load",
     "munk_moment",
+    "recorded_point",
 )
 IDS = (*SCALING, *AIR, *TURNING, *OTHER)
 ELSEWHERE = {"wind", "motor_lag", "input_delay"}
@@ -35,7 +36,9 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
     """dx/dt (17,) with the load's swing at its end; ``effects``: {id: {parameter: value}}."""
     e3, p = np.array([0.0, 0.0, 1.0]), effects.get
     rotation, v, w, swing = Rotation.from_quat(state[6:10]).as_matrix(), state[3:6], state[10:13], state[13:]
-    v_b = rotation.T @ (v - wind)
+    arm = np.array([*e.values()]) if (e := p("recorded_point")) else np.zeros(3)
+    v_b = rotation.T @ (v - wind) - np.cross(w, arm)
+    place = state[:3] - rotation @ arm
     hubs = HUBS
     if e := p("cog_offset"):
         hubs = HUBS - np.array([e["x"], e["y"], 0])
@@ -66,7 +69,7 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
         if e := p("inflow_thrust_loss"):
             hub[i] = hub[i] - e["k_z"] * speeds[i] * v_hub[i][2] * e3
         if e := p("ground_effect"):
-            height = max((state[:3] + rotation @ hubs[i])[2] - GROUND, 1.2 * RADIUS * np.sqrt(e["c"]) / 4)
+            height = max((place + rotation @ hubs[i])[2] - GROUND, 1.2 * RADIUS * np.sqrt(e["c"]) / 4)
             hub[i] = hub[i] + (thrust[i] / (1 - e["c"] * (RADIUS / (4 * height)) ** 2) - thrust[i]) * e3
         if e := p("blade_flapping"):
             torque = torque - e["k_flap"] * speeds[i] * np.cross(v_hub[i], e3)
@@ -104,6 +107,7 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
         swinging = [rate, -square * theta - acceleration[:2] / e["l"] - 2 * e["zeta"] * np.sqrt(square) * rate]
         acceleration = acceleration + e["m_l"] * G * np.array([*theta, 0]) / mass
     spin = np.linalg.solve(inertia, torque - np.cross(w, inertia @ w))
+    acceleration = acceleration + rotation @ (np.cross(spin, arm) + np.cross(w, np.cross(w, arm)))
     x, y, z, s = state[6:10]
     turning = 0.5 * np.array([[s, -z, y], [z, s, -x], [-y, x, s], [-x, -y, -z]]) @ w
     return np.concatenate([v, acceleration, turning, spin, *swinging])
@@ -139,7 +143,7 @@ def both(chosen, seed, wind=(0.0, 0.0), battery=True):
 
 def test_the_catalogue_is_complete():
     quadrotor = {n for n in EFFECTS.names() if EFFECTS.get(n).suits(Quadrotor)}
-    assert {*IDS, *ELSEWHERE} <= quadrotor and len({*IDS, *ELSEWHERE}) == 26
+    assert {*IDS, *ELSEWHERE} <= quadrotor and len({*IDS, *ELSEWHERE}) == 27
 
 
 @pytest.mark.parametrize("name", IDS)

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("rotorpy")
 
 from bench.diagnose.logs.load import load
 from bench.score import cases as first
 from bench.score.chain import case as chain_case
-from bench.score.chain import flight, paths, recorder, suite
+from bench.score.chain import flight, paths, point, recorder, suite
 from bench.score.chain.case import ROUGH, UNCERTAINTY, ChainCase, built, measured, stated, true_model, write
 from bench.score.chain.recorder import Logging
 from bench.score.chain.vehicle.airframe import AIRFRAMES
@@ -104,6 +105,18 @@ def test_errors_of_an_estimator_last_and_those_of_motion_capture_do_not(flown: t
         kept[states] = (error[late:] * error[:-late]).mean() / (error**2).mean()
     assert kept["estimator"] > 0.6
     assert abs(kept["capture"]) < 0.15
+
+
+def test_a_point_off_the_centre_moves_as_its_sensors_say(flown: tuple[flight.Truth, Body]) -> None:
+    """Its velocity is the slope of its position, and what it feels that of its velocity, by finite differences."""
+    truth, _ = flown
+    seen = point.recorded(truth, np.array([[0.02], [-0.01], [0.05]]))
+    slopes = np.gradient(seen.state[:, :6], flight.DT, axis=0)[5:-5]
+    np.testing.assert_allclose(slopes[:, :3], seen.state[5:-5, 3:6], atol=2e-3)
+    turns = [Rotation.from_quat(seen.state[5:-5, [7, 8, 9, 6], i]).inv() for i in range(2)]
+    felt = np.stack([r.apply(slopes[..., 3:, i] + [0, 0, 9.81]) for i, r in enumerate(turns)], axis=-1)
+    assert np.median(np.abs(felt - seen.felt[5:-5])) < 5e-3
+    assert np.abs(seen.felt - truth.felt).max() > 0.2
 
 
 def test_a_folder_is_read_as_a_users_and_states_what_the_case_says(cache: Path, tmp_path: Path) -> None:

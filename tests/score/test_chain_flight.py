@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 pytest.importorskip("rotorpy")
 from rotorpy.vehicles.multirotor import Multirotor
 
-from bench.score.chain import flight, paths, pilot
+from bench.score.chain import flight, paths, pilot, point
 from bench.score.chain.case import _tuples, constants
 from bench.score.chain.strengths import TYPICAL, draw, identity
 from bench.score.chain.suite import SLOWEST, VEHICLES
@@ -112,10 +112,34 @@ def test_forces_and_torques_are_rotorpys(vehicle: str) -> None:
         np.testing.assert_allclose(ours[W, i], said["wdot"], rtol=1e-9, atol=1e-9)
 
 
-IN_MOTORS_OR_AIR = {"motor_lag", "input_delay", "wind"}
+ELSEWHERE = {"motor_lag", "input_delay", "wind", "recorded_point"}
+"""Effects in motors, in the air and in what sensors see."""
 
 
-@pytest.mark.parametrize("key", [k for k in TYPICAL if k not in IN_MOTORS_OR_AIR])
+def test_a_recorded_point_moves_as_the_catalogue_says() -> None:
+    """Rates of the point by differences of the body's motion, held against the model whose state is the point's."""
+    rng = np.random.default_rng(2)
+    craft = specimen(rng, "nano")
+    values = draw(rng, "recorded_point", craft, 1.0)
+    at, body, still = point.arm({"recorded_point": values}), Body(craft, {}, np.zeros(5)), np.zeros((3, 5))
+    state = rng.normal(size=(13, 5))
+    state[Q] /= np.linalg.norm(state[Q], axis=0)
+    speed = rng.uniform(0.7, 1.3, (4, 5)) * craft.hover
+    now, h = Moment(0.0, speed, 0 * speed, still), 1e-4
+    after, before = (point.moved(body.step(state, (now, now, now), side * h), at) for side in (1, -1))
+    ours = (after - before) / (2 * h)
+    model = Quadrotor(
+        **{k: _tuples(v) for k, v in constants(craft).items()},
+        extras=("time",),
+        effects=(EFFECTS.get("recorded_point")(**values),),
+    )
+    swap = [0, 1, 2, 3, 4, 5, 7, 8, 9, 6, 10, 11, 12]
+    inputs = torch.tensor(np.concatenate([speed, np.zeros((1, 5))]).T)
+    theirs = model.derivative(torch.tensor(point.moved(state, at)[swap].T), inputs).numpy().T
+    np.testing.assert_allclose(ours[swap], theirs, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("key", [k for k in TYPICAL if k not in ELSEWHERE])
 def test_an_effect_means_what_it_means_in_the_catalogue(key: str) -> None:
     rng = np.random.default_rng(1)
     craft = specimen(rng, "carrier")

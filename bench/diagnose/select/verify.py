@@ -138,10 +138,21 @@ def neighbours(view: View, known: int) -> Iterator[Fit]:
         sure = t_value(difference) > CHOOSING.distinct and difference.sum() > CHOOSING.relevant * view.explained
         if sure or best.parameters < current.parameters:
             yield subsets.fit(best.starts, drop=[i for i in places if i in best.dropped])
-    if len(places) < CHOOSING.most:
-        for more in sorted((subsets.fit([s]) for s in starts), key=subsets.cost)[:3]:
-            if within_bounds(view, more) and accepted(view, current, more):
-                yield more
+    yield from _larger(view, current, CHOOSING.most - len(places))
+
+
+def _larger(view: View, current: Fit, room: int) -> Iterator[Fit]:
+    """Sets with up to ``room`` effects more: one, or two of which none alone clears what is left beside a large one."""
+    subsets = view.subsets
+    best = sorted((subsets.fit([s]) for s in subsets.starts), key=subsets.cost)[: 3 if room > 0 else 0]
+    for more in best:
+        if within_bounds(view, more) and accepted(view, current, more):
+            yield more
+    for one, other in combinations(best if room > 1 else (), 2):
+        both = subsets.fit([*one.starts, *other.starts])
+        possible = set(one.ids).isdisjoint(other.ids) and within_bounds(view, both)
+        if possible and all(accepted(view, less, both) for less in (current, one, other)):
+            yield both
 
 
 def _told(x: Estimate) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject
 from bench.score.case import of_changed
-from bench.score.chain import flight, folder, oracle, paths, pilot, recorder
+from bench.score.chain import flight, folder, oracle, paths, pilot, point, recorder
 from bench.score.chain.condition import ChainCase
 from bench.score.chain.vehicle import turbulence
 from bench.score.chain.vehicle.airframe import AIRFRAMES, Airframe, specimen
@@ -162,7 +162,7 @@ def write(case: ChainCase, path: Path) -> None:
     vessel = body(case)
     truth = _flown(case, vessel)
     rng, how = np.random.default_rng([case.flight_seed, 6, case.seed]), logging(case)
-    observed = recorder.observe(rng, truth, vessel, how)
+    observed = recorder.observe(rng, point.recorded(truth, point.arm(vessel.effects)), vessel, how)
     logs = recorder.record(rng, truth, vessel, how, observed)
     path.mkdir(parents=True, exist_ok=True)
     folder.write(path, case, stated(case), None if case.rough else UNCERTAINTY, logs)

@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
+from bench.score.chain import point
 from bench.score.chain.flight import DT, Truth
 from bench.score.chain.sensors import Estimate
 from bench.score.chain.vehicle.body import Body, P, Q, V, W, moments
@@ -32,6 +33,7 @@ def squared(truth: Truth, known: Estimate, body: Body, removed: Collection[str])
     starts = np.arange(round(APART / DT), len(truth.state) - steps - 1, round(APART / DT))
     k, b = (x.ravel() for x in np.meshgrid(starts, np.arange(truth.state.shape[2]), indexing="ij"))
     left = {name: values for name, values in body.effects.items() if name not in removed}
+    here, seen_at = (point.arm(effects) for effects in (left, body.effects))
     model = Body(body.craft, left, body.charge[b])
     blown = body.effects.get(_IN_AIR, {}) if _IN_AIR not in removed else {}
     wind = np.array([[blown.get("w_x", 0.0)], [blown.get("w_y", 0.0)], [0.0]]) + np.zeros((3, len(k)))
@@ -42,6 +44,7 @@ def squared(truth: Truth, known: Estimate, body: Body, removed: Collection[str])
     for rows, seen in ((P, known.position), (V, known.velocity), (Q, known.attitude), (W, known.rates)):
         state[rows] = seen[at, :, b].T
     state[Q] /= np.sqrt((state[Q] ** 2).sum(0))
+    state = point.moved(state, None if here is None else -here)
     scale = truth.state[:, [3, 4, 5, 10, 11, 12]].std(axis=(0, 2))[:, None]
     total = 0.0
     for j in range(steps):
@@ -49,6 +52,7 @@ def squared(truth: Truth, known: Estimate, body: Body, removed: Collection[str])
         middle, spin = (first + last) / 2, (last - first) / DT
         during = moments((k + j) * DT, (first, middle, last), [spin] * 3, [wind] * 3, DT)
         state = model.step(state, during, DT)
-        error = (state - truth.state[k + j + 1, : model.size, b].T)[[3, 4, 5, 10, 11, 12]] / scale
+        ends = point.moved(truth.state[k + j + 1, : model.size, b].T, seen_at)
+        error = (point.moved(state, here) - ends)[[3, 4, 5, 10, 11, 12]] / scale
         total += float((error**2).mean())
     return total / steps

@@ -44,11 +44,13 @@ TYPICAL: dict[str, Callable[[Airframe], Values]] = {
     "torque_bias": lambda c: _inertial(c, "t_x t_y t_z", (1.3, 1.3, 0.6)),
     "suspended_load": lambda c: {"m_l": 0.18 * c.mass, "l": 0.6, "zeta": 0.03},
     "munk_moment": lambda c: {"m_x": c.inertia[0], "m_y": c.inertia[1]},
+    "recorded_point": lambda c: _axes("x y z", (0.1 * _arm(c), 0.1 * _arm(c), 0.4 * _arm(c))),
 }
 _SIGNED = {
     "blade_flapping",
     "cog_offset",
     "inertia_products",
+    "recorded_point",
     "rotor_misalignment",
     "thrust_scale",
     "torque_bias",

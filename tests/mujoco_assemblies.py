@@ -1,0 +1,105 @@
+"""Quadrotors that MuJoCo puts together of bodies: rotors that spin, a box off the centre, a weight on a rod.
+
+`pip install mujoco`, `python tests/mujoco_assemblies.py DIR [NAME ...]`, then `bench diagnose DIR/NAME`. No effect is
+written down here: what rotors do by their inertia, where the centre of gravity lies, and how its frame moves about it
+follow from the multibody dynamics of the simulator. Vehicle, flights and controller are those of `mujoco_machines`.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco_machines import HUBS, INERTIA, K_F, K_M, SPINS, WEIGHT, controlled
+from simulated_folders import QUADROTOR, describe_quadrotor, save
+
+STEP, LAG = 1e-3, 0.03
+"""Of the integration, and time constant of the motors [s]."""
+ROTOR_MASS, BOX_AT, BOX = 0.01, (0.03, -0.02, -0.05), (5e-4, 4e-4, 3e-4)
+"""[kg]; where the box is [m] and its moments of inertia over its mass [m²]."""
+ROD, SWING_DAMPING = 0.6, 0.03
+"""[m]; relative."""
+ASSEMBLIES: dict[str, dict[str, float]] = {
+    "bodies_nothing": {},
+    "bodies_rotors": {"rotor": 9e-5},
+    "bodies_box": {"box": 0.1},
+    "bodies_load": {"load": 0.08},
+    "bodies_rotors_box": {"rotor": 9e-5, "box": 0.1},
+}
+"""What nobody states: a rotor's moment of inertia about its axis [kg m²], the masses of a box and of a load [kg]."""
+
+
+def assembled(rotor: float, box: float, load: float) -> Any:
+    """The model; where rotors spin, the rest has what they lack of the stated mass and inertia."""
+    sites = "".join(f'<site name="s{i}" pos="{x} {y} {z}"/>' for i, (x, y, z) in enumerate(HUBS))
+    each, bodies = ROTOR_MASS if rotor else 0.0, ""
+    inertia = np.array(INERTIA) - sum(each * np.array([y * y, x * x, x * x + y * y]) for x, y, _ in HUBS)
+    inertia[:2] -= 2 * rotor
+    gears = [0.0 if rotor else s * K_M / K_F for s in SPINS]
+    motors = "".join(f'<motor site="s{i}" gear="0 0 1 0 0 {g}"/>' for i, g in enumerate(gears))
+    if rotor:
+        bodies += "".join(
+            f'<body pos="{x} {y} {z}"><joint name="j{i}" type="hinge" axis="0 0 1"/>'
+            f'<inertial pos="0 0 0" mass="{each}" diaginertia="{rotor / 2} {rotor / 2} {rotor}"/></body>'
+            for i, (x, y, z) in enumerate(HUBS)
+        )
+        motors += "".join(f'<motor joint="j{i}"/>' for i in range(4))
+    if box:
+        bodies += (
+            f'<body pos="{" ".join(map(str, BOX_AT))}"><inertial pos="0 0 0" mass="{box}" '
+            f'diaginertia="{" ".join(str(box * k) for k in BOX)}"/></body>'
+        )
+    if load:
+        damping = 2 * SWING_DAMPING * load * ROD**1.5 * 9.81**0.5
+        hinges = "".join(f'<joint type="hinge" axis="{a}" damping="{damping}"/>' for a in ("1 0 0", "0 1 0"))
+        bodies += f'<body>{hinges}<inertial pos="0 0 {-ROD}" mass="{load}" diaginertia="1e-7 1e-7 1e-7"/></body>'
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{STEP}" integrator="RK4"/><worldbody><body pos="0 0 3"><freejoint/><inertial '
+        f'pos="0 0 0" mass="{WEIGHT - 4 * each}" diaginertia="{" ".join(map(str, inertia))}"/>{sites}{bodies}</body>'
+        f"</worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+
+
+def flown(folder: Path, seed: int, rotor: float = 0.0, box: float = 0.0, load: float = 0.0) -> None:
+    """Six flights of 20 s, logged at 100 Hz; a controller at 500 Hz knows the stated vehicle."""
+    model, spins = assembled(rotor, box, load), np.array(SPINS)
+    x, y, _ = zip(*HUBS, strict=True)
+    mixed = np.linalg.inv(np.array([[1.0] * 4, y, [-v for v in x], spins * K_M / K_F]))
+    random = np.random.default_rng(seed)
+    for run in range(6):
+        data, rows = mujoco.MjData(model), []
+        speed = command = np.full(4, (WEIGHT * 9.81 / 4 / K_F) ** 0.5)
+        if rotor:
+            data.qvel[6:10] = -spins * speed
+        turn, phase = 2 * np.pi * random.uniform(0.1, 0.5, (3, 3)), random.uniform(0, 6.28, (3, 3))
+        size, yaw = np.array([[0.8], [0.8], [0.4]]) * random.uniform(0.4, 1, (3, 3)), random.uniform(0.05, 0.2)
+        for k in range(20_000):
+            t = k * STEP
+            if k % 2 == 0:
+                s, c = np.sin(turn * t + phase), np.cos(turn * t + phase)
+                path = np.add((size * (s - np.sin(phase))).sum(1), (0, 0, 3))
+                command = controlled(data, path, (size * turn * c).sum(1), -(size * turn**2 * s).sum(1), yaw * t, mixed)
+            if rotor:  # it spins the other way round than its torque turns the vehicle
+                speed = -spins * data.qvel[6:10]
+                data.ctrl[4:] = -spins * (rotor / LAG * (command - speed) + K_M * speed**2)
+                data.xfrc_applied[2:6, 3:] = np.outer(spins * K_M * speed**2, data.xmat[1].reshape(3, 3)[:, 2])
+            else:
+                speed = speed + (command - speed) * -np.expm1(-STEP / LAG)
+            if k % 10 == 0:
+                seen = data.qpos[:3] + 1e-3 * random.normal(size=3), data.qvel[:3] + 5e-3 * random.normal(size=3)
+                rates, turning = data.qvel[3:6] + 8e-3 * random.normal(size=3), speed + 0.5 * random.normal(size=4)
+                rows.append([t, *seen[0], *seen[1], *data.qpos[3:7], *rates, *turning])
+            data.ctrl[:4] = K_F * speed**2
+            mujoco.mj_step(model, data)
+        save(folder, run, np.array(rows), QUADROTOR)
+    describe_quadrotor(
+        folder, 100, "linear", mass=WEIGHT, inertia=list(INERTIA), thrust_coefficient=K_F, torque_coefficient=K_M,
+        rotor_positions=HUBS, rotor_directions=SPINS, rotor_radius=0.12,
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    for i, (name, hidden) in enumerate(ASSEMBLIES.items()):
+        if len(sys.argv) < 3 or name in sys.argv[2:]:
+            flown(Path(sys.argv[1]) / name, 400 + i, **hidden)
