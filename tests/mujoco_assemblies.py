@@ -1,4 +1,4 @@
-"""Quadrotors that MuJoCo puts together of bodies: rotors that spin, a box off the centre, a weight on a rod.
+"""Quadrotors that MuJoCo puts together of bodies: rotors that spin, a box off the centre.
 
 `pip install mujoco`, `python tests/mujoco_assemblies.py DIR [NAME ...]`, then `bench diagnose DIR/NAME`. No effect is
 written down here: what rotors do by their inertia, where the centre of gravity lies, and how its frame moves about it
@@ -18,19 +18,16 @@ STEP, LAG = 1e-3, 0.03
 """Of the integration, and time constant of the motors [s]."""
 ROTOR_MASS, BOX_AT, BOX = 0.01, (0.03, -0.02, -0.05), (5e-4, 4e-4, 3e-4)
 """[kg]; where the box is [m] and its moments of inertia over its mass [m²]."""
-ROD, SWING_DAMPING = 0.6, 0.03
-"""[m]; relative."""
 ASSEMBLIES: dict[str, dict[str, float]] = {
     "bodies_nothing": {},
     "bodies_rotors": {"rotor": 9e-5},
     "bodies_box": {"box": 0.1},
-    "bodies_load": {"load": 0.08},
     "bodies_rotors_box": {"rotor": 9e-5, "box": 0.1},
 }
-"""What nobody states: a rotor's moment of inertia about its axis [kg m²], the masses of a box and of a load [kg]."""
+"""What nobody states: a rotor's moment of inertia about its axis [kg m²], and the mass of a box [kg]."""
 
 
-def assembled(rotor: float, box: float, load: float) -> Any:
+def assembled(rotor: float, box: float) -> Any:
     """The model; where rotors spin, the rest has what they lack of the stated mass and inertia."""
     sites = "".join(f'<site name="s{i}" pos="{x} {y} {z}"/>' for i, (x, y, z) in enumerate(HUBS))
     each, bodies = ROTOR_MASS if rotor else 0.0, ""
@@ -50,10 +47,6 @@ def assembled(rotor: float, box: float, load: float) -> Any:
             f'<body pos="{" ".join(map(str, BOX_AT))}"><inertial pos="0 0 0" mass="{box}" '
             f'diaginertia="{" ".join(str(box * k) for k in BOX)}"/></body>'
         )
-    if load:
-        damping = 2 * SWING_DAMPING * load * ROD**1.5 * 9.81**0.5
-        hinges = "".join(f'<joint type="hinge" axis="{a}" damping="{damping}"/>' for a in ("1 0 0", "0 1 0"))
-        bodies += f'<body>{hinges}<inertial pos="0 0 {-ROD}" mass="{load}" diaginertia="1e-7 1e-7 1e-7"/></body>'
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{STEP}" integrator="RK4"/><worldbody><body pos="0 0 3"><freejoint/><inertial '
         f'pos="0 0 0" mass="{WEIGHT - 4 * each}" diaginertia="{" ".join(map(str, inertia))}"/>{sites}{bodies}</body>'
@@ -61,9 +54,9 @@ def assembled(rotor: float, box: float, load: float) -> Any:
     )
 
 
-def flown(folder: Path, seed: int, rotor: float = 0.0, box: float = 0.0, load: float = 0.0) -> None:
+def flown(folder: Path, seed: int, rotor: float = 0.0, box: float = 0.0) -> None:
     """Six flights of 20 s, logged at 100 Hz; a controller at 500 Hz knows the stated vehicle."""
-    model, spins = assembled(rotor, box, load), np.array(SPINS)
+    model, spins = assembled(rotor, box), np.array(SPINS)
     x, y, _ = zip(*HUBS, strict=True)
     mixed = np.linalg.inv(np.array([[1.0] * 4, y, [-v for v in x], spins * K_M / K_F]))
     random = np.random.default_rng(seed)

@@ -318,16 +318,15 @@ def _understood(view: View, worthy: Choice, known: int, settled_groups: Collecti
     """Places of the effects that are what they seem, and of those that only imitate something else.
 
     What is left of an equation is known where nothing predicts it better, or where the inputs seem to do nothing and
-    do, beside a slow disturbance; so is what those explain that are not worth a term. The effect that explains least
-    goes first: two that share what they explain would both seem less than what is left.
+    do, beside a slow disturbance. The effect that explains least goes first: two that share what they explain would
+    both seem less than what is left.
     """
     channels = enumerate(view.linear.channels)
     known_channels = {k for k, c in channels if view.linear.model.measured_channels[c].group in settled_groups}
     first = len(view.linear.columns)
-    places = [i for i in range(known, len(view.linear.model.effects)) if i not in worthy.dropped]
-    gone = set(worthy.dropped) - set(worthy.trifles)
+    gone = set(worthy.dropped)
     while True:
-        left = [i for i in places if i not in gone]
+        left = [i for i in range(known, len(view.linear.model.effects)) if i not in gone]
         traces, total = left_over(view, sorted(gone))
         explained = [t for t in traces if view.reach[t.column - first] <= known_channels]
         total -= view.floor * sum(t.gain for t in explained)

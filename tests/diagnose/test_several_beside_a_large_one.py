@@ -1,4 +1,4 @@
-"""Two effects, each a part of what a far larger one leaves, and what is not worth a term beside a true one."""
+"""Two effects, each a part of what a far larger one leaves, and one beside a trace that nothing predicts better."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -36,8 +36,8 @@ def test_two_that_only_together_clear_what_a_large_one_leaves_are_tried_together
 
 
 @pytest.mark.slow
-def test_what_a_trifle_explains_is_no_riddle(cache: Path) -> None:
-    """An inflow loss that saves 1 % lies beside a racer's products of inertia, which had seemed to imitate it."""
+def test_what_nothing_predicts_better_is_no_riddle(cache: Path) -> None:
+    """A trace in force z, which errs less than its noise, had made an imitation of a racer's products of inertia."""
     name = "113-single-inertia_products-racer-1-gentle-low-capture-250c100"
     (case,) = (c for c in suite.cases(113) if c.id == name)
     assert [f.id for f in discover(measured(case, cache)).found] == ["inertia_products"]

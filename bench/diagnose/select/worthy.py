@@ -31,8 +31,6 @@ class Choice:
     view: View
     dropped: tuple[int, ...] = ()
     """Places of effects in the view's model."""
-    trifles: tuple[int, ...] = ()
-    """Those among them that are sure and not worth a term: what they explain is understood."""
 
     @cached_property
     def fit(self) -> Fit:
@@ -84,10 +82,9 @@ def worth_naming(
     dropped = {i for i in places if at_bound(numbers, i)}
     remarks: list[str] = []
     contradicted_effects: list[str] = []
-    trifles: list[int] = []
     while True:
         gone = view.linear.removed(sorted(dropped))[0]
-        chosen = Choice(search, view, tuple(sorted(gone)), tuple(trifles))
+        chosen = Choice(search, view, tuple(sorted(gone)))
         left = [i for i in places if i not in gone]
         less = {i: subsets.fit(drop=[*gone, i]) for i in left}
         unsure = [i for i in left if not accepted(view, less[i], chosen.fit, drop=[*gone, i])]
@@ -119,8 +116,6 @@ def worth_naming(
                 contradicted_effects.append(name)
             else:
                 remarks.append(_doubted(name, savings[least], least in chance))
-                if least not in chance and not any(s.worth for s in savings[least]):
-                    trifles.append(least)
 
 
 def _doubted(name: str, savings: Sequence[Saving], chance: bool) -> str:
