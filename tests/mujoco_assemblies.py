@@ -11,8 +11,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco_machines import HUBS, INERTIA, K_F, K_M, SPINS, WEIGHT, controlled
-from simulated_folders import QUADROTOR, describe_quadrotor, save
+from mujoco_machines import HOVER, HUBS, INERTIA, K_F, K_M, SPINS, WEIGHT, described, piloted, sensed
+from simulated_folders import QUADROTOR, save
 
 STEP, LAG = 1e-3, 0.03
 """Of the integration, and time constant of the motors [s]."""
@@ -57,22 +57,15 @@ def assembled(rotor: float, box: float) -> Any:
 def flown(folder: Path, seed: int, rotor: float = 0.0, box: float = 0.0) -> None:
     """Six flights of 20 s, logged at 100 Hz; a controller at 500 Hz knows the stated vehicle."""
     model, spins = assembled(rotor, box), np.array(SPINS)
-    x, y, _ = zip(*HUBS, strict=True)
-    mixed = np.linalg.inv(np.array([[1.0] * 4, y, [-v for v in x], spins * K_M / K_F]))
     random = np.random.default_rng(seed)
     for run in range(6):
-        data, rows = mujoco.MjData(model), []
-        speed = command = np.full(4, (WEIGHT * 9.81 / 4 / K_F) ** 0.5)
+        data, rows, speed, command, pilot = mujoco.MjData(model), [], HOVER, HOVER, piloted(random)
         if rotor:
             data.qvel[6:10] = -spins * speed
-        turn, phase = 2 * np.pi * random.uniform(0.1, 0.5, (3, 3)), random.uniform(0, 6.28, (3, 3))
-        size, yaw = np.array([[0.8], [0.8], [0.4]]) * random.uniform(0.4, 1, (3, 3)), random.uniform(0.05, 0.2)
         for k in range(20_000):
             t = k * STEP
             if k % 2 == 0:
-                s, c = np.sin(turn * t + phase), np.cos(turn * t + phase)
-                path = np.add((size * (s - np.sin(phase))).sum(1), (0, 0, 3))
-                command = controlled(data, path, (size * turn * c).sum(1), -(size * turn**2 * s).sum(1), yaw * t, mixed)
+                command = pilot(data, t)
             if rotor:  # it spins the other way round than its torque turns the vehicle
                 speed = -spins * data.qvel[6:10]
                 data.ctrl[4:] = -spins * (rotor / LAG * (command - speed) + K_M * speed**2)
@@ -80,16 +73,11 @@ def flown(folder: Path, seed: int, rotor: float = 0.0, box: float = 0.0) -> None
             else:
                 speed = speed + (command - speed) * -np.expm1(-STEP / LAG)
             if k % 10 == 0:
-                seen = data.qpos[:3] + 1e-3 * random.normal(size=3), data.qvel[:3] + 5e-3 * random.normal(size=3)
-                rates, turning = data.qvel[3:6] + 8e-3 * random.normal(size=3), speed + 0.5 * random.normal(size=4)
-                rows.append([t, *seen[0], *seen[1], *data.qpos[3:7], *rates, *turning])
+                rows.append([*sensed(data, t, random), *speed + 0.5 * random.normal(size=4)])
             data.ctrl[:4] = K_F * speed**2
             mujoco.mj_step(model, data)
         save(folder, run, np.array(rows), QUADROTOR)
-    describe_quadrotor(
-        folder, 100, "linear", mass=WEIGHT, inertia=list(INERTIA), thrust_coefficient=K_F, torque_coefficient=K_M,
-        rotor_positions=HUBS, rotor_directions=SPINS, rotor_radius=0.12,
-    )  # fmt: skip
+    described(folder)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ shares nothing with this project: its integrators, friction, limits, actuators a
 """
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ MACHINES: dict[str, dict[str, str]] = {
 WEIGHT, INERTIA, ARM, K_F, K_M = 1.1, (0.0085, 0.0092, 0.0155), 0.17, 9.5e-6, 1.6e-7
 """Of the quadrotors [kg], [kg m²], [m], [N s²], [N m s²]."""
 HUBS, SPINS = [(ARM, -ARM, 0), (-ARM, -ARM, 0), (-ARM, ARM, 0), (ARM, ARM, 0)], [1.0, -1.0, 1.0, -1.0]
+HOVER = np.full(4, (WEIGHT * 9.81 / 4 / K_F) ** 0.5)
 AIR = 'density="1.2" viscosity="0.00002"'
 VEHICLES: dict[str, dict[str, Any]] = {
     "hover_nothing": {},
@@ -82,31 +84,48 @@ def vehicle(folder: Path, seed: int, mass: float = WEIGHT, centre: str = "0 0 0"
         f'<inertial pos="{centre}" mass="{mass}" diaginertia="{inertia}"/><geom type="ellipsoid" size=".2 .2 .06" '
         f'contype="0" conaffinity="0" {fluid}/>{sites}</body></worldbody><actuator>{motors}</actuator></mujoco>'
     )
-    x, y, _ = zip(*HUBS, strict=True)
-    mixed = np.linalg.inv(np.array([[1.0] * 4, y, [-v for v in x], [s * K_M / K_F for s in SPINS]]))
     random = np.random.default_rng(seed)
     for run in range(6):
-        data, rows, speed = mujoco.MjData(model), [], np.full(4, (WEIGHT * 9.81 / 4 / K_F) ** 0.5)
-        turn, phase = 2 * np.pi * random.uniform(0.1, 0.5, (3, 3)), random.uniform(0, 6.28, (3, 3))
-        size, yaw = np.array([[0.8], [0.8], [0.4]]) * random.uniform(0.4, 1, (3, 3)), random.uniform(0.05, 0.2)
+        data, rows, speed, pilot = mujoco.MjData(model), [], HOVER, piloted(random)
         for k in range(20_000):
             t = k * 1e-3
             if k % 2 == 0:
-                s, c = np.sin(turn * t + phase), np.cos(turn * t + phase)
-                path = np.add((size * (s - np.sin(phase))).sum(1), (0, 0, 3))
-                speed = controlled(data, path, (size * turn * c).sum(1), -(size * turn**2 * s).sum(1), yaw * t, mixed)
+                speed = pilot(data, t)
             if k % 10 == 0:
-                seen = data.qpos[:3] + 1e-3 * random.normal(size=3), data.qvel[:3] + 5e-3 * random.normal(size=3)
-                rows.append(
-                    [t, *seen[0], *seen[1], *data.qpos[3:7], *data.qvel[3:6] + 8e-3 * random.normal(size=3), *speed]
-                )
+                rows.append([*sensed(data, t, random), *speed])
             data.ctrl[:] = K_F * speed**2 * worn
             mujoco.mj_step(model, data)
         save(folder, run, np.array(rows), QUADROTOR)
+    described(folder)
+
+
+def described(folder: Path) -> None:
+    """Write what is stated of the quadrotor."""
     describe_quadrotor(
         folder, 100, "linear", mass=WEIGHT, inertia=list(INERTIA), thrust_coefficient=K_F, torque_coefficient=K_M,
         rotor_positions=HUBS, rotor_directions=SPINS, rotor_radius=0.12,
     )  # fmt: skip
+
+
+def sensed(data: Any, t: float, random: np.random.Generator) -> list[float]:
+    """Columns of `QUADROTOR` before the rotor speeds, with noise."""
+    seen = data.qpos[:3] + 1e-3 * random.normal(size=3), data.qvel[:3] + 5e-3 * random.normal(size=3)
+    return [t, *seen[0], *seen[1], *data.qpos[3:7], *data.qvel[3:6] + 8e-3 * random.normal(size=3)]
+
+
+def piloted(random: np.random.Generator) -> Callable[[Any, float], np.ndarray]:
+    """Rotor speeds (4,) [rad/s] that follow a path of sums of sines, of the simulator's data and the time."""
+    x, y, _ = zip(*HUBS, strict=True)
+    mixed = np.linalg.inv(np.array([[1.0] * 4, y, [-v for v in x], [s * K_M / K_F for s in SPINS]]))
+    turn, phase = 2 * np.pi * random.uniform(0.1, 0.5, (3, 3)), random.uniform(0, 6.28, (3, 3))
+    size, yaw = np.array([[0.8], [0.8], [0.4]]) * random.uniform(0.4, 1, (3, 3)), random.uniform(0.05, 0.2)
+
+    def command(data: Any, t: float) -> np.ndarray:
+        s, c = np.sin(turn * t + phase), np.cos(turn * t + phase)
+        path = np.add((size * (s - np.sin(phase))).sum(1), (0, 0, 3))
+        return controlled(data, path, (size * turn * c).sum(1), -(size * turn**2 * s).sum(1), yaw * t, mixed)
+
+    return command
 
 
 def controlled(data: Any, path: Any, pace: Any, bend: Any, turns: float, mixed: np.ndarray) -> np.ndarray:

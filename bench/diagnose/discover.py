@@ -150,8 +150,8 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         view = _viewed(search, other, (), view.explained)
         worthy, remarks, contradicted_effects = worth_naming(search, view, weighing)
     hidden_constants = revealed(search, view, worthy.fit, worthy.model, stated, weighing)
-    settled_groups = _settled(weighing, worthy.model) | {c.group for c in hidden_constants if c.told is not None}
-    named, confounders = _understood(view, worthy, len(subject.model.effects), settled_groups)
+    known_groups = _exhausted(weighing, worthy.model) | {c.group for c in hidden_constants if c.told is not None}
+    named, confounders = _understood(view, worthy, len(subject.model.effects), known_groups)
     chosen, sought = worthy, [_names(view)[i] for i in (*named, *confounders)]
     if confounders:  # what was worth a term beside an imitation may save nothing without it
         view = _relinearised(search, view, {*worthy.dropped, *confounders})
@@ -305,7 +305,7 @@ def _viewed(search: Search, model: PhysicsModel, only: Collection[str], explaine
     return min(search.views(search.look(model, only), explained), key=lambda v: v.subsets.fit().prior)
 
 
-def _settled(weighing: Weighing | None, model: PhysicsModel) -> set[str]:
+def _exhausted(weighing: Weighing | None, model: PhysicsModel) -> set[str]:
     """Groups of channels whose equations are predicted as well as any function of the measured signals would."""
     if weighing is None:
         return set()
@@ -314,7 +314,7 @@ def _settled(weighing: Weighing | None, model: PhysicsModel) -> set[str]:
     return {e.group.name for e in weighing.equations if e.name not in left}
 
 
-def _understood(view: View, worthy: Choice, known: int, settled_groups: Collection[str]) -> tuple[list[int], list[int]]:
+def _understood(view: View, worthy: Choice, known: int, known_groups: Collection[str]) -> tuple[list[int], list[int]]:
     """Places of the effects that are what they seem, and of those that only imitate something else.
 
     What is left of an equation is known where nothing predicts it better, or where the inputs seem to do nothing and
@@ -322,7 +322,7 @@ def _understood(view: View, worthy: Choice, known: int, settled_groups: Collecti
     both seem less than what is left.
     """
     channels = enumerate(view.linear.channels)
-    known_channels = {k for k, c in channels if view.linear.model.measured_channels[c].group in settled_groups}
+    known_channels = {k for k, c in channels if view.linear.model.measured_channels[c].group in known_groups}
     first = len(view.linear.columns)
     gone = set(worthy.dropped)
     while True:
