@@ -140,6 +140,8 @@ class ActuatorLag(FirstOrderLag, DriveEffect):
 def _lagged(first: Tensor, segments: Tensor, up: Tensor, down: Tensor, half: float) -> np.ndarray:
     """Speeds (2 K + 1, …, m) at the start, middle and end of K steps, in the arithmetic of `FirstOrderLag.act`.
 
+    With one time constant in both directions what it adds is linear in the commands, and summed at once.
+
     Args:
         first: (…, m) speed at the start.
         segments: (…, K, 3, m) commands.
@@ -154,6 +156,9 @@ def _lagged(first: Tensor, segments: Tensor, up: Tensor, down: Tensor, half: flo
     held = not slopes.any()
     taus = [t.contiguous().numpy() for t in (up, down)]
     decays = [torch.exp(-half / t.clamp(min=1e-9)).contiguous().numpy() for t in (up, down)]
+    if torch.equal(up, down):
+        settled = taus[0] * slopes  # how far behind a ramp the lag settles
+        return _decaying(first.numpy(), decays[0], ends - settled + (settled - starts) * decays[0])
     path = np.empty((len(starts) + 1, *first.shape), dtype=given.dtype)
     path[0] = first.numpy()
     for k, (speed, after) in enumerate(pairwise(path)):
@@ -168,6 +173,32 @@ def _lagged(first: Tensor, segments: Tensor, up: Tensor, down: Tensor, half: flo
             after *= np.where(rising, *decays)
             after += ends[k] - lagging
     return path
+
+
+def _decaying(first: np.ndarray, decay: np.ndarray, added: np.ndarray) -> np.ndarray:
+    """The path (K + 1, …) of x_{k+1} = d x_k + a_k.
+
+    Cut into √K stretches, which are summed side by side and then joined one after another.
+
+    Args:
+        first: (…) x_0.
+        decay: (…) d, 0 to 1.
+        added: (K, …) a.
+    """
+    count, shape = len(added), first.shape
+    length = max(1, math.isqrt(count))
+    stretches = -(-count // length)
+    path = np.zeros((stretches * length + 1, *shape), dtype=added.dtype)
+    path[0], path[1 : count + 1] = first, added
+    parts = path[1:].reshape(stretches, length, *shape)
+    powers = np.empty((length, *shape), dtype=added.dtype)
+    powers[0] = decay
+    for k in range(1, length):
+        parts[:, k] += decay * parts[:, k - 1]
+        powers[k] = decay * powers[k - 1]
+    for part, before in zip(parts, path[:-1:length], strict=True):
+        part += powers * before
+    return path[: count + 1]
 
 
 @EFFECTS.register("input_delay")

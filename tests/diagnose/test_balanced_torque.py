@@ -14,7 +14,7 @@ from registry.dynamics import constant, tensor
 from registry.physics.state_space import Mechanical
 from registry.units import Signal
 
-STEP, SAMPLES = 0.005, 1000
+STEP, SAMPLES = 0.01, 1000
 INERTIA, WEIGHT, DRY, TEETH = 0.0013, 0.084, 0.06, 0.01
 """[kg m²], and torques [N m]: of the weight, of dry friction, from tooth to tooth."""
 RIPPLE = 0.015

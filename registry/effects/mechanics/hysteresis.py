@@ -1,10 +1,12 @@
 """Effects that remember which way they came."""
 
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.core import EFFECTS
 from registry.dynamics import RateEffect, constant, tensor
@@ -39,6 +41,30 @@ class Backlash(DriveEffect):
             memory = torch.maximum(drive - width, torch.minimum(drive + width, memory))
             out.append(memory)
         return memory, torch.stack(out, dim=-2)
+
+    @override
+    def over(self, memory: Tensor, segments: Tensor, dt: float, held: bool) -> tuple[Tensor, Tensor]:
+        """The same of a whole recording at once; see `InputEffect.over`.
+
+        To be held between two bounds and then between two others is to be held between two: bounds of each stretch of
+        √K drives are made side by side, and the stretches joined one after another.
+        """
+        width = tensor(self.width, segments).unsqueeze(-1).unsqueeze(-1)
+        drive = segments.flatten(-3, -2)  # (…, 3 K, m)
+        length = max(1, math.isqrt(drive.shape[-2]))
+        rest = -drive.shape[-2] % length
+        drive = torch.cat([drive, drive[..., -1:, :].expand(*drive.shape[:-2], rest, -1)], dim=-2)
+        low, high = ((drive + side).unflatten(-2, (-1, length)) for side in (-width, width))
+        lows, highs = [low[..., 0, :]], [high[..., 0, :]]
+        for k in range(1, length):  # from the beginning of a stretch to after each of its drives
+            lows.append(torch.maximum(low[..., k, :], torch.minimum(high[..., k, :], lows[-1])))
+            highs.append(torch.maximum(low[..., k, :], torch.minimum(high[..., k, :], highs[-1])))
+        low, high, out = torch.stack(lows, dim=-2), torch.stack(highs, dim=-2), list[Tensor]()
+        for s in range(low.shape[-3]):
+            before = (out[-1][..., -1:, :] if out else memory.unsqueeze(-2)).expand(low[..., s, :, :].shape)
+            out.append(torch.maximum(low[..., s, :, :], torch.minimum(high[..., s, :, :], before)))
+        path = torch.cat(out, dim=-2)[..., : 3 * segments.shape[-3], :].unflatten(-2, (-1, 3))
+        return torch.cat([memory.expand(path[..., 0, 0, :].shape).unsqueeze(-2), path[..., 2, :]], dim=-2), path
 
 
 @EFFECTS.register("bouc_wen")
