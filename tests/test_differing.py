@@ -63,7 +63,7 @@ def test_parts_of_a_recording_are_one_recording(tmp_path: Path):
         vehicle(tmp_path / "all", "offset_force", i, size=size, recordings=1, seconds=60.0)
         (tmp_path / "all" / "run_0.csv").rename(tmp_path / f"run_{i}.csv")
     (tmp_path / "all" / "dataset.toml").rename(tmp_path / "dataset.toml")
-    said, _ = diagnose(tmp_path, brief=True)
+    said, _ = diagnose(tmp_path, catalogue=["offset_force", "quadratic_drag", "viscous_friction"], brief=True)
     assert any("cut in parts" in note for note in said.evidence.notes)
     assert said.differing is not None and [*said.differing.by_recording] == ["run_0", "run_1"]
     assert [p["f_0"].value for p in said.differing.by_recording.values()] == pytest.approx([0.4, -0.4], rel=0.05)

@@ -51,8 +51,8 @@ def flight(seed: int, wind: float, linear: float = 0.0, square: float = 0.0, unk
     [
         ("linear_drag", 4.0, {"linear": 0.2, "unknown": 0.02}),
         ("parasitic_drag", 4.0, {"square": 0.06}),
-        ("linear_drag", 10.0, {"linear": 0.2, "unknown": 0.02}),
-        ("parasitic_drag", -12.0, {"square": 0.03, "unknown": 0.02}),
+        pytest.param("linear_drag", 10.0, {"linear": 0.2, "unknown": 0.02}, marks=pytest.mark.slow),
+        pytest.param("parasitic_drag", -12.0, {"square": 0.03, "unknown": 0.02}, marks=pytest.mark.slow),
     ],
 )
 def test_wind_is_found_behind_leaning_rotors_and_another_drag(drag: str, wind: float, hidden: dict[str, float]) -> None:

@@ -311,6 +311,20 @@ def test_a_turn_too_sharp_for_the_sampling_is_no_missing_sample() -> None:
     assert [(p.kind, p.rows) for p in found] == [("clock jump", (1199, 1200))]
 
 
+def test_a_turn_that_begins_between_two_samples_is_judged_by_the_attitude_and_not_by_a_noisy_position() -> None:
+    """From a tenth of a sample after one on, the body turns about z at 6 rad/s, and less and less for 2 s."""
+    logs, rng = [flight(seed, noise=0.05) for seed in range(100, 104)], np.random.default_rng(0)
+    since = np.maximum(logs[0]["t"] - 800.1 * DT, 0)[:, None] * [0, 0, 1]
+    turned = Rotation.from_rotvec(12 * (1 - np.exp(-since / 2)))
+    quaternion = (Rotation.from_quat(logs[0]["attitude"]) * turned).as_quat()
+    quaternion[1:] *= np.cumprod(np.where((quaternion[1:] * quaternion[:-1]).sum(1) < 0, -1.0, 1.0))[:, None]
+    rates = turned.inv().apply(logs[0]["body_rates"]) + 6 * np.exp(-since / 2) * (since > 0)
+    logs[0].update(attitude=quaternion, body_rates=rates)
+    for log in logs:
+        log["position"] = log["position"] + rng.normal(0, 3e-3, log["position"].shape)
+    assert problems(made(logs)).problems == ()
+
+
 def test_a_rate_whose_zero_is_off_does_not_make_rest_a_frozen_sensor() -> None:
     """A joint with a coarse encoder rests for 8 s in friction; the zero of the rate is off by a sixth of its noise."""
     rng, t = np.random.default_rng(0), np.arange(0, 30, 0.005)
