@@ -157,8 +157,8 @@ def _lagged(first: Tensor, segments: Tensor, up: Tensor, down: Tensor, half: flo
     taus = [t.contiguous().numpy() for t in (up, down)]
     decays = [torch.exp(-half / t.clamp(min=1e-9)).contiguous().numpy() for t in (up, down)]
     if torch.equal(up, down):
-        settled = taus[0] * slopes  # how far behind a ramp the lag settles
-        return _decaying(first.numpy(), decays[0], ends - settled + (settled - starts) * decays[0])
+        lagging = taus[0] * slopes  # as below
+        return _decaying(first.numpy(), decays[0], ends - lagging + (lagging - starts) * decays[0])
     path = np.empty((len(starts) + 1, *first.shape), dtype=given.dtype)
     path[0] = first.numpy()
     for k, (speed, after) in enumerate(pairwise(path)):

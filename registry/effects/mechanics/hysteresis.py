@@ -49,7 +49,7 @@ class Backlash(DriveEffect):
         To be held between two bounds and then between two others is to be held between two: bounds of each stretch of
         √K drives are made side by side, and the stretches joined one after another.
         """
-        width = tensor(self.width, segments).unsqueeze(-1).unsqueeze(-1)
+        width = scaled(self.width, segments).unsqueeze(-1)
         drive = segments.flatten(-3, -2)  # (…, 3 K, m)
         length = max(1, math.isqrt(drive.shape[-2]))
         rest = -drive.shape[-2] % length
