@@ -12,9 +12,9 @@ import torch
 from test_export import MODELS, SCALE, with_effects
 from torch import Tensor
 
-from bench.diagnose.logs.subject import Log
+from bench.diagnose.logs.subject import Log, LogBatch
 from bench.diagnose.regression.parameters import entries, probes, with_values
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.simulate.free_run import free_run
 from bench.diagnose.simulate.unmeasured import completed
 from registry.core import EFFECTS

@@ -19,8 +19,8 @@ from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.parts import in_parts
 from bench.diagnose.logs.sample import give_back, sampled
-from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.weak import LogBatch, own_states
+from bench.diagnose.logs.subject import LogBatch, Subject
+from bench.diagnose.regression.weak import own_states
 from bench.diagnose.result import DataProblem, Diagnosis, check_kinds
 from bench.diagnose.select.differing import differing
 from bench.diagnose.select.discovery import Discovery

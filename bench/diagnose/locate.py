@@ -14,10 +14,9 @@ from bench.analysis.display import Displayed, draw_bars, new_axes
 from bench.diagnose.evidence import ResidualMap, Window
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.logs.subject import Log, LogBatch, Subject
 from bench.diagnose.regression.conditions import Condition, conditions
 from bench.diagnose.regression.residuals import residual_maps
-from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.result import Region
 from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import LOCATING

@@ -16,11 +16,10 @@ import pysindy
 from scipy.signal import savgol_filter
 
 from bench.diagnose.compare import compare
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import LogBatch, Subject
 from bench.diagnose.regression.least_squares import bounded, ridge
 from bench.diagnose.regression.linearise import Candidate, Linearization, directions
 from bench.diagnose.regression.parameters import entries, with_values
-from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.select.catalogue import admissible
 from bench.score.case import Case
 from bench.score.chains import measured

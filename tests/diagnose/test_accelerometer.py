@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from bench.diagnose.learn.axis_series import axis_series
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
-from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.logs.subject import LogBatch, Subject, log_of
 from bench.diagnose.regression import test_functions
 from bench.diagnose.regression.linearise import directions
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.simulate.equation_error import Saving
@@ -72,10 +72,10 @@ def subject() -> Subject:
 def test_the_model_feels_the_forces_per_mass_and_no_weight() -> None:
     logs = subject().logs
     rates = mean_rates(MODEL, LogBatch.of(logs)).numpy()
-    speed = (logs[0].inputs[1:] + logs[0].inputs[:-1]).numpy()[:, :4] / 2
-    thrust = 1.5e-6 * (speed**2).sum(1) / 0.5
+    thrust = 1.5e-6 * (logs[0].inputs.numpy()[:, :4] ** 2).sum(1) / 0.5
+    felt = (thrust[1:] + thrust[:-1]) / 2  # summed as what was recorded is
     assert rates.shape[-1] == 16
-    assert rates[0, :, 13:] == pytest.approx(thrust[:, None] * [0, 0, 1], abs=1e-9)
+    assert rates[0, :, 13:] == pytest.approx(felt[:, None] * [0, 0, 1], abs=1e-9)
 
 
 @pytest.mark.parametrize("late", [0.0, 0.0035])

@@ -14,13 +14,12 @@ import bench.diagnose
 from bench.diagnose.locate import _judged
 from bench.diagnose.logs.consistency import pairs
 from bench.diagnose.logs.smoothing import Smoothing
-from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.logs.subject import LogBatch, Subject, log_of
 from bench.diagnose.manoeuvre.limits import shown
 from bench.diagnose.regression import test_functions
 from bench.diagnose.regression.conditions import conditions
 from bench.diagnose.regression.generic import dictionary
 from bench.diagnose.regression.residuals import residuals
-from bench.diagnose.regression.weak import LogBatch
 from registry.contracts import Channel
 from registry.core import EFFECTS
 from registry.datasets.signals import recording

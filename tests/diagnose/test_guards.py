@@ -13,7 +13,7 @@ from bench.diagnose.regression.generic import Term
 from bench.diagnose.regression.least_squares import Normal
 from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.parameters import Entry
-from bench.diagnose.regression.weak import mean_rates
+from bench.diagnose.regression.weak import mean_rates, midpoint_rates
 from bench.diagnose.select import verify
 from bench.diagnose.select.choose import accepted, choose, select_across_views
 from bench.diagnose.select.discovery import needs_first, supported, trifle
@@ -284,8 +284,9 @@ def test_the_noise_of_a_delayed_input_is_accounted_for() -> None:
     assert look.moved is not None and search.noisy is not None
     for start in look.linear.starts:
         delayed = replace(search.subject.model, effects=(start.effect,))
-        expected = mean_rates(delayed, search.noisy).numpy()[..., list(look.linear.channels)]
-        assert look.moved.rates + look.moved.columns[start.columns[0]] == pytest.approx(expected, abs=1e-9)
+        expected = midpoint_rates(delayed, search.noisy) - midpoint_rates(search.subject.model, search.noisy)
+        added = look.moved.columns[start.columns[0]]
+        assert added == pytest.approx(expected.numpy()[..., list(look.linear.channels)], abs=1e-9)
 
 
 @pytest.mark.parametrize(("share", "buried"), [(0.02, False), (1.5, False), (6.0, True)])
@@ -330,7 +331,8 @@ def test_an_uncertain_constant_does_not_stand_in_for_an_effect_that_is_taken_awa
     misfits = []
     for model in (replace(subject.model, effects=(friction,)), subject.model):
         linear = search.look(model, broad=False).linear
-        rows = linear.project(
+        at_middle = midpoint_rates(model, search.stack).numpy()[..., list(linear.channels)]  # as its columns are
+        rows = replace(linear, rates=at_middle).project(
             test_functions.TestFunctions.over(
                 search.stack.logs, search.stride, [search.smoothing_of(subject.model.state_channels[1])]
             )

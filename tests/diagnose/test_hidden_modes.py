@@ -22,10 +22,10 @@ from bench.diagnose.learn.modes.filters import Pole
 from bench.diagnose.learn.modes.modes import modes
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.logs.noise import noise_of
-from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.logs.subject import LogBatch, Subject, log_of
 from bench.diagnose.regression.parameters import effect_entries
 from bench.diagnose.regression.recall import begun, driven, turned
-from bench.diagnose.regression.weak import LogBatch, own_states
+from bench.diagnose.regression.weak import own_states
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.timing.reading import prepared

@@ -8,11 +8,11 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from bench.diagnose.learn.curve import nearest
-from bench.diagnose.logs.subject import Log
+from bench.diagnose.logs.subject import Log, LogBatch
 from bench.diagnose.regression.columns import Columns, response
 from bench.diagnose.regression.linearise import directions
 from bench.diagnose.regression.parameters import entries, probes, with_values
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import mean_rates, midpoint_rates
 from registry.core import EFFECTS
 from registry.effects.learned_term import LearnedTerm
 from registry.physics.quadrotor import Quadrotor
@@ -39,9 +39,9 @@ def test_a_drag_and_a_wind_are_linear_together() -> None:
     size = both.size([k_d, 0.0, 0.0])
     beta = [k_d, size * w_x, size * w_y]
     hidden = drag(k_d=k_d), wind(w_x=w_x, w_y=w_y)
-    expected = mean_rates(replace(model, effects=hidden), stack).numpy()[..., list(linear.channels)]
+    expected = midpoint_rates(replace(model, effects=hidden), stack) - midpoint_rates(model, stack)
     added = sum(b * linear.columns[c] for b, c in zip(beta, both.columns, strict=True))
-    assert linear.rates + added == pytest.approx(expected, abs=1e-9)
+    assert added == pytest.approx(expected.numpy()[..., list(linear.channels)], abs=1e-9)
     found = both.effects_at(beta)
     assert [p.value for e in found for p in e.parameters()] == pytest.approx([k_d, w_x, w_y])
     assert both.effects_at([0.0, 1.0, 1.0])[1] == wind.neutral()  # without a drag nothing is known of the wind
@@ -67,8 +67,9 @@ def test_what_needs_an_effect_goes_with_it() -> None:
     assert linear.removed([1]) == ({1}, [linear.removals[1]])
     assert linear.removed([0]) == linear.removed([0, 1]) == ({0, 1}, [linear.removals[0]])
     for place, left in ((0, ()), (1, (drag,))):
-        expected = mean_rates(replace(model, effects=left), stack).numpy()[..., list(linear.channels)]
-        assert linear.rates + linear.columns[linear.removals[place]] == pytest.approx(expected, abs=1e-12)
+        expected = midpoint_rates(replace(model, effects=left), stack) - midpoint_rates(model, stack)
+        removed = linear.columns[linear.removals[place]]
+        assert removed == pytest.approx(expected.numpy()[..., list(linear.channels)], abs=1e-12)
     both = Quadrotor(effects=(drag, wind, EFFECTS.get("linear_drag").typical()))
     two = directions(both, both, {}, stack)
     assert two.removed([0])[0] == {0} and two.removed([0, 2])[0] == {0, 1, 2}  # each of the drags carries the wind

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from test_accelerometer import MODEL, RATE, subject
 
 from bench.diagnose.logs.noise import noise_of
-from bench.diagnose.regression.weak import LogBatch
+from bench.diagnose.logs.subject import LogBatch
 from bench.diagnose.simulate.offsets import ANGLE, attitude_offsets, less_offsets
 
 

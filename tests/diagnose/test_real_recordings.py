@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from bench.diagnose import diagnose, discover, extend, load
 from bench.diagnose.logs.sample import shortened
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.logs.subject import LogBatch
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.report.sentences import explanation
 from bench.diagnose.simulate.free_run import free_run, measured_windows, starts
 from registry.core import EFFECTS

@@ -7,11 +7,10 @@ import pytest
 import torch
 
 from bench.diagnose.logs.sample import sampled, shared, shortened
-from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.logs.subject import Log, LogBatch, Subject
 from bench.diagnose.regression.parameters import Prior
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.starting_points import StartingPoints
-from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.select.search import Search, noise_filters
 from bench.diagnose.settings import FOLDING, READING, SEARCHING
 from registry.contracts import Channel, Recording

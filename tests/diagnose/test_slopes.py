@@ -18,9 +18,9 @@ from bench.diagnose.logs.noise import impulse_response, noise_of
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.slopes import with_missed, with_slopes
 from bench.diagnose.logs.smoothing import Slope, Smoothing
-from bench.diagnose.logs.subject import log_of
+from bench.diagnose.logs.subject import LogBatch, log_of
 from bench.diagnose.regression.test_functions import TestFunctions
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select.simulated import by_simulation
 from bench.diagnose.settings import SHIFTING
 from bench.diagnose.simulate.floor import measure

@@ -9,7 +9,7 @@ from test_compare import DT, TRUE, flights, subject_of
 from bench.diagnose import diagnose, discover
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
-from bench.diagnose.regression.weak import LogBatch
+from bench.diagnose.logs.subject import LogBatch
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.simulate.teacher_forced import equations, increments, noise_increments
 

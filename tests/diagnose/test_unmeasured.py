@@ -8,8 +8,7 @@ import torch
 
 from bench.diagnose import diagnose, load
 from bench.diagnose.discover import discover
-from bench.diagnose.logs.subject import Subject, log_of, self_contained
-from bench.diagnose.regression.weak import LogBatch
+from bench.diagnose.logs.subject import LogBatch, Subject, log_of, self_contained
 from bench.diagnose.select.simulated import by_simulation
 from bench.diagnose.settings import SIMULATING
 from bench.diagnose.simulate.simulation_fit import Windows, fit, starts

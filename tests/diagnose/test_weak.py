@@ -5,13 +5,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
+from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.smoothing import Smoothing
-from bench.diagnose.logs.subject import Log
+from bench.diagnose.logs.subject import Log, LogBatch, log_of
 from bench.diagnose.regression import test_functions, weak
 from bench.diagnose.regression.recurrence import solved
+from registry.contracts import Channel, Recording
+from registry.dynamics import PhysicsModel
 from registry.effects.suspended_load import SuspendedLoad
+from registry.physics.lorenz import Lorenz
+from registry.physics.oscillator import Oscillator
 from registry.physics.quadrotor import Quadrotor
 
 DT = 0.01
@@ -42,10 +48,72 @@ def test_a_swinging_load_that_is_solved_at_once_takes_the_path_of_one_step_after
     flight[..., 9] += 1.0
     speeds = 900 + 30 * torch.sin(torch.arange(403.0, dtype=torch.float64)).reshape(1, -1, 1).expand(2, -1, 4)
     model = Quadrotor(effects=(SuspendedLoad(m_l=0.1, l=length, zeta=0.1),))
-    stack = weak.LogBatch((), flight, speeds, 0.01)
+    stack = LogBatch((), flight, speeds, 0.01)
     at_once = weak.own_states(model, stack)
     monkeypatch.setattr(weak, "solved", lambda *a: None)
     one_by_one = weak.own_states(model, stack)
     assert one_by_one.abs().max() > 0.01
     torch.testing.assert_close(at_once, one_by_one, rtol=1e-11, atol=1e-12)
     assert solved(lambda x: x + 0.01 * (1 - x * x), (3, 50), 1, stack.states) is None  # not affine: never at once
+
+
+BEGIN = [3.0, -4.0, 20.0]
+
+
+def lorenz(t: float, x: np.ndarray) -> list[float]:
+    return [10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]]
+
+
+def driven(held: bool):
+    """A force that steps or bends every 20 ms, and what it does to m d²q/dt² = u − d dq/dt − k q."""
+    forces = np.random.default_rng(5).normal(0, 30, 60)
+
+    def force(t):
+        return forces[(t / 0.02 + 1e-9).astype(int)] if held else np.interp(t, 0.02 * np.arange(60), forces)
+
+    return force, lambda t, x: [x[1], force(np.array(t)) - 0.5 * x[1] - 100 * x[0]]
+
+
+def path_of(equation, begin: list[float], dt: float, samples: int) -> np.ndarray:
+    """(N, s), integrated from each sample to the next."""
+    path = [np.array(begin)]
+    for t in dt * np.arange(samples - 1):
+        piece = solve_ivp(equation, (t + 1e-12, t + dt - 1e-12), path[-1], "DOP853", rtol=1e-12, atol=1e-12)
+        path.append(piece.y[:, -1])
+    return np.array(path)
+
+
+def logged(model: PhysicsModel, path: np.ndarray, dt: float, force: np.ndarray) -> Log:
+    driving = tuple(Channel(f"{n}.u", "N") for n in model.input_signals)
+    valid = np.ones(len(path), dtype=bool)
+    made = Recording("run", 1 / dt, force[:, : len(driving)], path, driving, model.state_channels, valid)
+    return log_of(made, model, *(model.input_signals or [""]))
+
+
+@pytest.mark.parametrize("system", ["lorenz", "held", "linear"])
+def test_mean_rates_tell_the_step_from_one_sample_to_the_next_to_the_fifth_order(system):
+    """Against another integrator; those at the mean of the two tell it to the third, as the trapezoidal rule does."""
+    force, equation = (None, lorenz) if system == "lorenz" else driven(system == "held")
+    model = Lorenz() if force is None else Oscillator(input_hold="previous" if system == "held" else "linear")
+    begin, left = BEGIN if force is None else [0.1, 0.0], []
+    for dt in (0.01, 0.005):
+        x = path_of(equation, begin, dt, round(1 / dt) + 1)
+        log = logged(model, x, dt, x if force is None else force(dt * np.arange(len(x)))[:, None])
+        stack = LogBatch.of([log])
+        rates = weak.mean_rates(model, stack)[0], weak.midpoint_rates(model, stack)[0]
+        left.append([np.abs(np.diff(x, axis=0) - dt * r.numpy()).max() for r in rates])
+    (mean, middle), (mean_of_half, middle_of_half) = left
+    assert mean / mean_of_half == pytest.approx(2**5, rel=0.2)
+    assert middle / middle_of_half == pytest.approx(2**3, rel=0.2) and mean < 0.02 * middle
+
+
+def test_of_what_was_thinned_out_mean_rates_are_those_of_all_samples():
+    x = path_of(lorenz, BEGIN, 0.002, 501)
+    (thin,) = shortened([logged(Lorenz(), x, 0.002, x)], 1000, 8)
+    part = thin.part(slice(7, 40), "part")
+    for log, first in ((thin, 0), (part, 7)):
+        seen = LogBatch.of([log])
+        steps = torch.from_numpy(x[first * 8 :: 8][: len(log)]).diff(dim=0)
+        rates = (r(Lorenz(), seen)[0] for r in (weak.mean_rates, weak.midpoint_rates))
+        mean, middle = ((steps - log.dt * r).abs().max() for r in rates)
+        assert mean < 1e-7 and middle > 1e-3

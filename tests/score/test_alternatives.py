@@ -7,9 +7,8 @@ import pytest
 
 pytest.importorskip("rotorpy")
 
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import LogBatch, Subject
 from bench.diagnose.regression.linearise import Linearization, directions
-from bench.diagnose.regression.weak import LogBatch
 from bench.score.alternatives import WINDOW, accelerations, attempt_all, changes
 from bench.score.chain.case import ChainCase, measured
 

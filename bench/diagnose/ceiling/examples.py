@@ -8,8 +8,7 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.ceiling.deviation import deviation
-from bench.diagnose.logs.subject import Log
-from bench.diagnose.regression.weak import LogBatch
+from bench.diagnose.logs.subject import Log, LogBatch
 from bench.diagnose.settings import CEILING
 from bench.diagnose.simulate.free_run import Group, full_states, measured_windows, windows
 from bench.diagnose.simulate.roll import roll

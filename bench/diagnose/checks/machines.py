@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from bench.diagnose.checks.description.mistake import line
-from bench.diagnose.logs.subject import Log, Subject, drives_of, named_drive
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.logs.subject import Log, LogBatch, Subject, drives_of, named_drive
+from bench.diagnose.regression.weak import midpoint_rates
 from bench.diagnose.result import DataProblem
 from bench.diagnose.settings import FREEZING, INVERTING
 from registry.datasets.reading.cleaning import held, runs
@@ -103,7 +103,7 @@ def _acts(model: PhysicsModel, log: Log, place: int) -> float | None:
     stack = LogBatch.of([log])
     still = stack.inputs.clone()
     still[..., place] = log.inputs[log.valid, place].mean()
-    rates, own = (mean_rates(model, s)[0].numpy() for s in (stack, replace(stack, inputs=still)))
+    rates, own = (midpoint_rates(model, s)[0].numpy() for s in (stack, replace(stack, inputs=still)))
     size = log.states.shape[1]
     caused, seen = (rates - own)[:, :size], log.states.diff(dim=0).numpy() / log.dt - own[:, :size]
     good = log.valid.numpy()[:-1] & log.valid.numpy()[1:]

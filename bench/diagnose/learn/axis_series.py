@@ -8,11 +8,11 @@ import torch
 
 from bench.diagnose.learn.candidates import dynamic_axes, paths, with_axes
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.logs.subject import Log, LogBatch, Subject
 from bench.diagnose.regression.generic import Dictionary, dictionary
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.test_functions import TestFunctions
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.settings import UNSEEN
 from registry.dynamics import PhysicsModel
 from registry.terms import signals as known

@@ -7,8 +7,8 @@ from itertools import combinations
 import numpy as np
 import torch
 
+from bench.diagnose.logs.subject import LogBatch
 from bench.diagnose.regression.generic import Dictionary, Term
-from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.select.search import Look, Search, View
 from registry.dynamics import PhysicsModel
 from registry.effects.learned_term import LearnedTerm

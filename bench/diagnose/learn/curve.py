@@ -13,7 +13,7 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.test_functions import TestFunctions
-from bench.diagnose.regression.weak import mean_rates
+from bench.diagnose.regression.weak import mean_rates, midpoint_rates
 from bench.diagnose.result import NamedEffect
 from bench.diagnose.select.search import Search
 from bench.diagnose.settings import SKETCHING, TELLING
@@ -71,7 +71,8 @@ def _left(search: Search, model: PhysicsModel, place: int, term: LearnedTerm) ->
     at = dynamic_axes(rest).index(term.axis)
     unit = replace(with_all.effects[base + at], values=(1.0,))  # type: ignore[call-arg]
     rates = mean_rates(rest, stack).numpy()
-    direction = mean_rates(replace(rest, effects=(*rest.effects, unit)), stack).numpy() - rates
+    plain, added = (midpoint_rates(m, stack) for m in (rest, replace(rest, effects=(*rest.effects, unit))))
+    direction = (added - plain).numpy()
     channels = [c for c in stack.measured if np.abs(direction[..., c]).max() > 0 and c < stack.states.shape[-1]]
     tests = TestFunctions.over(
         stack.logs, search.stride, [search.smoothing_of(model.measured_channels[c]) for c in channels]

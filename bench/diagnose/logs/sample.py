@@ -115,6 +115,7 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = F
                 valid=gaps,
                 sensed=None if log.sensed is None else log.sensed[part],
                 between=None if stride == 1 else _between(log, part),
+                finer=None if stride == 1 or log.missed is not None else log.states[_whole(log, part)],
                 missed=None if stride > 1 or log.missed is None else log.missed[part.start : part.stop - 1],
                 recording=replace(
                     log.recording,
@@ -142,9 +143,14 @@ def _between(log: Log, part: slice) -> Tensor:
     Of what swings at ω the two ends alone would tell (ω dt)²/12 too much, which is more than noise leaves where it is
     low. Inputs are averaged alike.
     """
-    whole = log.means[part.start : part.stop]
-    kept = len(range(part.start, min(part.stop, len(log)), part.step)) - 1
-    return whole[: kept * part.step].unflatten(0, (kept, part.step)).mean(1)
+    of = _whole(log, part)
+    whole = log.means[of.start : of.stop - 1]
+    return whole.unflatten(0, (len(whole) // part.step, part.step)).mean(1)
+
+
+def _whole(log: Log, part: slice) -> slice:
+    """From the first sample that is kept to the last, with those that are left out."""
+    return slice(part.start, range(part.start, min(part.stop, len(log)), part.step)[-1] + 1)
 
 
 def _averaged(log: Log, stride: int, held: bool) -> Tensor:

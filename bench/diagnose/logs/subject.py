@@ -14,6 +14,8 @@ from registry.datasets.folder.dataset import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
+_MEANS = "between", "missed", "finer"
+
 
 @dataclass(frozen=True, eq=False)
 class Log:
@@ -37,6 +39,8 @@ class Log:
     """(N, f): the integral over time of what sensors tell of the state's rates; None: there is no such sensor."""
     between: Tensor | None = None
     """(N − 1, s): means of the states from each sample to the next, where others between them were left out."""
+    finer: Tensor | None = None
+    """((N − 1) stride + 1, s): the states with those that were left out, where all of them were measured."""
     missed: Tensor | None = None
     """(N − 1, s): what the means of two samples lack as means of slopes between them; see `logs.slopes`."""
     part_of: str = ""
@@ -72,6 +76,13 @@ class Log:
     def __len__(self) -> int:
         return len(self.states)
 
+    def _finer(self, at: slice) -> slice:
+        """Where the samples of ``at``, one after the other, stand among those that were left out."""
+        assert self.finer is not None
+        first, last, _ = at.indices(len(self))
+        stride = (len(self.finer) - 1) // max(1, len(self) - 1)
+        return slice(first * stride, (last - 1) * stride + 1)
+
     def part(self, at: slice, name: str) -> "Log":
         """Some of the samples, one after the other, as a log of this name."""
         return replace(
@@ -82,9 +93,90 @@ class Log:
             valid=self.valid[at],
             sensed=None if self.sensed is None else self.sensed[at],
             between=None if self.between is None else self.between[at][: len(self.states[at]) - 1],
+            finer=None if self.finer is None else self.finer[self._finer(at)],
             missed=None if self.missed is None else self.missed[at][: len(self.states[at]) - 1],
             recording=self.recording.part(at, name),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class LogBatch:
+    """Logs of one rate side by side, the shorter ones padded with their last sample."""
+
+    logs: tuple[Log, ...]
+    states: Tensor
+    """(L, N, s)."""
+    inputs: Tensor
+    """(L, N, m)."""
+    dt: float
+    means: Tensor | None = None
+    """(L, N − 1, s): of the states from each sample to the next, of recordings that were thinned out."""
+    missed: Tensor | None = None
+    """(L, N − 1, s): see `Log.missed`."""
+    finer: Tensor | None = None
+    """(L, (N − 1) stride + 1, s): see `Log.finer`."""
+
+    def samples(self, x: Tensor) -> Tensor:
+        """Those (…, n, c) of series (…, L, N, c) that are no padding, one log after the other."""
+        return torch.cat([x[..., i, : len(log), :] for i, log in enumerate(self.logs)], dim=-2)
+
+    @property
+    def between(self) -> Tensor:
+        """Means (L, N − 1, s) of the states from each sample to the next: of these, or of all that were left out."""
+        if self.means is not None:
+            return self.means
+        own = (self.states[:, :-1] + self.states[:, 1:]) / 2
+        return own if self.missed is None else own + self.missed
+
+    @property
+    def sensed(self) -> bool:
+        """Whether every log has what sensors tell of the rates."""
+        return bool(self.logs) and all(log.sensed is not None for log in self.logs)
+
+    @property
+    def paths(self) -> np.ndarray:
+        """(L, N, s + f): `Log.paths` side by side, with the states of this stack."""
+        if not self.sensed:
+            return self.states.numpy()
+        sensed = _padded([log.sensed for log in self.logs if log.sensed is not None])
+        return torch.cat([self.states, sensed], dim=-1).numpy()
+
+    @property
+    def measured(self) -> tuple[int, ...]:
+        """Places of what was measured in every log, among the model's `measured_channels`."""
+        return measured(self.logs)
+
+    @classmethod
+    def of(cls, logs: Sequence[Log]) -> "LogBatch":
+        """Of logs of one rate.
+
+        Raises:
+            BenchError: they were sampled at different rates.
+        """
+        rates = {log.rate for log in logs}
+        if len(rates) != 1:
+            raise BenchError(f"The recordings were sampled at {sorted(rates)} Hz: resample them to one rate first.")
+        states, inputs = (_padded([getattr(log, what) for log in logs]) for what in ("states", "inputs"))
+        means, missed, finer = (
+            _padded(given) if len(given) == len(logs) else None
+            for given in ([x for x in (getattr(log, what) for log in logs) if x is not None] for what in _MEANS)
+        )
+        return cls(tuple(logs), states, inputs, logs[0].dt, means, missed, finer)
+
+
+def measured(logs: Sequence[Log]) -> tuple[int, ...]:
+    """Places of what was measured in every log, among the model's `measured_channels`."""
+    states = logs[0].states.shape[-1]
+    own = [i for i in range(states) if all(log.measured[i] for log in logs)]
+    first = logs[0].sensed
+    told = 0 if first is None or any(log.sensed is None for log in logs) else first.shape[1]
+    return (*own, *(states + i for i in range(told)))
+
+
+def _padded(series: Sequence[Tensor]) -> Tensor:
+    """Series (N_i, c) side by side (L, N, c), the shorter ones padded with their last sample."""
+    longest = max(map(len, series))
+    return torch.stack([torch.cat([x, x[-1:].expand(longest - len(x), -1)]) for x in series])
 
 
 @dataclass(frozen=True, eq=False)

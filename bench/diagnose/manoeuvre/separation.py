@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.diagnose.logs.subject import Log, Subject
+from bench.diagnose.logs.subject import Log, LogBatch, Subject
 from bench.diagnose.regression.parameters import Entry, Prior, entries, probes, with_values
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import midpoint_rates
 from bench.diagnose.settings import SEPARATING
 from bench.diagnose.simulate.free_run import Group, between, default_steps, groups, measured_windows, starts
 from registry.dynamics import PhysicsModel
@@ -61,7 +61,7 @@ def integrated(model: PhysicsModel, logs: Sequence[Log], at: Sequence[np.ndarray
     """(…, windows, points, s): measured states at ``at`` and, from there, the integral of the model's rates."""
     stack = LogBatch.of(logs)
     size, begin = stack.states.shape[-1], stack.states.new_zeros(())
-    path = (mean_rates(model, stack)[..., :size] * stack.dt).cumsum(-2)
+    path = (midpoint_rates(model, stack)[..., :size] * stack.dt).cumsum(-2)
     path = torch.cat([begin.expand(*path.shape[:-2], 1, size), path], dim=-2)  # (…, L, N, s)
     out = []
     for i, k in enumerate(at):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bench.diagnose.regression.weak import LogBatch
+from bench.diagnose.logs.subject import LogBatch
 from registry.dynamics import PhysicsModel, Quantity
 
 

@@ -8,8 +8,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from bench.diagnose.logs.subject import LogBatch
 from bench.diagnose.regression.least_squares import equilibrium, ridge, shifted
-from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.settings import FOLLOWING
 from registry.dynamics import Description, PhysicsModel, Signals
 

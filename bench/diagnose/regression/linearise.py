@@ -6,13 +6,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import torch
 
+from bench.diagnose.logs.subject import LogBatch
 from bench.diagnose.regression.columns import Columns, moves, response
 from bench.diagnose.regression.generic import Dictionary
 from bench.diagnose.regression.parameters import Entry, effect_entries, entries, probes, with_values
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.starting_points import StartingPoints
 from bench.diagnose.regression.test_functions import TestFunctions
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import mean_rates, midpoint_rates
 from bench.diagnose.settings import LINEARISING
 from registry.core import EFFECTS
 from registry.dynamics import Effect, PhysicsModel
@@ -193,7 +194,7 @@ def directions(
     """
     own = entries(model, uncertainty, nominal)
     values, steps = probes(own)
-    found = mean_rates(with_values(model, own, values), stack).numpy()
+    found = midpoint_rates(with_values(model, own, values), stack).numpy()
     at = found[0].copy("K")
     acts = [moves(x - at) for x in found[1:]]  # a model may have constants that this input does not use
     columns = [c for c, a in zip(_slopes(found[1:], at, steps, stack), acts, strict=True) if a]
@@ -217,7 +218,7 @@ def directions(
         stack=stack,
         own=tuple(own),
         starts=tuple(starts),
-        rates=at[..., channels],
+        rates=mean_rates(model, stack).numpy()[..., channels],
         columns=Columns(tuple(columns), channels, at.shape[:-1]),
         channels=channels,
         removals=removals,
@@ -261,7 +262,7 @@ def _without(
     for i, others in enumerate(dependants):
         left = [j for j in range(len(model.effects)) if j not in {i, *others}]
         rest = replace(model, effects=tuple(model.effects[j] for j in left))
-        without = mean_rates(rest, stack).numpy()
+        without = midpoint_rates(rest, stack).numpy()
         removals.append(response(without, at, stack.measured))
         through = [j for j in left if _tied(model.effects[i], model.effects[j])]
         numbers = [(c, e) for c, e in enumerate(own) if e.constant or e.owner in through]
@@ -324,7 +325,7 @@ def _paired(
     both = replace(model, effects=(*model.effects, typical, second))
     where = effect_entries(second, len(model.effects) + 1)
     values, steps = probes(where)
-    found = mean_rates(with_values(both, where, values), stack).numpy()
+    found = midpoint_rates(with_values(both, where, values), stack).numpy()
     more = tuple(range(len(columns), len(columns) + len(where)))
     columns += _slopes(found[1:], found[0], steps, stack)
     free = (np.inf,) * len(where)
@@ -360,7 +361,7 @@ def _probed(
     for first in range(0, len(begun), some):
         part = slice(first, first + some)
         together = torch.cat([values[plain:] for values, _ in probed[part]])
-        found = mean_rates(with_values(extended, fitted[0], together), stack).numpy()
+        found = midpoint_rates(with_values(extended, fitted[0], together), stack).numpy()
         if plain:
             found = np.concatenate([at[None], found])
         for i, (effect, where, (_, steps)) in enumerate(zip(begun[part], fitted[part], probed[part], strict=True)):
@@ -374,7 +375,7 @@ def _with_each(model: PhysicsModel, numbers: Sequence[Entry], at: np.ndarray, st
     if not numbers:
         return []
     values, steps = probes(numbers)
-    return _slopes(mean_rates(with_values(model, numbers, values[1:]), stack).numpy(), at, steps, stack)
+    return _slopes(midpoint_rates(with_values(model, numbers, values[1:]), stack).numpy(), at, steps, stack)
 
 
 def _carriers(model: PhysicsModel, effect: Effect) -> frozenset[int]:

@@ -8,9 +8,10 @@ import numpy as np
 
 from bench.diagnose.evidence import ResidualMap
 from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.subject import LogBatch
 from bench.diagnose.regression.conditions import Condition
 from bench.diagnose.regression.test_functions import TestFunctions
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.settings import MAPPING
 from registry.dynamics import PhysicsModel
 

@@ -12,140 +12,116 @@ SINDy" (2021).
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from bench.diagnose.logs.subject import Log
+from bench.diagnose.logs.subject import Log, LogBatch
 from bench.diagnose.regression.recall import RECALLED, recall
 from bench.diagnose.regression.recurrence import solved
 from bench.diagnose.settings import LINEARISING
 from registry.dynamics import Effect, InputEffect, PhysicsModel, joined
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.equations import models
-from registry.errors import BenchError
 from registry.terms import signals
 
-_MEANS = "between", "missed"
 M = TypeVar("M", bound=PhysicsModel)
 
 
-@dataclass(frozen=True, eq=False)
-class LogBatch:
-    """Logs of one rate side by side, the shorter ones padded with their last sample."""
-
-    logs: tuple[Log, ...]
-    states: Tensor
-    """(L, N, s)."""
-    inputs: Tensor
-    """(L, N, m)."""
-    dt: float
-    finer: Tensor | None = None
-    """(L, N − 1, s): means of the states from each sample to the next, of recordings that were thinned out."""
-    missed: Tensor | None = None
-    """(L, N − 1, s): see `Log.missed`."""
-
-    def samples(self, x: Tensor) -> Tensor:
-        """Those (…, n, c) of series (…, L, N, c) that are no padding, one log after the other."""
-        return torch.cat([x[..., i, : len(log), :] for i, log in enumerate(self.logs)], dim=-2)
-
-    @property
-    def between(self) -> Tensor:
-        """Means (L, N − 1, s) of the states from each sample to the next: of these, or of all that were left out."""
-        if self.finer is not None:
-            return self.finer
-        own = (self.states[:, :-1] + self.states[:, 1:]) / 2
-        return own if self.missed is None else own + self.missed
-
-    @property
-    def sensed(self) -> bool:
-        """Whether every log has what sensors tell of the rates."""
-        return bool(self.logs) and all(log.sensed is not None for log in self.logs)
-
-    @property
-    def paths(self) -> np.ndarray:
-        """(L, N, s + f): `Log.paths` side by side, with the states of this stack."""
-        if not self.sensed:
-            return self.states.numpy()
-        sensed = _padded([log.sensed for log in self.logs if log.sensed is not None])
-        return torch.cat([self.states, sensed], dim=-1).numpy()
-
-    @property
-    def measured(self) -> tuple[int, ...]:
-        """Places of what was measured in every log, among the model's `measured_channels`."""
-        return measured(self.logs)
-
-    @classmethod
-    def of(cls, logs: Sequence[Log]) -> "LogBatch":
-        """LogBatch ``logs``.
-
-        Raises:
-            BenchError: they were sampled at different rates.
-        """
-        rates = {log.rate for log in logs}
-        if len(rates) != 1:
-            raise BenchError(f"The recordings were sampled at {sorted(rates)} Hz: resample them to one rate first.")
-        states, inputs = (_padded([getattr(log, what) for log in logs]) for what in ("states", "inputs"))
-        finer, missed = (
-            _padded(given) if len(given) == len(logs) else None
-            for given in ([x for x in (getattr(log, what) for log in logs) if x is not None] for what in _MEANS)
-        )
-        return cls(tuple(logs), states, inputs, logs[0].dt, finer, missed)
-
-
-def measured(logs: Sequence[Log]) -> tuple[int, ...]:
-    """Places of what was measured in every log, among the model's `measured_channels`."""
-    states = logs[0].states.shape[-1]
-    own = [i for i in range(states) if all(log.measured[i] for log in logs)]
-    first = logs[0].sensed
-    told = 0 if first is None or any(log.sensed is None for log in logs) else first.shape[1]
-    return (*own, *(states + i for i in range(told)))
-
-
-def _padded(series: Sequence[Tensor]) -> Tensor:
-    """Series (N_i, c) side by side (L, N, c), the shorter ones padded with their last sample."""
-    longest = max(map(len, series))
-    return torch.stack([torch.cat([x, x[-1:].expand(longest - len(x), -1)]) for x in series])
-
-
-def mean_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
-    """The model's rates (…, L, N − 1, s) of the state proper over each sampling interval, at the measured states.
+def midpoint_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
+    """The model's rates (…, L, N − 1, s) of the state proper at the mean of states and inputs over each interval.
 
     Where all recordings have the sensors, followed by what they would show (…, L, N − 1, s + f).
 
     The model's constants and its effects' parameters may be tensors (…, 1, 1), for many models at once.
     """
-    size = stack.states.shape[-1]
-    u0, u1 = stack.inputs[:, :-1], stack.inputs[:, 1:]
-    held = model.input_hold == "previous"
+    path, slopes = _acting(model, stack)
+    mean = _simpson(*path.unbind(-2))
+    own = _own_path(model, stack, mean, slopes) if model.internal_size else None
+    return _rates(model, stack, stack.between, _halfway(own), mean, slopes)
+
+
+def mean_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
+    """The mean (…, L, N − 1, s) over each sampling interval of the model's rates; like `midpoint_rates` (s + f).
+
+    By Hermite-Simpson: along the cubic through the two samples that has the model's rates at both. The rates at their
+    mean are off by h² d²x/dt² / 12 and by what bends the rates themselves, which in an equation that is known well
+    looks like something that is missing. Of recordings that were thinned out the mean over all that was left out; of
+    slopes, whose means are known better than the samples, the rates at the mean.
+
+    Source: Hargraves and Paris, Direct trajectory optimization using nonlinear programming and collocation (1987).
+    """
+    states = stack.states if stack.finer is None else stack.finer
+    if stack.missed is not None or (stack.means is not None and stack.finer is None):
+        return midpoint_rates(model, stack)
+    path, slopes = _acting(model, stack)
+    own = _own_path(model, stack, _simpson(*path.unbind(-2)), slopes) if model.internal_size else None
+    stride = max(1, states.shape[1] - 1) // max(1, stack.states.shape[1] - 1)
+    slopes, size = slopes.repeat_interleave(stride, -2), states.shape[-1]
+
+    def at(share: float, x: Tensor) -> Tensor:
+        """Rates where states are ``x`` (L, (N − 1) stride, s), after a share of each interval between these."""
+        since = ((torch.arange(stride) + share) / stride).unsqueeze(-1).to(x)  # (stride, 1), of an interval
+        acting = _through(path, since).flatten(-3, -2)
+        inner = (
+            None if own is None else torch.lerp(own[..., :-1, None, :], own[..., 1:, None, :], since).flatten(-3, -2)
+        )
+        return _rates(model, stack, x, inner, acting, slopes)
+
+    first, last = at(0.0, states[:, :-1]), at(1.0, states[:, 1:])
+    measured = torch.tensor([i in stack.measured for i in range(size)])
+    bend = torch.where(measured, stack.dt / stride / 8 * (first - last)[..., :size], 0.0)
+    halfway = at(0.5, (states[:, :-1] + states[:, 1:]) / 2 + bend)
+    means = _simpson(first, halfway, last)
+    means[..., size:] = (first + last)[..., size:] / 2  # as what sensors showed is summed
+    return means.unflatten(-2, (-1, stride)).mean(-2)
+
+
+def _through(path: Tensor, since: Tensor) -> Tensor:
+    """The parabola (…, N, J, m) through what is known at start, middle and end (…, N, 3, m), after shares (J, 1)."""
+    first, middle, last = path.unsqueeze(-3).unbind(-2)
+    return first + since * (last - first) + 4 * since * (1 - since) * (middle - (first + last) / 2)
+
+
+def _simpson(first: Tensor, halfway: Tensor, last: Tensor) -> Tensor:
+    """The mean over an interval, of what is known at its start, in its middle and at its end."""
+    return (first + 4 * halfway + last) / 6
+
+
+def _acting(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, Tensor]:
+    """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, and its time derivative (…, m)."""
     if model.input_effects():
-        acting = _transmitted(model, stack)
-        middle, slopes = acting[..., 1, :], (acting[..., 2, :] - acting[..., 0, :]) / stack.dt
+        path = _transmitted(model, stack)
     else:
-        middle, slopes = (u0, torch.zeros_like(u0)) if held else ((u0 + u1) / 2, (u1 - u0) / stack.dt)
-    state, many = model.project(stack.between), how_many(model)
-    path = None
-    if model.internal_size:
-        path = _own_path(model, stack, middle, slopes)
-    shape = (*(() if many is None else (many,)), *state.shape[:-1])
-    sensed = stack.sensed
-    fast = models.rates(model, middle.shape[-1], sensed)
+        before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
+        held = model.input_hold == "previous"
+        path = torch.stack([before] * 3 if held else [before, (before + after) / 2, after], dim=-2)
+    return path, (path[..., 2, :] - path[..., 0, :]) / stack.dt
+
+
+def _halfway(own: Tensor | None) -> Tensor | None:
+    """Effects' own states (…, L, N, i) in the middle of each interval."""
+    return None if own is None else (own[..., :-1, :] + own[..., 1:, :]) / 2
+
+
+def _rates(
+    model: PhysicsModel, stack: LogBatch, states: Tensor, own: Tensor | None, inputs: Tensor, slopes: Tensor
+) -> Tensor:
+    """Rates (…, L, N, s), and what sensors show (…, L, N, s + f), at states (L, N, s) and own states (…, L, N, i)."""
+    state, many, sensed = model.project(states), how_many(model), stack.sensed
+    size, shape = state.shape[-1], (*(() if many is None else (many,)), *state.shape[-3:-1])
+    if own is not None:
+        state = torch.cat([state.expand(*own.shape[:-1], size), own], dim=-1)
+    fast = models.rates(model, inputs.shape[-1], sensed)
     if fast is not None:
-        if path is not None:
-            own = (path[..., :-1, :] + path[..., 1:, :]) / 2
-            state = torch.cat([state.expand(*own.shape[:-1], size), own], dim=-1)
-        return at_once(fast, shape, state, middle, slopes)
+        return at_once(fast, shape, state, inputs, slopes)
     out = state.new_empty(*shape, size + (len(model.sensed_channels) if sensed else 0))
     step = max(1, LINEARISING.at_once // max(1, math.prod(shape[:-1])))
     for start in range(0, shape[-1], step):
         part = slice(start, start + step)
-        at, *driven = _for_all(model, many, state[:, part], middle[..., part, :], slopes[..., part, :])
-        if path is not None:
-            own = (path[..., :-1, :][..., part, :] + path[..., 1:, :][..., part, :]) / 2
-            at = torch.cat([at.expand(*own.shape[:-1], size), own], dim=-1)
+        at, *driven = _for_all(model, many, state[..., part, :], inputs[..., part, :], slopes[..., part, :])
         out[..., part, :size] = rates = model.derivative(at, *driven)[..., :size]
         if sensed:
             out[..., part, size:] = model.sensed(at, rates)
@@ -279,7 +255,7 @@ def _left(model: PhysicsModel, rest: PhysicsModel, stack: LogBatch) -> tuple[dic
     Returns:
         By axis, and by signal, (…, L, N − 1).
     """
-    rates, places = mean_rates(rest, stack), list(stack.measured)
+    rates, places = midpoint_rates(rest, stack), list(stack.measured)
     left = (torch.from_numpy(stack.paths).diff(dim=1) / stack.dt - rates)[..., places]
     along: dict[str, Tensor] = {}
     drivers: dict[str, Tensor] = {}
@@ -289,7 +265,7 @@ def _left(model: PhysicsModel, rest: PhysicsModel, stack: LogBatch) -> tuple[dic
         for constant in effect.constants():
             if constant.axis not in along:
                 unit = replace(rest, effects=(*rest.effects, constant))
-                one = (mean_rates(unit, stack) - rates)[..., places]
+                one = (midpoint_rates(unit, stack) - rates)[..., places]
                 along[constant.axis] = (one * left).sum(-1) / one.square().sum(-1).clamp_min(1e-300)
         for name in effect.drivers if isinstance(effect, HiddenMode) else ():
             drivers[name] = followed(name, rest, stack)

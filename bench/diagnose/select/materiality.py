@@ -15,11 +15,11 @@ import numpy as np
 from bench.analysis.stats import rare_gain, relative_gain, uneven_gain
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import shortened
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import LogBatch, Subject, measured
 from bench.diagnose.regression.columns import moves
 from bench.diagnose.regression.generic import Dictionary, Folds, dictionary, follow
 from bench.diagnose.regression.least_squares import ridge, ridge_losses
-from bench.diagnose.regression.weak import LogBatch, mean_rates, measured
+from bench.diagnose.regression.weak import midpoint_rates
 from bench.diagnose.settings import FOLDING, MATTERING
 from bench.diagnose.simulate.equation_error import EquationError, Saving
 from bench.diagnose.simulate.offsets import attitude_offsets, less_offsets
@@ -233,7 +233,7 @@ class Weighing:
 
     def channels_moved(self, before: PhysicsModel, after: PhysicsModel) -> frozenset[int]:
         """The channels whose rates on the held-out recordings differ between two models, or are no numbers."""
-        change = (mean_rates(after, self.held) - mean_rates(before, self.held)).nan_to_num(nan=np.inf).numpy()
+        change = (midpoint_rates(after, self.held) - midpoint_rates(before, self.held)).nan_to_num(nan=np.inf).numpy()
         return frozenset(c for c in range(change.shape[-1]) if moves(change[..., c]))
 
     def refutes(self, other: PhysicsModel, full: PhysicsModel, extended: PhysicsModel) -> bool:

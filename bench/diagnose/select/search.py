@@ -11,14 +11,14 @@ from scipy.ndimage import convolve1d
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.sample import left_out, shortened, typical_length
 from bench.diagnose.logs.smoothing import Smoothing
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import LogBatch, Subject
 from bench.diagnose.regression.generic import Dictionary, Folds, Term, dictionary, follow
 from bench.diagnose.regression.least_squares import Normal, regularised, whitening
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
 from bench.diagnose.regression.rows import Crossings, Products, Rows
 from bench.diagnose.regression.test_functions import TestFunctions
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select.catalogue import acting_through, admissible
 from bench.diagnose.select.subset import Fit, Subsets
 from bench.diagnose.settings import CALIBRATING, CHOOSING, SEARCHING

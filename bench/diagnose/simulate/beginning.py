@@ -9,8 +9,8 @@ from dataclasses import replace
 import torch
 
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.subject import Log, Subject, drives_of
-from bench.diagnose.regression.weak import LogBatch, acting
+from bench.diagnose.logs.subject import Log, LogBatch, Subject, drives_of
+from bench.diagnose.regression.weak import acting
 from bench.diagnose.settings import MATTERING, READING
 from bench.diagnose.simulate.teacher_forced import equations, increments
 from registry.dynamics import PhysicsModel

@@ -23,9 +23,8 @@ from torch import Tensor
 
 from bench.diagnose.logs.filters import lagged
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.subject import Log
+from bench.diagnose.logs.subject import Log, LogBatch
 from bench.diagnose.regression.least_squares import bounded, equilibrium
-from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.settings import OBSERVING
 from bench.diagnose.simulate.free_run import free_run, measured_windows, starts
 from bench.diagnose.simulate.teacher_forced import Increments, equations, increments

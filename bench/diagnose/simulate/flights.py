@@ -10,8 +10,8 @@ from torch import Tensor
 
 from bench.diagnose.evidence import AFTER, Flight, Path, Signal, Trace
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.subject import Log, Subject
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.logs.subject import Log, LogBatch, Subject
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.settings import PLAYING
 from bench.diagnose.simulate.free_run import (
     Group,

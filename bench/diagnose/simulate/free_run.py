@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.logs.sample import typical_length
-from bench.diagnose.logs.subject import Log
-from bench.diagnose.regression.weak import LogBatch, memories, own_states
+from bench.diagnose.logs.subject import Log, LogBatch
+from bench.diagnose.regression.weak import memories, own_states
 from bench.diagnose.settings import BEGINNING, RUNNING
 from bench.diagnose.simulate.roll import roll
 from bench.diagnose.simulate.unmeasured import completed, hidden

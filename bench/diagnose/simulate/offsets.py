@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.regression.weak import LogBatch
+from bench.diagnose.logs.subject import LogBatch
 from bench.diagnose.simulate.teacher_forced import Increments, increments
 from registry.dynamics import PhysicsModel
 from registry.dynamics.rotations import quaternion_rate

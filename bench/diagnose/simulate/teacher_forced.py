@@ -18,8 +18,8 @@ import torch
 from scipy.ndimage import convolve1d
 
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.subject import Log
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.logs.subject import Log, LogBatch
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.settings import RUNNING
 from bench.diagnose.simulate.floor import measure
 from bench.diagnose.simulate.free_run import Group, default_steps, groups

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from bench.diagnose.logs.subject import Log
-from bench.diagnose.regression.weak import LogBatch, how_many, narrowed
+from bench.diagnose.logs.subject import Log, LogBatch
+from bench.diagnose.regression.weak import how_many, narrowed
 from bench.diagnose.settings import BEGINNING
 from bench.diagnose.simulate.roll import passed, roll
 from registry.dynamics import PhysicsModel

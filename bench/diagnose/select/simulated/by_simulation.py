@@ -11,10 +11,9 @@ import numpy as np
 import torch
 from scipy.special import stdtrit
 
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import LogBatch, Subject
 from bench.diagnose.regression.parameters import Prior
 from bench.diagnose.regression.starting_points import StartingPoints
-from bench.diagnose.regression.weak import LogBatch
 from bench.diagnose.select.catalogue import admissible
 from bench.diagnose.select.choose import RejectedCandidate
 from bench.diagnose.select.discovery import Discovery, Found

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import LogBatch, Subject
 from bench.diagnose.regression.parameters import entries, probes, with_values
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import midpoint_rates
 from bench.diagnose.select.catalogue import admissible
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import EXTENDING, FORECASTING
@@ -80,7 +80,7 @@ def _beside(subject: Subject, model: PhysicsModel) -> Numbers:
     (log, *_), (values, _) = subject.of(subject.training), probes(where)
     stack = LogBatch.of([log.part(slice(0, FORECASTING.looked_at), log.name)])
     with torch.no_grad():
-        rates = mean_rates(with_values(model, where, values), stack).flatten(1, 2)
+        rates = midpoint_rates(with_values(model, where, values), stack).flatten(1, 2)
     acts = (rates[1:] != rates[0]).any(1)  # (numbers, states)
     where_last = acts[[e.owner == len(rest) for e in where]].any(0)
     learned = {i for i, e in enumerate(rest) if e.learned}

@@ -7,8 +7,8 @@ import torch
 
 from bench.diagnose.checks.shifts import lag_of
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.weak import LogBatch, own_states
+from bench.diagnose.logs.subject import LogBatch, Subject
+from bench.diagnose.regression.weak import own_states
 from bench.diagnose.select.timing.regression import FORCES, INPUTS, MOTION, ShiftRegression, is_held
 from bench.diagnose.settings import TIMING
 

@@ -10,13 +10,13 @@ from scipy.ndimage import convolve1d
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.rate_timing import moving_channels
 from bench.diagnose.logs.sample import shortened
-from bench.diagnose.logs.subject import Subject, drives_of
+from bench.diagnose.logs.subject import LogBatch, Subject, drives_of
 from bench.diagnose.regression.least_squares import Normal, equilibrium
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior
 from bench.diagnose.regression.rows import Rows
 from bench.diagnose.regression.test_functions import TestFunctions
-from bench.diagnose.regression.weak import LogBatch, mean_rates
+from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select.catalogue import admissible
 from bench.diagnose.select.search import Search, noise_filters, stride_of
 from bench.diagnose.settings import TIMING
