@@ -1,7 +1,7 @@
 """Which effects of the catalogue a model lacks: weak form, whitened, best subsets, judged on recordings not fitted."""
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -239,7 +239,7 @@ def _exchanged(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) ->
     An effect that ends with numbers that no such thing has is an imitation, and so is one that swings faster than half
     the sampling rate (Nyquist): it bends what inputs do between samples. It is sought no more, and the others again.
     """
-    everything = view.subsets.fit().misfit - view.floor
+    everything = view.explainable()
     shortlist = {i for field in fields[1:] for f in field[:8] for i in f.ids}
     known = len(search.subject.model.effects)
     model = advanced(search, view, fit).model
@@ -275,7 +275,9 @@ def _begun_again(search: Search, stated: Subject, view: View) -> tuple[Search, V
     return (again, other) if free[0] <= free[1] else (search, view)
 
 
-def _one_by_one(search: Search, view: View, model: PhysicsModel, shortlist: set[str], everything: float) -> View:
+def _one_by_one(
+    search: Search, view: View, model: PhysicsModel, shortlist: set[str], everything: Mapping[int, float]
+) -> View:
     """The view of a model's effects, exchanged, added and dropped one by one until nothing changes.
 
     In between, and once a constant was let go, the numbers are fitted: all is judged beside numbers that move no more.
@@ -302,7 +304,7 @@ def _relinearised(search: Search, view: View, dropped: Collection[int]) -> View:
     return _viewed(search, model, (), view.explained)
 
 
-def _viewed(search: Search, model: PhysicsModel, only: Collection[str], explained: float) -> View:
+def _viewed(search: Search, model: PhysicsModel, only: Collection[str], explained: Mapping[int, float]) -> View:
     """The view of a model whose constants lie nearest to what is known of them; ``only``: see `Search.look`."""
     return min(search.views(search.look(model, only), explained), key=lambda v: v.subsets.fit().prior)
 

@@ -46,10 +46,10 @@ def view_of(residual: np.ndarray, **effects: np.ndarray) -> View:
     )
     nothing = np.empty(0)
     model = SimpleNamespace(effects=())
-    linear = Linearization(model, None, (mass,), starts, nothing, nothing, (), (), (), ())  # type: ignore[arg-type]
+    linear = Linearization(model, None, (mass,), starts, nothing, nothing, (0,), (), (), ())  # type: ignore[arg-type]
     channel = np.arange(rows.shape[-1]), rows.reshape(-1, rows.shape[-1]).T
     normal = Normal((channel,), rows.shape[-1], np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
-    return View(linear, (), Subsets(linear, normal), (), (), 0.0, frozenset(), ())
+    return View(linear, (), Subsets(linear, normal), (), (), {}, frozenset(), ())
 
 
 @pytest.mark.parametrize("drag", [0.0, 20.0])
@@ -67,7 +67,7 @@ def test_what_is_small_beside_another_equation_may_be_much_in_its_own(drag: floa
         Candidate(n, None, (entry,) * len(c), c, (-np.inf,) * len(c), (np.inf,) * len(c))  # type: ignore[arg-type]
         for n, c in of.items()
     )
-    linear = replace(view.linear, starts=starts)
+    linear = replace(view.linear, starts=starts, channels=(0, 1, 2))
     channels = tuple(
         (np.arange(6), np.stack([still, *own, left]).reshape(6, -1)) for own, left in zip(columns, y, strict=True)
     )
@@ -236,17 +236,22 @@ def test_noise_that_buries_a_constant_is_not_followed_in_its_place() -> None:
     assert verify.left_over(replace(view, subsets=buried))[1] < 1e-3 * view.floor
 
 
-@pytest.mark.parametrize(("others", "named"), [(0.0, True), (1e5, True), (1e5, False)])
-def test_what_clears_all_that_is_left_is_relevant_however_much_others_explain(others: float, named: bool) -> None:
+@pytest.mark.parametrize(
+    ("others", "where", "cleared", "named"),
+    [(0.0, 0, True, True), (1e5, 0, True, True), (1e5, 0, False, False), (1e5, 1, False, True)],
+)
+def test_an_effect_is_relevant_that_clears_what_is_left_or_acts_where_others_explain_little(
+    others: float, where: int, cleared: bool, named: bool
+) -> None:
     x, other, noise = np.random.default_rng(0).normal(size=(3, BLOCKS, ROWS))
-    rest = 0.0 if named else 3.0  # times the noise, which the effect does not explain
-    view = replace(view_of(2**0.5 * x + rest**0.5 * other + noise, drag=x), explained=others * BLOCKS * ROWS)
+    rest = 0.0 if cleared else 3.0  # times the noise, which the effect does not explain
+    view = replace(view_of(2**0.5 * x + rest**0.5 * other + noise, drag=x), explained={where: others * BLOCKS * ROWS})
     assert accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts)) is named
 
 
 def test_nothing_is_cleared_where_more_was_taken_off_than_there_was_of_noise() -> None:
     x, noise = np.random.default_rng(0).normal(size=(2, BLOCKS, ROWS))
-    view = replace(view_of(2**0.5 * x + noise, drag=x), explained=1e5 * BLOCKS * ROWS)
+    view = replace(view_of(2**0.5 * x + noise, drag=x), explained={0: 1e5 * BLOCKS * ROWS})
     view.subsets.normal = view.subsets.normal.less(np.diag([0.0, 0.0, 4.0])[None])
     assert not accepted(view, view.subsets.fit(), view.subsets.fit(view.subsets.starts))
 

@@ -34,7 +34,7 @@ def two_equations(wanted: float, *known: Entry) -> View:
         rows = [*(columns[j, 0, 0, c] * signal for j in range(len(known))), residual]
         channels.append((np.arange(len(known) + 1), np.stack(rows)))
     normal = Normal(tuple(channels), len(known) + 1, np.arange(BLOCKS) // 10, np.full(BLOCKS, ROWS))
-    return View(linear, (), Subsets(linear, normal), (), (), 0.0, frozenset(), ())
+    return View(linear, (), Subsets(linear, normal), (), (), {}, frozenset(), ())
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,8 @@ def test_two_that_only_together_clear_what_a_large_one_leaves_are_tried_together
     search = Search(subject, None, lambda what: None)
     begun = replace(subject.model, effects=(CogOffset(**BOX["cog_offset"]),))
     view, model = settled(search, begun)
-    explained = 1e3 * view.subsets.fit().misfit  # by the offset: what is left is little beside it
+    by_offset = 1e3 * view.subsets.fit().misfit  # what is left is little beside it
+    explained = dict.fromkeys(view.linear.channels, by_offset)
     view = search.views(search.look(model), explained)[0]
     assert {"inertia_products", "recorded_point"} in [set(f.ids) for f in neighbours(view, 0)]
     assert {f.id for f in discover(subject).found} == set(BOX)

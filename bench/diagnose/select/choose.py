@@ -91,7 +91,7 @@ def _simplest(view: View, best: Fit, field: list[Fit]) -> Fit:
     subsets = view.subsets
     level = subsets.losses(best)
     explained = np.maximum((subsets.losses(subsets.fit()) - level).sum(0), 0.0)
-    everything = max(view.explained, subsets.fit().misfit - best.misfit)
+    everything = max(sum(view.explained.values()), subsets.fit().misfit - best.misfit)
     small = np.maximum(CHOOSING.relevant * explained, CHOOSING.visible * view.floor / len(explained))
 
     def alike(f: Fit) -> bool:
@@ -118,10 +118,10 @@ def accepted(view: View, smaller: Fit, larger: Fit, drop: Sequence[int] = ()) ->
         return True  # constants that would otherwise lie far outside what is known of them
     if price <= 0 and gained > 0:
         return True
-    everything = max(view.explained, view.subsets.fit().misfit - view.floor)
     left = smaller.misfit - view.floor
     clears = left > view.floor and gained > CHOOSING.clearing * left
-    if gained < CHOOSING.relevant * everything and not clears:
+    there = view.explained_where((subsets.losses(smaller) - subsets.losses(larger)).sum(0))
+    if gained < CHOOSING.relevant * there and not clears:
         return False
     saved = (subsets.held_out(smaller.starts, drop=drop) - subsets.held_out(larger.starts)).sum(1)
     # A large effect acts where the manoeuvre is, so its gains are as uneven as they are sure: their logarithm is not.

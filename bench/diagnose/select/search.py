@@ -1,6 +1,6 @@
 """A model and all its rivals on the training recordings, linearised, whitened, ready to choose from."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,7 @@ from bench.diagnose.regression.rows import Crossings, Products, Rows
 from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select.catalogue import acting_through, admissible
-from bench.diagnose.select.subset import Fit, Subsets
+from bench.diagnose.select.subset import Fit, Subsets, acting
 from bench.diagnose.settings import CALIBRATING, CHOOSING, SEARCHING
 from bench.diagnose.simulate.free_run import default_steps
 from registry.contracts import Channel
@@ -41,8 +41,8 @@ class View:
     """Of all columns, dictionary included."""
     reach: tuple[frozenset[int], ...]
     """A dictionary term: the channels that it acts on."""
-    explained: float
-    """Squared whitened residual that the effects of the model explain already."""
+    explained: Mapping[int, float]
+    """A channel: squared whitened residual that effects explain, those of the model too."""
     doubtful: frozenset[int]
     """Channels in which the model's own numbers are buried in noise of the inputs."""
     filters: tuple[np.ndarray, ...]
@@ -52,6 +52,20 @@ class View:
     def floor(self) -> float:
         """What noise leaves: one a row."""
         return float(self.subsets.normal.rows)
+
+    def explainable(self) -> dict[int, float]:
+        """A channel: squared whitened residual that the model leaves above the noise, or that was explained before."""
+        losses = self.subsets.losses(self.subsets.fit()).sum(0)
+        left = np.maximum(losses - self.floor / len(losses), 0.0)
+        return {c: max(self.explained.get(c, 0.0), float(x)) for c, x in zip(self.linear.channels, left, strict=True)}
+
+    def explained_where(self, gains: np.ndarray) -> float:
+        """What is explained in the channels in which an effect acts that gains this much in each (channels,).
+
+        A share of that tells whether it is relevant: beside torques that are off by far, a force is no less a force.
+        """
+        explained = list(self.explainable().values())
+        return sum(explained[i] for i in acting(gains))
 
     def overcorrected(self, fit: Fit) -> bool:
         """Whether less than nothing is left, by more than chance: what was taken for noise of the inputs acts."""
@@ -181,7 +195,7 @@ class Search:
         moved = linear.moved(directions(model, nominal, spread, self.noisy, touched, pairs=pairs))
         return Look(linear, moved, words, dictionary(model, self.noisy, linear.channels) if broad else None)
 
-    def views(self, look: Look, explained: float = 0.0, like: View | None = None) -> list[View]:
+    def views(self, look: Look, explained: Mapping[int, float] | None = None, like: View | None = None) -> list[View]:
         """Normal equations of a look through test functions: with the inputs' noise taken off, and as they are.
 
         Whitened as ``like`` is; default: by what is left.
@@ -226,7 +240,7 @@ class Search:
                 subsets=Subsets(linear, normal, buried),
                 products=products,
                 reach=reach,
-                explained=explained,
+                explained=explained or {},
                 doubtful=doubtful,
                 filters=tuple(filters),
             )

@@ -10,6 +10,7 @@ import numpy as np
 from bench.diagnose.regression.least_squares import Normal, equilibrium
 from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.parameters import Entry, Prior, sign_kept
+from bench.diagnose.settings import VERIFYING
 from registry.dynamics import Effect
 
 
@@ -219,6 +220,11 @@ class Subsets:
         out = np.zeros((len(fit.columns), len(fit.columns)))
         out[np.ix_(fitted, fitted)] = white * np.outer(wider, wider)
         return out
+
+
+def acting(gains: np.ndarray) -> set[int]:
+    """The channels in which an effect acts that gains this much in each (channels,)."""
+    return {int(c) for c in np.flatnonzero(gains > VERIFYING.acts * gains.sum())}
 
 
 def t_value(gains: np.ndarray) -> float:

@@ -12,7 +12,7 @@ from bench.diagnose.regression.least_squares import ridge
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.select.choose import accepted, within_bounds
 from bench.diagnose.select.search import View
-from bench.diagnose.select.subset import Fit, t_value
+from bench.diagnose.select.subset import Fit, acting, t_value
 from bench.diagnose.settings import CHOOSING, VERIFYING
 
 
@@ -134,8 +134,9 @@ def neighbours(view: View, known: int) -> Iterator[Fit]:
     options = [f for s in starts for i in places if within_bounds(view, f := alike.fit([s], drop=[i]))]
     best = min(options, key=alike.cost, default=None)
     if best is not None and alike.cost(best) < alike.cost(current) - VERIFYING.odds:
-        difference = (alike.losses(current) - alike.losses(best)).sum(1)
-        sure = t_value(difference) > CHOOSING.distinct and difference.sum() > CHOOSING.relevant * view.explained
+        difference = alike.losses(current) - alike.losses(best)
+        relevant = difference.sum() > CHOOSING.relevant * view.explained_where(difference.sum(0))
+        sure = relevant and t_value(difference.sum(1)) > CHOOSING.distinct
         if sure or best.parameters < current.parameters:
             yield subsets.fit(best.starts, drop=[i for i in places if i in best.dropped])
     yield from _larger(view, current, CHOOSING.most - len(places))
@@ -226,14 +227,14 @@ def least_imitation(
     gains = {i: _gains(view, i, dropped) for i in places}
     imitations = [i for i in places if not needed(view, i, traces, dropped)]
 
-    def unknown(acting: set[int]) -> float:
-        others = sum(float(gains[i][sorted(acting)].sum()) for i in imitations)
-        return _left_where(view, traces, acting) + others
+    def unknown(channels: set[int]) -> float:
+        others = sum(float(gains[i][sorted(channels)].sum()) for i in imitations)
+        return _left_where(view, traces, channels) + others
 
     everything = unknown(set(range(len(view.linear.channels))))
 
     def rival(place: int) -> float:
-        there = unknown(_acting(gains[place]))
+        there = unknown(acting(gains[place]))
         return there if everything - there <= VERIFYING.left * view.floor else everything
 
     small = [i for i in places if i not in imitations and gains[i].sum() <= VERIFYING.part * rival(i)]
@@ -248,15 +249,10 @@ def _gains(view: View, place: int, dropped: Sequence[int]) -> np.ndarray:
     return gains
 
 
-def _acting(gains: np.ndarray) -> set[int]:
-    """The channels in which an effect acts that gains this much in each (channels,)."""
-    return {int(c) for c in np.flatnonzero(gains > VERIFYING.acts * gains.sum())}
-
-
-def _left_where(view: View, traces: Sequence[ResidualTerm], acting: set[int]) -> float:
+def _left_where(view: View, traces: Sequence[ResidualTerm], channels: set[int]) -> float:
     """The loss that the traces make which act in any of these channels."""
     first = len(view.linear.columns)
-    return view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & acting)
+    return view.floor * sum(t.gain for t in traces if view.reach[t.column - first] & channels)
 
 
 def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequence[int] = ()) -> bool:
@@ -271,12 +267,12 @@ def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequ
         dropped: places of effects that the model does without.
     """
     gains = _gains(view, place, dropped)
-    acting = _acting(gains)
+    where = acting(gains)
     first, count = len(view.linear.columns), sum(e.owner == place for e in view.linear.own)
-    if gains.sum() < _left_where(view, traces, acting):
+    if gains.sum() < _left_where(view, traces, where):
         return False  # what acts there is not understood, and this is less than that
     with_it, without_it = _anchored(view, dropped), _anchored(view, [*dropped, place])
-    allowed = [first + i for i, reach in enumerate(view.reach) if reach & acting]
+    allowed = [first + i for i, reach in enumerate(view.reach) if reach & where]
     terms = [column for column, _ in follow(without_it, first, count, allowed)]
 
     def loss(folds: Folds, more: Sequence[int]) -> float:
@@ -286,7 +282,8 @@ def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequ
 
     bare, by_terms = (loss(without_it, more) for more in ([], terms))
     by_effect, by_both = (loss(with_it, more) for more in ([], terms))
-    if by_terms > by_effect - max(VERIFYING.left * view.floor, VERIFYING.imitation * view.explained):
+    alike = max(VERIFYING.left * view.floor, VERIFYING.imitation * view.explained_where(gains))
+    if by_terms > by_effect - alike:
         return True
     # The terms may have found something else that is left: then the effect still has its own share beside them.
     return by_terms - by_both > VERIFYING.own_share * (bare - by_effect)
