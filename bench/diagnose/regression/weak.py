@@ -4,9 +4,9 @@ With a test function φ (a Hann window over intervals) the residual of ẋ = f(x
 
     r_j = Σ_k φ_jk (x_{k+1} − x_k) − dt Σ_k φ_jk (κ ∗ f)_k,
 
-where κ is the smoothing that the measured states went through. Nothing is differentiated and no initial state is
-needed; as κ acts on both sides, a smoothed rate is not taken for a weak motor. After Messenger and Bortz, "Weak
-SINDy" (2021).
+where κ is the smoothing that the measured states went through and f_k the mean of f over an interval (`mean_rates`).
+Nothing is differentiated and no initial state is needed; as κ acts on both sides, a smoothed rate is not taken for a
+weak motor. After Messenger and Bortz, "Weak SINDy" (2021).
 """
 
 import dataclasses
