@@ -30,6 +30,7 @@ def carts(folder: Path, sizes: tuple[float, ...], kind: str) -> Path:
     ("kind", "parameter", "scale", "sizes", "near"),
     [
         ("offset_force", "f_0", 0.4, (1, -1, 0.5, -1), 0.05),
+        # One offset for all of these is hardly more than a hysteresis that remembers where each begins.
         ("offset_force", "f_0", 0.4, (1, -1, 0.5, -1, 2, 1), 0.05),
         # The damping that all have in common was fitted beside one drag for all, and shares what it does.
         ("quadratic_drag", "c", 0.5, (0.2, 1.5, 0.2, 1.5), 0.2),

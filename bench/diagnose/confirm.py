@@ -11,8 +11,10 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.result import NamedEffect, ParameterEstimate
 from bench.diagnose.select.discovery import Discovery, supported
+from bench.diagnose.select.search import Search
 from bench.diagnose.select.simulated.forecasting import forecasting
-from bench.diagnose.select.verify import Estimate, at_bound
+from bench.diagnose.select.step import settled
+from bench.diagnose.select.verify import Estimate, at_bound, estimates, ratios
 from bench.diagnose.settings import DECIDING
 from bench.diagnose.summaries import parameter_estimates
 from registry.core import EFFECTS
@@ -41,6 +43,7 @@ _AT_BOUND = (
     "fits best at the end of its physical range, where it imitates something else, and so is not named; the rest was "
     "fitted again without it."
 )
+_OTHERWISE = "fits what recordings differ in, in other words, and so is not named."
 
 
 def confirmed(run: Setup, found: Discovery) -> tuple[Discovery, Extension | None, bool]:
@@ -118,6 +121,16 @@ def calibrated_only(run: Setup, found: Discovery) -> Extension:
         constants=numbers,
         calibrated=0.0,
     )
+
+
+def otherwise_told(run: Setup, found: Discovery) -> tuple[Discovery, Extension]:
+    """What is left to say where all effects found are what recordings differ in, and the calibrated model."""
+    view, model = settled(Search(run.subject, (), run.tick, run.noise, memory=0), found.calibrated)
+    fit = view.subsets.fit()
+    constants, of_them = tuple(x for x in estimates(view, fit) if x.entry.constant), tuple(ratios(view, fit))
+    found = _unnamed(found, [f.id for f in found.found], _OTHERWISE)
+    found = replace(found, calibrated=model, constants=constants, ratios=of_them)
+    return found, calibrated_only(run, found)
 
 
 def with_forecasting(run: Setup, extension: Extension) -> Extension:

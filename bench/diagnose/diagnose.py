@@ -10,7 +10,7 @@ from bench.diagnose.answer import Steps, answer, stopped
 from bench.diagnose.checks.description.checklist import check_subject
 from bench.diagnose.checks.problems import Checked, Known, problems, without_damaged
 from bench.diagnose.compare import refuse_long
-from bench.diagnose.confirm import Setup, calibrated_only, confirmed, with_forecasting
+from bench.diagnose.confirm import Setup, calibrated_only, confirmed, otherwise_told, with_forecasting
 from bench.diagnose.discover import read_and_discovered
 from bench.diagnose.extend import Extension
 from bench.diagnose.learned import Learned, curves, instead, judged, learned, likened
@@ -186,7 +186,10 @@ def _concluded(
     differ = told = None
     if unknown or worth_a_look:
         run.tick("compare recordings")
-        differ = differing(run.subject, extension.model, run.noise, run.catalogue)
+        models = (extension.model, found.calibrated) if found.found else (extension.model,)
+        differ, beside = differing(run.subject, models, run.noise, run.catalogue)
+        if beside is not extension.model:
+            found, extension = otherwise_told(run, found)
         # What one number for all of them leaves is no term of its own.
         told = _learned(run, found, extension, verdict, little=not high) if differ is None else None
         if differ is None and found.found and (high or told is not None):

@@ -151,7 +151,8 @@ def _discovered(search: Search, noise: Noise) -> Discovery:
         worthy, remarks, contradicted_effects = worth_naming(search, view, weighing)
     hidden_constants = revealed(search, view, worthy.fit, worthy.model, stated, weighing)
     known_groups = _exhausted(weighing, worthy.model) | {c.group for c in hidden_constants if c.told is not None}
-    named, confounders = _understood(view, worthy, len(subject.model.effects), known_groups)
+    lost = weighing is not None and any(e.lost for e in weighing.errors(worthy.model))
+    named, confounders = _understood(view, worthy, len(subject.model.effects), known_groups, lost)
     chosen, sought = worthy, [_names(view)[i] for i in (*named, *confounders)]
     gone = {*worthy.dropped, *confounders}
     while gone:  # numbers that stood beside what is gone may be far off, and what was worth a term may save nothing
@@ -318,12 +319,15 @@ def _exhausted(weighing: Weighing | None, model: PhysicsModel) -> set[str]:
     return {e.group.name for e in weighing.equations if e.name not in left}
 
 
-def _understood(view: View, worthy: Choice, known: int, known_groups: Collection[str]) -> tuple[list[int], list[int]]:
+def _understood(
+    view: View, worthy: Choice, known: int, known_groups: Collection[str], lost: bool
+) -> tuple[list[int], list[int]]:
     """Places of the effects that are what they seem, and of those that only imitate something else.
 
     What is left of an equation is known where nothing predicts it better, or where the inputs seem to do nothing and
     do, beside a slow disturbance. The effect that explains least goes first: two that share what they explain would
-    both seem less than what is left.
+    both seem less than what is left. Little is left in the rows where they were whitened by what is left itself, so
+    that nothing is taken for understood where forecasts of an equation are ``lost``.
     """
     channels = enumerate(view.linear.channels)
     known_channels = {k for k, c in channels if view.linear.model.measured_channels[c].group in known_groups}
@@ -334,7 +338,7 @@ def _understood(view: View, worthy: Choice, known: int, known_groups: Collection
         traces, total = left_over(view, sorted(gone))
         explained = [t for t in traces if view.reach[t.column - first] <= known_channels]
         total -= view.floor * sum(t.gain for t in explained)
-        if total > VERIFYING.left * view.floor:
+        if lost or total > VERIFYING.left * view.floor:
             rest = [t for t in traces if t not in explained]
             least = least_imitation(view, left, rest, sorted(gone))
         else:

@@ -87,22 +87,19 @@ def arm(_: float, x: np.ndarray, u: np.ndarray) -> list[float]:
 
 
 def logged(folder: Path, rate: Callable[..., list[float]], width: int, size: float, description: str) -> Path:
-    """Four recordings of 8 s; torques in mN m."""
+    """Four recordings of 8 s; torques in mN m, which are linear between samples."""
     folder.mkdir()
     t = np.arange(800) / 100
     for i in range(4):
         rng = np.random.default_rng(i)
         waves = [(size * rng.normal(size=width), f, rng.uniform(0, 6, width)) for f in (0.2, 0.5, 0.9, 1.7)]
+        torque = sum(a * np.sin(2 * np.pi * f * t[:, None] + phase) for a, f, phase in waves)
 
-        def drive(at: np.ndarray, waves: list = waves) -> np.ndarray:
-            at = np.asarray(at)[..., None]
-            return sum(a * np.sin(2 * np.pi * f * at + phase) for a, f, phase in waves)
-
-        def motion(at: float, x: np.ndarray, drive: Callable = drive) -> list[float]:
-            return rate(at, x, drive(at))
+        def motion(at: float, x: np.ndarray, torque: np.ndarray = torque) -> list[float]:
+            return rate(at, x, np.array([np.interp(at, t, column) for column in torque.T]))
 
         x = solve_ivp(motion, (0, t[-1]), np.zeros(2 * width), t_eval=t, rtol=1e-9, atol=1e-11).y.T
-        table = np.column_stack([t, x + rng.normal(0, 1e-4, x.shape), 1e3 * drive(t)])
+        table = np.column_stack([t, x + rng.normal(0, 1e-4, x.shape), 1e3 * torque])
         names = ["t", *(f"{s}{j}" for s in "qwu" for j in range(width))]
         np.savetxt(folder / f"run_{i}.csv", table, "%.9g", ",", header=",".join(names), comments="")
     (folder / "dataset.toml").write_text(HEAD.format(name=folder.name) + description)

@@ -61,6 +61,20 @@ def equilibrium(diagonal: np.ndarray) -> np.ndarray:
     return np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)
 
 
+def steadying(power: np.ndarray, prior: np.ndarray) -> float:
+    """What is added to the diagonal of normal equations in equilibrium, so that columns that are sums of others do.
+
+    No more than a hundredth of what was known before of the number that is known best against what rows tell of it:
+    else, of recordings without noise, it would hold what only that tells, such as a mass beside a drag.
+
+    Args:
+        power: (p,) diagonal of the normal equations, with the prior.
+        prior: (p,) precision of each; 0: none.
+    """
+    known = prior > 0
+    return float(np.clip(0.01 * (prior[known] / power[known]).max(initial=0.0), 1e-14, 1e-9)) if known.any() else 1e-9
+
+
 def ridge(gram: np.ndarray, strength: float = 1e-6) -> np.ndarray:
     """Free coefficients (c,) of all columns for the last one of (c + 1, c + 1), lightly shrunk."""
     scale = equilibrium(np.diag(gram)[:-1])
@@ -85,7 +99,7 @@ def regularised(
     index = list(columns)
     posterior = gram[np.ix_(index, index)] + np.diag(prior)
     scale = equilibrium(np.diag(posterior))
-    scaled = posterior * np.outer(scale, scale) + 1e-9 * np.eye(len(index))
+    scaled = posterior * np.outer(scale, scale) + steadying(np.diag(posterior), prior) * np.eye(len(index))
     return bounded(scaled, (gram[index, -1] + prior * centre) * scale, low / scale, high / scale) * scale
 
 

@@ -15,13 +15,13 @@ import numpy as np
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.least_squares import Normal, regularised
-from bench.diagnose.regression.linearise import Candidate
+from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.result import DifferingEffect, ParameterEstimate
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.subset import Fit, t_value
-from bench.diagnose.settings import CHOOSING, DIFFERING, VERIFYING
+from bench.diagnose.settings import CHOOSING, DIFFERING, MATTERING, VERIFYING
 from bench.diagnose.simulate.teacher_forced import with_noise
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
@@ -32,40 +32,57 @@ Parts = Mapping[str, Sequence[Normal]]
 
 
 def differing(
-    subject: Subject, model: PhysicsModel, noise: Noise, catalogue: Sequence[str] | None
-) -> DifferingEffect | None:
+    subject: Subject, models: Sequence[PhysicsModel], noise: Noise, catalogue: Sequence[str] | None
+) -> tuple[DifferingEffect | None, PhysicsModel]:
     """What the recordings of a subject differ in, beside a model that holds for all.
 
-    Of effects that explain nearly as much the one with the fewest numbers is told, and the others beside it.
+    Of effects that explain nearly as much the one with the fewest numbers is told, and the others beside it. What was
+    found may itself be what recordings differ in, in other words: then far less is left beside a model without it.
 
     Args:
         subject: measurements, and the nominal model.
-        model: calibrated, with the effects that were found.
+        models: calibrated, with the effects that were found, and without.
         noise: of the measurements.
         catalogue: ids of the effects to choose from; None: all.
 
     Returns:
-        The effect; None: none explains most of what is left so, or a state was not measured.
+        The effect and the model beside which it is told; None: none explains most of what is left so, or a state was
+        not measured.
     """
+    told, beside, least = None, models[0], np.inf
     if hidden(subject.logs):
-        return None
+        return told, beside
     names = tuple(log.name for log in subject.logs)
     search = Search(replace(subject, training=names, held_out=()), catalogue, lambda what: None, noise, memory=0)
-    look = search.look(model, only=(), broad=False)
-    view = search.views(look)[-1]
-    rows = look.linear.project(search.tests(look.linear)).whitened(view.filters)
+    like: View | None = None
+    for model in models:
+        look = search.look(model, only=(), broad=False)
+        if like is not None and not {*look.linear.channels} <= {*like.linear.channels}:
+            continue
+        view = search.views(look, like=like)[-1]
+        parts = _parts(search, look.linear, view)
+        base = view.subsets.fit()
+        everything = sum(float(r.losses(base.columns, base.beta).sum()) for own in parts.values() for r in own)
+        first, like, least = like is None, like or view, min(least, everything)
+        judged = [j for option in _options(view) if (j := _Judged(option, parts)).inside]
+        if len(parts) < 2 or not judged:
+            continue
+        chosen, rivals = _simplest(judged, everything)
+        if not chosen.sure or not (first or MATTERING.near**2 * chosen.left < least):
+            continue
+        if (share := chosen.share(_chance(search, view, noise))) > DIFFERING.most:
+            told, beside = DifferingEffect(chosen.option.ids, share, chosen.numbers, rivals), model
+            least = chosen.left
+    return told, beside
+
+
+def _parts(search: Search, linear: Linearization, view: View) -> dict[str, list[Normal]]:
+    """By recording, its rows, whitened as in a view."""
+    rows = linear.project(search.tests(linear)).whitened(view.filters)
     parts: dict[str, list[Normal]] = {}
     for log, own in zip(search.stack.logs, rows.apart(), strict=True):
         parts.setdefault(log.part_of or log.name, []).append(own)
-    judged = [j for option in _options(view) if (j := _Judged(option, parts)).inside]
-    if len(parts) < 2 or not judged:
-        return None
-    base = view.subsets.fit()
-    everything = sum(float(r.losses(base.columns, base.beta).sum()) for own in parts.values() for r in own)
-    chosen, rivals = _simplest(judged, everything)
-    if not chosen.sure or (share := chosen.share(_chance(search, view, noise))) <= DIFFERING.most:
-        return None
-    return DifferingEffect(chosen.option.ids, share, chosen.numbers, rivals)
+    return parts
 
 
 def _simplest(judged: Sequence["_Judged"], everything: float) -> tuple["_Judged", tuple[str, ...]]:

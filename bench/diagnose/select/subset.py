@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from bench.diagnose.regression.least_squares import Normal, equilibrium
+from bench.diagnose.regression.least_squares import Normal, equilibrium, steadying
 from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.parameters import Entry, Prior, sign_kept
 from bench.diagnose.settings import VERIFYING
@@ -208,7 +208,8 @@ class Subsets:
         index = [fit.columns[i] for i in fitted]
         posterior = self.normal.total[np.ix_(index, index)] + np.diag(prior)
         scale = equilibrium(np.diag(posterior))
-        inverse = np.linalg.inv(posterior * np.outer(scale, scale) + 1e-9 * np.eye(len(index))) * np.outer(scale, scale)
+        steady = steadying(np.diag(posterior), prior) * np.eye(len(index))
+        inverse = np.linalg.inv(posterior * np.outer(scale, scale) + steady) * np.outer(scale, scale)
         scores = self.normal.scores(fit.columns, fit.beta)[:, fitted]
         scores = scores - scores.mean(0)  # their sum is what the priors and bounds pull
         blocks = len(scores)
