@@ -62,7 +62,7 @@ def equilibrium(diagonal: np.ndarray) -> np.ndarray:
 
 
 def steadying(power: np.ndarray, prior: np.ndarray) -> float:
-    """What is added to the diagonal of normal equations in equilibrium, so that columns that are sums of others do.
+    """What is added to the diagonal of normal equations in equilibrium, where columns are sums of others.
 
     No more than a hundredth of what was known before of the number that is known best against what rows tell of it:
     else, of recordings without noise, it would hold what only that tells, such as a mass beside a drag.
