@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
-from bench.diagnose.regression.least_squares import Normal, bounded, whitening
+from bench.diagnose.regression.least_squares import Normal, bounded, regularised, whitening
 from bench.diagnose.regression.rows import Crossings, Rows, filtered
 from bench.diagnose.select.subset import Subsets
 
@@ -33,6 +33,15 @@ def test_a_coefficient_between_equal_bounds_stays_there():
 
 def test_nothing_to_fit_is_no_fault():
     assert bounded(np.zeros((0, 0)), *(np.zeros(0) for _ in range(3))).shape == (0,)
+
+
+def test_what_only_a_prior_tells_apart_it_tells_however_little_noise_there_is():
+    """Of two columns that are one: the known number stays, and the other has what rows say."""
+    x = np.random.default_rng(3).normal(size=1000)
+    rows = 1e6 * np.column_stack([x, 2 * x, 6 * x])
+    free = np.full(2, np.inf)
+    found = regularised(rows.T @ rows, [0, 1], np.array([1e4, 0.0]), np.zeros(2), -free, free)
+    assert found == pytest.approx([0, 3], abs=0.1)
 
 
 def test_whitening_finds_the_process():
