@@ -69,6 +69,7 @@ def test_a_number_whose_sign_free_runs_turn_stays_and_the_others_are_fitted_arou
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     states, force = flights(count=4, samples=800)
+    states = states + np.random.default_rng(0).normal(size=states.shape) * 1e-5  # without noise no interval is one
     subject = subject_of(replace(TRUE, stiffness=90.0), states, force, uncertainty={"stiffness": 0.1})
     model = replace(subject.model, effects=(EFFECTS.get("offset_force")(0.0),))
     asked = []
@@ -86,4 +87,4 @@ def test_a_number_whose_sign_free_runs_turn_stays_and_the_others_are_fitted_arou
     assert fitted.effects[0].f_0 == pytest.approx(5.0, rel=0.02)  # type: ignore[attr-defined]
     assert fitted.stiffness == pytest.approx(100, rel=0.01)  # type: ignore[attr-defined]
     told = {x.entry.label: x for x in numbers}
-    assert told["f_0"].value == pytest.approx(5.0, rel=1e-6)  # what is left is the error of the simulation's steps
+    assert told["f_0"].low <= 5.0 <= told["f_0"].high

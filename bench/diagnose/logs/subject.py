@@ -14,7 +14,7 @@ from registry.datasets.folder.dataset import Folder
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
 
-_MEANS = "between", "missed", "finer"
+_BETWEEN = "between", "missed", "finer"
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ class LogBatch:
         states, inputs = (_padded([getattr(log, what) for log in logs]) for what in ("states", "inputs"))
         means, missed, finer = (
             _padded(given) if len(given) == len(logs) else None
-            for given in ([x for x in (getattr(log, what) for log in logs) if x is not None] for what in _MEANS)
+            for given in ([x for x in (getattr(log, what) for log in logs) if x is not None] for what in _BETWEEN)
         )
         return cls(tuple(logs), states, inputs, logs[0].dt, means, missed, finer)
 

@@ -37,7 +37,7 @@ def midpoint_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
 
     The model's constants and its effects' parameters may be tensors (…, 1, 1), for many models at once.
     """
-    path, slopes = _acting(model, stack)
+    path, slopes = _driving(model, stack)
     mean = _simpson(*path.unbind(-2))
     own = _own_path(model, stack, mean, slopes) if model.internal_size else None
     return _rates(model, stack, stack.between, _halfway(own), mean, slopes)
@@ -56,7 +56,7 @@ def mean_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
     states = stack.states if stack.finer is None else stack.finer
     if stack.missed is not None or (stack.means is not None and stack.finer is None):
         return midpoint_rates(model, stack)
-    path, slopes = _acting(model, stack)
+    path, slopes = _driving(model, stack)
     own = _own_path(model, stack, _simpson(*path.unbind(-2)), slopes) if model.internal_size else None
     stride = max(1, states.shape[1] - 1) // max(1, stack.states.shape[1] - 1)
     slopes, size = slopes.repeat_interleave(stride, -2), states.shape[-1]
@@ -90,15 +90,15 @@ def _simpson(first: Tensor, halfway: Tensor, last: Tensor) -> Tensor:
     return (first + 4 * halfway + last) / 6
 
 
-def _acting(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, Tensor]:
+def _driving(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, Tensor]:
     """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, and its time derivative (…, m)."""
-    if model.input_effects():
-        path = _transmitted(model, stack)
-    else:
-        before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
-        held = model.input_hold == "previous"
-        path = torch.stack([before] * 3 if held else [before, (before + after) / 2, after], dim=-2)
-    return path, (path[..., 2, :] - path[..., 0, :]) / stack.dt
+    path = _transmitted(model, stack)
+    return path, _slopes(path, stack)
+
+
+def _slopes(path: Tensor, stack: LogBatch) -> Tensor:
+    """Time derivative (…, m) of what is known at start, middle and end of each interval (…, 3, m)."""
+    return (path[..., 2, :] - path[..., 0, :]) / stack.dt
 
 
 def _halfway(own: Tensor | None) -> Tensor | None:
@@ -197,21 +197,24 @@ def memories(model: PhysicsModel, stack: LogBatch) -> Tensor:
 def _driven(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, Tensor, bool]:
     """What drives the model over each interval (…, L, N − 1, 3, m), its extras alike, and whether samples are held."""
     many = _most(_tensors(*model.input_effects()))  # models that differ in what comes after these are driven alike
-    before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
-    held = model.input_hold == "previous"
-    segments = torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
+    segments, held = _segments(model, stack), model.input_hold == "previous"
     if many is not None:
         segments = segments.expand(many, *segments.shape)
     driving, extras = segments.split([segments.shape[-1] - len(model.extras), len(model.extras)], dim=-1)
     return driving, extras, held
 
 
+def _segments(model: PhysicsModel, stack: LogBatch) -> Tensor:
+    """Inputs (L, N − 1, 3, m) at start, middle and end of each interval, as the model takes them between samples."""
+    before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
+    held = model.input_hold == "previous"
+    return torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
+
+
 def own_states(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """The effects' own states (…, L, N, i) at every sample, driven by the measured states."""
-    u0, u1 = stack.inputs[:, :-1], stack.inputs[:, 1:]
-    held = model.input_hold == "previous"
-    middle, slopes = (u0, torch.zeros_like(u0)) if held else ((u0 + u1) / 2, (u1 - u0) / stack.dt)
-    return _own_path(model, stack, middle, slopes, so_far=True)
+    path = _segments(model, stack)
+    return _own_path(model, stack, path[..., 1, :], _slopes(path, stack), so_far=True)
 
 
 def _own_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tensor, so_far: bool = False) -> Tensor:
@@ -275,8 +278,7 @@ def _left(model: PhysicsModel, rest: PhysicsModel, stack: LogBatch) -> tuple[dic
 def followed(name: str, model: PhysicsModel, stack: LogBatch) -> Tensor:
     """A signal (…, L, N − 1) that a term can follow, in the middle of each interval."""
     state = model.project(stack.between)
-    before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
-    inputs = before if model.input_hold == "previous" else (before + after) / 2
+    inputs = _segments(model, stack)[..., 1, :]
     if signals.flies(type(model)):
         return signals.of_motion(name, model.unloaded(state, inputs)[0])  # type: ignore[attr-defined]
     return signals.of_state(name, model, state, inputs)
