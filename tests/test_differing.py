@@ -9,12 +9,15 @@ import pytest
 from simulated_fleet import vehicle
 
 from bench.diagnose import diagnose
+from bench.diagnose.logs.load import subject_of
+from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.regression.least_squares import Normal
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.report.sentences import explanation, headline
-from bench.diagnose.select.differing import _Judged, _Option, _own_inside, _simplest
+from bench.diagnose.select.differing import _Judged, _Option, _own_inside, _simplest, differing
 from bench.diagnose.select.subset import Fit, t_value
 from bench.diagnose.settings import CHOOSING, DIFFERING
+from registry.core import EFFECTS
 
 
 def carts(folder: Path, sizes: tuple[float, ...], kind: str) -> Path:
@@ -49,6 +52,16 @@ def test_each_recording_has_a_number_of_its_own(
     assert f"Recordings differ in {kind.replace('_', ' ')}" in explanation(said)
     assert "--each-recording" in explanation(said)
     assert said.verdict != "unknown_effect" or "differ in" in headline(said)
+
+
+def test_what_all_recordings_have_is_not_what_they_differ_in(tmp_path: Path):
+    """Each has an offset of its own; the force that a hardening spring wants more is in what was logged."""
+    subject = subject_of(carts(tmp_path, (1, -1, 0.5, -1), "offset_force"))
+    logs = (replace(log, inputs=log.inputs + 30 * log.states[:, :1] ** 3) for log in subject.logs)
+    subject = replace(subject, logs=tuple(logs))
+    hardening = replace(subject.model, effects=(EFFECTS.get("cubic_stiffness")(30.0),))
+    told, beside = differing(subject, (hardening, subject.model), noise_of(subject), ["offset_force"])
+    assert told is not None and told.effects == ("offset_force",) and beside is hardening
 
 
 def test_recordings_that_are_alike_do_not_differ(tmp_path: Path):

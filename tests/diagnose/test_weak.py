@@ -1,5 +1,6 @@
 """The weak form against closed forms, and its shortcuts against the long way."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -117,3 +118,12 @@ def test_of_what_was_thinned_out_mean_rates_are_those_of_all_samples():
         rates = (r(Lorenz(), seen)[0] for r in (weak.mean_rates, weak.midpoint_rates))
         mean, middle = ((steps - log.dt * r).abs().max() for r in rates)
         assert mean < 1e-7 and middle > 1e-3
+
+
+def test_a_state_that_was_not_measured_does_not_bend():
+    """It stands at zero, where a spring pulls nothing."""
+    force, equation = driven(held=False)
+    x = path_of(equation, [0.1, 0.0], 0.01, 101) * [0.0, 1.0]
+    log = replace(logged(Oscillator(), x, 0.01, force(0.01 * np.arange(101))[:, None]), measured=(False, True))
+    soft, stiff = (weak.mean_rates(Oscillator(stiffness=k), LogBatch.of([log]))[..., 1] for k in (0.0, 100.0))
+    assert torch.equal(soft, stiff)
