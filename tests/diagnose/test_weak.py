@@ -14,8 +14,10 @@ from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Log, LogBatch, log_of
 from bench.diagnose.regression import test_functions, weak
 from bench.diagnose.regression.recurrence import solved
+from bench.diagnose.simulate.roll import roll
 from registry.contracts import Channel, Recording
 from registry.dynamics import PhysicsModel
+from registry.effects.actuation import MotorLag
 from registry.effects.suspended_load import SuspendedLoad
 from registry.physics.lorenz import Lorenz
 from registry.physics.oscillator import Oscillator
@@ -56,6 +58,20 @@ def test_a_swinging_load_that_is_solved_at_once_takes_the_path_of_one_step_after
     assert one_by_one.abs().max() > 0.01
     torch.testing.assert_close(at_once, one_by_one, rtol=1e-11, atol=1e-12)
     assert solved(lambda x: x + 0.01 * (1 - x * x), (3, 50), 1, stack.states) is None  # not affine: never at once
+
+
+def test_what_swings_below_is_driven_by_what_rotors_do_and_not_by_what_they_are_told():
+    dt, t = 0.005, 0.005 * torch.arange(401, dtype=torch.float64)
+    model = Quadrotor(effects=(MotorLag(tau_up=0.08, tau_down=0.08), SuspendedLoad(m_l=0.1, l=0.5, zeta=0.1)))
+    told = 900 * (1 + 0.1 * torch.sin(9 * t)[:, None] * torch.tensor([1.0, 1.01, 0.99, 1.0]))
+    memory = torch.cat([e.steady(told[None, 0], dt) for e in model.input_effects()], dim=-1)
+    level = torch.eye(13, dtype=torch.float64)[9:10]
+    flown = roll(model, torch.cat([level, torch.zeros(1, 4), memory], dim=-1), told[None], dt)
+    size = len(model.state_channels)
+    own = weak.own_states(model, LogBatch((), flown[..., :size], told[None], dt))
+    swung = flown[..., size : size + own.shape[-1]]
+    assert swung.abs().max() > 0.01
+    torch.testing.assert_close(own, swung, rtol=0.01, atol=1e-3 * swung.abs().max().item())
 
 
 BEGIN = [3.0, -4.0, 20.0]

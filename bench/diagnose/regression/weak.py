@@ -212,9 +212,9 @@ def _segments(model: PhysicsModel, stack: LogBatch) -> Tensor:
 
 
 def own_states(model: PhysicsModel, stack: LogBatch) -> Tensor:
-    """The effects' own states (…, L, N, i) at every sample, driven by the measured states."""
-    path = _segments(model, stack)
-    return _own_path(model, stack, path[..., 1, :], _slopes(path, stack), so_far=True)
+    """The effects' own states (…, L, N, i) at every sample, driven by the measured states and by what acts then."""
+    path, slopes = _driving(model, stack)
+    return _own_path(model, stack, _simpson(*path.unbind(-2)), slopes, so_far=True)
 
 
 def _own_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tensor, so_far: bool = False) -> Tensor:
@@ -278,7 +278,7 @@ def _left(model: PhysicsModel, rest: PhysicsModel, stack: LogBatch) -> tuple[dic
 def followed(name: str, model: PhysicsModel, stack: LogBatch) -> Tensor:
     """A signal (…, L, N − 1) that a term can follow, in the middle of each interval."""
     state = model.project(stack.between)
-    inputs = _segments(model, stack)[..., 1, :]
+    inputs = _simpson(*_transmitted(model, stack).unbind(-2))
     if signals.flies(type(model)):
         return signals.of_motion(name, model.unloaded(state, inputs)[0])  # type: ignore[attr-defined]
     return signals.of_state(name, model, state, inputs)
