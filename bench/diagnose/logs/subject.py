@@ -1,6 +1,6 @@
 """What is diagnosed: a physics model and measurements of the same system, each as the model sees it."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -115,8 +115,6 @@ class LogBatch:
     """(L, N − 1, s): see `Log.missed`."""
     finer: Tensor | None = None
     """(L, (N − 1) stride + 1, s): see `Log.finer`."""
-    passed_on: dict[Hashable, Tensor] = field(default_factory=dict, init=False, repr=False)
-    """What the last few input effects made of the inputs; kept by `regression.weak`."""
 
     def samples(self, x: Tensor) -> Tensor:
         """Those (…, n, c) of series (…, L, N, c) that are no padding, one log after the other."""

@@ -11,7 +11,7 @@ weak motor. After Messenger and Bortz, "Weak SINDy" (2021).
 
 import dataclasses
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -147,35 +147,7 @@ def _for_all(model: PhysicsModel, many: int | None, *signals: Tensor) -> list[Te
 
 
 def _transmitted(model: PhysicsModel, stack: LogBatch) -> Tensor:
-    """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, after delays and lags.
-
-    Most models that are tried on a stack differ in something else, so what the last few passed on is kept.
-    """
-    key = _how_driven(model)
-    if key is None:
-        return _passed_on(model, stack)
-    if key not in stack.passed_on:
-        out = _passed_on(model, stack)
-        for old in list(stack.passed_on)[: 1 - LINEARISING.passed_on]:
-            del stack.passed_on[old]
-        stack.passed_on[key] = out
-    return stack.passed_on[key]
-
-
-def _how_driven(model: PhysicsModel) -> Hashable | None:
-    """What tells how inputs act on a model; None: many models may be driven in many ways, or nobody can tell."""
-    key = model.input_hold, len(model.extras), model.input_effects()
-    if _tensors(*model.input_effects()):
-        return None
-    try:
-        hash(key)
-    except TypeError:
-        return None
-    return key
-
-
-def _passed_on(model: PhysicsModel, stack: LogBatch) -> Tensor:
-    """See `_transmitted`."""
+    """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, after delays and lags."""
     few, which = _driven_apart(model)
     driving, extras, held = _driven(few, stack)
     for effect in narrowed(few).input_effects():

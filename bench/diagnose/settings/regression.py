@@ -44,9 +44,6 @@ class Linearising:
         Basis.EFFORT,
         "count",
     )
-    passed_on: int = threshold(
-        4, "lags and delays whose effect on the inputs of a stack is kept, the last ones", Basis.EFFORT, "count"
-    )
     affine: float = threshold(
         1e-9, "largest difference from an affine map, relative to the map, of a recurrence that is one", Basis.ROUNDING
     )
