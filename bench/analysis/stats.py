@@ -20,6 +20,8 @@ POWER = 0.8
 RESAMPLES = 4000
 EXACT = 12
 """Gains up to which all signs are tried."""
+ACTING = 3
+"""Blocks, by their power, from which on what acts in them says something by their number."""
 
 
 def interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float] | None:
@@ -80,26 +82,30 @@ def uneven_gain(gains: np.ndarray, confidence: float = 0.95) -> float:
     return low
 
 
-def matched_t(before: np.ndarray, after: np.ndarray, recording: np.ndarray, block: np.ndarray) -> float:
-    """What is saved of squared errors, in standard errors of what errors save that have nothing to do with it.
+def rare_gain(before: np.ndarray, after: np.ndarray, recording: np.ndarray, block: np.ndarray, sure: float) -> float:
+    """Lower end of the interval of a mean gain, of what acts in so few blocks that these say nothing by their number.
 
-    Gains of blocks differ as manoeuvres do: where one of ten holds most of what acts, a mean gain is unsure by Student
-    however plain it is. But what is saved has a course of its own, which errors that have nothing to do with it do not
-    follow: that of a matched filter (G. L. Turin, *IRE Trans. Inf. Theory* 6(3), 1960). Errors are as correlated in
-    time as those that are left everywhere, or there, whichever is more. It tells most where errors are white.
+    A manoeuvre that is flown once is one block, and gains of one block are no sample. But what is saved there has a
+    course of its own, which errors that have nothing to do with it do not follow: that of a matched filter (G. L.
+    Turin, *IRE Trans. Inf. Theory* 6(3), 1960). Errors are as correlated in time as those that are left everywhere,
+    or there, whichever is more.
 
     Args:
         before: (W, c) errors of windows in their order.
         after: (W, c) with what is to save them.
         recording: (W,) that a window is of.
         block: (W,) of windows that are one sample.
+        sure: half of the interval, in standard errors.
 
     Returns:
-        Zero where nothing differs.
+        The gain of squared error, mean over windows; minus infinity where three blocks or half of them act.
     """
     course = before - after
+    power = np.bincount(block, (course**2).sum(1))
+    if not power.any() or power.sum() ** 2 >= min(ACTING, len(power) / 2) * (power**2).sum():
+        return -math.inf
     series = [(course[own], after[own]) for own in (recording == i for i in np.unique(recording))]
-    everywhere, there, longest = 0.0, 0.0, int(np.bincount(block).max(initial=0))
+    everywhere, there, longest = 0.0, 0.0, int(np.bincount(block).max())
     for lag in range(longest):
         pairs = [(c[lag:], a[lag:], c[: len(c) - lag], a[: len(a) - lag]) for c, a in series if len(c) > lag]
         weight = (2.0 if lag else 1.0) * (1 - lag / longest)  # Bartlett's
@@ -107,7 +113,7 @@ def matched_t(before: np.ndarray, after: np.ndarray, recording: np.ndarray, bloc
         everywhere += weight * sum(float((covariance * (late.T @ early)).sum()) for late, _, early, _ in pairs)
         there += weight * sum(float((c * a).sum(1) @ (d * b).sum(1)) for c, a, d, b in pairs)
     error = 2 * math.sqrt(max(everywhere, there, 0.0))
-    return float((before**2).sum() - (after**2).sum()) / error if error else 0.0
+    return float(((before**2).sum() - (after**2).sum() - sure * error) / len(before))
 
 
 def curve_interval(

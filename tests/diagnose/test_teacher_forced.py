@@ -10,9 +10,8 @@ from bench.diagnose import diagnose, discover
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import LogBatch
-from bench.diagnose.regression import test_functions
 from bench.diagnose.select.materiality import Weighing
-from bench.diagnose.simulate.teacher_forced import equations, increments, innovations, noise_increments
+from bench.diagnose.simulate.teacher_forced import equations, increments, noise_increments
 
 STATED = {"smoothing": Smoothing(), "noise": {"displacement": 1e-3, "speed": 0.02}}
 
@@ -55,22 +54,6 @@ def test_what_is_left_of_a_missing_term_is_predictable_and_noise_is_not() -> Non
         last = Weighing(subject, noise_of(subject), model).errors(model)[-1]
         assert (last.predictable < 0.5 * last.models["extended"]) is predictable
         assert last.predictable > 0.9 * last.floor
-
-
-def test_innovations_of_other_recordings_are_white_with_unit_variance() -> None:
-    states, force = flights(count=6, samples=3000)
-    seen = states + np.random.default_rng(1).normal(size=states.shape) * [1e-3, 0.02]
-    subject = subject_of(TRUE, seen, force, **STATED)
-    noise, of = noise_of(subject), (LogBatch.of(subject.logs[:4]), LogBatch.of(subject.logs[4:]))
-    tests = tuple(test_functions.TestFunctions.over(stack.logs, 5, [Smoothing()] * 2) for stack in of)
-    learnt, left = (increments(TRUE, stack, noise) for stack in of)
-    (white,) = innovations([left], learnt, [0, 1], tests[::-1], 8)
-    assert len(white) == sum(len(c) - 8 for c in tests[1].centres)
-    assert white.std(0) == pytest.approx(1.0, rel=4 / np.sqrt(2 * len(white)))
-    together = white.T @ np.roll(white, 1, 0) / len(white)
-    assert np.abs(np.diag(together)).max() < 4 / np.sqrt(len(white))
-    raw = tests[1].measured[0] @ left.steps[0]
-    assert np.abs(np.sum(raw[1:] * raw[:-1], 0) / np.sum(raw**2, 0)).max() > 0.3, "what differences of noise are not"
 
 
 @pytest.mark.parametrize("every", [1, 20])

@@ -102,9 +102,9 @@ def test_what_one_axis_gains_counts_where_the_others_do_not_pay_for_it(
     assert any(s.worth for s in told) is paid
 
 
-@pytest.mark.parametrize(("t", "sure"), [(8.0, True), (1.9, False)])
-def test_what_one_block_of_eight_saves_is_sure_by_its_course_or_not_at_all(t: float, sure: bool) -> None:
-    """See `stats.matched_t`: a vortex ring that a flight meets once."""
+@pytest.mark.parametrize(("rare", "sure"), [(0.5, True), (-np.inf, False)])
+def test_what_one_block_of_eight_saves_is_sure_by_its_course_or_not_at_all(rare: float, sure: bool) -> None:
+    """See `stats.rare_gain`: a vortex ring that a flight meets once."""
     squares = {"without": np.repeat([10.0, *[1.0] * 7], 5), "full": np.ones(40)}
     error = EquationError("torques", 0.5, "rad/s", {"calibrated": 2.0, "extended": 1.0}, 1.0, 0.1)
     weighing = SimpleNamespace(
@@ -112,12 +112,12 @@ def test_what_one_block_of_eight_saves_is_sure_by_its_course_or_not_at_all(t: fl
         by_axis=lambda extended: [error],
         increments=lambda model: model,
         _at=lambda error, model: (squares[model], np.repeat(np.arange(8), 5)),
-        _surely=lambda error, without, full: t,
+        _rare=lambda error, without, full: rare,
         calibrated="without",
         subject=SimpleNamespace(model="without"),
     )
     (saving,) = Weighing.savings(weighing, "without", "full", "full")
-    assert saving.worth is sure and (not sure or saving.low == saving.share * (1 - 2 / t))
+    assert saving.worth is sure and (not sure or saving.low == rare / error.scale)
 
 
 @pytest.mark.parametrize(("ratio", "low", "refuted"), [(0.55, 5e-4, True), (0.9, 5e-4, False), (0.55, -1e-4, False)])

@@ -6,32 +6,29 @@ some effects are about. What can be explained at all is what the best predictor 
 by a ridge regression of what it leaves on functions of every measured signal.
 """
 
-from collections.abc import Collection
-from dataclasses import replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from bench.analysis.stats import matched_t, relative_gain, uneven_gain
+from bench.analysis.stats import rare_gain, relative_gain, uneven_gain
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import LogBatch, Subject, measured
 from bench.diagnose.regression.columns import moves
-from bench.diagnose.regression.generic import dictionary
-from bench.diagnose.regression.test_functions import TestFunctions
+from bench.diagnose.regression.generic import Dictionary, Folds, dictionary, follow
+from bench.diagnose.regression.least_squares import ridge, ridge_losses
 from bench.diagnose.regression.weak import midpoint_rates
-from bench.diagnose.select.search import stride_of
-from bench.diagnose.settings import MATTERING, SEARCHING
+from bench.diagnose.settings import FOLDING, MATTERING
 from bench.diagnose.simulate.equation_error import EquationError, Saving
 from bench.diagnose.simulate.offsets import attitude_offsets, less_offsets
-from bench.diagnose.simulate.predictable import Signals, left_of
 from bench.diagnose.simulate.teacher_forced import (
     Equation,
     Increments,
     equations,
     horizons,
     increments,
-    innovations,
     noise_increments,
 )
 from registry.dynamics import PhysicsModel
@@ -53,7 +50,6 @@ class Weighing:
         self.horizons = horizons(self.held.logs)
         self.equations = equations(subject.model, measured(subject.logs))
         self._left: dict[PhysicsModel, Increments] = {}
-        self._learnt: dict[PhysicsModel, Increments] = {}
         self._noise: dict[PhysicsModel, Increments] = {}
         self._squares: dict[tuple[Increments, str, str, int], tuple[np.ndarray, np.ndarray]] = {}
         self._errors: dict[PhysicsModel, tuple[EquationError, ...]] = {}
@@ -100,15 +96,12 @@ class Weighing:
         self, left: Increments, equation: Equation, axis: str, horizon: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Errors (W, c) of an equation along an axis (empty: along all), the recording and the block (W,) of each."""
-        left, at = self._part(left, equation, axis)
+        at = list(equation.group.at)
+        if axis:
+            left, at = self._signals[1].of(equation.group.at).along(left, [axis]), [0]
         errors, recording, first = left.over(horizon, max(1, horizon // 4))
         scale = 1 / (horizon * self.held.dt) if equation.sensed else 1.0
         return errors[:, at] * scale, recording, self._blocks(recording, first, horizon)
-
-    def _part(self, left: Increments, equation: Equation, axis: str, of: int = 1) -> tuple[Increments, list[int]]:
-        """What is left along an axis (empty: all) of recordings learnt from (0) or held out (1), and its channels."""
-        at = equation.group.at
-        return (self._signals[of].of(at).along(left, [axis]), [0]) if axis else (left, list(at))
 
     def _by_recording(self, error: EquationError, left: Increments) -> tuple[float, ...]:
         """Root mean square error in each recording, less what offsets of that recording explain."""
@@ -215,12 +208,10 @@ class Weighing:
                 by_block = [np.bincount(block, squares) for squares in (before, after)]
                 steady = relative_gain(by_block[0], by_block[1], MATTERING.sure) * float(before.mean())
                 low = max(low, uneven_gain(gains) / error.scale, steady / error.scale)
+            if low <= 0 < mean:
+                low = max(low, self._rare(error, best, self.increments(full)) / error.scale)
             ratio = float(after.mean() / max(before.mean(), 1e-300)) ** 0.5
             share = mean / error.scale
-            if low <= 0 and error.matters and share >= MATTERING.share:
-                t = self._surely(error, best, full)
-                if t > MATTERING.sure:
-                    low, high = (share * (1 + side * MATTERING.sure / t) for side in (-1, 1))
             saving = Saving(
                 error.equation, error.horizon_s, share, low, high, matters=error.matters, ratio=ratio, axis=error.axis
             )
@@ -232,31 +223,13 @@ class Weighing:
         there = tuple(s for s in out if s.equation in acts)
         return there if any(s.worth for s in there) else (*there, *(s for s in out if s not in there and s.worth))
 
-    def _surely(self, place: EquationError, without: Increments, full: PhysicsModel) -> float:
-        """See `stats.matched_t`: of what is left through test functions, made white as ``full`` leaves it where learnt.
-
-        A forecast adds up all noise over its horizon, beside which what acts fast is little however sure it is.
-        """
-        if full not in self._learnt:
-            self._learnt[full] = increments(full, self.train, self.noise)
-        equation, _ = self._place(place)
-        (learnt, at), *left = (
-            self._part(x, equation, place.axis, of)
-            for x, of in ((self._learnt[full], 0), (without, 1), (self.increments(full), 1))
+    def _rare(self, place: EquationError, without: Increments, full: Increments) -> float:
+        """See `stats.rare_gain`."""
+        equation, horizon = self._place(place)
+        (before, recording, block), (after, *_) = (
+            self._windows(left, equation, place.axis, horizon) for left in (without, full)
         )
-        order = SEARCHING.memory
-        before, after = innovations([x for x, _ in left], learnt, at, self._tests, order)
-        centres = [x[order:] for x in self._tests[0].centres]
-        recording = np.repeat(np.arange(len(centres)), list(map(len, centres)))
-        block = self._blocks(recording, np.concatenate(centres), self._tests[0].stride)
-        return matched_t(before, after, recording, block)
-
-    @cached_property
-    def _tests(self) -> tuple[TestFunctions, TestFunctions]:
-        """Of the recordings held out and of those that are learnt from."""
-        through = [self.noise.smoothing_of(i) for i in range(len(self.subject.model.state_channels))]
-        held, train = (TestFunctions.over(x.logs, stride_of(self.train), through) for x in (self.held, self.train))
-        return held, train
+        return rare_gain(before, after, recording, block, MATTERING.sure)
 
     def channels_moved(self, before: PhysicsModel, after: PhysicsModel) -> frozenset[int]:
         """The channels whose rates on the held-out recordings differ between two models, or are no numbers."""
@@ -303,7 +276,7 @@ class Weighing:
             axes = signals[0].axes
             for horizon in self.horizons:
                 folds, held = (s.folds(of, horizon) for s, of in zip(signals, left, strict=True))
-                rest, total = left_of(folds, np.asarray(sum(held)), len(axes))
+                rest, total = _left_of(folds, np.asarray(sum(held)), len(axes))
                 out[equation, "", horizon] = float(rest.sum() / max(total.sum(), 1e-300))
                 for axis, some, all_ in zip(axes, rest, total, strict=True):
                     if len(equation.group.at) > 1 and not axis.startswith("world"):
@@ -316,9 +289,89 @@ class Weighing:
         return LogBatch.of(shortened(self.subject.of(self.subject.training), MATTERING.longest))
 
     @cached_property
-    def _signals(self) -> tuple[Signals, Signals]:
+    def _signals(self) -> tuple["_Signals", "_Signals"]:
         """Of the recordings that are learnt from and of those held out; the same whatever the model lacks."""
         at = tuple(c for e in self.equations for c in e.group.at)
         learnt = dictionary(self.calibrated, self.train, at)
         held = dictionary(self.calibrated, self.held, at, like=learnt)
-        return Signals(learnt, at, self.train.dt), Signals(held, at, self.held.dt)
+        return _Signals(learnt, at, self.train.dt), _Signals(held, at, self.held.dt)
+
+
+@dataclass(frozen=True, eq=False)
+class _Signals:
+    """Functions of measured signals, and the axes along which equations are judged."""
+
+    words: Dictionary
+    channels: tuple[int, ...]
+    """That the axes of ``words`` are of."""
+    dt: float
+
+    def of(self, channels: Sequence[int]) -> "_Signals":
+        """The axes that act on these channels."""
+        place = [self.channels.index(c) for c in channels]
+        axes = self.words.axes[..., place]
+        acting = [i for i, axis in enumerate(axes) if np.abs(axis).max() > 0]
+        names = tuple(self.words.names[i] for i in acting)
+        return _Signals(replace(self.words, axes=axes[acting], names=names), tuple(channels), self.dt)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Their names."""
+        return self.words.names
+
+    def along(self, left: Increments, axes: Sequence[str]) -> Increments:
+        """What is left along these axes, in their order."""
+        steps = left.steps[..., list(self.channels)]
+        some = [np.einsum("lnc,lnc->ln", self.words.axes[self.axes.index(a)], steps) for a in axes]
+        return Increments(np.stack(some, axis=-1), left.valid)
+
+    def folds(self, left: Increments, horizon: int) -> list[np.ndarray]:
+        """A fold: products (functions + axes, functions + axes) of integrals and errors over its windows, summed."""
+        y, recording, first = self.along(left, self.axes).over(horizon, max(1, horizon // 2))
+        logs, width = self.words.values.shape[1], len(self.words.values) + y.shape[1]
+        out = [np.zeros((width, width)) for _ in range(min(logs, FOLDING.most))]
+        for log in np.unique(recording):
+            own, values = first[recording == log], self.words.values[:, log]
+            total = np.concatenate([np.zeros_like(values[:, :1]), np.cumsum(values, axis=-1)], axis=-1)
+            rows = np.concatenate([(total[:, own + horizon] - total[:, own]) * self.dt, y[recording == log].T])
+            out[log * len(out) // logs] += rows @ rows.T
+        return [gram for gram in out if gram.any()]
+
+
+def _left_of(folds: Sequence[np.ndarray], held_out: np.ndarray, axes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Held-out squares (axes,) of errors that a regression on functions leaves, no more than all, and all.
+
+    For each axis the better one, with one fold left out after another, of ridge regression and of a few columns taken
+    one by one.
+
+    Args:
+        folds: products (functions + axes, functions + axes) of integrals and errors; see `_Signals.folds`.
+        held_out: of recordings held out.
+        axes: how many.
+    """
+    power = np.asarray(sum(folds)).diagonal()[:-axes]
+    used = np.flatnonzero(power > 0)
+    size, sizes = (np.append(1 / np.sqrt(power[used]), np.ones(n)) for n in (1, axes))
+    left = []
+    every = [*used, *range(len(held_out) - axes, len(held_out))]
+    all_axes = [gram[np.ix_(every, every)] * np.outer(sizes, sizes) for gram in folds]
+    by_ridge = {s: ridge_losses(all_axes, s, axes) for s in MATTERING.shrinkage}
+    for place, axis in enumerate(range(len(held_out) - axes, len(held_out))):
+        some = np.ix_([*used, axis], [*used, axis])
+        grams = [gram[some] * np.outer(size, size) for gram in folds]
+        whole = np.asarray(sum(grams))
+        losses = {0.0: float(whole[-1, -1])} | {s: float(loss[place]) for s, loss in by_ridge.items()}
+        penalty = min(losses, key=lambda s: losses[s])
+        beta = np.zeros(len(used))
+        if penalty:
+            inner = whole[:-1, :-1]
+            beta = np.linalg.solve(inner + penalty * np.trace(inner) / len(inner) * np.eye(len(inner)), whole[:-1, -1])
+        chosen = follow(Folds.of(grams, []), 0, MATTERING.terms)
+        if chosen and losses[0.0] - sum(gain for _, gain in chosen) < losses[penalty]:
+            index = [column for column, _ in chosen]
+            beta = np.zeros(len(used))
+            beta[index] = ridge(whole[np.ix_([*index, -1], [*index, -1])], 1e-9)
+        vector = np.append(-beta, 1.0) * size
+        rest = max(float(vector @ held_out[some] @ vector), 0.0)
+        left.append(min(rest, float(held_out[axis, axis])))
+    return np.array(left), held_out.diagonal()[-axes:]

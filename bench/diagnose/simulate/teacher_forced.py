@@ -19,9 +19,6 @@ from scipy.ndimage import convolve1d
 
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, LogBatch
-from bench.diagnose.regression.least_squares import whitening
-from bench.diagnose.regression.rows import filtered
-from bench.diagnose.regression.test_functions import TestFunctions
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.settings import RUNNING
 from bench.diagnose.simulate.floor import measure
@@ -112,35 +109,6 @@ def increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments
         if good.any():
             left[:, size:] -= left[good, size:].mean(0)
     return Increments(steps, valid)
-
-
-def innovations(
-    left: Sequence[Increments], like: Increments, at: Sequence[int], tests: Sequence[TestFunctions], order: int
-) -> list[np.ndarray]:
-    """What is left through test functions that those before do not tell, each channel to unit variance.
-
-    Args:
-        left: what models leave of some recordings.
-        like: what is left of others, which tells how one row goes with those before.
-        at: channels.
-        tests: test functions of the first and of the others.
-        order: rows that are remembered.
-
-    Returns:
-        For each model (J, channels), all recordings one after another, without the first rows of each (``order``).
-    """
-
-    def rows(of: Increments, through: TestFunctions) -> list[np.ndarray]:
-        return [t @ x[: t.shape[1], at] for t, x in zip(through.measured, of.steps, strict=True)]
-
-    learnt = rows(like, tests[1])
-    filters = [whitening([r[:, c] for r in learnt], order) for c in range(len(at))]
-    return [
-        np.concatenate(
-            [np.concatenate([filtered(r[:, [c]], f) for r in rows(x, tests[0])]) for c, f in enumerate(filters)], axis=1
-        )
-        for x in left
-    ]
 
 
 def noise_increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments:
