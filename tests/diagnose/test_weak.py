@@ -17,11 +17,12 @@ from bench.diagnose.regression.recurrence import solved
 from bench.diagnose.simulate.roll import roll
 from registry.contracts import Channel, Recording
 from registry.dynamics import PhysicsModel
-from registry.effects.actuation import MotorLag
+from registry.effects.actuation import ActuatorLag, MotorLag
 from registry.effects.suspended_load import SuspendedLoad
 from registry.physics.lorenz import Lorenz
 from registry.physics.oscillator import Oscillator
 from registry.physics.quadrotor import Quadrotor
+from registry.terms import signals
 
 DT = 0.01
 T = np.arange(600) * DT
@@ -72,6 +73,16 @@ def test_what_swings_below_is_driven_by_what_rotors_do_and_not_by_what_they_are_
     swung = flown[..., size : size + own.shape[-1]]
     assert swung.abs().max() > 0.01
     torch.testing.assert_close(own, swung, rtol=0.01, atol=1e-3 * swung.abs().max().item())
+
+
+def test_what_a_term_follows_of_the_inputs_is_what_passes_a_lag():
+    """A step u of a held force, of which 1 − exp(−t/τ) acts."""
+    tau, told = 0.08, torch.cat([torch.zeros(1, 5, 1), torch.ones(1, 40, 1)], dim=1).double()
+    model = Oscillator(input_hold="previous", effects=(ActuatorLag(tau=tau),))
+    (name,) = signals.input_names(Oscillator, *signals.drive_of(model))
+    followed = weak.followed(name, model, LogBatch((), torch.zeros(1, 45, 2).double(), told, DT))
+    passed = 1 - tau / DT * -np.diff(np.exp(-DT * np.arange(40) / tau))
+    assert followed[0].numpy() == pytest.approx(np.concatenate([np.zeros(5), passed]), abs=1e-6)
 
 
 BEGIN = [3.0, -4.0, 20.0]

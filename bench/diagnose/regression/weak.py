@@ -37,8 +37,7 @@ def midpoint_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
 
     The model's constants and its effects' parameters may be tensors (…, 1, 1), for many models at once.
     """
-    path, slopes = _driving(model, stack)
-    mean = _simpson(*path.unbind(-2))
+    _, mean, slopes = _driving(model, stack)
     own = _own_path(model, stack, mean, slopes) if model.internal_size else None
     return _rates(model, stack, stack.between, _halfway(own), mean, slopes)
 
@@ -56,8 +55,8 @@ def mean_rates(model: PhysicsModel, stack: LogBatch) -> Tensor:
     states = stack.states if stack.finer is None else stack.finer
     if stack.missed is not None or (stack.means is not None and stack.finer is None):
         return midpoint_rates(model, stack)
-    path, slopes = _driving(model, stack)
-    own = _own_path(model, stack, _simpson(*path.unbind(-2)), slopes) if model.internal_size else None
+    path, mean, slopes = _driving(model, stack)
+    own = _own_path(model, stack, mean, slopes) if model.internal_size else None
     stride = max(1, states.shape[1] - 1) // max(1, stack.states.shape[1] - 1)
     slopes, size = slopes.repeat_interleave(stride, -2), states.shape[-1]
 
@@ -90,15 +89,10 @@ def _simpson(first: Tensor, halfway: Tensor, last: Tensor) -> Tensor:
     return (first + 4 * halfway + last) / 6
 
 
-def _driving(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, Tensor]:
-    """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, and its time derivative (…, m)."""
+def _driving(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, Tensor, Tensor]:
+    """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, its mean (…, m) and time derivative."""
     path = _transmitted(model, stack)
-    return path, _slopes(path, stack)
-
-
-def _slopes(path: Tensor, stack: LogBatch) -> Tensor:
-    """Time derivative (…, m) of what is known at start, middle and end of each interval (…, 3, m)."""
-    return (path[..., 2, :] - path[..., 0, :]) / stack.dt
+    return path, _simpson(*path.unbind(-2)), (path[..., 2, :] - path[..., 0, :]) / stack.dt
 
 
 def _halfway(own: Tensor | None) -> Tensor | None:
@@ -213,8 +207,8 @@ def _segments(model: PhysicsModel, stack: LogBatch) -> Tensor:
 
 def own_states(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """The effects' own states (…, L, N, i) at every sample, driven by the measured states and by what acts then."""
-    path, slopes = _driving(model, stack)
-    return _own_path(model, stack, _simpson(*path.unbind(-2)), slopes, so_far=True)
+    _, mean, slopes = _driving(model, stack)
+    return _own_path(model, stack, mean, slopes, so_far=True)
 
 
 def _own_path(model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tensor, so_far: bool = False) -> Tensor:
@@ -278,7 +272,7 @@ def _left(model: PhysicsModel, rest: PhysicsModel, stack: LogBatch) -> tuple[dic
 def followed(name: str, model: PhysicsModel, stack: LogBatch) -> Tensor:
     """A signal (…, L, N − 1) that a term can follow, in the middle of each interval."""
     state = model.project(stack.between)
-    inputs = _simpson(*_transmitted(model, stack).unbind(-2))
+    _, inputs, _ = _driving(model, stack)
     if signals.flies(type(model)):
         return signals.of_motion(name, model.unloaded(state, inputs)[0])  # type: ignore[attr-defined]
     return signals.of_state(name, model, state, inputs)
