@@ -102,6 +102,30 @@ def test_what_one_axis_gains_counts_where_the_others_do_not_pay_for_it(
     assert any(s.worth for s in told) is paid
 
 
+def test_no_rescue_is_missed_where_it_is_first_asked_whether_there_could_be_one() -> None:
+    """Levels by model, three errors each: what `Weighing.savings` calls a rescue is one that could be."""
+    random = np.random.default_rng(3)
+    errors = [
+        EquationError("torques", horizon, "rad/s", {"calibrated": 2.0, "extended": 1.0}, 0.5, 0.1)
+        for horizon in (0.1, 0.5, 2.0)
+    ]
+    told = []
+    for _ in range(200):
+        levels = {model: np.exp(random.normal(size=3)) for model in ("stated", "calibrated", "without", "full")}
+        weighing = SimpleNamespace(
+            equations=[SimpleNamespace(name="torques", group=SimpleNamespace(at=(0,)))],
+            by_axis=lambda extended: errors,
+            increments=lambda model, levels=levels: levels[model],
+            _at=lambda error, left: (left[errors.index(error)] + 0.01 * np.arange(40), np.repeat(np.arange(8), 5)),
+            calibrated="calibrated",
+            subject=SimpleNamespace(model="stated"),
+        )
+        rescued = any(s.rescues for s in Weighing.savings(weighing, "without", "full", "full"))
+        told.append((rescued, Weighing.could_rescue(weighing, "without", "full")))
+    assert all(could for rescued, could in told if rescued)
+    assert {rescued for rescued, _ in told} == {could for _, could in told} == {True, False}
+
+
 @pytest.mark.parametrize(("rare", "sure"), [(0.5, True), (-np.inf, False)])
 def test_what_one_block_of_eight_saves_is_sure_by_its_course_or_not_at_all(rare: float, sure: bool) -> None:
     """See `stats.rare_gain`: a vortex ring that a flight meets once."""
@@ -159,9 +183,10 @@ def test_a_rival_without_which_an_equation_is_lost_takes_the_place_of_an_effect(
     monkeypatch.setattr(worthy, "rivals", lambda view, place: {"alike": f"alike {place}", "better": f"better {place}"})
     view = SimpleNamespace(linear=SimpleNamespace(model=SimpleNamespace(effects=("known", "dropped", "kept"))))
     chosen = SimpleNamespace(model="model", dropped=(1,), exchanged=lambda place, start: start)
-    for ratio, taken in ((0.5, "better 2"), (0.94, None)):
+    for could, ratio, taken in ((True, 0.5, "better 2"), (True, 0.94, None), (False, 0.5, None)):
         weighing = SimpleNamespace(
             subject=SimpleNamespace(model=SimpleNamespace(effects=("known",))),
+            could_rescue=lambda less, full, could=could: could,
             savings=lambda less, full, extended, ratio=ratio: (Saving("torques", 0.5, 0.07, 0.02, 0.1, True, ratio),),
             refutes=lambda other, full, extended: other == "model" and full.startswith("better"),
         )

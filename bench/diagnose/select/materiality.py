@@ -6,8 +6,8 @@ some effects are about. What can be explained at all is what the best predictor 
 by a ridge regression of what it leaves on functions of every measured signal.
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -17,12 +17,12 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.subject import LogBatch, Subject, measured
 from bench.diagnose.regression.columns import moves
-from bench.diagnose.regression.generic import Dictionary, Folds, dictionary, follow
-from bench.diagnose.regression.least_squares import ridge, ridge_losses
+from bench.diagnose.regression.generic import dictionary
 from bench.diagnose.regression.weak import midpoint_rates
-from bench.diagnose.settings import FOLDING, MATTERING
+from bench.diagnose.settings import MATTERING
 from bench.diagnose.simulate.equation_error import EquationError, Saving
 from bench.diagnose.simulate.offsets import attitude_offsets, less_offsets
+from bench.diagnose.simulate.predictable import Signals, left_of
 from bench.diagnose.simulate.teacher_forced import (
     Equation,
     Increments,
@@ -124,7 +124,7 @@ class Weighing:
     def _blocks(self, recording: np.ndarray, first: np.ndarray, horizon: int) -> np.ndarray:
         whole = sum(map(len, self.held.logs))
         length = max(horizon, min(round(MATTERING.block * self.held.logs[0].pace), whole // MATTERING.blocks))
-        return np.unique(np.stack([recording, first // length]), axis=1, return_inverse=True)[1]
+        return np.unique(recording * whole + first // length, return_inverse=True)[1]
 
     def errors(self, extended: PhysicsModel, along_axes: bool = False) -> tuple[EquationError, ...]:
         """Errors of every equation at every horizon, of the nominal, the calibrated and the extended model.
@@ -223,6 +223,15 @@ class Weighing:
         there = tuple(s for s in out if s.equation in acts)
         return there if any(s.worth for s in there) else (*there, *(s for s in out if s not in there and s.worth))
 
+    def could_rescue(self, without: PhysicsModel, full: PhysicsModel) -> bool:
+        """Whether any of `savings` could be a rescue: asked first, since what can be explained takes long to tell."""
+        others = [self.increments(m) for m in (without, self.calibrated, self.subject.model)]
+        return any(
+            self._at(place, self.increments(full))[0].mean() * MATTERING.lost**2
+            < min(self._at(place, left)[0].mean() for left in others)
+            for place in self.by_axis(without)
+        )
+
     def _rare(self, place: EquationError, without: Increments, full: Increments) -> float:
         """See `stats.rare_gain`."""
         equation, horizon = self._place(place)
@@ -276,7 +285,7 @@ class Weighing:
             axes = signals[0].axes
             for horizon in self.horizons:
                 folds, held = (s.folds(of, horizon) for s, of in zip(signals, left, strict=True))
-                rest, total = _left_of(folds, np.asarray(sum(held)), len(axes))
+                rest, total = left_of(folds, np.asarray(sum(held)), len(axes))
                 out[equation, "", horizon] = float(rest.sum() / max(total.sum(), 1e-300))
                 for axis, some, all_ in zip(axes, rest, total, strict=True):
                     if len(equation.group.at) > 1 and not axis.startswith("world"):
@@ -289,89 +298,9 @@ class Weighing:
         return LogBatch.of(shortened(self.subject.of(self.subject.training), MATTERING.longest))
 
     @cached_property
-    def _signals(self) -> tuple["_Signals", "_Signals"]:
+    def _signals(self) -> tuple[Signals, Signals]:
         """Of the recordings that are learnt from and of those held out; the same whatever the model lacks."""
         at = tuple(c for e in self.equations for c in e.group.at)
         learnt = dictionary(self.calibrated, self.train, at)
         held = dictionary(self.calibrated, self.held, at, like=learnt)
-        return _Signals(learnt, at, self.train.dt), _Signals(held, at, self.held.dt)
-
-
-@dataclass(frozen=True, eq=False)
-class _Signals:
-    """Functions of measured signals, and the axes along which equations are judged."""
-
-    words: Dictionary
-    channels: tuple[int, ...]
-    """That the axes of ``words`` are of."""
-    dt: float
-
-    def of(self, channels: Sequence[int]) -> "_Signals":
-        """The axes that act on these channels."""
-        place = [self.channels.index(c) for c in channels]
-        axes = self.words.axes[..., place]
-        acting = [i for i, axis in enumerate(axes) if np.abs(axis).max() > 0]
-        names = tuple(self.words.names[i] for i in acting)
-        return _Signals(replace(self.words, axes=axes[acting], names=names), tuple(channels), self.dt)
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Their names."""
-        return self.words.names
-
-    def along(self, left: Increments, axes: Sequence[str]) -> Increments:
-        """What is left along these axes, in their order."""
-        steps = left.steps[..., list(self.channels)]
-        some = [np.einsum("lnc,lnc->ln", self.words.axes[self.axes.index(a)], steps) for a in axes]
-        return Increments(np.stack(some, axis=-1), left.valid)
-
-    def folds(self, left: Increments, horizon: int) -> list[np.ndarray]:
-        """A fold: products (functions + axes, functions + axes) of integrals and errors over its windows, summed."""
-        y, recording, first = self.along(left, self.axes).over(horizon, max(1, horizon // 2))
-        logs, width = self.words.values.shape[1], len(self.words.values) + y.shape[1]
-        out = [np.zeros((width, width)) for _ in range(min(logs, FOLDING.most))]
-        for log in np.unique(recording):
-            own, values = first[recording == log], self.words.values[:, log]
-            total = np.concatenate([np.zeros_like(values[:, :1]), np.cumsum(values, axis=-1)], axis=-1)
-            rows = np.concatenate([(total[:, own + horizon] - total[:, own]) * self.dt, y[recording == log].T])
-            out[log * len(out) // logs] += rows @ rows.T
-        return [gram for gram in out if gram.any()]
-
-
-def _left_of(folds: Sequence[np.ndarray], held_out: np.ndarray, axes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Held-out squares (axes,) of errors that a regression on functions leaves, no more than all, and all.
-
-    For each axis the better one, with one fold left out after another, of ridge regression and of a few columns taken
-    one by one.
-
-    Args:
-        folds: products (functions + axes, functions + axes) of integrals and errors; see `_Signals.folds`.
-        held_out: of recordings held out.
-        axes: how many.
-    """
-    power = np.asarray(sum(folds)).diagonal()[:-axes]
-    used = np.flatnonzero(power > 0)
-    size, sizes = (np.append(1 / np.sqrt(power[used]), np.ones(n)) for n in (1, axes))
-    left = []
-    every = [*used, *range(len(held_out) - axes, len(held_out))]
-    all_axes = [gram[np.ix_(every, every)] * np.outer(sizes, sizes) for gram in folds]
-    by_ridge = {s: ridge_losses(all_axes, s, axes) for s in MATTERING.shrinkage}
-    for place, axis in enumerate(range(len(held_out) - axes, len(held_out))):
-        some = np.ix_([*used, axis], [*used, axis])
-        grams = [gram[some] * np.outer(size, size) for gram in folds]
-        whole = np.asarray(sum(grams))
-        losses = {0.0: float(whole[-1, -1])} | {s: float(loss[place]) for s, loss in by_ridge.items()}
-        penalty = min(losses, key=lambda s: losses[s])
-        beta = np.zeros(len(used))
-        if penalty:
-            inner = whole[:-1, :-1]
-            beta = np.linalg.solve(inner + penalty * np.trace(inner) / len(inner) * np.eye(len(inner)), whole[:-1, -1])
-        chosen = follow(Folds.of(grams, []), 0, MATTERING.terms)
-        if chosen and losses[0.0] - sum(gain for _, gain in chosen) < losses[penalty]:
-            index = [column for column, _ in chosen]
-            beta = np.zeros(len(used))
-            beta[index] = ridge(whole[np.ix_([*index, -1], [*index, -1])], 1e-9)
-        vector = np.append(-beta, 1.0) * size
-        rest = max(float(vector @ held_out[some] @ vector), 0.0)
-        left.append(min(rest, float(held_out[axis, axis])))
-    return np.array(left), held_out.diagonal()[-axes:]
+        return Signals(learnt, at, self.train.dt), Signals(held, at, self.held.dt)

@@ -118,7 +118,9 @@ def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tu
         like: a view whose whitening filters are kept, of as many channels or more; default: anew in every step.
     """
     for _ in range(STEPPING.steps):
-        view = min(search.views(search.own(model), like=like), key=lambda v: v.subsets.fit().prior)
+        # What effects do alone is asked for only where filters are made: it is among what tells most of what is left.
+        look = search.own(model, settled=like is not None)
+        view = min(search.views(look, like=like), key=lambda v: v.subsets.fit().prior)
         before, model = model, advanced(search, view, view.subsets.fit()).model
         if close(before, model, search.subject):
             break

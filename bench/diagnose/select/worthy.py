@@ -158,6 +158,8 @@ def rival_that_saves(view: View, weighing: Weighing, chosen: Choice) -> PhysicsM
     for place in (i for i in places if i not in chosen.dropped):
         for start in rivals(view, place).values():
             other = chosen.exchanged(place, start)
+            if not weighing.could_rescue(chosen.model, other):
+                continue
             rescued = any(s.rescues for s in weighing.savings(chosen.model, other, other))
             if rescued and weighing.refutes(chosen.model, other, other):
                 return other

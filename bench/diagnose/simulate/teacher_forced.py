@@ -78,13 +78,9 @@ class Increments:
         """
         total = self.totals
         bad = np.concatenate([np.zeros((len(self.valid), 1), int), np.cumsum(~self.valid, axis=1)], axis=1)
-        found = [
-            (i, k)
-            for i in range(len(total))
-            for k in range(0, total.shape[1] - horizon, every)
-            if bad[i, k + horizon] == bad[i, k]
-        ]
-        recording, first = np.array(found, dtype=int).reshape(-1, 2).T
+        start = np.arange(0, max(total.shape[1] - horizon, 0), every)
+        recording, at = np.nonzero(bad[:, start + horizon] == bad[:, start])
+        first = start[at]
         return total[recording, first + horizon] - total[recording, first], recording, first
 
 
