@@ -191,8 +191,9 @@ def _concluded(
         if beside is not extension.model:
             found, extension = otherwise_told(run, found)
         # What one number for all of them leaves is no term of its own.
-        told = _learned(run, found, extension, verdict, little=not high) if differ is None else None
-        if differ is None and found.found and (high or told is not None):
+        quiet = not high or _only_begins_unseen(found, extension)
+        told = _learned(run, found, extension, verdict, little=quiet) if differ is None else None
+        if differ is None and found.found and (not quiet or told is not None):
             told = instead(run, found, extension, told)
     if differ is not None and not found.found:
         verdict = "unknown_effect"
@@ -276,6 +277,15 @@ def _worth_it(before: Extension, after: Extension) -> bool:
         return True
     was, now = (before.comparison.above_floor(e.last) for e in (before, after))
     return any(was[g] - now[g] > MATTERING.share * was[g] for g in now)
+
+
+def _only_begins_unseen(found: Discovery, extension: Extension) -> bool:
+    """Whether free runs err because nobody knows how a load swings when they begin, and for all that is seen only so.
+
+    Each equation judged by itself has nothing left then that functions of measured signals predict, but noise.
+    """
+    seen = any(e.left and e.unexplained >= MATTERING.share for e in found.equations)
+    return bool(found.equations) and extension.model.internal_size > 0 and not seen
 
 
 def _share_left(extension: Extension) -> float:

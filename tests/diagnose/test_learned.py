@@ -32,6 +32,7 @@ from bench.diagnose.select.catalogue import admissible, check_catalogue
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import LEARNING
+from bench.diagnose.simulate.equation_error import EquationError
 from registry.contracts import Channel, Recording
 from registry.core import EFFECTS
 from registry.effects.learned_term import LearnedTerm
@@ -320,6 +321,39 @@ def test_an_effect_with_states_of_its_own_is_no_imitation_of_a_mode() -> None:
     """A load of the catalogue had given way to "something swings": free runs know the beginning of neither."""
     both = [SimpleNamespace(id=name, effect=EFFECTS.get(name).typical()) for name in ("suspended_load", "linear_drag")]
     assert learned._doubted(SimpleNamespace(found=both, equations=()), None) == ["linear_drag"]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("load", "error", "alone"),
+    [
+        (True, {"extended": 0.06, "predictable": 0.06}, True),
+        (True, {"extended": 0.06, "predictable": 0.03}, False),  # signals would predict half of what is left
+        (True, {"extended": 0.0104, "predictable": 0.009}, True),  # what is left is noise
+        (False, {"extended": 0.06, "predictable": 0.06}, False),
+        (True, None, False),
+    ],
+)
+def test_a_load_that_swings_when_free_runs_begin_is_no_reason_to_learn_what_no_signal_tells(
+    load: bool, error: dict[str, float] | None, alone: bool
+) -> None:
+    """A load and a drag were named in 30 s of CPU, and then terms of other signals sought for ten minutes."""
+    effects = (EFFECTS.get("suspended_load").typical(),) if load else ()
+    extension = SimpleNamespace(model=Quadrotor(effects=effects))
+    errors = [
+        EquationError(
+            "forces",
+            0.1,
+            "m/s",
+            {"calibrated": 0.2, "extended": of["extended"]},
+            predictable=of["predictable"],
+            floor=0.01,
+            own_floor=0.01,
+        )
+        for of in ([] if error is None else [error])
+    ]
+    found = SimpleNamespace(equations=errors)
+    begins = importlib.import_module("bench.diagnose.diagnose")._only_begins_unseen
+    assert begins(found, extension) is alone
 
 
 @pytest.mark.parametrize(("named", "kept"), [("coulomb_friction", []), ("quadratic_drag", ["quadratic_drag"])])
