@@ -241,6 +241,16 @@ def test_nothing_is_not_said_to_be_noise_where_much_is_left() -> None:
     assert "`[processing] noise` states it" in fast and "wind, something" not in fast
 
 
+def test_what_nobody_measured_of_a_load_when_a_free_run_begins_is_said() -> None:
+    d = samples.named()
+    left = replace(d.unexplained, share=0.08, axes=("position.x",), follows=())
+    load, said = replace(samples.DRAG, id="suspended_load"), []
+    for effects in ((load,), (samples.DRAG,), (replace(load, forecast_only=True),)):
+        said.append(sentences.remainder(replace(d, unexplained=left, effects=effects)))
+    assert all("A systematic error is left in position" in text for text in said)
+    assert ["suspended load begins a free run" in text for text in said] == [True, False, False]
+
+
 def test_every_tie_is_said_by_itself() -> None:
     d = samples.tie()
     (drag,) = d.effects

@@ -10,6 +10,8 @@ from bench.diagnose.report import constant_words
 from bench.diagnose.report.phrases import estimate, listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
 from bench.diagnose.settings import MATTERING, TELLING
+from registry.core import EFFECTS
+from registry.dynamics import InternalEffect
 from registry.terms.shapes import SHAPES
 
 _FREE = "of the squared error of free runs above the noise floor"
@@ -263,7 +265,9 @@ def remainder(diagnosis: Diagnosis) -> str:
         return f"Something systematic is left in {axes}; it makes {share} {_FREE}."
     size = f": {share} {_FREE}" if math.isfinite(left.share) else ""
     follows = f" It follows {listed(map(named, left.follows))}." if left.follows else ""
-    return f"A systematic error is left in {axes}{size}.{follows}"
+    swings = [e.id for e in diagnosis.effects if e.found and issubclass(EFFECTS.get(e.id), InternalEffect)]
+    begins = f" Where {listed(map(named, swings))} begins a free run was not measured; some of it is that."
+    return f"A systematic error is left in {axes}{size}.{follows}{begins if swings else ''}"
 
 
 def observed(diagnosis: Diagnosis) -> str:
