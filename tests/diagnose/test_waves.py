@@ -19,7 +19,7 @@ from bench.diagnose.learn.spectral_line import Line, line_at, lines
 from bench.diagnose.learn.thomson import scan
 from bench.diagnose.learn.waves import waves
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.regression.wave import wave
+from bench.diagnose.regression.recall import wave
 from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.timing.reading import prepared

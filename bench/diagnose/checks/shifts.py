@@ -11,7 +11,7 @@ from torch import Tensor
 from bench.diagnose.logs.consistency import Array, pairs, slope
 from bench.diagnose.logs.filters import savitzky_golay
 from bench.diagnose.logs.subject import Log, Subject
-from bench.diagnose.regression.weak import acting
+from bench.diagnose.regression.driving import acting
 from bench.diagnose.result import DataProblem
 from bench.diagnose.settings import SHIFTING
 from registry.datasets.reading.cleaning import agreements, extent, peak, widen

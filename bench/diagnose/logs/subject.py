@@ -129,6 +129,14 @@ class LogBatch:
         return own if self.missed is None else own + self.missed
 
     @property
+    def good(self) -> Tensor:
+        """(L, N − 1): whether both samples of an interval are valid, and are no padding."""
+        good = torch.zeros(self.states.shape[0], self.states.shape[1] - 1, dtype=torch.bool)
+        for i, log in enumerate(self.logs):
+            good[i, : len(log) - 1] = log.valid[:-1] & log.valid[1:]
+        return good
+
+    @property
     def sensed(self) -> bool:
         """Whether every log has what sensors tell of the rates."""
         return bool(self.logs) and all(log.sensed is not None for log in self.logs)

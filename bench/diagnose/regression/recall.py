@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor
 
-from bench.diagnose.regression.wave import wave
+from bench.diagnose.regression.recurrence import normal_equations
+from bench.diagnose.settings import WAVING
 from registry.dynamics import joined, tensor
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.effects.waves.periodic_term import PeriodicTerm
@@ -50,6 +51,34 @@ def recall(
         if isinstance(effect, PeriodicTerm):
             found[i] = wave(left[effect.axis], good, effect.frequency, dt, so_far)
     return [found[i] for i in range(len(effects))]
+
+
+def wave(left: Tensor, good: Tensor, frequency: float, dt: float, so_far: bool) -> Tensor:
+    """The wave and its quadrature (…, L, N, 2) at every sample, each recording with its own amplitude and phase.
+
+    By least squares, a constant beside it.
+
+    Args:
+        left: (…, L, N − 1) mean over each sampling interval.
+        good: (L, N − 1) intervals that count.
+        frequency: of the wave [Hz].
+        dt: sampling period [s].
+        so_far: whether a sample knows what came before it only, or the whole recording.
+    """
+    count = left.shape[-1]
+    turn = 2 * math.pi * frequency * dt
+    middle = turn * (torch.arange(count, dtype=left.dtype) + 0.5)
+    seen = torch.stack([middle.cos(), middle.sin(), torch.ones_like(middle)], dim=-1)
+    seen = seen * good.unsqueeze(-1)  # (L, N − 1, 3)
+    gram, moment = normal_equations(seen.unsqueeze(-2), torch.where(good, left, 0.0).unsqueeze(-1), so_far)
+    cycle = 1 / (frequency * dt)
+    held = torch.diag(torch.tensor([WAVING.silent * cycle / 2, WAVING.silent * cycle / 2, 1.0], dtype=left.dtype))
+    held = held if so_far else held * 1e-6
+    both = torch.linalg.solve(gram + held, moment.unsqueeze(-1)).squeeze(-1)[..., :2]
+    both = torch.where(gram[..., 2, 2].unsqueeze(-1) >= WAVING.heard * cycle, both, 0.0)
+    at = turn * torch.arange(count + 1, dtype=left.dtype)
+    a, b = (both[..., i].expand(*both.shape[:-2], count + 1) for i in range(2))
+    return torch.stack([a * at.cos() + b * at.sin(), b * at.cos() - a * at.sin()], dim=-1)
 
 
 def done(mode: HiddenMode, axis: int, path: Tensor, driver: Tensor) -> Tensor:
@@ -125,15 +154,7 @@ def begun(
     seen = torch.cat([basis, torch.ones_like(basis[..., :1])], dim=-1)
     shape = torch.broadcast_shapes(seen.shape[:-1], left.shape)
     seen = seen.expand(*shape, order + 1) * good.unsqueeze(-1)
-    gram = seen.unsqueeze(-1) * seen.unsqueeze(-2)
-    moment = seen * torch.where(good, left - forced, 0.0).unsqueeze(-1)
-    if so_far:
-        gram, moment = (
-            torch.cat([torch.zeros_like(x.narrow(dim, 0, 1)), x.cumsum(dim)], dim=dim)
-            for x, dim in ((gram, -3), (moment, -2))
-        )
-    else:
-        gram, moment = gram.sum(-3, keepdim=True), moment.sum(-2, keepdim=True)
+    gram, moment = normal_equations(seen.unsqueeze(-2), torch.where(good, left - forced, 0.0).unsqueeze(-1), so_far)
     # What is known beforehand, of the whole recording, for a driver may rest long at first: the free swing is about as
     # large as the driven one, and the noise is what no free swing has.
     swung = path[..., :-1, :].square().sum(-1) - 2 * path[..., :-1, 0] * driver + driver.square()

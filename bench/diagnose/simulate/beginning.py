@@ -10,7 +10,7 @@ import torch
 
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Log, LogBatch, Subject, drives_of
-from bench.diagnose.regression.weak import acting
+from bench.diagnose.regression.driving import acting
 from bench.diagnose.settings import MATTERING, READING
 from bench.diagnose.simulate.teacher_forced import equations, increments
 from registry.dynamics import PhysicsModel

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from bench.diagnose.logs.sample import typical_length
 from bench.diagnose.logs.subject import Log, LogBatch
-from bench.diagnose.regression.weak import memories, own_states
+from bench.diagnose.regression.driving import memories
+from bench.diagnose.regression.weak import own_states
 from bench.diagnose.settings import BEGINNING, RUNNING
 from bench.diagnose.simulate.roll import roll
 from bench.diagnose.simulate.unmeasured import completed, hidden

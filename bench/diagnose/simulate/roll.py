@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from bench.diagnose.regression.weak import how_many, narrowed
+from bench.diagnose.regression.driving import how_many, narrowed
 from registry.dynamics import PhysicsModel
 from registry.equations import models
 

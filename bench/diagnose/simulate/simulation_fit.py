@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.logs.subject import Log, LogBatch, Subject
+from bench.diagnose.regression.driving import memories
 from bench.diagnose.regression.least_squares import bounded, equilibrium
 from bench.diagnose.regression.parameters import Entry, Prior, entries, with_values
-from bench.diagnose.regression.weak import memories
 from bench.diagnose.settings import SIMULATING
 from bench.diagnose.simulate.roll import roll
 from bench.diagnose.simulate.unmeasured import completed, hidden

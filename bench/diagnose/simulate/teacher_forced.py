@@ -91,7 +91,7 @@ def increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments
     """
     size = len(model.state_channels)
     with torch.no_grad():
-        rates = mean_rates(model, stack).numpy() * stack.dt
+        rates = mean_rates(model, stack, so_far=True).numpy() * stack.dt
     smoothed = rates.copy()
     for c in range(size):
         smoothed[..., c] = convolve1d(rates[..., c], noise.smoothing_of(c).kernel(), axis=1, mode="nearest")

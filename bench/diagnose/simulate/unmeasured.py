@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.logs.subject import Log, LogBatch
-from bench.diagnose.regression.weak import how_many, narrowed
+from bench.diagnose.regression.driving import how_many, narrowed
 from bench.diagnose.settings import BEGINNING
 from bench.diagnose.simulate.roll import passed, roll
 from registry.dynamics import PhysicsModel
