@@ -4,7 +4,6 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,6 +13,7 @@ from typing_extensions import override
 
 from registry.core import EFFECTS, finite, option
 from registry.dynamics import InputEffect, Parameter, constant, tensor
+from registry.equations.lag import lagged
 from registry.errors import BenchError
 from registry.model_file import constants_of
 
@@ -71,7 +71,7 @@ class FirstOrderLag(InputEffect):
         if segments.device.type != "cpu" or any(x.requires_grad for x in (memory, segments, up, down)):
             return super().over(memory, segments, dt, held)
         shape = np.broadcast_shapes(memory.shape, up.shape, down.shape)
-        path = torch.from_numpy(_lagged(memory.expand(shape), segments, up.expand(shape), down.expand(shape), dt / 2))
+        path = torch.from_numpy(lagged(memory.expand(shape), segments, up.expand(shape), down.expand(shape), dt / 2))
         memories = path[::2].movedim(0, -2).contiguous()
         out = segments.new_empty(*shape[:-1], segments.shape[-3], 3, shape[-1])
         lags = (torch.maximum(up, down) > 0).unsqueeze(-2)
@@ -135,70 +135,6 @@ class ActuatorLag(FirstOrderLag, DriveEffect):
     @override
     def times(self) -> tuple[Any, Any]:
         return self.tau, self.tau
-
-
-def _lagged(first: Tensor, segments: Tensor, up: Tensor, down: Tensor, half: float) -> np.ndarray:
-    """Speeds (2 K + 1, …, m) at the start, middle and end of K steps, in the arithmetic of `FirstOrderLag.act`.
-
-    With one time constant in both directions what it adds is linear in the commands, and summed at once.
-
-    Args:
-        first: (…, m) speed at the start.
-        segments: (…, K, 3, m) commands.
-        up: (…, m) time constants [s] when rising.
-        down: (…, m) when falling.
-        half: of a step [s].
-    """
-    once = segments[tuple(slice(1) if s == 0 else slice(None) for s in segments.stride()[:-3])]  # not model by model
-    given = once.movedim((-3, -2), (0, 1)).numpy()  # (K, 3, …, m)
-    starts, ends = (given[:, i : i + 2].reshape(-1, *given.shape[2:]) for i in (0, 1))
-    means, slopes = (starts + ends) / 2, (ends - starts) / half
-    held = not slopes.any()
-    taus = [t.contiguous().numpy() for t in (up, down)]
-    decays = [torch.exp(-half / t.clamp(min=1e-9)).contiguous().numpy() for t in (up, down)]
-    if torch.equal(up, down):
-        lagging = taus[0] * slopes  # as below
-        return _decaying(first.numpy(), decays[0], ends - lagging + (lagging - starts) * decays[0])
-    path = np.empty((len(starts) + 1, *first.shape), dtype=given.dtype)
-    path[0] = first.numpy()
-    for k, (speed, after) in enumerate(pairwise(path)):
-        rising = means[k] > speed
-        np.subtract(speed, starts[k], out=after)
-        if held:
-            after *= np.where(rising, *decays)
-            after += ends[k]
-        else:
-            lagging = np.where(rising, *taus) * slopes[k]  # how far behind a ramp the lag settles
-            after += lagging
-            after *= np.where(rising, *decays)
-            after += ends[k] - lagging
-    return path
-
-
-def _decaying(first: np.ndarray, decay: np.ndarray, added: np.ndarray) -> np.ndarray:
-    """The path (K + 1, …) of x_{k+1} = d x_k + a_k.
-
-    Cut into √K stretches, which are summed side by side and then joined one after another.
-
-    Args:
-        first: (…) x_0.
-        decay: (…) d, 0 to 1.
-        added: (K, …) a.
-    """
-    count, shape = len(added), first.shape
-    length = max(1, math.isqrt(count))
-    stretches = -(-count // length)
-    path = np.zeros((stretches * length + 1, *shape), dtype=added.dtype)
-    path[0], path[1 : count + 1] = first, added
-    parts = path[1:].reshape(stretches, length, *shape)
-    powers = np.empty((length, *shape), dtype=added.dtype)
-    powers[0] = decay
-    for k in range(1, length):
-        parts[:, k] += decay * parts[:, k - 1]
-        powers[k] = decay * powers[k - 1]
-    for part, before in zip(parts, path[:-1:length], strict=True):
-        part += powers * before
-    return path[: count + 1]
 
 
 @EFFECTS.register("input_delay")

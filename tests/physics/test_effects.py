@@ -21,6 +21,7 @@ from registry.effects.process import CurvedDrive, DeadZone, Saturation
 from registry.effects.rotor import GroundEffect, RotorReactionTorque
 from registry.effects.suspended_load import SuspendedLoad
 from registry.effects.thrust import BatterySag, RotorMisalignment, UnequalRotors
+from registry.equations import lanes
 from registry.errors import BenchError
 from registry.model_file import read
 from registry.physics.quadrotor import Quadrotor
@@ -220,6 +221,7 @@ def test_a_drive_of_a_whole_recording_at_once_is_that_of_its_steps(held, effect)
         torch.testing.assert_close(at_once, one_by_one, rtol=1e-11, atol=1e-12)
 
 
+@pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize(
     "up, down, exact",
@@ -231,7 +233,8 @@ def test_a_drive_of_a_whole_recording_at_once_is_that_of_its_steps(held, effect)
         (MANY / 3, MANY / 3, 1e-12),
     ],
 )
-def test_a_lag_of_a_whole_recording_at_once_is_that_of_its_steps(held, up, down, exact):
+def test_a_lag_of_a_whole_recording_at_once_is_that_of_its_steps(held, up, down, exact, compiled, monkeypatch):
+    monkeypatch.setattr(lanes, "available", (lambda: compiled) if lanes.available() else lanes.available)
     u = torch.randn(3, 60, 2, generator=torch.Generator().manual_seed(0), dtype=F64)
     before, after = u[:, :-1], u[:, 1:]
     segments = torch.stack([before] * 3 if held else [before, (before + after) / 2, after], dim=-2)
