@@ -27,6 +27,7 @@ from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.timing.reading import retimed
 from bench.diagnose.settings import DECIDING, EXTENDING, MATTERING
+from bench.diagnose.simulate.equation_error import EquationError
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.core import EFFECTS
 from registry.dynamics import Effect, InternalEffect, PhysicsModel
@@ -195,11 +196,17 @@ def _doubted(found: Discovery, told: Learned | None) -> list[str]:
     mine = [f for f in found.found if not isinstance(f.effect, InternalEffect)]
     if not found.equations:
         return [f.id for f in mine]
-    high = DECIDING.high_excess**0.5
-    left = {e.equation for e in found.equations if e.models["extended"] > high * max(e.floor, 1e-300)}
+    left = {e.equation for e in found.equations if _much_left(e)}
     if told is not None:
         left = {e.acts_on for e in told.extension.effects if e.learned}
     return [f.id for f in mine if any(s.equation in left and s.worth for s in f.savings)]
+
+
+def _much_left(error: EquationError) -> bool:
+    """Whether an equation errs far above the noise floor still, by what would be worth a term."""
+    left, all_of_it = (max(0.0, error.models[m] ** 2 - error.floor**2) for m in ("extended", "calibrated"))
+    high = error.models["extended"] > DECIDING.high_excess**0.5 * max(error.floor, 1e-300)
+    return high and left >= MATTERING.share * all_of_it
 
 
 def _better(run: Setup, other: Learned, before: Learned, alone: bool) -> bool:

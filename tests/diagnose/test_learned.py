@@ -23,6 +23,7 @@ from bench.diagnose.learn.formulas import fitted, option_columns, options
 from bench.diagnose.learn.held_out import HeldOut
 from bench.diagnose.learn.learn import _Seen, learn
 from bench.diagnose.learn.request import parsed
+from bench.diagnose.learned import _doubted
 from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.report import model_file, page, sentences
@@ -35,6 +36,7 @@ from bench.diagnose.settings import LEARNING
 from bench.diagnose.simulate.equation_error import EquationError
 from registry.contracts import Channel, Recording
 from registry.core import EFFECTS
+from registry.effects.air import LinearDrag
 from registry.effects.learned_term import LearnedTerm
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.errors import BenchError
@@ -616,3 +618,17 @@ def test_terms_that_leave_free_runs_as_they_were_are_not_told(
     run = SimpleNamespace(subject=None, noise=None, tick=print, horizon_s=None, filed=None)
     given = step._learned(run, SimpleNamespace(found=()), extension(2.0), "unknown_effect")
     assert (given is told) is worth and (given is None) is not worth
+
+
+def test_an_effect_that_leaves_less_than_is_worth_a_term_is_not_doubted():
+    """Though its error is far above the noise floor still: what stood in for it could not save enough to be named."""
+    found = SimpleNamespace(
+        id="linear_drag", effect=LinearDrag(), savings=[SimpleNamespace(equation="forces", worth=True)]
+    )
+
+    def doubted(left: float) -> list[str]:
+        models = {"nominal": 2.0, "calibrated": 1.0, "extended": left}
+        error = EquationError("forces", 0.5, "m/s", models, predictable=left, floor=0.001)
+        return _doubted(SimpleNamespace(found=[found], equations=[error]), None)
+
+    assert [doubted(0.01), doubted(0.4)] == [[], ["linear_drag"]]
