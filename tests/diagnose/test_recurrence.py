@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from bench.diagnose.logs.subject import LogBatch, log_of
+from bench.diagnose.logs.noise import noise_of
+from bench.diagnose.logs.subject import LogBatch, Subject, log_of
 from bench.diagnose.regression import weak
 from bench.diagnose.regression.recurrence import solved
 from bench.diagnose.simulate.roll import roll
+from bench.diagnose.simulate.teacher_forced import increments
 from registry.contracts import Channel, Recording
 from registry.effects.suspended_load import SuspendedLoad
 from registry.physics.quadrotor import Quadrotor
@@ -99,3 +101,19 @@ def test_a_load_that_hangs_still_begins_at_rest():
     model, stack, load = swung((0.0, 0.0))
     told = weak.own_states(model, stack)[0]
     torch.testing.assert_close(told, load, rtol=0.0, atol=0.01 * float(load.abs().max()))
+
+
+def test_what_is_left_of_a_recording_is_told_by_what_came_before():
+    """Nobody knows yet in the first block how a load swings; once it is over the equations leave next to nothing."""
+    model, stack, _ = swung((0.3, -0.2))
+    subject = Subject("swung", model, stack.logs, ("run",), ())
+    left = np.abs(increments(model, stack, noise_of(subject)).steps[0, :, 3:6]).max(-1)
+    assert left[:7].max() > 100 * left[50:].max()
+
+
+def test_a_beginning_is_no_larger_than_what_moves_a_load_makes_its_swing():
+    """In noise, too, and where little was recorded: free, it would fit the noise."""
+    model, stack, _ = swung((0.0, 0.0), samples=36)
+    noisy = stack.states + 0.01 * torch.randn(stack.states.shape, generator=torch.Generator().manual_seed(4)).double()
+    stack = replace(stack, states=noisy, logs=(replace(stack.logs[0], states=noisy[0]),))
+    assert weak.own_states(model, stack)[0, :, :2].abs().max() < 0.02  # rad
