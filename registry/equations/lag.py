@@ -26,17 +26,18 @@ def lagged(first: Tensor, segments: Tensor, up: Tensor, down: Tensor, half: floa
         half: of a step [s].
     """
     once = segments[tuple(slice(1) if s == 0 else slice(None) for s in segments.stride()[:-3])]  # not model by model
+    alike = torch.equal(up, down)
+    if not alike and lanes.available() and segments.dtype == torch.float64:
+        return _by_program(first, once, up, down, half)
     given = once.movedim((-3, -2), (0, 1)).numpy()  # (K, 3, …, m)
     starts, ends = (given[:, i : i + 2].reshape(-1, *given.shape[2:]) for i in (0, 1))
     means, slopes = (starts + ends) / 2, (ends - starts) / half
     held = not slopes.any()
     taus = [t.contiguous().numpy() for t in (up, down)]
     decays = [torch.exp(-half / t.clamp(min=1e-9)).contiguous().numpy() for t in (up, down)]
-    if torch.equal(up, down):
+    if alike:
         lagging = taus[0] * slopes  # as below
         return _decaying(first.numpy(), decays[0], ends - lagging + (lagging - starts) * decays[0])
-    if lanes.available() and segments.dtype == torch.float64:
-        return _by_program(first, once, up, down, half)
     path = np.empty((len(starts) + 1, *first.shape), dtype=given.dtype)
     path[0] = first.numpy()
     for k, (speed, after) in enumerate(pairwise(path)):

@@ -40,8 +40,8 @@ def midpoint_rates(model: PhysicsModel, stack: LogBatch, so_far: bool = False) -
     The model's constants and its effects' parameters may be tensors (…, 1, 1), for many models at once.
     """
     _, mean, slopes = driving(model, stack)
-    own = _own_path(model, stack, mean, slopes, so_far) if model.internal_size else None
-    return _rates(model, stack, stack.between, _halfway(own), mean, slopes)
+    own = _halfway(_own_path(model, stack, mean, slopes, so_far)) if model.internal_size else None
+    return _rates(model, stack, stack.between, own, mean, slopes)
 
 
 def mean_rates(model: PhysicsModel, stack: LogBatch, so_far: bool = False) -> Tensor:
@@ -81,9 +81,9 @@ def mean_rates(model: PhysicsModel, stack: LogBatch, so_far: bool = False) -> Te
     return means.unflatten(-2, (-1, stride)).mean(-2)
 
 
-def _halfway(own: Tensor | None) -> Tensor | None:
+def _halfway(own: Tensor) -> Tensor:
     """Effects' own states (…, L, N, i) in the middle of each interval."""
-    return None if own is None else (own[..., :-1, :] + own[..., 1:, :]) / 2
+    return (own[..., :-1, :] + own[..., 1:, :]) / 2
 
 
 def _rates(
@@ -234,7 +234,7 @@ def _as_begun(
     whole = good[:, : blocks * BLOCK].unflatten(-1, (blocks, BLOCK)).all(-1).unsqueeze(-1)
     if not whole.any():
         return path
-    places, own = list(stack.measured), (path[..., :-1, :] + path[..., 1:, :]) / 2
+    places, own = list(stack.measured), _halfway(path)
     moved = torch.from_numpy(stack.paths).diff(dim=1)[..., places] / stack.dt
     rates = _rates(model, stack, stack.between, own, middle, slopes)[..., places]
     left = (moved - rates)[..., : blocks * BLOCK, :].unflatten(-2, (blocks, BLOCK)).mean(-2)

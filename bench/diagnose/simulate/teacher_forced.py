@@ -96,10 +96,10 @@ def increments(model: PhysicsModel, stack: LogBatch, noise: Noise) -> Increments
     for c in range(size):
         smoothed[..., c] = convolve1d(rates[..., c], noise.smoothing_of(c).kernel(), axis=1, mode="nearest")
     valid = np.zeros(rates.shape[:2], dtype=bool)
-    margin = noise.half_width
+    margin, good = noise.half_width, stack.good.numpy()
     for i, log in enumerate(stack.logs):
-        good = (log.valid[:-1] & log.valid[1:]).numpy()
-        valid[i, margin : len(log) - 1 - margin] = good[margin : len(good) - margin]
+        inner = slice(margin, len(log) - 1 - margin)
+        valid[i, inner] = good[i, inner]
     steps = np.diff(stack.paths, axis=1) - smoothed
     for left, good in zip(steps, valid, strict=True):
         if good.any():
