@@ -247,14 +247,15 @@ def _exchanged(search: Search, view: View, fit: Fit, fields: list[list[Fit]]) ->
     seen = 2 * search.subject.logs[0].dt
     while True:
         view = _one_by_one(search, view, model, shortlist, everything)
-        effects = view.linear.model.effects
-        odd = [i for i in range(known, len(effects)) if not effects[i].possible or effects[i].fastest < seen]
+        model = view.linear.model
+        effects = model.effects
+        odd = [i for i in range(known, len(effects)) if not effects[i].possible_in(model) or effects[i].fastest < seen]
         if not odd:
             return view
         gone = {EFFECTS.name_of(type(effects[i])) for i in odd}
         all_of_them = EFFECTS.names() if search.catalogue is None else search.catalogue
         search.catalogue = [name for name in all_of_them if name not in gone]
-        model = without(view.linear.model, odd)
+        model = without(model, odd)
 
 
 def _begun_again(search: Search, stated: Subject, view: View) -> tuple[Search, View]:

@@ -130,9 +130,8 @@ class Effect(ABC):
         """Whether one of these ids is among what it `requires`, if it requires any."""
         return not cls.requires or not set(cls.requires).isdisjoint(there)
 
-    @property
-    def possible(self) -> bool:
-        """Whether anything has such numbers, beyond the bounds of each: peaks are no dips."""
+    def possible_in(self, model: Any) -> bool:
+        """Whether anything has such numbers beside the model's, beyond the bounds of each: peaks are no dips."""
         return True
 
     @property

@@ -3,7 +3,9 @@
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+import torch
 from torch import Tensor
+from typing_extensions import override
 
 from registry.core import EFFECTS
 from registry.dynamics import ModelEffect, constant, tensor, vector
@@ -52,6 +54,13 @@ class InertiaProducts(ModelEffect):
         own = own.unbind(-1) if isinstance(own, Tensor) else own
         added = (self.J_xy, self.J_xz, self.J_yz)
         return replace(model, inertia_products=tuple(a + b for a, b in zip(own, added, strict=True)))
+
+    @override
+    def possible_in(self, model: Any) -> bool:
+        """Whether the inertia matrix is positive definite: whatever has mass resists every rotation."""
+        (xx, yy, zz), (xy, xz, yz) = model.inertia, self.adapt(model).inertia_products
+        matrix = torch.tensor([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return bool(torch.linalg.eigvalsh(matrix).min() > 0)
 
 
 @EFFECTS.register("cog_offset")

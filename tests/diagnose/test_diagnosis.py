@@ -392,7 +392,12 @@ def test_a_constant_that_went_where_it_cannot_be_is_no_finding() -> None:
     text = said(replace(hidden, repeats=0.96, told=told))
     assert "slow (96 % of it follows from its own past)" in text and "--set" not in text
     assert "inertia about y: about 1.37×10⁻⁵ kg m²" in text and "falls by 16 %" in text
-    page = page_sections._constants(replace(d, evidence=replace(d.evidence, calibration=(far,), obscured=(hidden,))))
+    lost = replace(d, verdict="nothing", evidence=replace(d.evidence, calibration=(far,), obscured=(hidden,)))
+    assert sentences.headline(lost) == "No effect of the catalogue was found, and torques cannot be explained."
+    assert "not worth a term" not in sentences.explanation(lost)
+    known = replace(lost, evidence=replace(lost.evidence, obscured=(replace(hidden, told=told),)))
+    assert "is missing as far as" in sentences.headline(known)
+    page = page_sections._constants(lost)
     assert page is not None and [row.change for row in page.rows] == ["not to be believed"]
 
 

@@ -103,9 +103,10 @@ def test_what_leaves_many_times_the_noise_is_no_rival() -> None:
 
 def test_friction_that_is_least_at_the_lowest_speeds_is_no_stribeck_friction(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every second sample of EMPS wanted F_s = 15.7 N below F_c = 21.8 N: no peak, but Coulomb friction in noise."""
-    assert StribeckFriction(f_c=20.0, f_s=30.0).possible and not StribeckFriction(f_c=21.8, f_s=15.7).possible
+    frictions = StribeckFriction(f_c=20.0, f_s=30.0), StribeckFriction(f_c=21.8, f_s=15.7)
+    assert [f.possible_in(subject().model) for f in frictions] == [True, False]
     assert {f.id for f in discover(subject(), NAMES).found} == set(NAMES)
-    monkeypatch.setattr(CoulombFriction, "possible", property(lambda self: False))
+    monkeypatch.setattr(CoulombFriction, "possible_in", lambda self, model: False)
     found = discover(subject(), NAMES).found
     assert [f.id for f in found] == ["viscous_friction"]
     assert 200.0 < found[0].estimates[0].value < 600.0  # and it takes up what the other one did

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from bench.diagnose.by_equation import EffectSaving
+from bench.diagnose.by_equation import EffectSaving, ObscuredConstant
 from bench.diagnose.evidence import LINES
 from bench.diagnose.report import constant_words
 from bench.diagnose.report.phrases import estimate, listed, named, number, percent, shown, united
@@ -35,7 +35,7 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"No one model holds for all recordings: they differ in {what}."
     effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if e.found]
     left = diagnosis.unexplained
-    line = verdict_line(diagnosis.verdict, effects, left.axes, left.follows)
+    line = verdict_line(diagnosis.verdict, effects, left.axes, left.follows, diagnosis.evidence.obscured)
     moved = [c for told in constant_words.moved(diagnosis) for c in told]
     if diagnosis.verdict == "nothing" and moved and diagnosis.evidence.calibrated >= TELLING.recalibrated:
         return f"{line.removesuffix('.')}, but stated constants are off: {constant_words.change(moved[0])}."
@@ -57,7 +57,11 @@ def _in_short(terms: Sequence[NamedEffect]) -> str:
 
 
 def verdict_line(
-    verdict: str, effects: Sequence[tuple[str, Sequence[str]]], axes: Iterable[str], follows: Iterable[str]
+    verdict: str,
+    effects: Sequence[tuple[str, Sequence[str]]],
+    axes: Iterable[str],
+    follows: Iterable[str],
+    obscured: Iterable[ObscuredConstant],
 ) -> str:
     """A verdict on the model in one plain sentence, the same after a search for effects as after a whole diagnosis.
 
@@ -66,6 +70,7 @@ def verdict_line(
         effects: ids of those found, each with those that explain the recordings as well.
         axes: channels in which something systematic is left.
         follows: signals that it follows.
+        obscured: constants that are not to be believed.
     """
     if verdict == "named":
         tied = _tied(effects)
@@ -81,6 +86,8 @@ def verdict_line(
         acts = f"acts on {listed(where)}" if where else "moves the system"
         said = f" and follows {listed(signals)}" if signals else ""
         return f"Something systematic that is not in the catalogue {acts}{said}."
+    if lost := _not_understood(obscured):
+        return f"No effect of the catalogue was found, and {listed(lost)} cannot be explained."
     return "No effect of the catalogue is missing as far as these recordings can show."
 
 
@@ -112,7 +119,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         count = len(diagnosis.data_problems)
         more = f"{count} problems were found" if count > 1 else "One problem was found"
         return [f"{more}; no effect was looked for, because a damaged signal looks like missing physics."]
-    if diagnosis.verdict == "nothing":
+    if diagnosis.verdict == "nothing" and not _not_understood(diagnosis.evidence.obscured):
         found.append(_nothing_more(diagnosis))
     if diagnosis.verdict == "named":
         each = "It explains" if len(shares) == 1 else "Together they explain"
@@ -225,6 +232,11 @@ def _constants_first(diagnosis: Diagnosis) -> str:
     """What the calibration of constants took before any effect, where that is worth a clause."""
     before = diagnosis.evidence.calibrated
     return f"; the constants, calibrated first, explain {percent(before)}" if before >= TELLING.little_left else ""
+
+
+def _not_understood(obscured: Iterable[ObscuredConstant]) -> list[str]:
+    """Equations of which a constant went where no such system has it, and nothing tells what it is."""
+    return list(dict.fromkeys(c.equation for c in obscured if c.told is None))
 
 
 def _nothing_more(diagnosis: Diagnosis) -> str:

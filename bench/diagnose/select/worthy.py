@@ -39,8 +39,9 @@ class Choice:
 
     @cached_property
     def model(self) -> PhysicsModel:
-        """With these numbers."""
-        return advanced(self.search, self.view, self.fit).model
+        """With these numbers; where effects were dropped, which the others may have made good for, fitted anew."""
+        model = advanced(self.search, self.view, self.fit).model
+        return settled(self.search, model, self.view)[1] if self.dropped else model
 
     def less(self, place: int) -> PhysicsModel:
         """The model less the effect in one more place."""

@@ -14,7 +14,7 @@ from torch import Tensor
 from typing_extensions import override
 
 from registry.core import EFFECTS
-from registry.dynamics import DryEffect, RateEffect, constant, tensor
+from registry.dynamics import DryEffect, PhysicsModel, RateEffect, constant, tensor
 
 STICKING = 1e-3
 """Speed [m/s] over which the sign of a velocity changes, where nobody says how fast a machine is."""
@@ -139,9 +139,8 @@ class StribeckFriction(DryForce):
     screen: ClassVar[dict[str, tuple[float, ...]]] = {"v_s": (0.02, 0.07, 0.2, 0.7)}
     manoeuvre: ClassVar[str] = "creep through standstill in both directions, and move faster for comparison"
 
-    @property
     @override
-    def possible(self) -> bool:
+    def possible_in(self, model: PhysicsModel) -> bool:
         return float(self.f_s) >= float(self.f_c)
 
     @override
