@@ -121,7 +121,8 @@ class Discovery(Displayed):
     def clearer(self, other: "Discovery") -> bool:
         """Whether it is to be believed in place of another one, by errors on held-out recordings.
 
-        It saves an equation that the other one loses, and loses none, for what nobody understands errs a little more or
+        It saves an equation that the other one loses, other than by a constant that only it let go (a huge inertia errs
+        little where a controller holds a vehicle), and loses none, for what nobody understands errs a little more or
         less in any answer; or it names what the other one chose and then took for an imitation, every equation is
         better and none is lost; or the other one leaves nothing that asks for an explanation, this one saves what
         matters where its effects act, be it along one axis, nothing is worse, and it says something else. Whitened rows
@@ -140,7 +141,9 @@ class Discovery(Displayed):
         if settled and better and not any(mine.worse(its) for mine, its in pairs):
             return not _agree(self, other)
         saved = 1 / MATTERING.lost
-        return min(ratios) < saved and math.prod(ratios) < saved and max(ratios) < MATTERING.lost
+        freed = {equation for name, equation in self.let_go.items() if name not in other.let_go}
+        told = [r for r, (mine, _) in zip(ratios, pairs, strict=True) if mine.equation not in freed]
+        return min(told, default=1.0) < saved and math.prod(ratios) < saved and max(ratios) < MATTERING.lost
 
     def to_frame(self) -> pd.DataFrame:
         """The effects found, one row a parameter.
