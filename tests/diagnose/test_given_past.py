@@ -15,6 +15,7 @@ from bench.diagnose.select import given_past
 from bench.diagnose.select.given_past import memory, revealed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
+from bench.diagnose.select.verify import estimates
 from registry.dynamics import PhysicsModel
 from registry.effects.actuation import InputDelay
 from registry.effects.air import ParasiticDrag, Wind
@@ -80,6 +81,19 @@ def test_a_mass_that_a_controller_hides_is_told_given_the_past(shaken: float, of
 def test_a_hidden_constant_is_told_where_all_rows_counted_alike() -> None:
     (found,) = told_of(of(*held_in_place(shaken=4.0)), 20.0, memory=0)
     assert found.constant == "mass" and found.times == pytest.approx(20.0)
+
+
+def test_a_hidden_inertia_is_told_beside_forces_where_all_rows_counted_alike() -> None:
+    """Rows of torques are told by the one before; those of forces, which have no past, count as many."""
+    subject = made(flights(4, drag=0.06))
+    search = Search(subject, [], lambda what: None, memory=0)
+    model = replace(subject.model, effects=(ParasiticDrag(0.06, 0.06, 0.06),))
+    view = search.views(search.own(model))[-1]
+    _, last = given_past.given_past(search, view, model, subject, {"inertia"}, "body_rates")
+    assert len(last.linear.channels) == 6
+    assert [len(f) for f in last.filters] == [2] * len(last.linear.channels)
+    numbers = {x.entry.label: x for x in estimates(last, last.subsets.fit())}
+    assert numbers["inertia[0]"].low < subject.model.inertia[0] < numbers["inertia[0]"].high
 
 
 def test_nothing_is_told_given_the_past_without_recordings_that_confirm_it() -> None:

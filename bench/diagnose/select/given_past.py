@@ -142,6 +142,7 @@ def _in_turns(search: Search, linear: Linearization, filters: list[np.ndarray], 
     """Whitening filters, those of the equation fitted in turns with the numbers."""
     rows = linear.project(search.tests(linear))
     order = max(1, len(filters[0]) - 1)  # rows that all counted alike have no past
+    filters = [np.pad(f, (0, order + 1 - len(f))) for f in filters]
     ours = [k for k, c in enumerate(linear.channels) if linear.model.measured_channels[c].group == group]
     difference = np.zeros(order + 1)
     difference[:2] = 1.0, -1.0
