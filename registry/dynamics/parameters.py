@@ -38,6 +38,8 @@ class Parameter:
     """Of an effect: the sizes of signals that it is measured in; see `constant`."""
     share: float | None = None
     """Of an effect: a value met in practice, in this measure."""
+    relative_to: str = ""
+    """Of an effect: the constant of the model that recordings tell it relative to; see `constant`."""
 
 
 def constant(
@@ -52,6 +54,7 @@ def constant(
     typical: Any = None,
     measure: str = "",
     share: float | None = None,
+    relative_to: str = "",
 ) -> Any:
     """A dataclass field for a physical constant; of an effect, ``value`` is the neutral one.
 
@@ -69,10 +72,12 @@ def constant(
             the motion. Its values in `Effect.screen` are shares of how large these became in the recordings.
         share: a value met in practice, in this measure: where a search for it starts, and what it stays at where it is
             not fitted (``uncertainty=0``).
+        relative_to: of an effect, a constant of the model that is not fitted, and that recordings tell the parameter
+            relative to: it is known no better than that constant is.
     """
     base = option(value, about, unit=unit, low=low, high=high, source=source)
-    own = {"uncertainty": uncertainty, "typical": typical, "measure": measure, "share": share}
-    return field(default=value, metadata={**base.metadata, **own})
+    about_value = {"uncertainty": uncertainty, "typical": typical, "relative_to": relative_to}
+    return field(default=value, metadata={**base.metadata, **about_value, "measure": measure, "share": share})
 
 
 def parameters_of(entry: Any) -> Iterator[Parameter]:
@@ -95,6 +100,7 @@ def parameters_of(entry: Any) -> Iterator[Parameter]:
                 about=m["help"],
                 measure=m["measure"],
                 share=m["share"],
+                relative_to=m["relative_to"],
             )
 
 

@@ -11,6 +11,8 @@ from registry.core import EFFECTS
 from registry.dynamics import ModelEffect, constant, tensor, vector
 
 _MAGNITUDE = "order of magnitude"
+_TO_HUBS: dict[str, Any] = {"typical": 0.003, "relative_to": "rotor_positions"}
+"""Torques tell a ratio of lengths: arms that are all longer by a tenth put the centre as much further out."""
 
 
 @EFFECTS.register("mass")
@@ -71,8 +73,8 @@ class CogOffset(ModelEffect):
     All that acts at the hubs does, and their velocity through the air and their height change with it.
     """
 
-    x: Any = constant(0.0, "of the centre of gravity, along body x", "m", low=-0.1, high=0.1, typical=0.003)
-    y: Any = constant(0.0, "of the centre of gravity, along body y", "m", low=-0.1, high=0.1, typical=0.003)
+    x: Any = constant(0.0, "of the centre of gravity, along body x", "m", low=-0.1, high=0.1, **_TO_HUBS)
+    y: Any = constant(0.0, "of the centre of gravity, along body y", "m", low=-0.1, high=0.1, **_TO_HUBS)
     equation: ClassVar[str] = "r_i → r_i − r_cg,  r_cg = (x, y, 0)"
     needs: ClassVar[tuple[str, ...]] = ("body_rates",)
     systems: ClassVar[tuple[str, ...]] = ("quadrotor",)

@@ -63,6 +63,7 @@ class Quadrotor(RigidBody):
         "inertia": 0.3,
         "thrust_coefficient": 0.2,
         "torque_coefficient": 0.2,
+        "rotor_positions": 0.03,
         "pwm_gain": 0.2,
         "pwm_offset": 0.2,
     }

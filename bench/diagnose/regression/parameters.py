@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bench.diagnose.settings import CALIBRATING, LINEARISING
+from bench.diagnose.settings import CALIBRATING, EXTENDING, LINEARISING
 from registry.dynamics import Effect, Parameter, PhysicsModel, in_measure
 
 
@@ -33,6 +33,8 @@ class Entry:
     """Of an effect's parameter: the value that makes it no effect."""
     stated: float = 0.0
     """Of a constant: the value that its uncertainty is about."""
+    relative: float = 0.0
+    """Of an effect's parameter: relative 1σ of the constant that it is told relative to, if any."""
 
     @property
     def constant(self) -> bool:
@@ -61,6 +63,10 @@ class Entry:
         if self.constant:
             return (max(low, 0.0) if self.low >= 0 else low), high
         return max(low, self.low), min(high, self.high)
+
+    def told(self, value: float, half: float) -> tuple[float, float]:
+        """Its 95 % interval, where recordings leave ``half`` open and what it is told relative to its share."""
+        return self.interval(value, math.hypot(half, EXTENDING.interval * self.relative * value))
 
     def pushed(self, value: float) -> bool:
         """Whether a value is at a bound, or beyond it, and makes an effect: what is best there imitates another."""
@@ -114,9 +120,10 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
     """
     found = []
     reference = {p.name: p.value for p in (nominal or model).parameters()}
+    spreads = {}
     for p in model.parameters():
         rough = p.name in model.rough and p.name not in uncertainty and p.uncertainty > 0
-        spread = model.rough[p.name] if rough else uncertainty.get(p.name, p.uncertainty)
+        spread = spreads[p.name] = model.rough[p.name] if rough else uncertainty.get(p.name, p.uncertainty)
         if spread <= 0:
             continue
         values, base = _flat(p.value), _flat(reference[p.name])
@@ -130,7 +137,11 @@ def entries(model: PhysicsModel, uncertainty: dict[str, float], nominal: Physics
                 low, high = max(low, least), min(high, most)
                 found.append(Entry(-1, p.name, component, p.unit, v, scale=scale, low=low, high=high, stated=b))
     for i, effect in enumerate(model.effects):
-        found += [dataclasses.replace(e, unit=model.effect_unit(e.unit)) for e in effect_entries(effect, i)]
+        relative = {p.name: spreads.get(p.relative_to, 0.0) for p in effect.parameters()}
+        found += [
+            dataclasses.replace(e, unit=model.effect_unit(e.unit), relative=relative[e.name])
+            for e in effect_entries(effect, i)
+        ]
     return found
 
 

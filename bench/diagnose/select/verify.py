@@ -63,7 +63,7 @@ def estimates(view: View, fit: Fit) -> list[Estimate]:
     out = []
     for e, b, s in zip(own, fit.beta, spread, strict=False):
         value = float(np.clip(e.value + b, e.low, e.high))
-        out.append(Estimate(e, value, *e.interval(value, reach * s)))
+        out.append(Estimate(e, value, *e.told(value, reach * s)))
     return out
 
 

@@ -99,7 +99,7 @@ def estimates(of: Simulated, windows: int) -> list[Estimate]:
     half = float(stdtrit(free, 0.975)) * np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0))
     acts = np.diag(information) > 0
     told = zip(of.where, half, acts, strict=True)
-    return [Estimate(e, e.value, *e.interval(e.value, h)) for e, h, acting in told if acting]
+    return [Estimate(e, e.value, *e.told(e.value, h)) for e, h, acting in told if acting]
 
 
 def _fit(subject: Subject, windows: Windows, models: Sequence[PhysicsModel]) -> Simulated:
