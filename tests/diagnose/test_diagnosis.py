@@ -231,7 +231,7 @@ def test_nothing_is_not_said_to_be_noise_where_much_is_left() -> None:
     said = sentences.explanation(replace(d, error=replace(d.error, calibrated=worse)))
     assert "is 2.5 times the noise floor at most" in said
     left = replace(d.unexplained, share=0.9, axes=("velocity.x",), follows=())
-    d = replace(d, unexplained=left, disturbance_floor={})
+    d = replace(d, unexplained=left, disturbance_floor={}, by_equation={})
     said = sentences.explanation(d)
     assert "wind, something" in said and "noise floor." not in said.partition("A syst")[0]
     (group, error), *_ = d.error.calibrated.items()
@@ -239,6 +239,12 @@ def test_nothing_is_not_said_to_be_noise_where_much_is_left() -> None:
     assert "wind, something that swings" in sentences.explanation(slow)
     fast = sentences.explanation(replace(d, disturbance_floor={group: error}))
     assert "`[processing] noise` states it" in fast and "wind, something" not in fast
+    forces = replace(samples.EQUATIONS["forces"], extended=0.05, predictable=0.03)
+    said = sentences.explanation(replace(d, by_equation={"forces": forces}))
+    assert "A regression on all measured signals errs 40 % less in forces" in said and "wind, something" not in said
+    assert sentences.explanation(replace(d, by_equation={"forces": replace(forces, predictable=0.049)})) == (
+        sentences.explanation(d)
+    )
 
 
 def test_what_nobody_measured_of_a_load_when_a_free_run_begins_is_said() -> None:

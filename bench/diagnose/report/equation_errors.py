@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from bench.diagnose.report import phrases
 from bench.diagnose.result import Diagnosis
+from bench.diagnose.settings import MATTERING
 
 
 @dataclass(frozen=True)
@@ -40,3 +41,19 @@ def lines(diagnosis: Diagnosis) -> list[str]:
         f"(best {phrases.number(a.predictable)}, noise {phrases.number(a.floor, 2)})"
         for a in (every if len(every) > 1 else [])
     ]
+
+
+def better_told(diagnosis: Diagnosis) -> str:
+    """A sentence where a regression on all measured signals predicts equations better than the model does; else ""."""
+    less = {
+        name: 1 - e.predictable / e.extended
+        for name, e in diagnosis.by_equation.items()
+        if e.extended > MATTERING.near * max(e.predictable, e.floor)
+    }
+    if not less:
+        return ""
+    said = phrases.listed(f"{phrases.percent(share)} less in {phrases.named(name)}" for name, share in less.items())
+    return (
+        f"A regression on all measured signals errs {said}: something is left that they tell and no effect of the "
+        "catalogue explains."
+    )

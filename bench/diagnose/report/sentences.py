@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from bench.diagnose.by_equation import EffectSaving, ObscuredConstant
 from bench.diagnose.evidence import LINES
-from bench.diagnose.report import constant_words
+from bench.diagnose.report import constant_words, equation_errors
 from bench.diagnose.report.phrases import estimate, listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
 from bench.diagnose.settings import MATTERING, TELLING
@@ -250,6 +250,8 @@ def _nothing_more(diagnosis: Diagnosis) -> str:
             f"The error on held-out recordings is {number(times, 2)} times the noise floor at most; what is left is "
             "not worth a term."
         )
+    if better := equation_errors.better_told(diagnosis):
+        return better
     if any(f.observed for f in lines) or all(math.isnan(f.errors["disturbance"]) for f in lines):
         return (
             "What is left is more than noise and follows no measured signal: wind, something that swings, sticks or "
