@@ -38,6 +38,14 @@ def not_installed(what: str, *libraries: str) -> BenchError:
     return BenchError(f"{what} needs {' and '.join(n.partition('=')[0].rstrip('<>~') for n in libraries)}: {command}")
 
 
+def unreadable(path: object, error: Exception) -> BenchError:
+    """The error where a file cannot be read: its path once, and the system's or the reader's reason in a line."""
+    if isinstance(error, PermissionError):
+        return BenchError(f"{path} may not be read: permission denied.")
+    said = (isinstance(error, OSError) and error.strerror) or (str(error).splitlines() or [type(error).__name__])[0]
+    return BenchError(f"{path} cannot be read: {said:.300}.")
+
+
 def near(name: str, known: Iterable[str]) -> str:
     """The tail of an error about an unknown name: the near ones first, then all of them (the first 20)."""
     names = sorted(known)

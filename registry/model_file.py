@@ -29,6 +29,8 @@ def read(path: Path, system: str | type[PhysicsModel] = "") -> PhysicsModel:
         BenchError: the file is absent, damaged or of another system, or a key or value does not fit.
     """
     table = read_toml(path, "`bench diagnose` writes a model.toml")
+    if {"signals", "files"} <= table.keys():
+        raise BenchError(f"{path} is a dataset.toml: give a model.toml, as `bench diagnose` writes it.")
     expected = system if isinstance(system, str) else system.system_name()
     named = table.pop("system", expected)
     if not isinstance(named, str) or not named:

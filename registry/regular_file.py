@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from registry.errors import BenchError
+from registry.errors import BenchError, unreadable
 
 DEEPEST = 20
 """Tables and lists within each other, of any description."""
@@ -31,6 +31,18 @@ def regular(path: Path) -> Path:
     return path
 
 
+def not_text(path: Path, content: bytes) -> BenchError:
+    """The error where the content of a file is not UTF-8: the line and the character of the first such byte."""
+    try:
+        content.decode("utf-8")
+        where = ""
+    except UnicodeDecodeError as error:
+        before = content[: error.start]
+        lines = before.split(b"\n")
+        where = f" (line {len(lines)}, character {len(lines[-1].decode('utf-8')) + 1})"
+    return BenchError(f"{path} is not UTF-8 text{where}: save it as UTF-8.")
+
+
 def read_toml(path: Path, absent: str) -> dict[str, Any]:
     """A TOML file as a table.
 
@@ -46,9 +58,9 @@ def read_toml(path: Path, absent: str) -> dict[str, Any]:
     except FileNotFoundError as error:
         raise BenchError(f"{path} does not exist: {absent}.") from error
     except UnicodeDecodeError as error:
-        raise BenchError(f"{path} is not UTF-8 text (byte {error.start}).") from error
+        raise not_text(path, path.read_bytes()) from error
     except (ValueError, OSError, RecursionError) as error:  # numbers of thousands of digits are a ValueError
-        raise BenchError(f"{path} cannot be read: {error}.") from error
+        raise unreadable(path, error) from error
     level: list[Any] = [table]
     for _ in range(DEEPEST):
         level = [x for v in level for x in (v.values() if isinstance(v, dict) else v if isinstance(v, list) else ())]

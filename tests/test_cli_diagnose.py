@@ -51,7 +51,8 @@ def folder(tmp_path: Path) -> Path:
         (("{folder}", "--system", "oscilator"), "did you mean oscillator"),
         (("{folder}", "--system", "mine.py:Swing"), "the file mine.py does not exist"),
         (("{folder}", "--model", "absent.toml"), "absent.toml does not exist"),
-        (("{folder}", "--model", "{folder}/dataset.toml"), "dataset.toml"),
+        (("pelican_twinn",), "did you mean pelican_twin"),
+        (("{folder}", "--model", "{folder}/dataset.toml"), "dataset.toml is a dataset.toml: give a model.toml"),
         (("{folder}", "--system", "quadrotor"), "force"),
     ],
 )
@@ -84,6 +85,9 @@ def test_an_effect_that_cannot_be_looked_for_is_refused(command: str, folder: Pa
     done = CliRunner().invoke(cli, [command, str(folder), "--catalogue", "rotor_drag"])
     assert isinstance(done.exception, BenchError)
     assert "--catalogue rotor_drag: it is an effect of quadrotor, not of oscillator" in str(done.exception)
+    none = [command, str(folder), "--catalogue", "coulomb_friction", "--without", "coulomb_friction"]
+    done = CliRunner().invoke(cli, none)
+    assert isinstance(done.exception, BenchError) and "--without leaves no effect" in str(done.exception)
 
 
 @pytest.mark.parametrize(

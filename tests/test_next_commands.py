@@ -2,6 +2,7 @@
 
 import io
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,11 @@ def test_the_next_commands_have_the_options_that_they_need() -> None:
     assert diagnose["without"] == ("mass",) and diagnose["ignore"] == ("time shift",)
     assert design["model_file"] == Path("look at/model.toml")
     assert [e["add"] for e in extend] == [("stribeck_friction",), ("coulomb_friction",)]
+    both = (replace(tie, indistinguishable_from=()), replace(tie, id="payload", indistinguishable_from=()))
+    *_, extend_all = commands(replace(found, verdict="named", effects=both))
+    assert parsed(extend_all)["add"] == ("stribeck_friction", "payload") and parsed(extend_all)["out"] == Path(
+        "look at"
+    )
 
 
 def test_options_of_the_data_set_go_into_the_next_commands() -> None:
@@ -95,9 +101,9 @@ def test_a_draft_without_signals_is_one_sentence(here: Path) -> None:
     ("arguments", "says"),
     [
         (("diagnose", "--ignore-problem", "spikes"), "did you mean spike?"),
-        (("diagnose", "--horizon", "100"), "the longest stretch is 4 s"),
-        (("compare", "--horizon", "100"), "the longest stretch is 4 s"),
-        (("extend", "--add", "viscous_friction", "--horizon", "100"), "the longest stretch is 4 s"),
+        (("diagnose", "--horizon", "100"), "The longest stretch is 4 s"),
+        (("compare", "--horizon", "100"), "The longest stretch is 4 s"),
+        (("extend", "--add", "viscous_friction", "--horizon", "100"), "The longest stretch is 4 s"),
     ],
 )
 def test_what_is_known_at_the_start_is_said_there(

@@ -108,6 +108,9 @@ def test_a_baseline_meets_every_seed(records: list[RunRecord]) -> None:
     beside = [s for s in report.sentences(records, PAIRS) if "beside the baseline `linear`" in s]
     assert len(beside) == 2
     assert MLP in beside[0]
+    one = [r for r in records if (r.summary["seed"], r.summary["outputs"]) == (0, ["body_rates.q"])]
+    said = " ".join(report.sentences(one, PAIRS))
+    assert "times the error of `linear`, from one seed: run more with --seeds" in said
 
 
 def test_three_axes_of_one_model_are_one_signal_and_not_three_trainings(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from bench.cli.names import check_system
 from bench.experiment.asked import Asked
 from bench.experiment.datasets import choose, registered
 from registry.core import DATASETS
-from registry.errors import BenchError
+from registry.errors import BenchError, near
 
 if TYPE_CHECKING:
     from bench.diagnose.logs.subject import Subject
@@ -46,7 +46,7 @@ class DataOptions:
             hint = "" if Path(self.source).exists() else " (it does not exist)"
             raise BenchError(
                 f"{self.source}{hint} is neither a folder with a dataset.toml nor a data set: "
-                "`bench list datasets` has them, `bench data init FOLDER` drafts a dataset.toml."
+                f"{near(self.source, DATASETS.outline())} `bench data init FOLDER` drafts a dataset.toml."
             )
         check_system(self.system)
         given = options.parsed(self.settings)
@@ -92,7 +92,15 @@ def refuse_file(source: str) -> None:
 
 def data_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command these options, gathered in its argument ``data``, and --json as ``to_json``."""
+    return _gathering(command, _model("nominal constants, no effects"))
 
+
+def data_options_after_diagnosis(command: Callable[..., None]) -> Callable[..., None]:
+    """The same, for a command that goes out from the model that a diagnosis wrote."""
+    return _gathering(command, _model("the model.toml that the diagnosis wrote"))
+
+
+def _gathering(command: Callable[..., None], model: Callable[..., Any]) -> Callable[..., None]:
     @wraps(command)
     def gathered(
         *args: Any,
@@ -105,9 +113,18 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
     ) -> None:
         command(*args, data=DataOptions(source, settings, system, model_file, exclude), **others)
 
-    for add in (_json, exclude_option, _model, _system, _set, _source):
+    for add in (_json, exclude_option, model, _system, _set, _source):
         gathered = add(gathered)
     return gathered
+
+
+def _model(otherwise: str) -> Callable[..., Any]:
+    return click.option(
+        "--model",
+        "model_file",
+        type=click.Path(path_type=Path, dir_okay=False),
+        help=f"Start from this model.toml, such as an extended one; default: {otherwise}.",
+    )
 
 
 _source = click.argument("source", metavar="DATA", callback=options.not_empty)
@@ -124,17 +141,12 @@ _system = click.option(
     metavar="NAME|FILE.py:CLASS",
     help="Physics model: one of `bench list physics`, or your own class; default: what the data name.",
 )
-_model = click.option(
-    "--model",
-    "model_file",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Start from this model.toml, such as an extended one; default: nominal constants, no effects; "
-    "of `bench design` what the diagnosis wrote.",
-)
 exclude_option = click.option(
     "--exclude", multiple=True, metavar="RECORDING", help="Leave this recording out. Repeatable."
 )
 ignore_option = click.option(
     "--ignore-problem", "ignore", multiple=True, metavar="KIND", help="Go on although the data have this. Repeatable."
 )
-_json = click.option("--json", "to_json", type=options.Output(made=True), help="Write the figures there too.")
+_json = click.option(
+    "--json", "to_json", type=options.Output(made=True), help="Also write the numbers as JSON to this file."
+)

@@ -15,6 +15,7 @@ from bench.cli.data_options import refuse_file
 from bench.cli.progress import announcer
 from bench.experiment.datasets import registered
 from registry.core import EFFECTS
+from registry.errors import BenchError
 
 if TYPE_CHECKING:
     from bench.diagnose.extend import Extension
@@ -28,11 +29,18 @@ if TYPE_CHECKING:
 
 
 def chosen(catalogue: Sequence[str], without: Sequence[str]) -> list[str] | None:
-    """Ids of the effects to choose from; None: all of them."""
+    """Ids of the effects to choose from; None: all of them.
+
+    Raises:
+        BenchError: there is no such effect, or none is left.
+    """
     check_effects((*catalogue, *without))
     if not catalogue and not without:
         return None
-    return [n for n in (catalogue or EFFECTS.outline()) if n not in without]
+    left = [n for n in (catalogue or EFFECTS.outline()) if n not in without]
+    if not left:
+        raise BenchError("--without leaves no effect of --catalogue to choose from: name others.")
+    return left
 
 
 def check_effects(names: Sequence[str]) -> None:
@@ -52,7 +60,10 @@ def folder_for(source: str, out: Path | None) -> Path:
         return out
     refuse_file(source)
     beside = Path("diagnosis") / source if registered(source) else Path(source) / "diagnosis"
-    return options.Output(folder=True).convert(beside, None, None)
+    try:
+        return options.Output(folder=True).convert(beside, None, None)
+    except BenchError as error:
+        raise BenchError(f"{str(error).rstrip('.')}: give another folder with --out.") from error
 
 
 # ------------------------------------------------------------------------------------------------ what comes out
@@ -138,6 +149,11 @@ def show_extension(console: Any, done: "Extension", model_file: Path | None = No
         name = f"{model_file.name}, fitted again" if model_file and stage.name == "calibrated" else stage.name
         rows.add_row(escape(f"+ {name}" if added else name), *cells)
     console.print(rows)
+    if len(done.effects) > 1:
+        last = done.effects[-1].name
+        console.print(
+            f"Only the row of {last} is of the final fit by simulation; the rows above it come before that fit."
+        )
     for e in done.effects:
         console.print(f"  {e.id}: {e.described or phrases.parameters(e)}", highlight=False, markup=False)
     print_notes(console, done.notes)

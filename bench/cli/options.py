@@ -52,6 +52,24 @@ class Output(click.Path):
         return path
 
 
+class Recordings(click.Path):
+    """A folder that exists."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path, exists=True, file_okay=False)
+
+    @override
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """See `click.ParamType.convert`.
+
+        Raises:
+            BenchError: it is a file.
+        """
+        if os.path.isfile(value):
+            raise BenchError(f"{value} is a file: give the folder that holds it, {Path(value).parent}.")
+        return Path(os.fsdecode(super().convert(value, param, ctx)))
+
+
 class Positive(click.FloatRange):
     """A finite number above zero."""
 

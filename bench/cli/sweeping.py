@@ -34,8 +34,13 @@ def carry_out(out: Console, sweep: Sweep, folder: Path, trials: int, resume: boo
     """Search, train the finalists, write the report, say what came out; one driver at a time.
 
     Raises:
-        BenchError: another driver is at this sweep, its folder cannot be written, or workers die.
+        BenchError: no scheduler answers, another driver is at this sweep, its folder cannot be written, or workers die.
     """
+    if execution.cluster:
+        from bench.execution.cluster import connected
+
+        with connected(execution.cluster):  # or nothing is written
+            pass
     with lock.held(folder, sweep.title), mirroring(execution, sweep.title, folder.name) as mirror:
         study = sweeps.begin(sweep, folder, resume)
         before = sweeps.finished(study)

@@ -102,7 +102,7 @@ def _evidence(steps: Steps) -> Evidence:
         flights=steps.flights,
         obscured=discovery.obscured,
         contradicted_effects=discovery.contradicted_effects,
-        parted=subject.folder is not None and not subject.folder.only,
+        parted=subject.folder is not None and not subject.folder.only and len(subject.folder.names) > 1,
     )
 
 
@@ -123,15 +123,15 @@ def _notes(steps: Steps) -> tuple[str, ...]:
 
 
 def _high_floor(steps: Steps) -> list[str]:
-    """A sentence where less is left than noise alone is said to leave."""
+    """A sentence where the model errs less than noise alone is said to."""
     floor, left = steps.extension.comparison.error("floor"), steps.extension.last
     groups = [g for g, e in floor.items() if g in left and e.rmse > MATTERING.near * left[g].rmse]
     if not groups:
         return []
     return [
-        f"The noise floor of {listed(named(g) for g in groups)} is too high: less is left. Inputs that move as fast as "
-        "they are sampled look noisier than they are; what is known of their noise can be stated under [processing] in "
-        "dataset.toml."
+        f"The estimated noise floor of {listed(named(g) for g in groups)} is too high: the extended model errs less "
+        "than that. Inputs that move as fast as they are sampled look noisier than they are; what is known of their "
+        "noise can be stated under [processing] in dataset.toml."
     ]
 
 

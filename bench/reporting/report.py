@@ -85,7 +85,6 @@ def _beside_baselines(records: Sequence[RunRecord]) -> Iterator[str]:
     """One sentence a horizon and baseline: which networks are better than it over the whole horizon."""
     networks = [s for s in specs(records) if not is_baseline(s)]
     words = {"better": "better than it", "worse": "worse than it", "cannot tell": "cannot be told from it"}
-    words["one training"] = "one training cannot speak for"
     for horizon in horizons(records):
         at = [r for r in records if r.summary["horizon"] == horizon]
         for base in filter(is_baseline, specs(at)):
@@ -100,6 +99,12 @@ def _beside_baselines(records: Sequence[RunRecord]) -> Iterator[str]:
                         f"{r.a} ({r.ratio:.2f} times its error)" for r in rows.itertuples() if _verdict(r) == verdict
                     ]
                     said += [f"{meaning}: {', '.join(chosen)}"] if chosen else []
+                single = [
+                    f"{r.a}: {r.ratio:.2f} times the error of `{base}`"
+                    for r in rows.itertuples()
+                    if _verdict(r) == "one training"
+                ]
+                said += [f"{', '.join(single)}, from one seed: run more with --seeds"] if single else []
                 yield f"T = {horizon}, {output}, beside the baseline `{base}`: {'; '.join(said)}."
 
 

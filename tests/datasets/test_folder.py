@@ -157,14 +157,14 @@ def torn_gzip(folder):
         (lambda f: (f / "dataset.toml").unlink(), ["dataset.toml does not exist", "bench data init"]),
         (lambda f: (f / "a.csv").unlink(), ["no CSV", "*.csv"]),
         (without_column, ["a.csv", "no column 'vy'", "did you mean"]),
-        (edit("q", slice(None), ""), ["a.csv", "'q'", "row 2", "NaN"]),
-        (edit("t", 4, ""), ["a.csv", "'t'", "row 6", "NaN"]),
+        (edit("q", slice(None), ""), ["a.csv: column 'q' has no number in any of 20 rows", "NaN"]),
+        (edit("t", 4, ""), ["a.csv", "'t' has no number in 1 of 20 rows", "first in row 6", "fill them in"]),
         (edit("q", 4, "inf"), ["a.csv", "'q'", "row 6", "not a finite number"]),
         (edit("q", 4, "1e300"), ["a.csv", "'q'", "row 6", "not a finite number (of at most 1e+60)"]),
         (edit("vbat", 9, "full"), ["a.csv", "'vbat'", "row 11", "'full'"]),
         (jump, ["a.csv", "'t'", "row 9", "50.01 s"]),
         (edit("t", 3, 0.01), ["a.csv", "row 5", "clock"]),
-        (raw(b"t,x\n\xff\xfe,2\n"), ["a.csv", "UTF-8"]),
+        (raw(b"t,x\n1,\xc3\xa4\xff2\n"), ["a.csv", "(line 2, character 4)", "save it as UTF-8"]),
         (raw(b""), ["a.csv", "is empty"]),
         (raw(b"t,x\n1,2,3,4\n1,2\n1,2,3,4,5,6\n"), ["a.csv"]),
         (raw(",".join(["t", *NAMES]).encode() + b"\n"), ["a.csv", "no samples"]),
@@ -175,7 +175,7 @@ def torn_gzip(folder):
         (toml("mass = 0.5", "mass = " + 2000 * "["), ["dataset.toml cannot be read"]),
         (toml('name = "mine"', ""), ["no key 'name'"]),
         (toml('name = "mine"', 'nmae = "mine"'), ["unknown key 'nmae'", "did you mean name"]),
-        (toml('"quadrotor"', '"quadrotr"'), ["quadrotr", "did you mean quadrotor"]),
+        (toml('"quadrotor"', '"quadrotr"'), ["dataset.toml: There is no", "quadrotr", "did you mean quadrotor"]),
         (toml("rate_hz = 100", "rate_hz = 0"), ["rate_hz"]),
         (toml("rate_hz = 100", "rate_hz = 10000"), ["'t'", "come at 100 Hz", "rate_hz"]),
         (toml('"rpm"', '"rmp"'), ["rotor_speed", "'rmp'", "did you mean rpm"]),
@@ -213,6 +213,18 @@ def test_every_mistake_is_one_sentence(folder, breakage, says):
     assert "\n" not in message
     for part in says:
         assert part in message
+
+
+def test_a_file_that_may_not_be_read_is_named_once(folder, monkeypatch):
+    file = folder / "a.csv"
+
+    def refused(*_, **__):
+        raise PermissionError(13, "Permission denied", str(file))
+
+    monkeypatch.setattr("registry.datasets.reading.tables.pd.read_csv", refused)
+    with pytest.raises(BenchError) as caught:
+        check(folder)
+    assert str(caught.value) == f"{file} may not be read: permission denied."
 
 
 def test_hubs_without_a_height_lie_in_the_plane(folder):

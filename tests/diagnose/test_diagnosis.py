@@ -229,7 +229,10 @@ def test_nothing_is_not_said_to_be_noise_where_much_is_left() -> None:
     assert "is at the noise floor." in sentences.explanation(d)
     worse = {g: replace(e, rmse=2.5 * e.rmse) for g, e in d.noise_floor.items()}
     said = sentences.explanation(replace(d, error=replace(d.error, calibrated=worse)))
-    assert "is 2.5 times the noise floor at most" in said
+    assert "is up to 2.5 times the noise floor; what is left is more than noise, but no" in said
+    worse = {g: replace(e, rmse=1.5 * e.rmse) for g, e in d.noise_floor.items()}
+    said = sentences.explanation(replace(d, error=replace(d.error, calibrated=worse)))
+    assert "is up to 1.5 times the noise floor; what is left is not worth a term." in said
     left = replace(d.unexplained, share=0.9, axes=("velocity.x",), follows=())
     d = replace(d, unexplained=left, disturbance_floor={}, by_equation={})
     said = sentences.explanation(d)
@@ -299,6 +302,10 @@ def test_a_constant_far_off_is_told_as_a_multiple() -> None:
     assert constant_words.change(near) == "thrust coefficient by 5.6 % (4.3 % to 6.9 %; 2.8 σ)"
     far = replace(near, constant="mass", calibrated=8.3e-4, low=3.44e-4, high=1.31e-3)
     assert constant_words.change(far) == "mass to 83 times what was stated (34 to 130)"
+    d = samples.named()
+    d = replace(d, evidence=replace(d.evidence, calibration=(far, replace(near, calibrated=4e-6), near)))
+    assert constant_words.far(d)[0] == "mass: 83 times what was stated (34 to 130)" and len(constant_words.far(d)) == 2
+    assert "\n  mass: 83 times what was stated" in told(d)
 
 
 def test_the_story_stays_short_when_there_is_much_to_say() -> None:
@@ -340,6 +347,14 @@ def test_a_shown_number_is_the_number(value: float) -> None:
     assert float(mantissa) * 10.0 ** int(exponent or 0) == pytest.approx(value, rel=0.0051)
     assert len(re.sub(r"^0+", "", mantissa.lstrip("-").replace(".", ""))) <= 6
     assert phrases.number(math.nan) == phrases.NOTHING
+
+
+@pytest.mark.parametrize(
+    ("by", "said"),
+    [(0.004, "+0.4 %"), (-0.0002, "−0.02 %"), (0.124, "+12 %"), (8.8, "+880 %"), (0.0, "0 %"), (math.nan, "–")],
+)
+def test_a_change_has_a_sign(by: float, said: str) -> None:
+    assert phrases.changed(by) == said
 
 
 @pytest.mark.parametrize(
@@ -463,7 +478,10 @@ def test_extending_prints_the_units_of_the_page() -> None:
         "41.2 ms (40.0 to",
     ):
         assert part in shown
-    assert "rad" not in shown
+    assert "rad" not in shown and "final fit" not in shown
+    done.effects = (replace(lag, id="rotor_drag"), lag)
+    show_extension(console, done)
+    assert "Only the row of motor_lag is of the final fit by simulation" in console.export_text()
 
 
 @pytest.mark.parametrize(

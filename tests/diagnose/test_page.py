@@ -66,7 +66,7 @@ def test_named_page_shows_every_part_with_the_units_of_a_reader() -> None:
         "Nothing systematic is left",
         "1.2 σ",
         "flight_11",
-        "bench extend flights/hummingbird --add rotor_reaction_torque",
+        "bench extend flights/hummingbird --add rotor_drag --add rotor_reaction_torque",
     ):
         assert said in parsed.text, said
 

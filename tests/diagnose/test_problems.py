@@ -260,6 +260,9 @@ def test_what_a_sensor_does_all_the_time_does_not_stop_the_analysis() -> None:
     stopping, minor = problems(made(logs))
     assert not stopping
     assert [(p.signal, p.kind) for p in minor] == [("position", "spike")]
+    assert re.match(
+        r"Single samples of position stand out \d+ times in \d recordings, the largest in flight_", minor[0].detail
+    )
     logs[0]["position"][800, 0] += 5.0
     assert [p.rows for p in problems(made(logs)).problems] == [(800, 800)]
 

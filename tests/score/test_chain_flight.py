@@ -170,6 +170,11 @@ def test_an_effect_means_what_it_means_in_the_catalogue(key: str) -> None:
     np.testing.assert_allclose(ours[swap], theirs, rtol=1e-9, atol=1e-9)
 
 
+def test_an_effect_that_no_strength_is_known_of_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"No such hidden effect: tether\. Add it to TYPICAL"):
+        Body(AIRFRAMES["survey"], {"tether": {"k": 0.2}}, np.zeros(1))
+
+
 def test_motors_answer_a_held_step_as_a_first_order_lag_with_a_time_of_its_own_up_and_down() -> None:
     motors, speed = Motors(0.03, 0.06), np.array([[100.0], [300.0], [200.0], [200.0]])
     command = np.full((4, 1), 200.0)

@@ -56,7 +56,7 @@ def check_command(
     """For every claim of the paper: does it reproduce here? And do the published numbers of this suite still hold?
 
     Evidence is what was published with this suite and what `bench run STUDY` left in the results folder. Verdicts:
-    reproduced, differs, alike (no difference that matters), not enough evidence, not run.
+    reproduced, differs, alike (no difference within the margin), not enough evidence, not run.
 
     \b
     bench check                                  every claim

@@ -41,7 +41,7 @@ def inspect_command(name: str, assignments: tuple[str, ...]) -> None:
 
 
 @data_command.command("init")
-@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument("folder", type=options.Recordings())
 @click.option(
     "--system",
     metavar="NAME|FILE.py:CLASS",
@@ -123,7 +123,7 @@ def import_command(files: tuple[Path, ...], folder: Path, rate: float | None, ve
 
 
 @data_command.command("check")
-@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument("folder", type=options.Recordings())
 @click.option(
     "--system",
     metavar="NAME|FILE.py:CLASS",
@@ -164,9 +164,12 @@ def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ig
     subject = load(dataset, system) if system else _diagnosable(dataset)
     for warning in () if subject is None else subject.warned:
         click.echo(f"note: {warning}")
-    if _misread(check_folder(dataset), ignore):
-        check = again.command("data check", str(folder))
-        click.echo(f"Write these lines into {folder / 'dataset.toml'}, then: {check}")
+    if stopping := _misread(check_folder(dataset), ignore):
+        check, described = again.command("data check", str(folder)), folder / "dataset.toml"
+        some = any(m.mend for m in stopping)
+        click.echo(
+            f"{f'Write these lines into {described}' if some else f'Mend the files or {described}'}, then: {check}"
+        )
         raise click.exceptions.Exit(2)
     if subject is not None and (kinds := _contradicted(subject, ignore)):
         click.echo(f"Mend the files or {folder / 'dataset.toml'}; `bench diagnose` would stop there.")
@@ -199,14 +202,14 @@ def _show_read(loaded: "RecordingSet", dataset: "Folder") -> None:
         click.echo(f"  dataset.toml still says TODO {todo} times: complete what is open, and delete the marks.")
 
 
-def _misread(mistakes: "Sequence[Mistake]", ignore: tuple[str, ...]) -> bool:
-    """Say what dataset.toml has wrong and the lines that mend it; whether a diagnosis would stop there."""
+def _misread(mistakes: "Sequence[Mistake]", ignore: tuple[str, ...]) -> "list[Mistake]":
+    """Say what dataset.toml has wrong and the lines that mend it; those at which a diagnosis would stop."""
     stopping = [m for m in mistakes if m.stops and m.kind not in ignore]
     for m in mistakes:
         click.echo(f"{'WRONG' if m in stopping else 'note'}: {m.kind}: {m.detail}")
         for row in m.mend:
             click.echo(f"    {row}")
-    return bool(stopping)
+    return stopping
 
 
 def _diagnosable(dataset: "Dataset") -> "Subject | None":

@@ -268,7 +268,7 @@ def extend_command(
     "--ceiling",
     "asks_network",
     is_flag=True,
-    help="Then ask a network how much is left to find: 2 to 5 minutes more. Seeds 0, 1 and 2, so the same each time.",
+    help="Can these signals predict more than the model does? Trains networks (seeds 0, 1 and 2): 2 to 5 minutes more.",
 )
 @_out
 @execution_options
@@ -302,7 +302,8 @@ def diagnose_command(
     A fleet is a folder of such folders, one a vehicle, or one folder whose dataset.toml names the column that holds
     the vehicle, `vehicle = {column = "tail"}`. Each is diagnosed by itself; fleet.html says which lack what, which
     differ from the others and, where they are dated, which drift. What is finished is kept: after Ctrl-C or a crash
-    the same command goes on. Vehicles that cannot be diagnosed are said, and end in exit code 2.
+    the same command goes on. Vehicles that cannot be diagnosed are listed, and the exit
+    code is then 2.
 
     \b
     bench diagnose fleet/ --workers 8                      vehicles side by side, one process each

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from bench.cli import options
-from bench.cli.data_options import DataOptions, data_options
+from bench.cli.data_options import DataOptions, data_options_after_diagnosis
 from bench.cli.diagnosing import check_effects, folder_for, print_next, write_json
 from bench.cli.names import check_system
 from bench.cli.progress import announcer
@@ -132,13 +132,13 @@ def parse_limits(given: tuple[str, ...]) -> dict[str, tuple[float, float, float 
 
 
 @click.command("design")
-@data_options
+@data_options_after_diagnosis
 @click.option(
     "--seconds",
     type=options.Positive(1e6),
     multiple=True,
     metavar="S",
-    help="Lengths to speak of; the shortest is that of the manoeuvre. Repeatable; default: 10, 30 and 60.",
+    help="Lengths to report the chance for; the shortest is that of the manoeuvre. Repeatable; default: 10, 30 and 60.",
 )
 @click.option(
     "--limit",

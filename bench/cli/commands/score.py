@@ -122,7 +122,7 @@ def score_discovery_command(
 
     suite = cases(seed, quick, chain)
     if unknown := sorted(set(named) - {c.id for c in suite}):
-        raise BenchError(f"--case {unknown[0]}: {near(unknown[0], [c.id for c in suite])}")
+        raise BenchError(f"--case {unknown[0]}: {_alike(unknown[0], [c.id for c in suite])}")
     suite = [c for c in suite if not named or c.id in named]
     chosen = part([c for c in suite if not only or c.condition in only], float(fraction))
     out = options.console()
@@ -144,6 +144,13 @@ def score_discovery_command(
     whole = seed == "reported" and bool(page) and not (quick or only or named) and fraction == 1
     command = _command(quick, seed, chain, named=named, only=only, fraction=fraction, alternatives=alternatives)
     _conclude(out, chosen, store, command, results, page if whole else "")
+
+
+def _alike(text: str, ids: list[str]) -> str:
+    """The tail of an error about an unknown case: the ids that contain the text, else the near ones."""
+    found = [i for i in ids if text.strip() and text.strip().lower() in i.lower()]
+    more = f", and {len(found) - 20} more" if len(found) > 20 else ""
+    return f"no case has this id. Ids that contain it: {', '.join(found[:20])}{more}." if found else near(text, ids)
 
 
 def _run(out: Console, todo: "list[Job]", store: "Store", cache: Path, workers: int) -> None:

@@ -31,13 +31,15 @@ from registry.errors import BenchError
     "objectives",
     multiple=True,
     type=click.Choice(["rmsse", "weights", "latency"]),
-    help="What to make small; rmsse always is. With weights or latency (of one prediction, in ms) besides, the answer "
-    "is a Pareto front, and no trial is stopped early.",
+    help="Minimise this beside the error (rmsse, which always is). With weights or latency (of one prediction, in ms) "
+    "the answer is a Pareto front, and no trial is stopped early.",
 )
 @options.horizon
 @options.outputs
 @click.option("--preset", type=click.Choice(study.PRESETS), default="laptop", show_default=True, help="Of a STUDY.")
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the proposals.")
+@click.option(
+    "--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Seed of the optimiser's proposals."
+)
 @click.option("--name", help="Of the sweep's folder, `<results>/sweeps/NAME`; default: made of what is searched.")
 @click.option("--resume", is_flag=True, help="Go on with a sweep that was stopped or killed, or add trials to it.")
 @execution_options

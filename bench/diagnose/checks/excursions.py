@@ -52,7 +52,7 @@ def standing_out(events: Sequence[Event]) -> tuple[list[DataProblem], list[DataP
             some = [p for p in far if p.recording == recording]
             stopping += some if len(some) <= SPIKING.listed else [_summed(some)]
         if rest:
-            minor.append(_summed(rest))
+            minor.append(_noted(rest))
     return stopping, minor
 
 
@@ -61,13 +61,29 @@ def _summed(alike: list[DataProblem]) -> DataProblem:
     largest = alike[0]
     if len(alike) == 1:
         return largest
-    where, rows = {p.recording for p in alike}, [p.rows for p in alike if p.rows is not None]
-    if len(where) > 1:
-        return replace(
-            largest, detail=f"{len(alike)} such in {len(where)} recordings, here the largest: {largest.detail}"
-        )
+    rows = [p.rows for p in alike if p.rows is not None]
     span = (min(a for a, _ in rows), max(b for _, b in rows))
-    return replace(largest, rows=span, detail=f"{len(alike)} such, the largest: {largest.detail}")
+    return replace(largest, rows=span, detail=f"{len(alike)} times, the largest: {largest.detail}")
+
+
+def _noted(alike: list[DataProblem]) -> DataProblem:
+    """Problems of one kind, largest first, as one whose sentence says by itself what it is and where."""
+    largest, where = alike[0], {p.recording for p in alike}
+    first, last = largest.rows or (0, 0)
+    rows = f"sample {first}" if first == last else f"samples {first} to {last}"
+    if largest.kind != "spike":
+        lead = "The clock jumps"
+    elif len(alike) == 1:
+        lead = f"{largest.signal.replace('_', ' ').capitalize()} stand{'' if largest.signal.endswith('s') else 's'} out"
+    else:
+        lead = f"Single samples of {largest.signal.replace('_', ' ')} stand out"
+    if len(alike) == 1:
+        at = f"in {largest.recording} at {rows}"
+    elif len(where) == 1:
+        at = f"{len(alike)} times in {largest.recording}, the largest at {rows}"
+    else:
+        at = f"{len(alike)} times in {len(where)} recordings, the largest in {largest.recording} at {rows}"
+    return replace(largest, detail=f"{lead} {at}: {largest.detail}")
 
 
 def excursions(view: View) -> list[Event]:

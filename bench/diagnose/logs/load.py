@@ -23,7 +23,7 @@ from registry.contracts import Dataset, Recording
 from registry.core import DATASETS, PHYSICS
 from registry.datasets.folder.dataset import Folder, refuse_unknown
 from registry.dynamics import PhysicsModel
-from registry.errors import BenchError
+from registry.errors import BenchError, near
 from registry.model_file import constants_of, read
 from registry.stated import refuse_unstated
 
@@ -262,8 +262,7 @@ def _dataset(source: str | Path) -> Dataset:
         return made
     if not Path(source).is_dir():
         raise BenchError(
-            f"{source} is neither a folder nor a data set: give a folder with a dataset.toml, "
-            f"or one of {', '.join(DATASETS.names())}."
+            f"{source} is neither a folder with a dataset.toml nor a data set: {near(str(source), DATASETS.names())}"
         )
     return Folder(path=str(source))
 

@@ -92,6 +92,21 @@ def moved(diagnosis: Diagnosis) -> tuple[list[Calibration], list[Calibration], l
     return ratios, parts, others
 
 
+def far(diagnosis: Diagnosis) -> list[str]:
+    """Such as "inertia about x: 9.8 times what was stated (7.7 to 12)", of constants that calibration moved so far."""
+    hidden, found = {c.constant for c in diagnosis.evidence.obscured}, []
+    for c in diagnosis.evidence.calibration:
+        if " / " in c.constant or hidden & c.constants or not c.nominal:
+            continue
+        times, *ends = (v / c.nominal for v in (c.calibrated, c.low, c.high))
+        if 1 / TELLING.constant_far <= times <= TELLING.constant_far:
+            continue
+        low, high = (number(x, 2) for x in sorted(ends))
+        span = ", where calibration stopped" if c.stopped else f" ({low} to {high})" if math.isfinite(sum(ends)) else ""
+        found.append(f"{named(c.constant)}: {number(times, 2)} times what was stated{span}")
+    return found
+
+
 def _first(moved: Sequence[Calibration]) -> str:
     """The first of what moved, and how many others did; a single other one is as short to name as to count."""
     rest = len(moved) - TELLING.constants

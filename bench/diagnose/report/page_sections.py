@@ -192,7 +192,7 @@ def _constants(d: Diagnosis) -> _Constants | None:
 def _change(c: Calibration, obscured: bool) -> str:
     if obscured:
         return "not to be believed"
-    return phrases.percent(c.calibrated / c.nominal - 1) if c.nominal else phrases.NOTHING
+    return phrases.changed(c.calibrated / c.nominal - 1) if c.nominal else phrases.NOTHING
 
 
 def _candidates(d: Diagnosis) -> list[_Round]:

@@ -65,6 +65,15 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %".replace("-", "−")
 
 
+def changed(by: float) -> str:
+    """A relative change in per cent, with its sign: "+0.4 %", "−12 %"."""
+    if not math.isfinite(by):
+        return NOTHING
+    size = 100 * abs(by)
+    digits = number(size, 1 if size < 1 else 2) if size < 100 else f"{size:.0f}"
+    return "0 %" if size < 1e-3 else f"{'+' if by > 0 else '−'}{digits} %"
+
+
 def estimate(name: str, p: ParameterEstimate) -> str:
     """Such as "0.120 kg/s (0.110 to 0.130)": with as many digits as the interval warrants."""
     value, low, high, unit = estimate_parts(name, p)

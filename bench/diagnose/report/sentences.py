@@ -246,10 +246,13 @@ def _nothing_more(diagnosis: Diagnosis) -> str:
         times = max((f.over_noise for f in lines), default=1.0)
         if times <= MATTERING.near:
             return "The error on held-out recordings is at the noise floor."
-        return (
-            f"The error on held-out recordings is {number(times, 2)} times the noise floor at most; what is left is "
-            "not worth a term."
+        left = (
+            "not worth a term"
+            if times <= TELLING.more_than_noise
+            else "more than noise, but no measured signal explains enough of it on held-out recordings"
         )
+        error = f"The error on held-out recordings is up to {number(times, 2)} times the noise floor"
+        return f"{error}; what is left is {left}."
     if better := equation_errors.better_told(diagnosis):
         return better
     if any(f.observed for f in lines) or all(math.isnan(f.errors["disturbance"]) for f in lines):
@@ -300,15 +303,16 @@ def observed(diagnosis: Diagnosis) -> str:
 
 
 def commands(diagnosis: Diagnosis) -> list[str]:
-    """What to type to repeat the diagnosis, and to add its effects one by one."""
+    """What to type to repeat the diagnosis, and to add what it found; in a tie, each of the effects by itself."""
     of = diagnosis.evidence
     if of.part:
         return [of.command("diagnose", *of.part)]
-    adds = [e.name for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from]
+    adds = [[e.name for e in diagnosis.effects if diagnosis.verdict == "named" or not e.indistinguishable_from]]
     if diagnosis.verdict == "tie":
-        adds = [i for e in diagnosis.effects[:1] for i in (e.id, *e.indistinguishable_from)]
+        adds = [[i] for e in diagnosis.effects[:1] for i in (e.id, *e.indistinguishable_from)]
     told = [of.command("design")] if ties(diagnosis) else []
-    return [of.command("diagnose"), *told, *(of.command("extend", "--add", i) for i in adds)]
+    extends = [of.command("extend", *(w for i in some for w in ("--add", i))) for some in adds if some]
+    return [of.command("diagnose"), *told, *extends]
 
 
 def acts(saving: EffectSaving) -> str:

@@ -4,7 +4,7 @@ import re
 import textwrap
 from typing import Any
 
-from bench.diagnose.report import equation_errors, phrases, sentences
+from bench.diagnose.report import constant_words, equation_errors, phrases, sentences
 from bench.diagnose.result import Diagnosis, NamedEffect
 from bench.diagnose.settings import TELLING
 
@@ -26,8 +26,8 @@ def print_summary(diagnosis: Diagnosis, console: Any) -> None:
     if diagnosis.verdict == "data_problem":
         first, last = _problems(diagnosis), _regions(diagnosis)
     else:
-        first = [*_effects(diagnosis), *_errors(diagnosis), *equation_errors.lines(diagnosis)]
-        last = [*_regions(diagnosis), *_problems(diagnosis)]
+        first = [*_effects(diagnosis), *_far_constants(diagnosis), *_errors(diagnosis)]
+        last = [*equation_errors.lines(diagnosis), *_regions(diagnosis), *_problems(diagnosis)]
     figures = [
         Text(line)
         for item in [*first, *last]
@@ -54,6 +54,11 @@ def _effects(diagnosis: Diagnosis) -> list[str]:
     shown = diagnosis.effects[:5]
     width = max((len(e.name) for e in shown), default=0)
     return [f"  + {e.name:<{width}}  {sentences.explains(e)}: {_how(e)}" for e in shown]
+
+
+def _far_constants(diagnosis: Diagnosis) -> list[str]:
+    """What calibration moved far beside the effects; without effects the headline says it."""
+    return [f"  {line}" for line in constant_words.far(diagnosis)] if diagnosis.effects else []
 
 
 def _how(effect: NamedEffect) -> str:

@@ -173,6 +173,12 @@ class Telling:
     constant_times: float = threshold(
         3.0, "times what was stated from which a constant is told as a multiple of it", Basis.SHOWN
     )
+    constant_far: float = threshold(
+        2.0, "times what was stated, or one over it, beyond which a constant has a line on the terminal", Basis.SHOWN
+    )
+    more_than_noise: float = threshold(
+        2.0, "times the noise floor beyond which an error is said to be more than noise", Basis.SHOWN
+    )
     recalibrated: float = threshold(
         0.5,
         "share of the squared error above the floor that calibration takes, from which constants stand in the headline",

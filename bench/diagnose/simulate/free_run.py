@@ -73,7 +73,7 @@ def clear_starts(logs: Sequence[Log], steps: int, every: int, clear: int = 0) ->
     whole, run = ((n / logs[0].rate if logs else math.nan) for n in (steps + 2 * clear + 1, steps))
     raise BenchError(
         f"No recording to compare with has {whole:.3g} s of valid samples in a row, which a free run of {run:.3g} s "
-        f"needs, the longest stretch is {longest:.3g} s: give a shorter horizon, or longer recordings."
+        f"needs. The longest stretch is {longest:.3g} s: give a shorter horizon, or longer recordings."
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.score.multirotor.flights import Array, Moment, Motors, Rotorcraft
+from bench.score.multirotor.strengths import TYPICAL, identity
 
 Effects = Mapping[str, Mapping[str, float]]
 """Effect id → parameters, SI."""
@@ -26,30 +27,9 @@ _ROTORPY = {
 _OFF = ("k_d", "k_z", "k_h", "k_flap", "c_Dx", "c_Dy", "c_Dz", "Ixy", "Ixz", "Iyz")
 """What RotorPy's vehicle files may switch on and the base model has not."""
 
-_CARRIED = ("gusts", "wind", "motor_lag", "input_delay")
-"""Effects that act through the wind and the motors of a flight."""
-_OWN = (
-    "battery_sag",
-    "cog_offset",
-    "ground_effect",
-    "linear_drag",
-    "mass",
-    "munk_moment",
-    "position_force",
-    "rotational_damping",
-    "rotor_gyroscopic_torque",
-    "rotor_misalignment",
-    "rotor_reaction_torque",
-    "suspended_load",
-    "thrust_scale",
-    "torque_bias",
-    "torque_scale",
-    "unequal_rotors",
-    "vortex_ring_state",
-    "worn_rotors",
-)
-KNOWN = frozenset((*_ROTORPY, *_CARRIED, *_OWN))
-"""All effects that a flight may have; `position_force` and `gusts` are in nobody's catalogue."""
+KNOWN = frozenset((*map(identity, TYPICAL), "gusts", "position_force", "worn_rotors"))
+"""All effects that a flight may have. Gusts and wind are in the air, lag and delay in the motors; `position_force` and
+`gusts` are in nobody's catalogue."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +61,7 @@ class HiddenMultirotor(Rotorcraft):
     def __init__(self, parameters: dict[str, object], effects: Effects, around: Surroundings, charge: Array) -> None:
         unknown = set(effects) - KNOWN
         if unknown:
-            raise ValueError(f"No such hidden effect: {', '.join(sorted(unknown))}.")
+            raise ValueError(f"No such hidden effect: {', '.join(sorted(unknown))}. Add it to TYPICAL in strengths.py.")
         values: dict[str, object] = {**parameters, **dict.fromkeys(_OFF, 0.0)}
         for name, names in _ROTORPY.items():
             values.update({names[key]: value for key, value in effects.get(name, {}).items()})

@@ -213,7 +213,10 @@ def _files(folder: Path, pattern: str) -> list[Path]:
     except (ValueError, IndexError, NotImplementedError, OSError) as error:
         raise BenchError(f"{folder}: files = {pattern!r} is not a file pattern: {error}.") from error
     if not found:
-        raise BenchError(f"{folder}: no CSV, CSV.gz or Parquet file matches files = {pattern!r}.")
+        raise BenchError(
+            f"{folder}: no CSV, CSV.gz or Parquet file matches files = {pattern!r} in dataset.toml: correct the "
+            "pattern, or put the recordings there."
+        )
     names: dict[str, Path] = {}
     for file in found:
         if not Path(os.path.realpath(file)).is_relative_to(home):

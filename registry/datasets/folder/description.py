@@ -63,6 +63,14 @@ class FolderDescription:
         return self.inputs[0] if self.inputs else ""
 
 
+def _system(path: Path, name: str) -> Any:
+    """The physics model that a description names."""
+    try:
+        return PHYSICS.get(name)
+    except BenchError as error:
+        raise BenchError(f"{path}: {error}") from error
+
+
 def describe(folder: Path) -> FolderDescription:
     """Read and check ``folder``/dataset.toml.
 
@@ -71,7 +79,7 @@ def describe(folder: Path) -> FolderDescription:
     """
     path = folder / FILE
     table = _table(folder, path)
-    kind = PHYSICS.get(table["system"]) if "system" in table else None
+    kind = _system(path, table["system"]) if "system" in table else None
     signals = {name: signal_columns(path, name, entry, kind) for name, entry in table["signals"].items()}
     if not signals:
         raise BenchError(

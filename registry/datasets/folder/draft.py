@@ -68,7 +68,10 @@ def draft(
     folder = Path(folder)
     files = sorted(p for p in folder.glob("*") if p.name.endswith(ENDINGS))
     if not files:
-        raise BenchError(f"{folder} holds no CSV, CSV.gz or Parquet file.")
+        raise BenchError(
+            f"{folder} holds no CSV, CSV.gz or Parquet file: give the folder that holds your recordings, or convert "
+            "logs with `bench data import`."
+        )
     names = header(files[0])
     stated = units(files[0])
     time = time_column(names) or next((n for n in names if stated.get(n) in SECONDS), None)

@@ -13,8 +13,8 @@ import pandas as pd
 import pyarrow.parquet
 from pyarrow import ArrowException
 
-from registry.errors import BenchError, near
-from registry.regular_file import regular
+from registry.errors import BenchError, near, unreadable
+from registry.regular_file import not_text, regular
 from registry.units import unit_of
 
 LONGEST_LINE = 1 << 20
@@ -64,7 +64,7 @@ def numbers(
         if column not in table:
             raise BenchError(f"{file} has no column {column!r}: {near(column, map(str, table.columns))}")
     if len(table) == 0:
-        raise BenchError(f"{file} holds no samples.")
+        raise BenchError(f"{file} holds no samples, only a header: export it again, or remove it.")
     values = np.empty((len(table), len(columns)))
     for j, column in enumerate(columns):
         raw = table[column]
@@ -74,12 +74,24 @@ def numbers(
             bad &= ~raw.isna().to_numpy()
         if bad.any():
             i = int(bad.argmax())
-            where = f"{file}, column {column!r}, row {first_row(file) + i}"
-            if raw.isna().iloc[i]:  # of a list `pd.isna` asks every item
-                raise MissingValue(f"{where}: no number (NaN or empty).")
+            where, absent = f"{file}, column {column!r}, row {first_row(file) + i}", raw.isna()
+            if absent.iloc[i]:  # of a list `pd.isna` asks every item
+                raise _missing(file, column, int(absent.sum()), len(raw), first_row(file) + i)
             raise BenchError(f"{where}: {str(raw.iloc[i])!r}, not a finite number (of at most {LARGEST:g}).")
         values[:, j] = number
     return values
+
+
+def _missing(file: Path, column: str, count: int, rows: int, first: int) -> MissingValue:
+    if count == rows:
+        return MissingValue(
+            f"{file}: column {column!r} has no number in any of {rows} rows (NaN or empty): leave the column out of "
+            "dataset.toml, or remove the file."
+        )
+    return MissingValue(
+        f"{file}: column {column!r} has no number in {count} of {rows} rows (NaN or empty), first in row {first}: "
+        "remove those rows, or fill them in."
+    )
 
 
 def _floats(column: pd.Series) -> np.ndarray:
@@ -170,11 +182,17 @@ def read(file: Path, rows: int | None = None, any_ending: bool = False) -> pd.Da
     except FileNotFoundError:
         raise BenchError(f"There is no file {file}.") from None
     except UnicodeDecodeError as error:
-        raise BenchError(f"{file} is not UTF-8 text (byte {error.start}).") from error
+        raise not_text(file, _content(file)) from error  # pandas counts bytes within a cell
     except pd.errors.EmptyDataError as error:
-        raise BenchError(f"{file} is empty.") from error
+        raise BenchError(f"{file} is empty: export it again, or remove it.") from error
     except (gzip.BadGzipFile, zlib.error, EOFError, ArrowException, OSError, ValueError, OverflowError) as error:
-        raise BenchError(f"{file} cannot be read: {str(error).splitlines()[0]:.300}.") from error
+        raise unreadable(file, error) from error
+
+
+def _content(file: Path) -> bytes:
+    with gzip.open(file, "rb") if file.name.endswith(".gz") else file.open("rb") as stream:
+        content: bytes = stream.read()
+    return content
 
 
 def _parquet(file: Path, rows: int | None) -> pd.DataFrame:

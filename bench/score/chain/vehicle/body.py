@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.score.chain.strengths import TYPICAL, identity
 from bench.score.chain.vehicle.airframe import AIR_DENSITY, GRAVITY, Airframe
 
 Array = np.ndarray
@@ -24,6 +25,15 @@ _BY_AXIS = {
     "torque_scale": ("eps_x", "eps_y", "eps_z"),
     "unequal_rotors": ("eps_1", "eps_2", "eps_3", "eps_4"),
 }
+_HUB = ("rotor_drag", "inflow_thrust_loss", "translational_lift", "blade_flapping")
+_AIRLESS = frozenset(
+    (
+        *("battery_sag", "cog_offset", "ground_effect", "inertia_products", "input_delay", "mass", "motor_lag"),
+        *("recorded_point", "rotational_damping", "rotor_gyroscopic_torque", "rotor_reaction_torque"),
+        *("suspended_load", "thrust_scale", "torque_bias", "torque_scale", "unequal_rotors", "wind"),
+    )
+)
+"""Effects that do without the velocity through the air, which takes time to find; for any other it is there."""
 CELL, DISCHARGE, RESISTANCE = 3.7, 0.005, 0.1
 """Of a battery cell: reference [V], loss of voltage in flight [V/s], drop at hover power [V]."""
 
@@ -118,9 +128,14 @@ class Body:
         craft: true base constants.
         effects: by id; wind, lag and delay lie in the air and in the motors and are passed over.
         charge: start voltage of a cell over `CELL` in each flight (B,) [V].
+
+    Raises:
+        ValueError: an effect that `TYPICAL` does not have.
     """
 
     def __init__(self, craft: Airframe, effects: Effects, charge: Array) -> None:
+        if unknown := sorted(set(effects) - set(map(identity, TYPICAL))):
+            raise ValueError(f"No such hidden effect: {', '.join(unknown)}. Add it to TYPICAL in strengths.py.")
         self.craft, self.effects, self.charge = craft, effects, charge
         self.mass = craft.mass + effects.get("mass", {}).get("delta", 0.0)
         self.thrust_coefficient = craft.thrust * (1 + effects.get("thrust_scale", {}).get("eps", 0.0))
@@ -143,10 +158,8 @@ class Body:
         self.reaction = craft.drag * self.turns[:, 0]
         self.hover_power = 4 * craft.hover**3
         self.size = 17 if "suspended_load" in effects else 13
-        names = ("rotor_drag", "inflow_thrust_loss", "translational_lift", "blade_flapping")
-        self._hub = [n for n in names if n in effects]
-        wanted = ("linear_drag", "parasitic_drag", "munk_moment", "rotor_misalignment", "vortex_ring_state")
-        self._body = any(n in effects for n in wanted) or bool(self._hub)
+        self._hub = [n for n in _HUB if n in effects]
+        self._body = not _AIRLESS.issuperset(effects)
 
     def volts(self, t: float | Array, speed: Array) -> Array:
         """Of one battery cell (B,) [V]."""
