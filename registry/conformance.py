@@ -162,6 +162,30 @@ class EffectConformance:
         expected = torch.stack([self.final(half), self.final(self.effect.typical())])
         torch.testing.assert_close(states, expected, rtol=1e-12, atol=1e-12)
 
+    def test_parameters_with_more_dimensions_than_the_signals(self) -> None:
+        """Numbers (3, 1), those of the model too, and states (2, s) give rates (3, 2, s), each as it comes alone.
+
+        So a search tries many models on one recording. Own states (3, 2, i) have the dimensions of both. Systems whose
+        equations do not broadcast, and effects of the input, are given states of the dimensions of the numbers.
+        """
+        if not self.model().broadcasts or issubclass(self.effect, InputEffect):
+            return
+        state, inputs = self.trajectory()
+        states, own = torch.stack([state, self.final(self.effect.typical())]), self.effect.internal_size
+        slopes, shares = inputs.diff(dim=0)[:2] / self.dt, (0.5, 0.75, 1.0)
+        typical = {p.name: p.typical for p in self.effect.neutral().parameters()}
+        constants = {p.name: p.value for p in self.model().parameters() if p.uncertainty > 0 and _is_number(p.value)}
+
+        def rates(states: Tensor, share: Any) -> Tensor:
+            effect, stated = ({n: share * v for n, v in of.items()} for of in (typical, constants))
+            return self.model(self.effect(**effect), **stated).derivative(states, inputs[:2], slopes)
+
+        inner = 0.1 * torch.arange(1, 6 * own + 1, dtype=torch.float64).reshape(3, 2, own)
+        every = torch.cat([states.expand(3, 2, -1), inner], dim=-1)
+        found = rates(every if own else states, torch.tensor(shares, dtype=torch.float64).unsqueeze(-1))
+        alone = torch.stack([rates(of, share) for of, share in zip(every, shares, strict=True)])
+        torch.testing.assert_close(found.expand(3, 2, -1), alone, rtol=1e-12, atol=1e-12)
+
     def test_gradients(self) -> None:
         """Exact gradients with respect to state, inputs and parameters."""
         state, inputs = self.trajectory()
@@ -206,6 +230,11 @@ def _factor(unit: str) -> float:
 def _times(value: Any, factor: float) -> Any:
     """A number or a nested tuple of numbers, multiplied."""
     return tuple(_times(v, factor) for v in value) if isinstance(value, tuple) else value * factor
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is neither a vector nor a tensor."""
+    return isinstance(value, (int, float))
 
 
 def _within(value: float, low: float | None, high: float | None) -> bool:

@@ -148,6 +148,20 @@ def test_what_cannot_be_recorded_is_left_to_torch(act: Callable[[Tensor], Tensor
     models._programs.clear()
 
 
+@pytest.mark.parametrize("steps", [0, 4])
+def test_of_no_states_there_are_no_results(steps: int) -> None:
+    """It had read past an empty tensor: the numbers have one lane, and the states none."""
+    model = Quadrotor(extras=("time",))
+    size, inputs = len(model.state_channels), model.driving_channels + 1
+    program = models.step(model, inputs, 0.01) if steps else models.rates(model, inputs)
+    assert program is not None
+    for count, width in ((1, 0), (0, 1), (0, 0)):
+        state = torch.zeros(count, width, size, dtype=torch.float64)
+        shape = (count, width, steps) if steps else (count, width)
+        given = [torch.zeros(*shape, n * inputs, dtype=torch.float64) for n in ([3] if steps else [1, 1])]
+        assert program(state, *given, steps=steps).shape == (*shape, size)
+
+
 def test_without_a_compiler_everything_is_left_to_torch() -> None:
     with torch_only():
         assert models.rates(Quadrotor(), 4) is None and models.step(Quadrotor(), 4, 0.01) is None

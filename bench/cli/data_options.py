@@ -39,7 +39,7 @@ class DataOptions:
         """The measurements with the nominal model, and the model in the file if one was given.
 
         Raises:
-            BenchError: no such data, system, model or recording.
+            BenchError: no such data, system, model or recording; recordings too short to judge a model by.
         """
         refuse_file(self.source)
         if not Path(self.source).is_dir() and self.source not in DATASETS.outline():
@@ -52,11 +52,13 @@ class DataOptions:
         given = options.parsed(self.settings)
 
         from bench.diagnose.logs.load import excluding, load, starting_from
+        from bench.diagnose.logs.parts import refuse_short
 
         subject = load(choose(self.source, given) if given else self.source, self.system)
         for sentence in subject.resampled:
             click.echo(f"note: {sentence}", err=True)
         subject = excluding(subject, self.exclude)
+        refuse_short(subject)
         return subject, None if self.model_file is None else starting_from(subject, self.model_file)
 
     def measured(self, catalogue: Sequence[str]) -> "Subject":

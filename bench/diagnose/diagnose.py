@@ -17,7 +17,7 @@ from bench.diagnose.learned import Learned, curves, instead, judged, learned, li
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.parts import in_parts
+from bench.diagnose.logs.parts import in_parts, refuse_short
 from bench.diagnose.logs.sample import give_back, sampled
 from bench.diagnose.logs.subject import LogBatch, Subject
 from bench.diagnose.regression.weak import own_states
@@ -68,6 +68,7 @@ def diagnose(
     """
     tick("read")
     subject = source if isinstance(source, Subject) else load(source, system, model)
+    refuse_short(subject)
     refuse_long(subject, horizon_s)
     check_kinds(ignore)
     named_as = subject.name if isinstance(source, (Subject, Dataset)) else str(source)

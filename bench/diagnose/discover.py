@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.parts import refuse_short
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.choose import compared, select_across_views
 from bench.diagnose.select.discovery import Discovery, Found, faint_traces, needs_first
@@ -63,6 +64,7 @@ def read_and_discovered(
     is kept. What a lag or a delay that was found remembers of the time before a recording is left out, and the rest
     searched again, where it was not what the recording begins with.
     """
+    refuse_short(filed)
     subject, noise = prepared(filed, noise, tick)
     if hidden(subject.logs):
         return subject, noise, by_simulation.discover(subject, catalogue, tick)

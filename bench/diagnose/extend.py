@@ -23,6 +23,7 @@ from bench.diagnose.learn.waves import told, waves
 from bench.diagnose.learned_shape import RELAXATION, SWING, WAVE
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise
+from bench.diagnose.logs.parts import refuse_short
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import effect_entries
 from bench.diagnose.report import learned_words
@@ -118,6 +119,7 @@ def extend(
             a term that cannot be learned.
     """
     subject, add = subject_of(subject), [add] if isinstance(add, str) else add
+    refuse_short(subject)
     refuse_long(subject, horizon_s)
     subject, noise = prepared(subject, noise, tick)
     _check_added(subject, model, add)

@@ -15,6 +15,8 @@ SHARE = 0.05
 """Of the error, that an effect must make to be asked for."""
 NEAR, SLACK = 10, 100
 """Samples by which said rows may miss the spoilt ones, and by how many they may be more."""
+ERROR = "error"
+"""Verdict that stands for the answer of a diagnosis that raised."""
 FAILED = "failed"
 """Key of the sentence that stands for the alternatives' answers where they raised."""
 REACHED = 1.15
@@ -260,6 +262,8 @@ class Judged:
     def right(self) -> bool:
         """Whether the answer as a whole is the one that counts in its condition."""
         condition, verdict = self.case.condition, self.verdict
+        if verdict == ERROR:
+            return False
         if condition in ("nothing", "gusts"):
             return verdict in self.case.verdicts
         if condition == "unknown":
@@ -273,7 +277,7 @@ class Judged:
     @property
     def answer_line(self) -> str:
         """The answer in one line."""
-        if self.verdict == "error":
+        if self.verdict == ERROR:
             return f"error: {' '.join(self.said['notes'])}"
         parts = []
         for name in self.named:

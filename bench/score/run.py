@@ -5,7 +5,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
 from math import ceil
 from pathlib import Path
@@ -17,7 +17,7 @@ from bench.execution.executor import run_jobs
 from bench.score.attempt import Answer, attempt, to_json
 from bench.score.case import Case
 from bench.score.chains import shares
-from bench.score.judge import FAILED
+from bench.score.judge import ERROR, FAILED
 from bench.score.tie import distance
 from bench.score.unknown import attempt as unknown
 from bench.score.unknown.condition import UnknownCase
@@ -146,14 +146,17 @@ def work(job: Job, cache: Path) -> dict[str, Any]:
     except Exception as error:
         if job.kind == ALTERNATIVES:
             return {FAILED: f"{type(error).__name__}: {error}"}
-        return to_json(failed(job.case, error))
+        said = to_json(failed(job.case, error))
+        with suppress(Exception):  # its flights may be what failed
+            said["extra"] |= {} if isinstance(job.case, UnknownCase) else {"shares": shares(job.case, cache)}
+        return said
 
 
 def failed(case: Case, error: Exception) -> Answer:
     """The answer of a case that raised."""
     truth = {k: dict(v) for k, v in case.effects.items()}
     about = (case.id, case.condition, case.vehicle, case.style, case.noise, truth)
-    return Answer(*about, "error", {}, {}, (), {}, notes=(f"{type(error).__name__}: {error}",))
+    return Answer(*about, ERROR, {}, {}, (), {}, notes=(f"{type(error).__name__}: {error}",))
 
 
 def run(

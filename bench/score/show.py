@@ -34,9 +34,9 @@ def show(out: Console, found: Table) -> None:
         out.print(f"{name}: {truth} → {said}", highlight=False, markup=False)
     if len(found.failures) > 20:
         out.print(f"… and {len(found.failures) - 20} more")
-    out.print(
-        f"{found.scored} of {found.asked} cases scored, {len(found.failures)} wrong, {found.unmet} figures not met."
-    )
+    raised = f" ({found.raised} raised an error)" if found.raised else ""
+    wrong = f"{len(found.failures)} wrong{raised}"
+    out.print(f"{found.scored} of {found.asked} cases scored, {wrong}, {found.unmet} figures not met.")
 
 
 def markdown(found: Table, command: str) -> str:

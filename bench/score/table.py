@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import beta
 
 from bench.score.case import Case
-from bench.score.judge import FAILED, LEFT, SHARE, WORTH, Judged
+from bench.score.judge import ERROR, FAILED, LEFT, SHARE, WORTH, Judged
 
 SETS = 300
 """Sets of logs without an effect that the false names are counted on, at least."""
@@ -62,6 +62,8 @@ class Table:
     title: str = "Is the missing physics found?"
     near: float = LEFT
     """Share that counts as left."""
+    raised: int = 0
+    """Cases whose diagnosis raised an error; they are among the failures."""
 
     @property
     def unmet(self) -> int:
@@ -96,7 +98,7 @@ def table(cases: Sequence[Case], found: Mapping[tuple[str, str], Mapping[str, An
         ("Against the alternatives", _beaten(methods)),
     )
     # Where no effect makes enough of the error to be asked for, only a wrong name is a failure.
-    wrong = [j for j in judged if not (j.right or (j in hidden and not j.names_wrongly))]
+    wrong = [j for j in judged if not (j.right or (j in hidden and not j.names_wrongly and j.verdict != ERROR))]
     failures = [(j.case.id, j.truth_line, j.answer_line) for j in wrong]
     failures += [(name, "alternatives", said[FAILED]) for name, said in others.items() if said and FAILED in said]
     without = sum(j.case.condition in ("nothing", "gusts") for j, _ in paired)
@@ -111,7 +113,13 @@ def table(cases: Sequence[Case], found: Mapping[tuple[str, str], Mapping[str, An
         compared=(with_effect, without),
         failures=tuple(failures),
         leftovers=leftovers,
+        raised=errors_among(judged),
     )
+
+
+def errors_among(judged: Sequence[Judged]) -> int:
+    """How many of the answers stand for a diagnosis that raised."""
+    return sum(j.verdict == ERROR for j in judged)
 
 
 # ------------------------------------------------------------------------------------------------- the sections

@@ -96,6 +96,8 @@ class Lanes:
             out = torch.empty(models, lanes, steps, count, dtype=torch.float64)
         else:
             out = torch.empty(models, count, lanes, dtype=torch.float64).transpose(1, 2)
+        if not out.numel():
+            return out
         held = [x.to(torch.float64).contiguous() for x in given]
         fields = [_argument(x, r) for x, r in zip(held, self.arguments.values(), strict=True)]
         arguments = (_Argument * len(fields))(*fields)

@@ -36,7 +36,8 @@ class Compiled:
     def __call__(self, *given: Tensor, steps: int = 0) -> Tensor:
         """See `Lanes.run`: vectors (B or 1, W or 1, …, n), to results (B, W, …, n)."""
         sizes = [x.shape[:2] for x in (*given, self.numbers)]
-        models, width = (max(s[i] for s in sizes) for i in range(2))
+        counts = ([s[i] for s in sizes] for i in range(2))
+        models, width = (max(n) if all(n) else 0 for n in counts)
         if len(given[0]) < models and steps:
             given = given[0].expand(models, -1, -1), *given[1:]
         return self.program.run((*given, self.numbers), models, width, steps)

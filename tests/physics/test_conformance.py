@@ -4,9 +4,11 @@ from typing import Any
 
 import pytest
 import torch
+from torch import Tensor
 
 from registry.conformance import EffectConformance
 from registry.core import EFFECTS
+from registry.dynamics import Motion, tensor
 from registry.effects.air import LinearDrag
 from registry.effects.polynomial import Monomial
 from registry.errors import BenchError
@@ -64,6 +66,23 @@ def test_an_effect_may_need_a_signal_that_its_system_brings(monkeypatch: pytest.
     monkeypatch.setattr(kind, "needs", ("pace", "pull"))
     with pytest.raises(AssertionError, match="a signal that nobody knows"):
         tests.test_is_described()
+
+
+def test_a_force_whose_axes_differ_in_their_dimensions_does_not_conform(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a diagnosis dies of: zeros like the signal beside a force that has the dimensions of the parameters too."""
+
+    def load(self: LinearDrag, motion: Motion) -> tuple[Tensor, Tensor]:
+        speed = motion.air_velocity[..., 0]
+        along = -tensor(self.d_x, speed) * speed
+        force = torch.stack([along, torch.zeros_like(speed), torch.zeros_like(speed)], dim=-1)
+        return force, torch.zeros_like(force)
+
+    tests = type("Drag", (EffectConformance,), {"effect": LinearDrag})()
+    monkeypatch.setattr(LinearDrag, "load", load)
+    for name in ("test_neutral_is_no_effect", "test_typical_shows", "test_batches", "test_units_do_not_matter"):
+        getattr(tests, name)()
+    with pytest.raises(RuntimeError, match="stack expects each tensor to be equal size"):
+        tests.test_parameters_with_more_dimensions_than_the_signals()
 
 
 def test_friction_of_a_joint_acts_where_its_motor_does() -> None:

@@ -98,6 +98,20 @@ def test_a_case_that_fails_is_an_answer(tmp_path: Path) -> None:
     assert "zeppelin" in work(Job(Case("a", vehicle="zeppelin"), ALTERNATIVES), tmp_path)[FAILED]
 
 
+def test_a_case_that_fails_says_what_its_effects_make_of_the_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that it counts among those that must be found, where its flights could be flown."""
+
+    def broken(case: Case, cache: Path) -> None:
+        raise ValueError("oops")
+
+    monkeypatch.setattr("bench.score.run.attempt", broken)
+    monkeypatch.setattr("bench.score.run.shares", lambda case, cache: {"rotor_drag": 0.7})
+    answer = work(Job(Case("a"), DIAGNOSIS), tmp_path)
+    assert answer["verdict"] == "error" and answer["extra"]["shares"] == {"rotor_drag": 0.7}
+
+
 def test_a_part_holds_its_share_of_every_condition_and_lies_inside_a_larger_one() -> None:
     suite = cases(DEVELOPMENT)
     third, half = ({c.id for c in part(suite, f)} for f in (1 / 3, 1 / 2))

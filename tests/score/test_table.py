@@ -2,16 +2,20 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from conftest import Typed
 
 pytest.importorskip("rotorpy")
 
-from bench.score.attempt import _followed
+from bench.score.attempt import _followed, to_json
 from bench.score.case import Case, changed_constants, parameters
+from bench.score.chains import cases
 from bench.score.judge import Judged
+from bench.score.run import DIAGNOSIS, Job, Store, failed
 from bench.score.show import markdown
 from bench.score.table import bounds, table
 
@@ -297,6 +301,32 @@ def test_every_wrong_answer_is_listed_and_no_other() -> None:
     page = markdown(counted, "bench score-discovery")
     assert "- `1-p1`: rotor_drag (80 % of the error), mass (20 % of the error) → error: ValueError: oops" in page
     assert "`bench score-discovery`: 13 of 13 cases scored, 6 answered wrongly" in page
+
+
+@pytest.mark.parametrize("condition", ["single", "pair", "triple", "tie", "nothing", "gusts", "unknown", "corrupted"])
+@pytest.mark.parametrize("shares", [{}, {"rotor_drag": 0.01}, {"rotor_drag": 0.9}])
+def test_an_error_is_a_wrong_answer(condition: str, shares: dict[str, float]) -> None:
+    """Also where the hidden effect makes too little of the error to be asked for, or nobody knows how much it makes."""
+    one = replace(DRAG, id="1-nothing-white-00", condition=condition)
+    counted = table([one], {(one.id, "diagnosis"): said("error", shares=shares, error={}, notes=["ValueError: oops"])})
+    assert [(name, what) for name, _, what in counted.failures] == [(one.id, "error: ValueError: oops")]
+    assert counted.raised == 1
+    quiet = table([one], {(one.id, "diagnosis"): said("nothing", shares=shares)})
+    assert quiet.raised == 0
+
+
+@pytest.mark.parametrize(("chain", "only"), [("first", "single"), ("unknown", "empty")])
+def test_an_error_ends_in_exit_code_one(chain: str, only: str, typed: Typed, tmp_path: Path) -> None:
+    one = next(c for c in cases("development", False, chain) if c.condition == only)
+    store = Store(tmp_path)
+    store.append(Job(one, DIAGNOSIS), to_json(failed(one, ValueError("oops"))))
+    words = ("--chain", chain, "--seed", "development", "--case", one.id, "--results", tmp_path)
+    code, said, _ = typed("score-discovery", "--table", *words)
+    assert code == 1
+    assert "error: ValueError: oops" in said and "1 of 1 cases scored, 1 wrong (1 raised an error)" in said
+    store.append(Job(one, DIAGNOSIS), {**to_json(failed(one, ValueError())), "verdict": "nothing"})
+    code, said, _ = typed("score-discovery", "--table", *words)
+    assert code == 0 and "raised" not in said
 
 
 def test_alternatives_are_counted_on_the_same_cases() -> None:

@@ -147,6 +147,7 @@ def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ig
 
     from bench.diagnose.checks.description.checklist import check_folder
     from bench.diagnose.logs.load import load
+    from bench.diagnose.logs.parts import refuse_short
     from bench.diagnose.logs.smoothing import stated
     from bench.diagnose.result import check_kinds
     from registry.core import PHYSICS
@@ -176,6 +177,8 @@ def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ig
         check = again.command("data check", str(folder), *(w for k in kinds for w in ("--ignore-problem", k)))
         click.echo(f"Or, if that is no fault (or --exclude RECORDING): {check}")
         raise click.exceptions.Exit(2)
+    if subject is not None:
+        refuse_short(subject)
     dataset.split(loaded.names)  # or it says that one short recording is too little
     spec = 'bench run "LSTM: 1x50 - MLP: 60x10" --dataset'
     network = f"{spec} {shlex.quote(str(folder))}   (a network that predicts it)"

@@ -115,7 +115,8 @@ def score_discovery_command(
     bench score-discovery --chain second --case ID --write DIR     one of them as a folder, for `bench diagnose`
 
     Finished cases are kept in RESULTS/discovery/answers.jsonl: after Ctrl-C or a crash the same command goes on
-    where it stopped. When the code of the diagnosis changes, its answers are sought anew.
+    where it stopped. When the code of the diagnosis changes, its answers are sought anew. A case whose diagnosis
+    raised an error is a wrong answer, and ends in exit code 1.
     """
     from bench.score.chains import cases, write_folder
     from bench.score.run import Store, jobs, part
@@ -133,13 +134,8 @@ def score_discovery_command(
         return
     store = Store(results)
     if not table:
-        _run(
-            out,
-            jobs(chosen, alternatives and chain != "unknown"),
-            store,
-            cache or _cache(),
-            workers or os.cpu_count() or 1,
-        )
+        todo = jobs(chosen, alternatives and chain != "unknown")
+        _run(out, todo, store, cache or _cache(), workers or os.cpu_count() or 1)
     page = {"first": "discovery.md", "unknown": "unknown_effects.md"}.get(chain, "")
     whole = seed == "reported" and bool(page) and not (quick or only or named) and fraction == 1
     command = _command(quick, seed, chain, named=named, only=only, fraction=fraction, alternatives=alternatives)
@@ -188,6 +184,8 @@ def _conclude(out: Console, chosen: "list[Case]", store: "Store", command: str, 
     write_text(path, markdown(found, command))
     entered(path)
     out.print(f"Table and failures: {path}", highlight=False, markup=False)
+    if found.raised:
+        raise click.exceptions.Exit(1)
 
 
 def _command(

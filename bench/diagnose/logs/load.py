@@ -1,7 +1,7 @@
 """Read measurements and the physics model of their system, by name, from a folder or from a file of one's own."""
 
 import dataclasses
-from collections.abc import Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from bench.diagnose.logs.differences import centred
 from bench.diagnose.logs.impacts import before_impacts
 from bench.diagnose.logs.meant import as_meant
 from bench.diagnose.logs.own_system import own_class, where_told
-from bench.diagnose.logs.parts import thirds
+from bench.diagnose.logs.parts import least_stretch, thirds, too_short
 from bench.diagnose.logs.sample import shared
 from bench.diagnose.logs.slopes import with_missed, with_slopes
 from bench.diagnose.logs.smoothing import Smoothing, stated
@@ -29,7 +29,7 @@ from registry.stated import refuse_unstated
 
 
 def load(source: str | Path | Dataset, system: str | None = None, model: PhysicsModel | None = None) -> Subject:
-    """Read measurements and the physics model of their system.
+    """Read measurements and the physics model of their system; short recordings beside long ones are left out.
 
     Args:
         source: a folder with a dataset.toml, the name of a registered data set, or a data set.
@@ -86,16 +86,56 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         folder=dataset if isinstance(dataset, Folder) else None,
         finer=dataset.finer_signals,
     )
-    subject = before_impacts(centred(subject))
-    return subject if model.vehicle else _warned(subject)
+    subject = _warned(before_impacts(centred(subject)))
+    return _without_short(subject, lambda rest: load(rest, system, None if nominal else model))
+
+
+def _without_short(subject: Subject, read_again: Callable[[Folder], Subject]) -> Subject:
+    """The subject without recordings that are too short to judge a model by, where others suffice, with a note.
+
+    Of a folder the others are parted anew, and one alone is read again, which cuts it in parts.
+    """
+    least, folder = least_stretch(subject), subject.folder
+    short = too_short(subject, least)
+    logs = tuple(log for log in subject.logs if log.name not in short)
+    if not short or not logs:
+        return subject
+    training, held_out = (tuple(n for n in part if n not in short) for part in (subject.training, subject.held_out))
+    one_file_each = folder is not None and set(short) <= set(folder.names)
+    if folder is not None and one_file_each:
+        folder = folder.without(short)
+        training, held_out = thirds([log.name for log in logs])
+    if training and held_out:
+        rest = replace(subject, logs=logs, training=training, held_out=held_out, folder=folder)
+    elif folder is not None and one_file_each:
+        try:
+            rest = read_again(folder)
+        except BenchError:  # it is too short to be cut
+            return subject
+    else:
+        return subject
+    some = "One recording is" if len(short) == 1 else f"{len(short)} recordings are"
+    note = (
+        f"{some} left out, without the {least * logs[0].dt:.2g} s of valid samples in a row that a free run and the "
+        f"filters beside it need: {', '.join(short)}."
+    )
+    return replace(
+        rest,
+        left_out=(*short, *rest.left_out),
+        notes=(*rest.notes, note),
+        resampled=(*rest.resampled, note),
+        warned=(*rest.warned, note),
+    )
 
 
 def _warned(subject: Subject) -> Subject:
-    """With what recordings of a machine cannot tell among the notes.
+    """With what recordings of a machine cannot tell among the notes; a vehicle's as they are.
 
     Raises:
         BenchError: its model gives no finite rate at too many of the samples.
     """
+    if subject.model.vehicle:
+        return subject
     subject, lacking = where_told(subject)
     warned = (*lacking, *_unmoved(subject))
     notes, told = (*subject.notes, *warned), (*subject.resampled, *warned)
@@ -217,9 +257,10 @@ def excluding(subject: Subject, names: Sequence[str]) -> Subject:
     Raises:
         BenchError: no recording has such a name, or too few are left to fit and to test.
     """
+    refuse_unknown(names, [*(log.name for log in subject.logs), *subject.left_out])
+    names = [n for n in names if n not in subject.left_out]
     if not names:
         return subject
-    refuse_unknown(names, [log.name for log in subject.logs])
     training, held_out = (tuple(n for n in part if n not in names) for part in (subject.training, subject.held_out))
     if not training or not held_out:
         raise BenchError(

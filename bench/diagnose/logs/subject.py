@@ -223,6 +223,8 @@ class Subject:
     """Those of them that say what these recordings cannot tell, for who only checks them."""
     resampled: tuple[str, ...] = ()
     """Those of them that say where samples are not as they were logged."""
+    left_out: tuple[str, ...] = ()
+    """Names of the recordings that are too short to judge a model by, where others are not."""
     folder: Folder | None = None
     """Where they were read from, if a dataset.toml describes them."""
     finer: dict[str, str] = field(default_factory=dict)

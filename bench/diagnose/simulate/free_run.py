@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bench.diagnose.logs.parts import run_steps
 from bench.diagnose.logs.sample import typical_length
 from bench.diagnose.logs.subject import Log, LogBatch
 from bench.diagnose.regression.driving import memories
@@ -45,7 +46,7 @@ def default_steps(logs: Sequence[Log]) -> int:
     """Samples of the default horizon; where states are estimated, so many that their beginning is forgotten."""
     if hidden(logs):
         return max(RUNNING.fewest, typical_length(logs) // 4)
-    return max(RUNNING.fewest, round(RUNNING.longest * logs[0].pace))
+    return run_steps(logs[0])
 
 
 def margin(logs: Sequence[Log], half_width: int) -> int:

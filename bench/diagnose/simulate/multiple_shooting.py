@@ -17,13 +17,13 @@ from bench.diagnose.settings import SHOOTING
 from bench.diagnose.simulate.free_run import (
     Group,
     between,
+    clear_starts,
     default_steps,
     errors,
     followed,
     free_run,
     groups,
     measured_windows,
-    starts,
 )
 from registry.dynamics import PhysicsModel
 
@@ -123,7 +123,7 @@ class _Runs:
         logs = subject.of(names)
         steps = default_steps(logs)
         every = max(steps // 2, sum(map(len, logs)) // SHOOTING.windows)
-        at, judged = [starts(log, steps, every) for log in logs], groups(model.state_channels, logs[0].measured)
+        at, judged = clear_starts(logs, steps, every), groups(model.state_channels, logs[0].measured)
         measured = measured_windows(logs, at, steps)
         told = followed(errors(free_run(model, logs, at, steps), measured, judged).mean(0), measured, judged)
         points = np.unique(np.linspace(0, told, SHOOTING.points + 1).round().astype(int))[1:]

@@ -9,6 +9,7 @@ from bench.diagnose.regression.generic import Dictionary, Folds, follow
 from bench.diagnose.regression.least_squares import ridge, ridge_losses
 from bench.diagnose.settings import FOLDING, MATTERING
 from bench.diagnose.simulate.teacher_forced import Increments
+from registry.errors import BenchError
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +44,17 @@ class Signals:
         return Increments(np.stack(some, axis=-1), left.valid)
 
     def folds(self, left: Increments, horizon: int) -> list[np.ndarray]:
-        """A fold: products (functions + axes, functions + axes) of integrals and errors over its windows, summed."""
+        """A fold: products (functions + axes, functions + axes) of integrals and errors over its windows, summed.
+
+        Raises:
+            BenchError: no window fits.
+        """
         y, recording, first = self.along(left, self.axes).over(horizon, max(1, horizon // 2))
+        if not len(y):
+            raise BenchError(
+                f"No recording has {horizon * self.dt:.2g} s of valid samples in a row, over which equations are "
+                "judged: record longer."
+            )
         logs, width = self.words.values.shape[1], len(self.words.values) + y.shape[1]
         out = [np.zeros((width, width)) for _ in range(min(logs, FOLDING.most))]
         for log, (integrals, products) in self._over(horizon, recording, first).items():

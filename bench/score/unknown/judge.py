@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.score.judge import Judged
+from bench.score.judge import ERROR, Judged
 from bench.score.unknown.condition import EMPTY, STATIC, SWINGS, UnknownCase
 from bench.score.unknown.terms import Term
 
@@ -124,9 +124,11 @@ class JudgedUnknown(Judged):
     def right(self) -> bool:
         """Whether the answer as a whole is the one that counts."""
         kind = self.case.condition
+        if self.verdict == ERROR:
+            return False
         if not self.hidden:  # what calibration alone makes of gusts is no answer
             return self.verdict in self.case.verdicts and not self.learned
-        if self.verdict == "error" or self.worse:
+        if self.worse:
             return False
         if kind == "twisted":
             return self.verdict in ("unknown_effect", "data_problem")

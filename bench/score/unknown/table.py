@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from bench.score.case import Case
-from bench.score.table import Line, Table, at_least, at_most, percent, rate
+from bench.score.table import Line, Table, at_least, at_most, errors_among, percent, rate
 from bench.score.unknown.condition import KINDS, UnknownCase
 from bench.score.unknown.judge import LEFT, MOST, NEAR, OFF, JudgedUnknown
 
@@ -46,6 +46,7 @@ def table(cases: Sequence[Case], found: Mapping[tuple[str, str], Mapping[str, An
         leftovers=tuple((j.case.id, j.remaining, math.nan) for j in hidden if not j.remaining <= MOST),
         title=TITLE,
         near=MOST,
+        raised=errors_among(judged),
     )
 
 

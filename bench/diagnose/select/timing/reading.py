@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from bench.diagnose.logs.noise import Noise, noise_of
-from bench.diagnose.logs.parts import in_parts
+from bench.diagnose.logs.parts import in_parts, least_stretch, too_short
 from bench.diagnose.logs.rate_timing import pose_read_later, rates_in_time
 from bench.diagnose.logs.subject import Subject, drives_of
 from bench.diagnose.regression.parameters import entries
@@ -89,4 +89,5 @@ def mistimed(read: Subject, model: PhysicsModel, noise: Noise) -> bool:
 def _tells_time(subject: Subject) -> bool:
     """Whether recordings could tell when their inputs act, and it is for the clock to say."""
     known, drives = entries(subject.model, subject.uncertainty), drives_of(subject.model, subject.logs[0])
-    return bool(known and drives and subject.training) and not hidden(subject.logs)
+    enough = set(subject.training) - set(too_short(subject, least_stretch(subject)))
+    return bool(known and drives and enough) and not hidden(subject.logs)
