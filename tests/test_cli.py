@@ -76,7 +76,6 @@ def test_every_entry_is_listed_and_explained(here: Typed) -> None:
         (("data", "check", "."), "dataset.toml"),
         (("data", "check", "file"), "file is a file: give the folder that holds it"),
         (("score-discovery", "--case", "single-wind-"), "Ids that contain it: "),
-        (("sweep", "linear", "--dataset", "pelican_twin", "--cluster", "tcp://127.0.0.1:1"), "No Dask scheduler"),
     ],
 )
 def test_a_mistake_is_one_sentence(

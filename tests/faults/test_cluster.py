@@ -12,6 +12,7 @@ from pathlib import Path
 
 import optuna
 import pytest
+from conftest import Typed
 from optuna.trial import TrialState
 
 from bench.experiment.config import RunConfig, Training
@@ -201,3 +202,10 @@ def test_no_scheduler_is_one_sentence(tmp_path: Path, monkeypatch: pytest.Monkey
     for address in (f"tcp://127.0.0.1:{free_port()}", "nonsense://x", f"{os.getpid()}"):
         with pytest.raises(BenchError, match="bench cluster start"), cluster.connected(address):
             pass
+
+
+def test_a_sweep_without_a_scheduler_ends_before_it_begins(typed: Typed, tmp_path: Path) -> None:
+    results, address = tmp_path / "results", f"tcp://127.0.0.1:{free_port()}"
+    code, _, stderr = typed("sweep", "linear", "--dataset", "pelican_twin", "--cluster", address, "--results", results)
+    assert code == 2 and "No Dask scheduler" in stderr and len(stderr.strip().splitlines()) <= 2
+    assert not results.exists()
