@@ -203,10 +203,10 @@ def _doubted(found: Discovery, told: Learned | None) -> list[str]:
 
 
 def _much_left(error: EquationError) -> bool:
-    """Whether an equation errs far above the noise floor still, by what would be worth a term."""
+    """Whether an equation errs far above the noise floor still, and by more than a number slightly off would leave."""
     left, all_of_it = (error.models[m] ** 2 - error.floor**2 for m in ("extended", "calibrated"))
     high = error.models["extended"] > DECIDING.high_excess**0.5 * max(error.floor, 1e-300)
-    return high and left >= MATTERING.share * all_of_it
+    return high and left >= DECIDING.imitated**2 * all_of_it
 
 
 def _better(run: Setup, other: Learned, before: Learned, alone: bool) -> bool:

@@ -252,18 +252,23 @@ def test_what_short_windows_bury_is_sought_in_long_ones_where_more_than_noise_is
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "effect",
-    [
-        pytest.param(
-            "rotor_drag-crazyflie-2",
-            marks=pytest.mark.xfail(strict=True, reason="judged by itself, yaw is all explained by rotational damping"),
-        ),
-        "inflow_thrust_loss-hummingbird-1",
-    ],
+    ("effect", "axes"), [("rotor_drag-crazyflie-2", "z"), ("inflow_thrust_loss-hummingbird-1", "xy")]
 )
-def test_an_effect_outside_the_catalogue_is_not_named_by_parts_of_it(effect, cache):
-    """Rotors' drag damps the yaw too, which rotational damping imitates; what is left of inflow looks like wind."""
+def test_what_an_effect_outside_the_catalogue_does_to_turns_is_a_damping_of_that_size(effect, axes, cache):
+    """A force k Ω v at each rotor, r from the centre, damps turns by Σ k Ω r²; what it does to forces is not named."""
     (case,) = (c for c in flights.cases(flights.DEVELOPMENT) if c.id == f"{flights.DEVELOPMENT}-unknown-{effect}")
     answer = diagnosed(case, cache)
-    assert (answer.verdict, answer.named) == ("unknown_effect", {})
-    assert "velocity" in answer.follows
+    assert "velocity" in answer.follows and set(answer.named) == {"rotational_damping"}
+    from bench.score.chains import measured
+
+    subject, _ = measured(case, cache)
+    turning = np.mean([log.inputs[:, :4].mean(0).numpy() for log in subject.logs], axis=0)  # rad/s
+    arms = np.square(np.asarray(subject.model.rotor_positions))
+    across = {"x": arms[:, 1], "y": arms[:, 0], "z": arms[:, 0] + arms[:, 1]}
+    (k,) = case.effects[effect.partition("-")[0]].values()
+    for axis in "xyz":
+        value, low, high = answer.named["rotational_damping"][f"d_{axis}"]
+        if axis in axes:
+            assert low < k * turning @ across[axis] < high < 1.1 * value
+        else:
+            assert low == 0

@@ -620,8 +620,8 @@ def test_terms_that_leave_free_runs_as_they_were_are_not_told(
     assert (given is told) is worth and (given is None) is not worth
 
 
-def test_an_effect_that_leaves_less_than_is_worth_a_term_is_not_doubted():
-    """Though its error is far above the noise floor still: what stood in for it could not save enough to be named."""
+def test_an_effect_that_leaves_hardly_more_than_its_numbers_may_be_off_is_not_doubted():
+    """Though its error is far above the noise floor still."""
     found = SimpleNamespace(
         id="linear_drag", effect=LinearDrag(), savings=[SimpleNamespace(equation="forces", worth=True)]
     )
@@ -631,4 +631,4 @@ def test_an_effect_that_leaves_less_than_is_worth_a_term_is_not_doubted():
         error = EquationError("forces", 0.5, "m/s", models, predictable=left, floor=0.001)
         return _doubted(SimpleNamespace(found=[found], equations=[error]), None)
 
-    assert [doubted(0.01), doubted(0.4)] == [[], ["linear_drag"]]
+    assert [doubted(0.01), doubted(0.15)] == [[], ["linear_drag"]]

@@ -150,6 +150,12 @@ class Deciding:
         "for something to be missing: what is less follows how rates are computed",
         Basis.ROUNDING,
     )
+    imitated: float = threshold(
+        0.05,
+        "error above the noise floor that an effect leaves in an equation, relative to the calibrated model's, from "
+        "which it may only imitate what is missing",
+        Basis.JUDGED,
+    )
     traces_shown: float = threshold(
         0.9, "share of what the traces left explain whose axes and signals are said, largest first", Basis.SHOWN
     )
