@@ -358,8 +358,9 @@ def _rivals(
     candidates = rivals(view, place)
     if weighing is None:
         return tuple(candidates)
+    fitted = {name: chosen.exchanged(place, start) for name, start in candidates.items()}
     return tuple(
         name
-        for name, start in candidates.items()
-        if not weighing.refutes(chosen.exchanged(place, start), chosen.model, extended)
+        for name, model in fitted.items()
+        if all(e.possible_in(model) for e in model.effects) and not weighing.refutes(model, chosen.model, extended)
     )

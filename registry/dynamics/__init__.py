@@ -35,7 +35,7 @@ from registry.dynamics.parameters import (
 )
 from registry.dynamics.pilot import Pilot, SetPoint
 from registry.dynamics.rotations import quaternion_rate, rotation_matrix
-from registry.dynamics.sticking import DryEffect, sticks
+from registry.dynamics.sticking import DryEffect, resting, sticks
 
 __all__ = [
     "Axis",
@@ -67,6 +67,7 @@ __all__ = [
     "joined",
     "per_second",
     "quaternion_rate",
+    "resting",
     "rotation_matrix",
     "sticks",
     "tensor",

@@ -12,7 +12,7 @@ No step is too long for it, and what sticks does not creep, which a sign that is
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -99,6 +99,40 @@ def held(model: Any, state: Tensor, inputs: Tensor, dt: float, step: Callable[[A
         mean = mean_sign(state[..., place], added, moving[j][j], resting[j][j])
         signs = [mean if i == j else x for i, x in enumerate(signs)]
     return with_signs(signs)
+
+
+def resting(model: Any, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None) -> Any:
+    """The model with every dry friction balancing all else where a measured motion rests, up to its limit.
+
+    The sign of what rests is that of noise, and changes over a speed: s = tanh v / v_0. Where friction is large enough
+    to hold it, the sign that balances all else is taken instead, in the share 1 − s².
+
+    Args:
+        model: see `held`.
+        state: (…, s) measured.
+        inputs: (…, m) at the same time.
+        input_rates: (…, m).
+    """
+    dry = {i: list(e.motions(model)) for i, e in enumerate(model.effects) if isinstance(e, DryEffect)}
+    now = {i: model.effects[i].signs(model, state) for i in dry}
+
+    def with_signs(given: Mapping[int, Tensor]) -> Any:
+        return replace(
+            model, effects=tuple(replace(e, held=given[i]) if i in given else e for i, e in enumerate(model.effects))
+        )
+
+    for i, places in dry.items():
+        for j, place in enumerate(places):
+            each = [
+                torch.stack([torch.full_like(x, at) if k == j else x for k, x in enumerate(now[i].unbind(-1))], dim=-1)
+                for at in (0.0, 1.0)
+            ]
+            free, slowed = (with_signs({**now, i: s}).derivative(state, inputs, input_rates)[..., place] for s in each)
+            taken, sign = free - slowed, now[i][..., j]
+            balance = sign + (1 - sign**2) * (free / taken.clamp(min=_NOTHING) - sign)
+            sign = torch.where(free.abs() < taken, balance, sign)
+            now[i] = torch.stack([sign if k == j else x for k, x in enumerate(now[i].unbind(-1))], dim=-1)
+    return with_signs(now)
 
 
 def mean_sign(rate: Tensor, added: Tensor, taken: Tensor, resting: Tensor) -> Tensor:

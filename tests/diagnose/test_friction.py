@@ -1,6 +1,8 @@
 """A carriage with friction that its model lacks: what is named, and what is taken for a fault of the log."""
 
 from dataclasses import replace
+from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +10,8 @@ import torch
 
 from bench.diagnose import diagnose, discover
 from bench.diagnose.checks.problems import problems
-from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.logs.subject import LogBatch, Subject, log_of
+from bench.diagnose.regression.weak import mean_rates, midpoint_rates
 from registry.contracts import Channel, Recording
 from registry.effects.mechanics.friction import CoulombFriction, StribeckFriction, ViscousFriction
 from registry.physics.mass_on_rail import MassOnRail
@@ -110,3 +113,35 @@ def test_friction_that_is_least_at_the_lowest_speeds_is_no_stribeck_friction(mon
     found = discover(subject(), NAMES).found
     assert [f.id for f in found] == ["viscous_friction"]
     assert 200.0 < found[0].estimates[0].value < 600.0  # and it takes up what the other one did
+
+
+@pytest.mark.parametrize("rates", [midpoint_rates, mean_rates])
+@pytest.mark.parametrize("friction", [CoulombFriction(f_c=20.0), StribeckFriction(f_c=15.0, f_s=20.0, v_s=0.05)])
+def test_friction_holds_what_rests_in_the_weak_form(rates, friction) -> None:
+    """Pulled with up to 25 N it rests, slips and rests again; the sign of the noise in its speed holds nothing."""
+    t, noise = np.arange(3000) / RATE, np.array(NOISE)
+    drive = 25.0 / MassOnRail().force_gain * np.sin(2 * np.pi * t / 15)
+    model = MassOnRail(effects=(replace(friction, v_0=0.01),))
+    still = torch.zeros(1, 2, dtype=torch.float64)
+    run = model.simulate(still, torch.from_numpy(drive)[None, :, None], 1 / RATE)[0].numpy()
+    seen = run + np.random.default_rng(0).normal(size=run.shape) * noise
+    valid = np.ones(len(t), dtype=bool)
+    made = Recording("run", RATE, drive[:, None], seen, (Channel("voltage", "V"),), MassOnRail.state_channels, valid)
+    stack = LogBatch.of([log_of(made, model, "voltage")])
+    ahead = np.cumsum(rates(model, stack)[0, :, 1].numpy()) / RATE
+    rests = np.abs(run[:, 1]) < 1e-9
+    assert 0.2 < rests.mean() < 0.9
+    second, at_rest = round(RATE), np.convolve(rests, np.ones(101), "valid") == 101
+    moved = np.abs(ahead[second:] - ahead[:-second])[at_rest[: len(ahead) - second]]  # m/s over a second
+    pulled = np.abs(drive).max() * MassOnRail().force_gain / MassOnRail().mass
+    assert len(moved) > 300 and np.quantile(moved, 0.9) < 3 * NOISE[1] < 0.02 * pulled
+
+
+def test_what_has_numbers_that_nothing_has_is_no_rival(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction that is least at the lowest speeds grows with the speed, as viscous friction does."""
+    frictions = {"peak": StribeckFriction(f_c=20.0, f_s=30.0), "dip": StribeckFriction(f_c=20.0, f_s=0.0)}
+    step = import_module("bench.diagnose.discover")
+    monkeypatch.setattr(step, "rivals", lambda view, place: frictions)
+    chosen = SimpleNamespace(model=None, exchanged=lambda place, start: MassOnRail(effects=(start,)))
+    weighing = SimpleNamespace(refutes=lambda *models: False)
+    assert step._rivals(None, weighing, chosen, 0, None) == ("peak",)  # type: ignore[arg-type]

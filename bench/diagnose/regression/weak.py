@@ -21,7 +21,7 @@ from bench.diagnose.regression.driving import driving, for_all, how_many, narrow
 from bench.diagnose.regression.recall import RECALLED, recall
 from bench.diagnose.regression.recurrence import Solved, normal_equations, solved
 from bench.diagnose.settings import LINEARISING
-from registry.dynamics import PhysicsModel, joined
+from registry.dynamics import PhysicsModel, joined, resting, sticks
 from registry.effects.waves.hidden_mode import HiddenMode
 from registry.equations import models
 from registry.terms import signals
@@ -94,7 +94,7 @@ def _rates(
     size, shape = state.shape[-1], (*(() if many is None else (many,)), *state.shape[-3:-1])
     if own is not None:
         state = torch.cat([state.expand(*own.shape[:-1], size), own], dim=-1)
-    fast = models.rates(model, inputs.shape[-1], sensed)
+    fast = None if sticks(model) else models.rates(model, inputs.shape[-1], sensed)
     if fast is not None:
         return at_once(fast, shape, state, inputs, slopes)
     out = state.new_empty(*shape, size + (len(model.sensed_channels) if sensed else 0))
@@ -102,9 +102,10 @@ def _rates(
     for start in range(0, shape[-1], step):
         part = slice(start, start + step)
         at, *driven = for_all(model, many, state[..., part, :], inputs[..., part, :], slopes[..., part, :])
-        out[..., part, :size] = rates = model.derivative(at, *driven)[..., :size]
+        held = resting(model, at, *driven) if sticks(model) else model
+        out[..., part, :size] = rates = held.derivative(at, *driven)[..., :size]
         if sensed:
-            out[..., part, size:] = model.sensed(at, rates)
+            out[..., part, size:] = held.sensed(at, rates)
     return out
 
 
