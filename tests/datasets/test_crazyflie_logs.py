@@ -112,7 +112,7 @@ def test_a_log_that_ends_with_the_battery_is_read_to_its_last_event(tmp_path: Pa
     np.testing.assert_allclose(x["position"][-20:, 2], 1 + 0.1 * TIMES[len(x["pwm"]) - 20 : len(x["pwm"])], atol=2e-3)
 
 
-def test_compressed_estimates_are_millimetres_and_milliradians(tmp_path: Path) -> None:
+def test_compressed_estimates_are_millimetres_and_milliradians_and_whole_voltages_millivolts(tmp_path: Path) -> None:
     short = {f"stateEstimateZ.{a}": ("h", np.full(len(TIMES), 10.0 * i)) for i, a in enumerate(("x", "y", "z"))}
     rates = {f"stateEstimateZ.rate{a}": ("h", np.full(len(TIMES), 500.0)) for a in ("Roll", "Pitch", "Yaw")}
     values = {k: ("f", x) for k, (_, x) in (short | rates).items()}
@@ -122,9 +122,11 @@ def test_compressed_estimates_are_millimetres_and_milliradians(tmp_path: Path) -
     assert signals["position"].unit == "mm"
     assert signals["body_rates"].unit == "deg/s"  # the gyroscope's, which are finer
     pure = {k: v for k, v in SENSORS.items() if not k.startswith("gyro")}
+    pure["pm.vbatMV"] = "H", np.full(len(TIMES), 3950)
     (tmp_path / "log01").write_bytes(usd_log({"fixedFrequency": (TIMES, values | pure)}))
     convert([tmp_path / "log01"], tmp_path / "out1")
     np.testing.assert_allclose(read(tmp_path / "out1")["body_rates"], np.tile([0.5, -0.5, 0.5], (len(TIMES), 1)))
+    np.testing.assert_allclose(read(tmp_path / "out1")["battery"], 3.95)
 
 
 def test_the_files_that_cfclient_writes_for_each_block_are_one_recording(tmp_path: Path) -> None:

@@ -67,6 +67,7 @@ _GUESSES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         'unit = "m/s^2", frame = "body"',
         tuple(rf"a_?{a}|acc?(?:el)?_?(?:b_?)?{a}|{_ROS}linear_acceleration\.{a}" for a in "xyz"),
     ),
+    ("battery", 'unit = "mV"', (r"pm\.vbatMV",)),
     ("battery", 'unit = "V"', (r"v_?batt?|battery|battery_voltage|pm\.vbat|voltage_v|voltage_filtered_v",)),
     ("pilot", 'unit = "1"', ("aileron", "elevator", "rudder", "collective")),
 )
