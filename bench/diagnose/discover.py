@@ -98,6 +98,8 @@ def _searched(
         more = {f.id for f in again.found} - {f.id for f in first.found if told}
         if more and again.clearer(first):
             return again
+        if long:
+            first = first.told_apart(again)
     return _balanced(subject, catalogue, tick, noise, first)
 
 

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,7 +13,7 @@ from test_compare import TRUE, flights, subject_of
 
 from bench.diagnose import diagnose, discover, load
 from bench.diagnose.select import worthy
-from bench.diagnose.select.discovery import Discovery, trifle
+from bench.diagnose.select.discovery import Discovery, Found, trifle
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.tie import spanned
@@ -446,3 +447,24 @@ def test_what_can_do_the_same_with_more_numbers_is_no_other_explanation() -> Non
     gram = columns @ columns.T
     assert spanned(gram, [0], [1, 2, 3, 4])
     assert not spanned(gram, [5], [1, 2, 3, 4]) and not spanned(gram, [0], [1, 2, 3])
+
+
+def test_a_rival_is_one_in_long_windows_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a racer's centre of gravity, 4 mm off in much noise, short windows said that unequal rotors were as likely."""
+    module = import_module("bench.diagnose.discover")
+
+    def answer(rivals: tuple[str, ...], name: str = "cog_offset") -> Discovery:
+        found = Found(name, SimpleNamespace(), (), 1.0, rivals)  # type: ignore[arg-type]
+        left = SimpleNamespace(missed=False, lost=False, left=True, models={"extended": 1.0})
+        model = SimpleNamespace()
+        return Discovery(model, model, (found,), (), (), (), equations=(left,))  # type: ignore[arg-type]
+
+    def rivals_where_long_windows_say(again: Discovery) -> tuple[str, ...]:
+        searches = {False: answer(("unequal_rotors", "torque_bias")), True: again}
+        monkeypatch.setattr(module, "Search", lambda *given, long_windows=False, **rest: long_windows)
+        monkeypatch.setattr(module, "_discovered", lambda search, noise: searches[search])
+        monkeypatch.setattr(Discovery, "clearer", lambda self, other: False)
+        return module._searched(SimpleNamespace(held_out=()), None, print, None).found[0].rivals
+
+    assert rivals_where_long_windows_say(answer(("torque_bias", "mass"))) == ("torque_bias",)
+    assert rivals_where_long_windows_say(answer((), "torque_bias")) == ("unequal_rotors", "torque_bias")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -144,6 +144,17 @@ class Discovery(Displayed):
         freed = {equation for name, equation in self.let_go.items() if name not in other.let_go}
         told = [r for r, (mine, _) in zip(ratios, pairs, strict=True) if mine.equation not in freed]
         return min(told, default=1.0) < saved and math.prod(ratios) < saved and max(ratios) < MATTERING.lost
+
+    def told_apart(self, other: "Discovery") -> "Discovery":
+        """With those rivals only that another search, which names the same effects, has too.
+
+        Whitened rows of short windows show little of what is slow, and few moments of them may agree with a rival.
+        """
+        its = {f.id: f.rivals for f in other.found}
+        if its.keys() != {f.id for f in self.found}:
+            return self
+        found = (replace(f, rivals=tuple(r for r in f.rivals if r in its[f.id])) for f in self.found)
+        return replace(self, found=tuple(found))
 
     def to_frame(self) -> pd.DataFrame:
         """The effects found, one row a parameter.
