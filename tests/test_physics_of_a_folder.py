@@ -126,3 +126,24 @@ def test_constants_of_a_registered_data_set_are_its_own() -> None:
         stiffness: float = constant(3.0, "stiffness", "N/m", source="measured")
 
     assert [p.name for p in needed(dataclass(frozen=True)(Mine))] == ["mass", "damping"]
+
+
+def test_what_many_recordings_have_is_told_of_the_first(tmp_path: Path) -> None:
+    folder = tmp_path / "lab bench"
+    folder.mkdir()
+    (folder / "dataset.toml").write_text(
+        'name = "lab bench"\nrate_hz = 100\nfiles = "*.csv"\ntime = "t"\ninput = "voltage"\n[signals]\n'
+        'voltage = {columns = ["u"], unit = "V"}\nspeed = {columns = ["v"], unit = "m/s"}\n'
+    )
+    t = np.arange(400) * 0.01
+    for i in range(7):
+        lost = (t > 1) & (t < (1.3 if i < 6 else 1.0))  # the last has no gap
+        rows = np.column_stack([t, np.sin(t + i), np.cos(t)])[~lost]
+        np.savetxt(folder / f"run_{i}.csv", rows, delimiter=",", header="t,u,v", comments="", fmt="%.4f")
+    said = bench("data", "check", folder)
+    gaps = [line.strip() for line in said.splitlines() if line.startswith("  run_") or "more like this" in line]
+    assert [line.partition(":")[0] for line in gaps[:-1]] == ["run_0", "run_1", "run_2"]
+    assert gaps[-1].startswith("… and 3 more like this (gap)")
+    assert gaps[-1].endswith(f"bench data inspect '{folder}'")
+    every = bench("data", "inspect", folder)
+    assert all(f"run_{i}: gap" in every for i in range(6)) and "run_6: gap" not in every

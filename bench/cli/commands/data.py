@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from registry.datasets.folder.dataset import Folder
 
 
+_FINDINGS = 3
+"""Findings of one kind that are told one by one where there are more."""
+
+
 @click.group("data")
 def data_command() -> None:
     """Recordings: inspect a data set, describe and check a folder of your own."""
@@ -197,8 +201,16 @@ def _show_read(loaded: "RecordingSet", dataset: "Folder") -> None:
     seconds = sum(r.seconds for r in loaded.recordings)
     long = f"{seconds:.1f}" if seconds >= 1 else f"{seconds:.2g}"
     click.echo(f"{len(loaded.recordings)} recording(s), {long} s in all, read without an error.")
+    of_kind: dict[str, list[Finding]] = {}
     for f in loaded.findings:
-        click.echo(f"  {f.recording}: {f.detail}")
+        of_kind.setdefault(f.kind, []).append(f)
+    for alike in of_kind.values():
+        shown = alike[:_FINDINGS] if len(alike) > _FINDINGS + 1 else alike
+        for f in shown:
+            click.echo(f"  {f.recording}: {f.detail}")
+        if more := len(alike) - len(shown):
+            every = f"bench data inspect {shlex.quote(str(dataset.path))}"
+            click.echo(f"  … and {more} more like this ({shown[0].kind}); all of them: {every}")
     for note in dataset.description.notes:
         click.echo(f"  {note}")
     if todo := Path(dataset.described).read_text(encoding="utf-8").count("TODO"):
