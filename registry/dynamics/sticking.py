@@ -71,15 +71,11 @@ def held(model: Any, state: Tensor, inputs: Tensor, dt: float, step: Callable[[A
         dt: [s].
         step: the state (…, s) a time step later, of a model without dry friction.
     """
-    dry = {i: list(e.motions(model)) for i, e in enumerate(model.effects) if isinstance(e, DryEffect)}
+    dry = _motions(model)
     places = [p for motions in dry.values() for p in motions]
 
     def with_signs(signs: Sequence[Tensor]) -> Any:
-        left, effects = list(signs), list(model.effects)
-        for i, motions in dry.items():
-            mine, left = left[: len(motions)], left[len(motions) :]
-            effects[i] = replace(effects[i], **{"held": torch.stack(mine, dim=-1)})
-        return replace(model, effects=tuple(effects))
+        return _with_signs(model, dry, signs)
 
     none = [torch.zeros_like(state[..., p]) for p in places]
     ones = [[torch.ones_like(x) if i == j else x for i, x in enumerate(none)] for j in range(len(none))]
@@ -113,26 +109,35 @@ def resting(model: Any, state: Tensor, inputs: Tensor, input_rates: Tensor | Non
         inputs: (…, m) at the same time.
         input_rates: (…, m).
     """
-    dry = {i: list(e.motions(model)) for i, e in enumerate(model.effects) if isinstance(e, DryEffect)}
-    now = {i: model.effects[i].signs(model, state) for i in dry}
+    dry = _motions(model)
+    signs = [sign for i in dry for sign in model.effects[i].signs(model, state).unbind(-1)]
 
-    def with_signs(given: Mapping[int, Tensor]) -> Any:
-        return replace(
-            model, effects=tuple(replace(e, held=given[i]) if i in given else e for i, e in enumerate(model.effects))
-        )
+    def rate(j: int, sign: Tensor, place: int) -> Tensor:
+        given = [sign if i == j else other for i, other in enumerate(signs)]
+        rates: Tensor = _with_signs(model, dry, given).derivative(state, inputs, input_rates)
+        return rates[..., place]
 
-    for i, places in dry.items():
-        for j, place in enumerate(places):
-            each = [
-                torch.stack([torch.full_like(x, at) if k == j else x for k, x in enumerate(now[i].unbind(-1))], dim=-1)
-                for at in (0.0, 1.0)
-            ]
-            free, slowed = (with_signs({**now, i: s}).derivative(state, inputs, input_rates)[..., place] for s in each)
-            taken, sign = free - slowed, now[i][..., j]
-            balance = sign + (1 - sign**2) * (free / taken.clamp(min=_NOTHING) - sign)
-            sign = torch.where(free.abs() < taken, balance, sign)
-            now[i] = torch.stack([sign if k == j else x for k, x in enumerate(now[i].unbind(-1))], dim=-1)
-    return with_signs(now)
+    for j, place in enumerate(p for motions in dry.values() for p in motions):
+        sign = signs[j]
+        free = rate(j, torch.zeros_like(sign), place)
+        taken = free - rate(j, torch.ones_like(sign), place)
+        balance = sign + (1 - sign**2) * (free / taken.clamp(min=_NOTHING) - sign)
+        signs[j] = torch.where(free.abs() < taken, balance, sign)
+    return _with_signs(model, dry, signs)
+
+
+def _motions(model: Any) -> dict[int, list[int]]:
+    """Places in the state of the rates of the motions that each dry friction resists, by its place in the effects."""
+    return {i: list(e.motions(model)) for i, e in enumerate(model.effects) if isinstance(e, DryEffect)}
+
+
+def _with_signs(model: Any, dry: Mapping[int, Sequence[int]], signs: Sequence[Tensor]) -> Any:
+    """The model with its dry frictions held at the signs (…) of their motions, one after the other."""
+    left, effects = list(signs), list(model.effects)
+    for i, motions in dry.items():
+        mine, left = left[: len(motions)], left[len(motions) :]
+        effects[i] = replace(effects[i], **{"held": torch.stack(mine, dim=-1)})
+    return replace(model, effects=tuple(effects))
 
 
 def mean_sign(rate: Tensor, added: Tensor, taken: Tensor, resting: Tensor) -> Tensor:

@@ -94,7 +94,8 @@ def _rates(
     size, shape = state.shape[-1], (*(() if many is None else (many,)), *state.shape[-3:-1])
     if own is not None:
         state = torch.cat([state.expand(*own.shape[:-1], size), own], dim=-1)
-    fast = None if sticks(model) else models.rates(model, inputs.shape[-1], sensed)
+    dry = sticks(model)
+    fast = None if dry else models.rates(model, inputs.shape[-1], sensed)
     if fast is not None:
         return at_once(fast, shape, state, inputs, slopes)
     out = state.new_empty(*shape, size + (len(model.sensed_channels) if sensed else 0))
@@ -102,7 +103,7 @@ def _rates(
     for start in range(0, shape[-1], step):
         part = slice(start, start + step)
         at, *driven = for_all(model, many, state[..., part, :], inputs[..., part, :], slopes[..., part, :])
-        held = resting(model, at, *driven) if sticks(model) else model
+        held = resting(model, at, *driven) if dry else model
         out[..., part, :size] = rates = held.derivative(at, *driven)[..., :size]
         if sensed:
             out[..., part, size:] = held.sensed(at, rates)
