@@ -60,6 +60,7 @@ def recording(seed: int, speed: float) -> Recording:
     return Recording(f"run_{seed}", 1 / STEP, out[:, 2:], out[:, :2], inputs, Joint.state_channels, valid)
 
 
+@pytest.mark.slow
 def test_friction_is_named_though_forecasts_are_best_where_no_torque_does_anything() -> None:
     made = [recording(seed, speed) for seed, speed in enumerate(SPEEDS)]
     logs, names = tuple(log_of(r, Joint(), "torque") for r in made), tuple(r.name for r in made)

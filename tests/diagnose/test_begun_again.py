@@ -27,6 +27,7 @@ def test_what_a_wind_does_to_torques_is_found_once_the_wind_is() -> None:
     assert not any("let go" in n for n in found.notes)
 
 
+@pytest.mark.slow
 def test_effects_asked_for_together_end_where_they_are_found() -> None:
     """Beside an inertia as wrongly stated, and one after the other, a step had ended at .93 m/s where this has .09."""
     subject = made([flight(500 + i, 10.0, linear=0.2) for i in range(4)], inertia=(INERTIA / 8).tolist())

@@ -207,6 +207,7 @@ def test_a_constant_that_is_off_within_what_is_stated_is_calibrated_and_said(cac
     assert nominal < low < true / parameters(case)["mass"] < high < 1.003 * low
 
 
+@pytest.mark.slow
 def test_a_force_that_goes_with_the_place_is_followed_there(cache):
     force = {"position_force": {"axis": 1.0, "amplitude": 0.4, "wavelength": 2.2}}
     case = flights.Case("place", effects=force, recordings=4, seconds=12.0, condition="unknown", flight_seed=79)
@@ -215,6 +216,7 @@ def test_a_force_that_goes_with_the_place_is_followed_there(cache):
     assert answer.follows[0] == "position"
 
 
+@pytest.mark.slow
 def test_a_slow_effect_in_noise_is_found_in_rows_as_long_as_a_free_run(cache):
     """Rows of two samples are differences of noise, which whitening with eight of them cannot add up again."""
     from bench.score.chains import measured
@@ -232,6 +234,7 @@ def test_a_slow_effect_in_noise_is_found_in_rows_as_long_as_a_free_run(cache):
 
 
 @pytest.mark.parametrize(("seed", "error"), [(110, 0.05), (111, 0.35)])
+@pytest.mark.slow
 def test_what_short_windows_bury_is_sought_in_long_ones_where_more_than_noise_is_left(cache, seed, error):
     """The change of the rotors' speeds is noise from sample to sample: nothing seemed to follow it."""
     from bench.score.chain import suite

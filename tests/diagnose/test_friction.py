@@ -46,6 +46,7 @@ def subject(samples: int = 2000, late: int = 0, measured: int = 2, count: int = 
     return Subject("rail", model, tuple(logs), names[: 2 * count // 3], names[2 * count // 3 :], signals=signals)
 
 
+@pytest.mark.slow
 def test_motion_that_leads_for_want_of_friction_is_no_time_shift() -> None:
     """Two frictions at once: the motion seems to come before the input, until both are in the model."""
     short = problems(subject())
@@ -63,6 +64,7 @@ def test_motion_that_leads_for_want_of_friction_is_no_time_shift() -> None:
     assert [type(e) for e in kept.effects] == [type(e) for e in model.effects]
 
 
+@pytest.mark.slow
 def test_a_log_that_was_shifted_is_one_whatever_friction_is_missing() -> None:
     said, _ = diagnose(subject(late=8), catalogue=NAMES, brief=True)
     assert said.verdict == "data_problem" and {p.kind for p in said.data_problems} == {"time shift"}
@@ -104,6 +106,7 @@ def test_what_leaves_many_times_the_noise_is_no_rival() -> None:
     assert (found.id, found.rivals) == ("viscous_friction", ())
 
 
+@pytest.mark.slow
 def test_friction_that_is_least_at_the_lowest_speeds_is_no_stribeck_friction(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every second sample of EMPS wanted F_s = 15.7 N below F_c = 21.8 N: no peak, but Coulomb friction in noise."""
     frictions = StribeckFriction(f_c=20.0, f_s=30.0), StribeckFriction(f_c=21.8, f_s=15.7)

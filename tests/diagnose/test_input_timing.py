@@ -147,6 +147,7 @@ def added_up(log: Columns, ahead: float) -> Columns:
     return log | {k: x + next(noise) for k, x in (("position", position), ("velocity", velocity))}
 
 
+@pytest.mark.slow
 def test_an_estimator_that_adds_up_what_it_feels_by_another_attitude_than_is_filed_lacks_nothing() -> None:
     """No clock of the inputs is late, yet forces seem to act T ω τ to the side: on slow paths, a drag."""
     logs = [added_up(log, ahead=0.0015) for log in vehicle_flights(3, count=4, noise=0.2)]

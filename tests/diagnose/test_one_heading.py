@@ -49,7 +49,7 @@ def flight(seed: int, wind: float, linear: float = 0.0, square: float = 0.0, unk
 @pytest.mark.parametrize(
     ("drag", "wind", "hidden"),
     [
-        ("linear_drag", 4.0, {"linear": 0.2, "unknown": 0.02}),
+        pytest.param("linear_drag", 4.0, {"linear": 0.2, "unknown": 0.02}, marks=pytest.mark.slow),
         ("parasitic_drag", 4.0, {"square": 0.06}),
         pytest.param("linear_drag", 10.0, {"linear": 0.2, "unknown": 0.02}, marks=pytest.mark.slow),
         pytest.param("parasitic_drag", -12.0, {"square": 0.03, "unknown": 0.02}, marks=pytest.mark.slow),

@@ -97,6 +97,7 @@ def block(time: float) -> Subject:
     return recorded(Block(capacity=2.0 * time), runs, Channel("power", "W"), 10.0 / time)
 
 
+@pytest.mark.slow
 def test_a_hidden_wall_is_found_in_seconds_and_in_days() -> None:
     """Its time constant is 10 s, or 5.6 hours: slower than 1592 s none was looked for."""
     here, there = (diagnose(block(time), brief=True)[1].effects for time in (1.0, 2000.0))
