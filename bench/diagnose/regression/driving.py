@@ -19,13 +19,20 @@ M = TypeVar("M", bound=PhysicsModel)
 
 def driving(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, Tensor, Tensor]:
     """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, its mean (…, m) and time derivative."""
-    path = _transmitted(model, stack)
-    return path, simpson(*path.unbind(-2)), (path[..., 2, :] - path[..., 0, :]) / stack.dt
+    path, which = _transmitted(model, stack)
+    mean, slopes = _means(path, stack.dt, which)
+    return path if which is None else path[which], mean, slopes
+
+
+def mean_driving(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, Tensor]:
+    """The mean (…, L, N − 1, m) of what acts over each interval, and its time derivative; as `driving` has them."""
+    path, which = _transmitted(model, stack)
+    return _means(path, stack.dt, which)
 
 
 def acting(model: PhysicsModel, log: Log) -> Tensor:
     """What acts (N, m) at every sample, after the delays and lags of ``model``."""
-    path = _transmitted(model, LogBatch.of([log]))[0]
+    path = _transmitted(model, LogBatch.of([log]))[0][0]
     return torch.cat([path[:, 0], path[-1:, 2]])
 
 
@@ -51,14 +58,22 @@ def simpson(first: Tensor, halfway: Tensor, last: Tensor) -> Tensor:
     return (first + 4 * halfway + last) / 6
 
 
-def _transmitted(model: PhysicsModel, stack: LogBatch) -> Tensor:
-    """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, after delays and lags."""
+def _transmitted(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, list[int] | None]:
+    """What acts (…, L, N − 1, 3, m) at start, middle and end of each interval, after delays and lags.
+
+    Of many models only those that are driven apart, and for each model its place among them; None: its own.
+    """
     few, which = _driven_apart(model)
     driving, extras, held = _driven(few, stack)
     for effect in narrowed(few).input_effects():
         driving = effect.transmitted(effect.steady(driving[..., 0, 0, :], stack.dt), driving, stack.dt, held)
-    out = torch.cat([driving, extras], dim=-1)
-    return out if which is None else out[which]
+    return torch.cat([driving, extras], dim=-1), which
+
+
+def _means(path: Tensor, dt: float, which: list[int] | None) -> tuple[Tensor, Tensor]:
+    """Means (…, N − 1, m) and slopes of paths (…, N − 1, 3, m), for each model those of its place among the paths."""
+    means = simpson(*path.unbind(-2)), (path[..., 2, :] - path[..., 0, :]) / dt
+    return means if which is None else (means[0][which], means[1][which])
 
 
 def _driven_apart(model: M) -> tuple[M, list[int] | None]:

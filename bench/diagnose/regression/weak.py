@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.logs.subject import LogBatch
-from bench.diagnose.regression.driving import driving, for_all, how_many, narrowed, simpson, through
+from bench.diagnose.regression.driving import driving, for_all, how_many, mean_driving, narrowed, simpson, through
 from bench.diagnose.regression.recall import RECALLED, recall
 from bench.diagnose.regression.recurrence import Solved, normal_equations, solved
 from bench.diagnose.settings import LINEARISING
@@ -39,7 +39,7 @@ def midpoint_rates(model: PhysicsModel, stack: LogBatch, so_far: bool = False) -
 
     The model's constants and its effects' parameters may be tensors (…, 1, 1), for many models at once.
     """
-    _, mean, slopes = driving(model, stack)
+    mean, slopes = mean_driving(model, stack)
     own = _halfway(_own_path(model, stack, mean, slopes, so_far)) if model.internal_size else None
     return _rates(model, stack, stack.between, own, mean, slopes)
 
@@ -118,7 +118,7 @@ def at_once(fast: models.Compiled, shape: Sequence[int], *given: Tensor) -> Tens
 
 def own_states(model: PhysicsModel, stack: LogBatch) -> Tensor:
     """The effects' own states (…, L, N, i) at every sample, driven by the measured states and by what acts then."""
-    _, mean, slopes = driving(model, stack)
+    mean, slopes = mean_driving(model, stack)
     return _own_path(model, stack, mean, slopes, so_far=True)
 
 
@@ -180,7 +180,7 @@ def _left(model: PhysicsModel, rest: PhysicsModel, stack: LogBatch) -> tuple[dic
 def followed(name: str, model: PhysicsModel, stack: LogBatch) -> Tensor:
     """A signal (…, L, N − 1) that a term can follow, in the middle of each interval."""
     state = model.project(stack.between)
-    _, inputs, _ = driving(model, stack)
+    inputs, _ = mean_driving(model, stack)
     if signals.flies(type(model)):
         return signals.of_motion(name, model.unloaded(state, inputs)[0])  # type: ignore[attr-defined]
     return signals.of_state(name, model, state, inputs)
