@@ -62,7 +62,7 @@ def read_and_discovered(
     What is missing makes inputs look late: play on the way to a machine, a moment of the air in wind that nobody knew.
     Where they act at another time beside what was found they are read again, and what errs less on held-out recordings
     is kept. What a lag or a delay that was found remembers of the time before a recording is left out, and the rest
-    searched again, where it was not what the recording begins with.
+    searched again from what was found, where it was not what the recording begins with.
     """
     refuse_short(filed)
     subject, noise = prepared(filed, noise, tick)
@@ -79,7 +79,7 @@ def read_and_discovered(
     if later is subject:
         return subject, noise, found
     search = Search(later, catalogue, tick, noise, memory=found.memory, long_windows=found.long_windows)
-    return later, noise, _discovered(search, noise)
+    return later, noise, _discovered(search, noise, begun=found)
 
 
 def _searched(
@@ -137,14 +137,16 @@ def _balanced(
     return replace(again, notes=(*again.notes, note))
 
 
-def _discovered(search: Search, noise: Noise) -> Discovery:
-    """What one way of weighing the rows finds."""
+def _discovered(search: Search, noise: Noise, begun: Discovery | None = None) -> Discovery:
+    """What one way of weighing the rows finds, from nothing or from what was found where ``begun``."""
     stated = search.subject
-    view, fit, fields = _first(search, search.subject.model)
-    first, bare = view, advanced(search, view, view.subsets.fit()).model
-    rounds = compared(view, fit, fields)
-    view = _exchanged(search, view, fit, fields)
-    search, view = _begun_again(search, stated, view)
+    if begun is None:
+        first, fit, fields = _first(search, stated.model)
+        bare, rounds = advanced(search, first, first.subsets.fit()).model, compared(first, fit, fields)
+        search, view = _begun_again(search, stated, _exchanged(search, first, fit, fields))
+    else:
+        bare, first, rounds = stated.model, None, begun.rounds
+        view = _exchanged(search, *_first(search, replace(bare, effects=begun.model.effects)))
     subject = search.subject
     search.tick("weigh")
     _, calibrated = settled(search, bare, first)
