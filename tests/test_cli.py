@@ -40,6 +40,8 @@ def test_every_entry_is_listed_and_explained(here: Typed) -> None:
     both = here("show", "LSTM: 1x50 - MLP: 60x10")[1]
     assert both.index("LSTM  (predictors)") < both.index("MLP  (initializers)")
     assert "driven by: force [N]" in here("show", "oscillator")[1]
+    drag = here("show", "rotor_drag")[1]
+    assert "acts in: quadrotor\n" in drag and "to see it: " in drag
 
 
 @pytest.mark.parametrize(

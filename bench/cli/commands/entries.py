@@ -112,10 +112,12 @@ def _show_study(out: Any, s: study.Study) -> None:
 
 
 def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
-    from registry.dynamics import PhysicsModel
+    from registry.dynamics import Effect, PhysicsModel
 
     out.print(f"[bold]{name}[/]  ({kind})")
-    out.print(inspect.getdoc(entry) or "", highlight=False, markup=False)
+    paragraphs = (inspect.getdoc(entry) or "").split("\n\n")
+    about = "\n\n".join(p if "\n " in p else p.replace("\n", " ") for p in paragraphs)
+    out.print(about, highlight=False, markup=False)
     for fact in ("equation", "source", "system", "inputs", "targets", "chain", "needs", "requires"):
         value = getattr(entry, fact, None)
         if value and not callable(value) and not isinstance(value, property):
@@ -126,6 +128,11 @@ def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
         driven = " or ".join(map(_signal, entry.input_signals))
         out.print(f"states: {', '.join(map(_signal, groups))}", highlight=False, markup=False)
         out.print(f"driven by: {driven or 'nothing'}", highlight=False, markup=False)
+    if issubclass(entry, Effect):
+        suited = ", ".join(n for n in PHYSICS.outline() if entry.suits(PHYSICS.get(n)))
+        out.print(f"acts in: {entry.acts_in or suited}", highlight=False, markup=False)
+        if entry.manoeuvre:
+            out.print(f"to see it: {entry.manoeuvre}", highlight=False, markup=False)
     fields = [f for f in dataclasses.fields(entry) if f.init and f.repr]  # or an integrator sets it
     if not fields:
         return
@@ -139,10 +146,10 @@ def _show_entry(out: Any, kind: str, name: str, entry: type) -> None:
         if not span and (meta.get("low") is not None or meta.get("high") is not None):
             low, high = meta.get("low"), meta.get("high")
             span = f"{'' if low is None else f'{low:g}'} .. {'' if high is None else f'{high:g}'}"
-        about = str(meta.get("help", ""))
+        meaning = str(meta.get("help", ""))
         if meta.get("source"):
-            about += f" ({meta['source']})"
-        table.add_row(*map(escape, (f.name, default, span, str(meta.get("unit", "")), about)))
+            meaning += f" ({meta['source']})"
+        table.add_row(*map(escape, (f.name, default, span, str(meta.get("unit", "")), meaning)))
     out.print()
     out.print(table)
 
