@@ -97,6 +97,7 @@ def _evidence(steps: Steps) -> Evidence:
         residuals=steps.location.residuals,
         windows=steps.location.windows,
         hypothesis="" if extension.effects else _hypothesis(discovery),
+        remarks=discovery.remarks,
         notes=_notes(steps),
         learned=steps.curves,
         flights=steps.flights,
@@ -113,7 +114,6 @@ def _seconds(subject: Subject) -> float:
 def _notes(steps: Steps) -> tuple[str, ...]:
     discovery = steps.discovery
     return (
-        *discovery.remarks,
         *dict.fromkeys((*steps.subject.notes, *discovery.notes)),
         *steps.extension.comparison.notes,
         *steps.location.notes,

@@ -257,6 +257,8 @@ class Evidence:
     windows: tuple[Window, ...] = ()
     hypothesis: str = ""
     """A symbolic form of what is left, offered as a hypothesis."""
+    remarks: tuple[str, ...] = ()
+    """Sentences: what shows and is not worth a term."""
     notes: tuple[str, ...] = ()
     """Sentences: what was estimated, what was assumed, what the data cannot show."""
     learned: tuple[LearnedCurve, ...] = ()

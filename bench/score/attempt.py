@@ -89,7 +89,7 @@ def answer(case: Case, said: Diagnosis, faults: Any, seconds: float, exact: ByGr
         error={**lines, "floor": plain(said.noise_floor), "true": plain(exact)},
         problems=tuple((p.recording, p.signal, p.kind, p.rows, p.detail) for p in said.data_problems),
         faults=tuple((f"flight_{f.recording + 1}", f.signal, f.kind, (f.rows[0], f.rows[1] - 1)) for f in faults),
-        notes=said.evidence.notes,
+        notes=(*said.evidence.remarks, *said.evidence.notes),
         seconds=seconds,
         constants={c.constant: (c.nominal, c.calibrated, c.low, c.high) for c in said.evidence.calibration},
     )

@@ -35,6 +35,14 @@ def test_page_says_the_verdict_and_needs_nothing_from_outside(verdict: str) -> N
     assert links == set(anchors) and len(anchors) == len(links)
 
 
+def test_what_is_not_worth_a_term_stands_with_what_is_left() -> None:
+    said, remark = samples.named(), "A trace of ground effect shows; it saves 1 % <b>of all</b>."
+    pages = [page.render(replace(said, evidence=replace(said.evidence, remarks=r))) for r in ((), (remark,))]
+    assert [Parsed(p).text.count("above the noise floor that would be worth a term.") for p in pages] == [0, 1]
+    section = Parsed(pages[1]).text.split("What is left")[-1].partition("Constants")[0]
+    assert remark in section and "<b>of all" not in pages[1]
+
+
 def test_the_same_diagnosis_gives_the_same_page() -> None:
     assert page.render(samples.unknown_effect()) == rendered("unknown_effect")
 

@@ -42,6 +42,7 @@ class _Where(_Drawn):
 @dataclass(frozen=True)
 class _Left:
     sentence: str
+    remarks: Sequence[str]
     hypothesis: str
     axes: Sequence[ceiling_words.Row]
     """What a network leaves of single axes."""
@@ -167,9 +168,12 @@ def _windows(d: Diagnosis) -> _Drawn | None:
 def _left(d: Diagnosis) -> _Left | None:
     if d.verdict == "data_problem":
         return None
-    said = sentences.remainder(d) or "Nothing systematic is left above the noise floor."
+    worth = " that would be worth a term" if d.evidence.remarks else ""
+    said = sentences.remainder(d) or f"Nothing systematic is left above the noise floor{worth}."
     said = " ".join(filter(None, (said, sentences.observed(d), *ceiling_words.sentences(d.evidence.predictable))))
-    return _Left(said, d.evidence.hypothesis, [ceiling_words.row(f) for f in d.evidence.predictable_axes])
+    return _Left(
+        said, d.evidence.remarks, d.evidence.hypothesis, [ceiling_words.row(f) for f in d.evidence.predictable_axes]
+    )
 
 
 def _constants(d: Diagnosis) -> _Constants | None:
