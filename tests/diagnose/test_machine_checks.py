@@ -13,6 +13,7 @@ from bench.diagnose import diagnose
 from bench.diagnose.checks.machines import machine_problems
 from bench.diagnose.checks.problems import problems
 from bench.diagnose.logs.load import load
+from bench.diagnose.logs.smoothing import Slope
 from bench.diagnose.logs.subject import Subject
 from registry.errors import BenchError
 from tests.diagnose.machines_of_any_size import cart, delay, recording
@@ -76,6 +77,10 @@ def test_all_signals_that_stand_still_while_the_drive_moves_are_frozen_and_a_mac
     (stretch,) = machine_problems(stopped(300, 600, 0.1))
     assert (stretch.kind, stretch.rows) == ("frozen", (301, 599))
     assert machine_problems(stopped(300, 600, 0.0)) == []
+    # The slope of a position that repeats its value is 0 but for rounding, and all of it stands still no less.
+    slope = {1: Slope(0, np.ones(3))}
+    assert machine_problems(replace(stopped(300, 600, 1e-16), slopes=slope)) == []
+    assert [p.rows for p in machine_problems(replace(stopped(0, 900, 1e-16), slopes=slope))] == [(1, 899)]
 
 
 def test_a_drive_that_never_moves_is_told_and_nothing_is_named_that_forecasts_worse(tmp_path: Path) -> None:

@@ -123,7 +123,13 @@ def test_a_driven_pendulum_is_diagnosed_from_torques_in_millinewton_metres(mine:
     assert found.id == "viscous_friction"
     (friction,) = found.estimates
     assert friction.value == pytest.approx(0.6, rel=0.01)
-    (tmp_path / "driven" / "dataset.toml").write_text(HEAD.format(name="x") + described + "lenght = 0.4\n")
+    toml = tmp_path / "driven" / "dataset.toml"
+    toml.write_text(toml.read_text() + "[physics.uncertainty]\nmass = 0.3\n")  # the class alone states the mass
+    assert load(tmp_path / "driven", f"{mine}:Driven").uncertainty == {"mass": 0.3}
+    toml.write_text(toml.read_text().replace("mass = 0.3", "mas = 0.3"))
+    with pytest.raises(BenchError, match=r"\[physics.uncertainty\]: unknown key 'mas': did you mean mass"):
+        load(tmp_path / "driven", f"{mine}:Driven")
+    toml.write_text(HEAD.format(name="x") + described + "lenght = 0.4\n")
     with pytest.raises(BenchError, match="'lenght': did you mean length"):
         load(tmp_path / "driven", f"{mine}:Driven")
     with pytest.raises(BenchError, match="name one with --system"):

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
-from bench.diagnose.regression.least_squares import Normal, bounded, regularised, whitening
+from bench.diagnose.regression.least_squares import Normal, bounded, regularised, ridge, squares_left, whitening
 from bench.diagnose.regression.rows import Crossings, Rows, filtered
 from bench.diagnose.select.subset import Subsets
 
@@ -140,3 +140,21 @@ def test_an_interval_counts_the_noise_that_is_taken_off() -> None:
     )
     chance = plain.total[0, 0] ** -2 * replace(plain, drawn=drawn).drawn_meat([0], fit.beta).item()
     assert narrow < 0.5 * chance and wide == pytest.approx(chance, rel=0.05)
+
+
+def test_what_an_exact_equation_leaves_is_never_negative() -> None:
+    """It was in every other case, and the logarithm of what a wave saves of it no number, which no rule refused."""
+    below = 0
+    for seed in range(50):
+        x = np.random.default_rng(seed).normal(size=(200, 4))
+        table = np.column_stack([x, x @ [1.0, -2.0, 0.5, 3.0]])
+        gram = table.T @ table
+        beta = ridge(gram, 0.0)
+        vector = np.append(-beta, 1.0)
+        below += vector @ gram @ vector < 0
+        assert 0 < squares_left(gram, beta) <= 1e-13 * gram[-1, -1]
+        table[:, -1] += np.random.default_rng(seed + 50).normal(size=200)
+        gram = table.T @ table
+        left = table[:, -1] - table[:, :-1] @ (beta := ridge(gram, 0.0))
+        assert squares_left(gram, beta) == pytest.approx(left @ left, rel=1e-9)
+    assert below > 5

@@ -4,6 +4,7 @@ What a vehicle's signals say of each other is told by physics that all vehicles 
 known, so that what is asked here is coarse and must be plain.
 """
 
+from collections.abc import Set
 from dataclasses import replace
 
 import numpy as np
@@ -29,16 +30,18 @@ def machine_problems(subject: Subject) -> list[DataProblem]:
         float(log.inputs[log.valid, :drives].std(0).max()) if log.valid.sum() > 1 else 0.0 for log in subject.logs
     ]
     strong = [by >= FREEZING.pushed * float(np.median(pushed)) for by in pushed]
-    found = [p for log, hard in zip(subject.logs, strong, strict=True) for p in _at_rest(subject.model, log, hard)]
+    slopes = frozenset(subject.slopes)
+    found = [p for log, by in zip(subject.logs, strong, strict=True) for p in _at_rest(subject.model, log, slopes, by)]
     return found or _inverted(subject)
 
 
-def _at_rest(model: PhysicsModel, log: Log, strong: bool) -> list[DataProblem]:
+def _at_rest(model: PhysicsModel, log: Log, slopes: Set[int], strong: bool) -> list[DataProblem]:
     """All that was measured stands still although the drive moves: from first to last, or at a speed that is not 0.
 
-    Friction holds a machine for a while, at rest, and where the drive is not ``strong`` beside other recordings.
+    Friction holds a machine for a while, at rest, and where the drive is not ``strong`` beside other recordings. Of a
+    position that repeats its value the states that are ``slopes`` of it say nothing else.
     """
-    at = [i for i, known in enumerate(log.measured) if known]
+    at = [i for i, known in enumerate(log.measured) if known and i not in slopes]
     valid, x = log.valid.numpy(), log.states.numpy()[:, at]
     pushed = ~held(log.inputs.numpy()[:, : drives_of(model, log)])
     rates = [i for i, c in enumerate(at) if model.state_channels[c].group in _rates_of_others(model)]

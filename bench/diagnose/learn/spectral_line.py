@@ -16,7 +16,7 @@ from bench.diagnose.learn.axis_series import AxisSeries, Stretch
 from bench.diagnose.learn.distortion import distortion, in_step
 from bench.diagnose.learn.thomson import Scan, lines_at, scan
 from bench.diagnose.regression.generic import Folds, follow
-from bench.diagnose.regression.least_squares import ridge, whitening
+from bench.diagnose.regression.least_squares import ridge, squares_left, whitening
 from bench.diagnose.regression.rows import filtered
 from bench.diagnose.settings import UNSEEN
 
@@ -211,8 +211,7 @@ class _Rows:
                 rows = rows - basis @ (basis.T @ rows)
             gram = gram + rows.T @ rows
         beta = ridge(gram, 1e-9)
-        vector = np.append(-beta, 1.0)
-        return beta, float(vector @ gram @ vector)
+        return beta, squares_left(gram, beta)
 
     def _waves(self, name: str, frequencies: Sequence[float]) -> np.ndarray:
         return np.concatenate([p.waves(frequencies, self.whiten) for p in self.by_name[name]])

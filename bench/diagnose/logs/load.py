@@ -22,6 +22,7 @@ from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
 from registry.core import DATASETS, PHYSICS
 from registry.datasets.folder.dataset import Folder, refuse_unknown
+from registry.datasets.folder.signals import known
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
 from registry.model_file import constants_of, read
@@ -216,7 +217,9 @@ def _constants(dataset: Dataset, kind: type[PhysicsModel]) -> dict[str, Any]:
     """Nominal constants by name, as the data state them."""
     constants = dict(dataset.physics)
     if isinstance(dataset, Folder) and not dataset.system:  # nobody has checked them yet
-        return constants_of(f"{dataset.described} [physics]", kind().parameters(), constants)
+        parameters, where = kind().parameters(), f"{dataset.described} [physics"
+        known(dataset.uncertainty, [p.name for p in parameters], f"{where}.uncertainty]")
+        return constants_of(f"{where}]", parameters, constants)
     return constants
 
 

@@ -83,6 +83,17 @@ def ridge(gram: np.ndarray, strength: float = 1e-6) -> np.ndarray:
     return out
 
 
+def squares_left(gram: np.ndarray, beta: np.ndarray) -> float:
+    """Squares that coefficients (c,) leave of the last column of (c + 1, c + 1); at least what rounding leaves of it.
+
+    An equation that holds exactly, such as that of an angle whose rate was read from its slope, leaves less than that,
+    of either sign.
+    """
+    vector, epsilon = np.append(-beta, 1.0), np.finfo(float)
+    rounding = len(gram) * epsilon.eps * float(gram[-1, -1])
+    return max(float(vector @ gram @ vector), rounding, float(epsilon.tiny))
+
+
 def regularised(
     gram: np.ndarray, columns: Sequence[int], prior: np.ndarray, centre: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import chdtri, stdtrit
 
 from bench.diagnose.regression.generic import Folds, follow
-from bench.diagnose.regression.least_squares import ridge
+from bench.diagnose.regression.least_squares import ridge, squares_left
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.select.choose import accepted, within_bounds
 from bench.diagnose.select.search import View
@@ -277,8 +277,7 @@ def needed(view: View, place: int, traces: Sequence[ResidualTerm], dropped: Sequ
 
     def loss(folds: Folds, more: Sequence[int]) -> float:
         some = np.asarray(sum(folds.products(more)))
-        vector = np.append(-ridge(some, 1e-9), 1.0)
-        return float(vector @ some @ vector)
+        return squares_left(some, ridge(some, 1e-9))
 
     bare, by_terms = (loss(without_it, more) for more in ([], terms))
     by_effect, by_both = (loss(with_it, more) for more in ([], terms))

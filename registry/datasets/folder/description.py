@@ -182,7 +182,7 @@ def _physics(
     uncertainty = physics.get("uncertainty", {})
     stated = {k: v for k, v in physics.items() if k != "uncertainty"}
     parameters = kind().parameters() if kind else []
-    known(uncertainty, [p.name for p in parameters] if kind else stated, f"{path} [physics.uncertainty]")
+    known(uncertainty, [p.name for p in parameters] if kind else uncertainty, f"{path} [physics.uncertainty]")
     for key, value in uncertainty.items():
         if not finite(value) or value < 0:
             raise BenchError(f"{path} [physics.uncertainty]: {key} must be a number from 0, not {value!r}.")

@@ -105,7 +105,7 @@ def _refined(rows: AxisRows, pole: Pole, driver: int, names: Sequence[str], look
         fits = rows.plain(driver, filters[0], pole), rows.fit(pole, driver, filters[1])
         filters = [rows.colour(f.left) for f in fits]
     plain, fit = rows.plain(driver, filters[0], pole), rows.fit(pole, driver, filters[1])
-    gain = rows.count / 2 * float(np.log(plain.loss / max(fit.loss, 1e-300)))
+    gain = rows.count / 2 * float(np.log(plain.loss / fit.loss))
     evidence = gain - _charge(rows, pole.order)
     if evidence < look or pole.frequency > fastest or (pole.order == 2 and pole.damping > HIDING.most_damped):
         return None

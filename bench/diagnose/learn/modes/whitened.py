@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.diagnose.learn.axis_series import Stretch
 from bench.diagnose.learn.modes.filters import Pole
-from bench.diagnose.regression.least_squares import ridge
+from bench.diagnose.regression.least_squares import ridge, squares_left
 from bench.diagnose.regression.rows import filtered
 
 RIDGE = 1e-9
@@ -65,8 +65,8 @@ class Whitened:
             inner = np.block([[gram[:-1, :-1], between[:, :-1].T], [between[:, :-1], driven[d] - swung[d]]])
             last = np.concatenate([gram[-1, :-1], between[:, -1]])
             whole = np.block([[inner, last[:, None]], [last, gram[-1, -1]]])
-            losses[d] = max(left_of(whole)[0], 1e-300)
-            gains[d] = self.rows / 2 * np.log(max(left_of(gram)[0], 1e-300) / losses[d])
+            losses[d] = left_of(whole)[0]
+            gains[d] = self.rows / 2 * np.log(left_of(gram)[0] / losses[d])
         return losses, gains
 
     def _free(self, pole: Pole) -> np.ndarray:
@@ -90,5 +90,4 @@ class Whitened:
 def left_of(gram: np.ndarray) -> tuple[float, np.ndarray]:
     """Squares that the columns of normal equations leave of the last one, and their coefficients."""
     values = ridge(gram, RIDGE)
-    vector = np.append(-values, 1.0)
-    return float(vector @ gram @ vector), values
+    return squares_left(gram, values), values
