@@ -134,14 +134,16 @@ def test_models_that_share_what_is_alike_have_the_rates_of_each_alone():
     inputs = np.abs(np.full((samples, 4), 496.0) + rng.normal(0, 30, (samples, 4)))
     x, u, valid = torch.from_numpy(states), torch.from_numpy(inputs), torch.ones(samples, dtype=torch.bool)
     stack = LogBatch.of([Log("flight", 100.0, x, (True,) * 13, u, valid, None)])  # type: ignore[arg-type]
-    for names in (("motor_lag", "rotor_drag"), ("unequal_rotors", "ground_effect"), ("suspended_load", "mass")):
+    pairs = ("motor_lag", "rotor_reaction_torque"), ("unequal_rotors", "ground_effect"), ("suspended_load", "mass")
+    for names in (("motor_lag", "rotor_drag"), *pairs):
         model = Quadrotor(effects=tuple(EFFECTS.get(n).typical() for n in names))
         where = entries(model, {})
         values, _ = probes(where)
-        together = mean_rates(with_values(model, where, values), stack)
-        for row, found in zip(values.numpy(), together, strict=True):
-            alone = mean_rates(with_values(model, where, row), stack)
-            torch.testing.assert_close(found, alone, rtol=1e-12, atol=1e-12)
+        for rates in (mean_rates, midpoint_rates):
+            together = rates(with_values(model, where, values), stack)
+            for row, found in zip(values.numpy(), together, strict=True):
+                alone = rates(with_values(model, where, row), stack)
+                torch.testing.assert_close(found, alone, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize(("volts", "reference"), [(3.8, 3.7), (7.5, 7.4), (15.9, 14.8), (16.6, 14.8), (22.4, 22.2)])
