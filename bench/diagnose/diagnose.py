@@ -252,20 +252,29 @@ def _learned(run: Setup, found: Discovery, extension: Extension, verdict: str, l
     A load that swings already when a free run begins leaves much that no hidden mode would say either.
     """
     unknown, begins_unseen = verdict == "unknown_effect", extension.model.internal_size > 0
-    told = learned(
-        run.subject,
-        extension.model,
-        run.noise,
-        found=found.found,
-        named=extension.effects,
-        tick=run.tick,
-        horizon_s=run.horizon_s,
-        filed=run.filed,
-        doubtful=not unknown,
-        much=_share_left(extension) >= MATTERING.share and (unknown or not begins_unseen),
-        little=little and not unknown,
-    )
-    return told if told is None or _worth_it(extension, told.extension) else None
+    much = _share_left(extension) >= MATTERING.share and (unknown or not begins_unseen)
+    little = little and not unknown
+    subjects = [run.subject]
+    if much and not little and _predictable(found) and not run.subject.long_windows:
+        # In short windows a slow effect is hidden by whatever else is left of each moment.
+        subjects.append(replace(run.subject, long_windows=True))
+    for subject in subjects:
+        told = learned(
+            subject,
+            extension.model,
+            run.noise,
+            found=found.found,
+            named=extension.effects,
+            tick=run.tick,
+            horizon_s=run.horizon_s,
+            filed=run.filed,
+            doubtful=not unknown,
+            much=much,
+            little=little,
+        )
+        if told is not None and _worth_it(extension, told.extension):
+            return told
+    return None
 
 
 def _worth_it(before: Extension, after: Extension) -> bool:
@@ -285,8 +294,12 @@ def _only_begins_unseen(found: Discovery, extension: Extension) -> bool:
 
     Each equation judged by itself has nothing left then that functions of measured signals predict, but noise.
     """
-    seen = any(e.left and e.unexplained >= MATTERING.share for e in found.equations)
-    return bool(found.equations) and extension.model.internal_size > 0 and not seen
+    return bool(found.equations) and extension.model.internal_size > 0 and not _predictable(found)
+
+
+def _predictable(found: Discovery) -> bool:
+    """Whether functions of measured signals would predict an equation better than the model does."""
+    return any(e.left and e.unexplained >= MATTERING.share for e in found.equations)
 
 
 def _share_left(extension: Extension) -> float:

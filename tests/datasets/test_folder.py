@@ -337,6 +337,9 @@ def test_columns_of_a_motor_are_known_by_name_and_unit(tmp_path):
     assert 'angle_rate = {columns = ["speed_rpm"], unit = "rpm"}' in text
     assert 'input = "voltage"' in text and 'voltage = {columns = ["voltage_V"], unit = "V"}' in text
     assert "TODO: angle" not in text and 'what is column "current_A"' in text
+    data.set_axis(["q", "w", "i", "u"], axis=1).assign(tout=np.arange(50) / 100).to_csv(tmp_path / "a.csv", index=False)
+    text = draft(tmp_path, own=Motor)  # one signal drives it, whatever its column is called
+    assert 'input = "voltage"' in text and "# TODO: voltage = " in text and 'time = "tout"' in text
 
 
 def test_numbered_motors_may_be_speeds(tmp_path):

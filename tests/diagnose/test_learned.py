@@ -616,7 +616,7 @@ def test_terms_that_leave_free_runs_as_they_were_are_not_told(
     told = SimpleNamespace(extension=extension(now))
     monkeypatch.setattr(step, "learned", lambda *_, **__: told)
     run = SimpleNamespace(subject=None, noise=None, tick=print, horizon_s=None, filed=None)
-    given = step._learned(run, SimpleNamespace(found=()), extension(2.0), "unknown_effect")
+    given = step._learned(run, SimpleNamespace(found=(), equations=()), extension(2.0), "unknown_effect")
     assert (given is told) is worth and (given is None) is not worth
 
 

@@ -34,6 +34,12 @@ class Stretch:
     measured: np.ndarray
     """(J, m): every signal that a term can follow, mean over the same windows."""
 
+    def coarser(self, count: int) -> "Stretch":
+        """Means over ``count`` windows each; what is over at the end is left out."""
+        whole = len(self.t) // count * count
+        arrays = self.t, self.left, self.beside, self.driven, self.measured
+        return Stretch(self.recording, *(x[:whole].reshape(-1, count, *x.shape[1:]).mean(1) for x in arrays))
+
 
 @dataclass(frozen=True, eq=False)
 class AxisSeries:
@@ -59,6 +65,20 @@ class AxisSeries:
     def of(self, names: Sequence[str]) -> "AxisSeries":
         """The recordings of these names only."""
         return replace(self, stretches=tuple(s for s in self.stretches if s.recording in names))
+
+    def coarser(self, count: int) -> "AxisSeries":
+        """Means over ``count`` windows each, without stretches that are shorter than two of them."""
+        if count == 1:
+            return self
+        box = np.zeros((count - 1) * round(self.step / self.dt) + 1)
+        box[:: round(self.step / self.dt)] = 1 / count
+        long = [s for s in self.stretches if len(s.t) >= 2 * count]
+        return replace(
+            self,
+            stretches=tuple(s.coarser(count) for s in long),
+            step=self.step * count,
+            weights=np.convolve(self.weights, box),
+        )
 
 
 def axis_series(subject: Subject, model: PhysicsModel, noise: Noise) -> list[AxisSeries]:

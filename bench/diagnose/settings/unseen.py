@@ -71,6 +71,12 @@ class Hiding:
     spacing: float = threshold(
         1.5, "from one frequency that is tried to the next, in damping ratios", Basis.EFFORT, "half-power half-widths"
     )
+    windows: tuple[int, ...] = threshold(
+        (1, 4, 16),
+        "short windows in each of those in which a mode is sought: what is slow shows in long ones",
+        Basis.EFFORT,
+        "count",
+    )
     lags: int = threshold(14, "time constants that are tried of what relaxes", Basis.EFFORT, "count")
     periods: float = threshold(
         3.0, "of a mode that the longest recording must hold, and time constants of what relaxes", Basis.JUDGED, "count"

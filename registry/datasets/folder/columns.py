@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from registry.errors import BenchError
 from registry.units import SIGNALS, Signal, checked, measures, to_si
 
-TIME = r"%?time(?:_?(?:s|ms|us|ns))?|t|t_?(?:s|ms|us|ns)|timestamp(?:_?(?:s|ms|us|ns))?|tick|(?:.*\.)?stamp"
+TIME = r"%?time(?:_?(?:s|ms|us|ns))?|t(?:out)?|t_?(?:s|ms|us|ns)|timestamp(?:_?(?:s|ms|us|ns))?|tick|(?:.*\.)?stamp"
 """Of the column that holds the time."""
 _ROS = r"(?:.*\.)?"
 _EULER = ("roll", "pitch", "yaw")

@@ -125,8 +125,8 @@ def _nearest(rows: AxisRows, pole: Pole, driver: int, whiten: np.ndarray, fastes
     bottom = HIDING.lowest / max(s.t[-1] - s.t[0] for s in rows.seen)
 
     def made(x: np.ndarray) -> Pole:
-        damping = float(np.clip(np.exp(x[1]), HIDING.least_damped, 0.99)) if pole.order == 2 else 0.0
-        return Pole(float(np.clip(np.exp(x[0]), bottom, 2 * fastest)), damping, pole.order)
+        damping = float(np.exp(np.clip(x[1], np.log(HIDING.least_damped), np.log(0.99)))) if pole.order == 2 else 0.0
+        return Pole(float(np.exp(np.clip(x[0], np.log(bottom), np.log(2 * fastest)))), damping, pole.order)
 
     begin = np.log([pole.frequency, pole.damping]) if pole.order == 2 else np.log([pole.frequency])
     wide = [0.5 * HIDING.spacing * pole.damping, 0.5] if pole.order == 2 else [0.3]
