@@ -74,7 +74,7 @@ def print_problems(subject: "Subject") -> None:
     from bench.diagnose.checks.problems import contradictions
     from bench.diagnose.report.phrases import gathered
 
-    found = gathered(contradictions(subject))
+    found = gathered(contradictions(subject).problems)
     for line in found[:4]:
         click.echo(f"data problem: {line}", err=True)
     if len(found) > 4:

@@ -191,6 +191,20 @@ def test_other_faults_are_named(spoil: Callable[[Columns], None], signal: str, k
     assert says in found[0].detail
 
 
+def test_a_rate_whose_filter_starts_up_is_told_and_stops_nothing() -> None:
+    logs = flights(3)
+    assert problems(made(logs)) == ((), ())
+    size = len(logs[1]["velocity"])
+    reach = np.ptp(logs[1]["position"], axis=0).max()
+    logs[1]["velocity"][:, 2] -= 20 * reach * np.exp(-np.arange(size) / 15)
+    found = problems(made(logs))
+    assert not found.problems
+    (one,) = found.suspicions
+    assert (one.recording, one.signal, one.kind) == ("flight_2", "velocity", "disagreement")
+    assert one.rows is not None and one.rows[0] == 0 and 20 < one.rows[1] < 200
+    assert "Velocity and the change of position contradict each other in flight_2 at samples 0 to" in one.detail
+
+
 def test_a_shift_of_all_recordings_is_a_suspicion_or_a_fault_by_its_sign_and_of_one_a_fault() -> None:
     logs = flights(4, count=5, noise=0.1)
     early = [time_shift(log, i, -0.01)[0] for i, log in enumerate(logs)]

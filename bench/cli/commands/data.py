@@ -245,12 +245,14 @@ def _contradicted(subject: "Subject", ignore: tuple[str, ...]) -> list[str]:
     from bench.diagnose.checks.problems import contradictions, without_damaged
     from bench.diagnose.report.phrases import gathered
 
-    found = contradictions(subject)
+    found, suspicions = contradictions(subject)
     left = [p for p in found if p.kind not in ignore]
     stopping = left if without_damaged(subject, left) is None else []
     for word, said in (("WRONG", stopping), ("note", [p for p in found if p not in stopping])):
         for line in gathered(said):
             click.echo(f"{word}: {line}")
+    for one in suspicions:
+        click.echo(f"note: {one.detail}")
     return list(dict.fromkeys(p.kind for p in stopping))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from torch import Tensor
 
 from bench.diagnose.checks.alignment import alignment
+from bench.diagnose.checks.disagreements import Disagreement, disagreements, told
 from bench.diagnose.checks.excursions import Event, excursions, standing_out
 from bench.diagnose.checks.machines import machine_problems
 from bench.diagnose.checks.shifts import shifts
@@ -40,7 +41,7 @@ class Checked(NamedTuple):
         return all(p.kind == "time shift" for p in self.problems)
 
 
-Known = dict[str, tuple[list[DataProblem], list[Event]]]
+Known = dict[str, tuple[list[DataProblem], list[Event], list[Disagreement]]]
 """What recordings say each by itself, by name."""
 
 
@@ -56,15 +57,18 @@ def problems(subject: Subject, own: Mapping[str, Tensor] | None = None, known: K
     """
     found: list[DataProblem] = []
     events: list[Event] = []
+    apart: list[Disagreement] = []
     known = {} if known is None else known
     for log in subject.logs:
         if log.name not in known:
             known[log.name] = _of_log(subject.model, log)
-        faults, excursions = known[log.name]
+        faults, excursions, disagreeing = known[log.name]
         found += faults
         events += excursions
+        apart += disagreeing
     stopping, minor = standing_out(events)
     found += stopping
+    minor += [] if found else told(apart)  # a jump or a spike is told by itself
     found = found or machine_problems(subject)
     if not found:
         shifted, suspected = shifts(subject, own or {})
@@ -74,13 +78,13 @@ def problems(subject: Subject, own: Mapping[str, Tensor] | None = None, known: K
     return Checked(tuple(found), tuple(minor))
 
 
-def contradictions(subject: Subject) -> tuple[DataProblem, ...]:
-    """`problems` that stop an analysis whatever the model lacks: what every command but a diagnosis tells.
+def contradictions(subject: Subject) -> Checked:
+    """`problems` whatever the model lacks: what every command but a diagnosis tells.
 
     When inputs act is judged by a diagnosis alone, beside what it finds missing: an absorber on a spring looks like a
     clock that is late.
     """
-    return tuple(p for p in problems(subject).problems if p.kind != "time shift")
+    return Checked(*(tuple(p for p in some if p.kind != "time shift") for some in problems(subject)))
 
 
 def without_damaged(subject: Subject, found: Sequence[DataProblem]) -> Subject | None:
@@ -100,10 +104,10 @@ def without_damaged(subject: Subject, found: Sequence[DataProblem]) -> Subject |
     return replace(subject, logs=logs, training=training, held_out=held_out, notes=(*subject.notes, note))
 
 
-def _of_log(model: PhysicsModel, log: Log) -> tuple[list[DataProblem], list[Event]]:
+def _of_log(model: PhysicsModel, log: Log) -> tuple[list[DataProblem], list[Event], list[Disagreement]]:
     broken = list(_broken(log))
     if broken or len(log) < 4 * READING.ends:
-        return broken, []
+        return broken, [], []
     view = View(model, log)
     found = list(_clipped(view)) or list(_frozen(view))
     for problem in found:
@@ -112,7 +116,8 @@ def _of_log(model: PhysicsModel, log: Log) -> tuple[list[DataProblem], list[Even
     wrong, sound = alignment(view.log, view.pairs, view.x, view.rates, view.usable)
     found += wrong
     view.pairs = sound
-    return found, [] if wrong else excursions(view)
+    events = [] if wrong else excursions(view)
+    return found, events, [] if found else disagreements(view)
 
 
 # ------------------------------------------------------------------------------------------- one sample for itself

@@ -8,7 +8,16 @@ from dataclasses import Field, fields, is_dataclass
 from typing import Any
 
 from bench.diagnose.settings.ceiling import Ceiling
-from bench.diagnose.settings.checks import Aligning, Freezing, Hitting, Inverting, Leaving, Shifting, Spiking
+from bench.diagnose.settings.checks import (
+    Aligning,
+    Disagreeing,
+    Freezing,
+    Hitting,
+    Inverting,
+    Leaving,
+    Shifting,
+    Spiking,
+)
 from bench.diagnose.settings.conventions import Lifting, Mending, Mounting, Offsetting, Sampling, Trying, Turning
 from bench.diagnose.settings.learn import Learning, Sketching, Splining, Wording
 from bench.diagnose.settings.logs import Hearing, Reading, Sloping
@@ -40,6 +49,7 @@ DECIDING = Deciding()
 TELLING = Telling()
 ALIGNING = Aligning()
 HITTING = Hitting()
+DISAGREEING = Disagreeing()
 SPIKING = Spiking()
 FREEZING = Freezing()
 INVERTING = Inverting()

@@ -27,6 +27,19 @@ class Aligning:
 
 
 @dataclass(frozen=True)
+class Disagreeing:
+    """A signal and its rate that contradict each other for a while."""
+
+    usual: float = threshold(
+        100.0,
+        "by how much more than is usual between them a rate must contradict a signal, and by more than that changes in "
+        "99 of 100 windows; a rate whose filter starts up does by 500 to 700, 112 pairs of real flights that move no "
+        "more do by 52 at most",
+        Basis.MEASURED,
+    )
+
+
+@dataclass(frozen=True)
 class Spiking:
     """Samples far from their neighbours."""
 
