@@ -12,6 +12,7 @@ from simulated_fleet import CUBIC, DRAG, vehicle
 from test_compare import TRUE, flights, subject_of
 
 from bench.diagnose import diagnose, discover, load
+from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select import worthy
 from bench.diagnose.select.discovery import Discovery, Found, trifle
 from bench.diagnose.select.materiality import Weighing
@@ -436,8 +437,26 @@ def test_no_hidden_mode_is_sought_where_free_runs_begin_unseen(
     monkeypatch.setattr(diagnosing, "_share_left", lambda extension: 0.09)
     run = SimpleNamespace(subject=None, noise=None, tick=None, horizon_s=None, filed=None)
     extension = SimpleNamespace(model=Oscillator(effects=(effect,)), effects=())
-    assert diagnosing._learned(run, SimpleNamespace(found=()), extension, verdict) is None
+    assert diagnosing._learned(run, SimpleNamespace(found=(), equations=()), extension, verdict) is None
     assert asked == {"much": sought}
+
+
+@pytest.mark.parametrize(
+    ("best", "long", "tried"), [(0.5, False, [False, True]), (1.0, False, [False]), (0.5, True, [True])]
+)
+def test_what_short_windows_do_not_confirm_is_sought_in_long_ones_where_signals_tell_more(
+    monkeypatch: pytest.MonkeyPatch, best: float, long: bool, tried: list[bool]
+) -> None:
+    diagnosing, asked = sys.modules["bench.diagnose.diagnose"], []
+    monkeypatch.setattr(diagnosing, "learned", lambda subject, *_, **__: asked.append(subject.long_windows))
+    monkeypatch.setattr(diagnosing, "_share_left", lambda extension: 0.5)
+    subject = Subject("", Oscillator(), (), (), (), None, {}, {}, (), long_windows=long)
+    run = SimpleNamespace(subject=subject, noise=None, tick=None, horizon_s=None, filed=None)
+    left = EquationError("speed", 0.5, "m/s", {"calibrated": 1.0, "extended": 1.0}, best, 0.1, own_floor=0.1)
+    found = SimpleNamespace(found=(), equations=(left,))
+    extension = SimpleNamespace(model=Oscillator(), effects=())
+    assert diagnosing._learned(run, found, extension, "unknown_effect") is None
+    assert asked == tried
 
 
 def test_what_can_do_the_same_with_more_numbers_is_no_other_explanation() -> None:
