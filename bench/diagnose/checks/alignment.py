@@ -41,7 +41,7 @@ def alignment(
     found: list[DataProblem] = []
     sound, paces, length = [], [], max(3, round(ALIGNING.window * log.pace))
     for pair in among:
-        measured, said = _windows(pair, x, log.dt, length)
+        measured, said = changes(pair, x, log.dt, length)
         inside = within(usable, length)
         fit = fit_alignment(measured[inside], said[inside], length)
         if fit is None:
@@ -78,7 +78,7 @@ def fit_alignment(measured: Array, said: Array, length: int) -> Fit | None:
         return Fit(cross, ms / ss, mm / ms)
 
 
-def _windows(pair: Pair, x: Array, dt: float, length: int) -> tuple[Array, Array]:
+def changes(pair: Pair, x: Array, dt: float, length: int) -> tuple[Array, Array]:
     """What the signal changes over windows of ``length`` steps, and what its rate says (N − length, axes).
 
     Of an attitude the small turns of every step are summed up, as the body rates are.
@@ -92,7 +92,7 @@ def _interchanged(log: Log, pair: Pair, fit: Fit, x: Array, inside: Array, lengt
     """Whether the rate changes as the signal says, and not the other way round: each has the other's column."""
     if pair.turns:
         return []
-    measured, said = _windows(Pair(pair.rate, pair.signal, pair.rates, pair.channels, pair.axes), x, log.dt, length)
+    measured, said = changes(Pair(pair.rate, pair.signal, pair.rates, pair.channels, pair.axes), x, log.dt, length)
     back = fit_alignment(measured[inside], said[inside], length)
     if back is None or np.diag(fit.correlation).max() > 0.6 or np.diag(back.correlation).min() < 0.95:
         return []

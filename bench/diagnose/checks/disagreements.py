@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.diagnose.logs.consistency import Pair, View, accumulated, change, spread, within
+from bench.diagnose.checks.alignment import changes
+from bench.diagnose.logs.consistency import Pair, View, spread, within
 from bench.diagnose.result import DataProblem
 from bench.diagnose.settings import ALIGNING, DISAGREEING
 from registry.datasets.reading.cleaning import runs
@@ -33,8 +34,8 @@ def disagreements(view: View) -> list[Disagreement]:
 
 
 def _worst(view: View, pair: Pair, inside: np.ndarray, length: int) -> Disagreement | None:
-    steps = view.steps(pair), change(view.x[:, pair.channels], pair.turns)
-    beyond, moved = (y[length:] - y[:-length] for y in map(accumulated, steps))
+    moved, said = changes(pair, view.x, view.dt, length)
+    beyond = moved - said
     usual = spread(beyond[inside])
     limit = np.maximum(DISAGREEING.usual * usual, np.quantile(np.abs(moved[inside]), 0.99, axis=0))
     times = np.where(inside[:, None] & (np.abs(beyond) > limit), np.abs(beyond) / np.maximum(usual, 1e-300), 0.0)

@@ -157,13 +157,13 @@ def _of_own(kind: type[PhysicsModel], columns: Sequence[str], stated: Mapping[st
     known = {**SIGNALS, **kind.signals}
     beside = (*kind.input_signals, *kind.disturbances)
     found = of_own(columns, wanted | {name: known[name] for name in beside}, stated)
-    drives = kind.input_signals
-    driver = next((s for s in drives if s in found.signals), drives[0] if len(drives) == 1 else None)
-    asked = (*wanted, *([driver] if driver else drives[:1]), *kind.disturbances)
+    inputs = kind.input_signals
+    driver = next((s for s in inputs if s in found.signals), inputs[0] if len(inputs) == 1 else None)
+    asked = (*wanted, *([driver] if driver else inputs[:1]), *kind.disturbances)
     missing, constants = [s for s in asked if s not in found.signals], kind().parameters()
     named = f'input = "{driver}"' if driver else "# TODO: input, the signal that drives the system"
     return [
-        *[named] * bool(drives),
+        *[named] * bool(inputs),
         'input_hold = "linear"  # TODO: "previous" if the input is a command',
         "",
         "[signals]  # TODO: check every unit",

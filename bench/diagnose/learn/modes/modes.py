@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from bench.diagnose.compare import FreeRuns, finite, free_runs
-from bench.diagnose.learn.axis_series import axis_series
+from bench.diagnose.compare import finite, free_runs
+from bench.diagnose.learn.axis_series import AxisSeries, axis_series
 from bench.diagnose.learn.candidates import pairs
 from bench.diagnose.learn.learn import refitted
 from bench.diagnose.learn.modes.search import Mode, sought
@@ -39,13 +37,14 @@ def modes(subject: Subject, model: PhysicsModel, noise: Noise) -> tuple[HiddenMo
     if hidden(subject.logs):
         return ()
     found: list[HiddenMode] = []
-    runs, windows = _Runs(subject, noise), HIDING.windows
+    runs, windows = None, HIDING.windows
     while len(found) < HIDING.most:
         now = replace(model, effects=(*model.effects, *found))
-        by_window = {count: _candidates(subject, now, noise, count) for count in windows}
-        candidates = [(mode, count) for count, some in by_window.items() for mode in some]
+        series = axis_series(subject, now, noise)
+        candidates = [(mode, count) for count in windows for mode in _candidates(subject, now, series, count)]
         if not candidates:
             break
+        runs = runs or _Runs(subject, noise)
         missed = [runs.error(replace(now, effects=(*now.effects, mode))) for mode, _ in candidates]
         near = [c for c, e in zip(candidates, missed, strict=True) if e <= min(missed) + HIDING.equal]
         # What a rate drives is an inertia, which is easier to say than the same driven by a pose.
@@ -60,25 +59,12 @@ def _rate(driver: str) -> bool:
 
 
 class _Runs:
-    """Free runs of the training recordings, made when they are asked for."""
+    """Free runs of the training recordings."""
 
     def __init__(self, subject: Subject, noise: Noise) -> None:
-        self.subject, self.noise = subject, noise
-
-    @cached_property
-    def search(self) -> Search:
-        """In which numbers are fitted."""
-        return Search(self.subject, (), lambda what: None, self.noise)
-
-    @cached_property
-    def runs(self) -> FreeRuns:
-        """Where they begin."""
-        return free_runs(self.subject, self.noise, self.subject.training)
-
-    @cached_property
-    def measured(self) -> Tensor:
-        """What was measured there."""
-        return measured_windows(self.runs.logs, self.runs.at, self.runs.steps)
+        self.search = Search(subject, (), lambda what: None, noise)
+        self.runs = free_runs(subject, noise, subject.training)
+        self.measured = measured_windows(self.runs.logs, self.runs.at, self.runs.steps)
 
     def error(self, model: PhysicsModel) -> float:
         """Mean logarithm over groups of the squared error, after all numbers were fitted in the weak form."""
@@ -98,15 +84,14 @@ def drivers_of(model: PhysicsModel, axis: str) -> list[str]:
     return [f"velocity.{along}" if axis in known.WORLD_FORCES else f"body_velocity.{along}"]
 
 
-def _candidates(subject: Subject, model: PhysicsModel, noise: Noise, count: int) -> list[HiddenMode]:
+def _candidates(subject: Subject, model: PhysicsModel, series: Sequence[AxisSeries], count: int) -> list[HiddenMode]:
     """Modes that recordings confirm, of the axis that shows one most surely; the same one along others joined."""
     places = {name: i for i, name in enumerate(known.available(model))}
     inputs = known.input_names(type(model), *known.drive_of(model))
-    series = [one.coarser(count) for one in axis_series(subject, model, noise)]
     found: list[Mode] = []
     for one in series:
         drivers = {name: places[name] for name in drivers_of(model, one.axis)}
-        found += sought(one, drivers, subject.training, len(series) * len(HIDING.windows), inputs)
+        found += sought(one.coarser(count), drivers, subject.training, len(series) * len(HIDING.windows), inputs)
     found.sort(key=lambda m: -m.evidence)
     return [_joined([mode, *found]) for mode in found if mode.axis == found[0].axis]
 
