@@ -150,12 +150,16 @@ class Mechanical(StateSpace):
         roles = {"displacement": groups[:half], "speed": groups[half:]}
         return {role for role, its in roles.items() if measured & set(its)}
 
+    @classmethod
+    def turns(cls) -> bool:
+        """Whether it is a shaft or an arm: its mass is a moment of inertia."""
+        return any(f.name == "mass" and f.metadata.get("unit") == "kg m^2" for f in fields(cls))
+
     @override
     def effect_unit(self, unit: str) -> str:
         """Of what turns: torques in N m, inertia in kg m^2 and paths in rad, where a mass on a rail has N, kg and m."""
-        turning = {"N": "N m", "kg": "kg m^2", "m": "rad"}
-        turns = any(p.name == "mass" and p.unit == turning["kg"] for p in self.parameters())
-        if turns:
+        if self.turns():
+            turning = {"N": "N m", "kg": "kg m^2", "m": "rad"}
             unit = re.sub(r"\b(N|kg|m)\b", lambda of: turning[of[0]], bare(unit))
             unit = re.sub(r"/(\S+ .+)", r"/(\1)", unit)
         return super().effect_unit(unit)

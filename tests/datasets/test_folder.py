@@ -338,8 +338,15 @@ def test_columns_of_a_motor_are_known_by_name_and_unit(tmp_path):
     assert 'input = "voltage"' in text and 'voltage = {columns = ["voltage_V"], unit = "V"}' in text
     assert "TODO: angle" not in text and 'what is column "current_A"' in text
     data.set_axis(["q", "w", "i", "u"], axis=1).assign(tout=np.arange(50) / 100).to_csv(tmp_path / "a.csv", index=False)
-    text = draft(tmp_path, own=Motor)  # one signal drives it, whatever its column is called
-    assert 'input = "voltage"' in text and "# TODO: voltage = " in text and 'time = "tout"' in text
+    text = draft(tmp_path, own=Motor)  # short names, as equations have them
+    assert 'input = "voltage"' in text and 'voltage = {columns = ["u"], unit = "V"}' in text and 'time = "tout"' in text
+    assert 'angle = {columns = ["q"], unit = "rad"}' in text
+    assert 'angle_rate = {columns = ["w"], unit = "rad/s"}' in text
+    data.set_axis(["a", "b", "drive", "set_point"], axis=1).to_csv(tmp_path / "a.csv", index=False)
+    text = draft(tmp_path, own=Motor)  # one signal drives it, but which column is that?
+    assert 'input = "voltage"' in text and "# TODO: voltage = " in text
+    data.set_axis(["a", "b", "i", "drive"], axis=1).to_csv(tmp_path / "a.csv", index=False)
+    assert 'voltage = {columns = ["drive"], unit = "V"}' in draft(tmp_path, own=Motor)
 
 
 def test_numbered_motors_may_be_speeds(tmp_path):

@@ -43,13 +43,13 @@ def subject(limit: float = np.inf, weight: float = 0.0, model: Servo | None = No
 def test_the_limit_of_the_motor_is_found_and_the_weight_of_the_arm() -> None:
     answer = discover(subject(LIMIT, WEIGHT))
     found = {f.id: [x.value for x in f.estimates] for f in answer.found}
-    assert set(found) == {"force_limit", "cogging"}
+    assert set(found) == {"force_limit", "gravity_torque"}
     # Only ratios of torques and inertia are told.
     scale = answer.model.mass / INERTIA
     assert 1 / found["force_limit"][0] / scale == pytest.approx(LIMIT, rel=0.05)
-    a, b, turn = found["cogging"]
-    assert turn == pytest.approx(2 * np.pi, rel=0.1)
-    assert np.hypot(a, b) / scale == pytest.approx(WEIGHT, rel=0.1)
+    a, b = found["gravity_torque"]
+    assert np.hypot(a, b) / scale == pytest.approx(WEIGHT, rel=0.03)
+    assert np.arctan2(-b, -a) == pytest.approx(0.4, abs=0.03)
 
 
 def test_nothing_is_missing_of_a_servo_that_does_as_its_model_says() -> None:

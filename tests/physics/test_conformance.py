@@ -29,6 +29,7 @@ MORE: dict[str, dict[str, Any]] = {
     "battery_sag, time alone": {"extras": ("time",)},
     "bouc_wen": {"dt": 1e-3},
     "force_limit": {"model": lambda self, *effects, **more: Servo(effects=effects, **more), "start": (0.3, -0.2)},
+    "gravity_torque": {"model": lambda self, *effects, **more: Servo(effects=effects, **more), "start": (0.3, -0.2)},
     "joint_damping": CRANES,
     "joint_friction": CRANES,
     "overflow": {"dt": 4.0},

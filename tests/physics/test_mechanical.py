@@ -17,7 +17,13 @@ from registry.effects.mechanics.friction import (
     ViscousFriction,
 )
 from registry.effects.mechanics.hysteresis import Backlash, BoucWen
-from registry.effects.mechanics.stiffness import Cogging, CubicStiffness, JointElasticity
+from registry.effects.mechanics.stiffness import (
+    Cogging,
+    CubicStiffness,
+    GravityTorque,
+    JointElasticity,
+    LinearStiffness,
+)
 from registry.effects.polynomial import Monomial
 from registry.effects.process import DeadZone, Overflow, Saturation, TransportDelay
 from registry.errors import BenchError
@@ -28,6 +34,7 @@ from registry.physics.oscillator import Oscillator
 from registry.physics.pendulum import Pendulum
 from registry.physics.tanks import Tanks
 from registry.physics.van_der_pol import VanDerPol
+from tests.servos import Servo
 
 F64 = torch.float64
 
@@ -71,6 +78,10 @@ def test_forces_by_hand():
     stribeck = StribeckFriction(f_c=20.0, f_s=30.0, v_s=0.3)
     assert added(rail, stribeck, (0.0, 0.3), (0.0,)) == pytest.approx([0, -(20 + 10 / math.e) / 50])
     assert added(rail, Cogging(a=2.0, b=1.0, pitch=0.02), (0.005, 0.0), (0.0,)) == pytest.approx([0, 2 / 50])
+    assert added(rail, LinearStiffness(k=40.0), (0.2, 0.3), (0.0,)) == pytest.approx([0, -40 * 0.2 / 50])
+    # An arm of .3 kg m² whose 1.2 kg are .25 m from its axis, level at zero, 30 deg up.
+    weight = added(Servo(mass=0.3), GravityTorque(b=-1.2 * 9.81 * 0.25), (math.pi / 6, 0.0), (0.0,))
+    assert weight == pytest.approx([0, -1.2 * 9.81 * 0.25 * math.cos(math.pi / 6) / 0.3])
     spring = Oscillator(mass=2.0)
     assert added(spring, CubicStiffness(k_3=7.0), (0.3, 0.0), (0.0,)) == pytest.approx([0, -7 * 0.3**3 / 2])
     # On a pendulum of length 2 m a force F along the path turns by F/(m l).

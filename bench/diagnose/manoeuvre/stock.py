@@ -14,7 +14,9 @@ _LINES = (
     "viscous_friction", "quadratic_drag", "rotor_misalignment",
 )  # fmt: skip
 _REVERSALS = ("coulomb_friction", "stribeck_friction", "offset_force", "backlash", "bouc_wen")
-_SIZES = ("cubic_stiffness", "dead_zone", "saturation", "cogging", "suspended_load")
+_SIZES = (
+    "linear_stiffness", "cubic_stiffness", "gravity_torque", "dead_zone", "saturation", "cogging", "suspended_load",
+)  # fmt: skip
 _CLIMBS = (
     "inflow_thrust_loss", "vortex_ring_state", "cog_offset", "battery_sag", "thrust_scale", "mass", "ground_effect",
 )  # fmt: skip

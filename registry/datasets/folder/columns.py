@@ -82,8 +82,8 @@ _NUMBERED = (
 _NAMED: dict[str, str] = {
     "displacement": "q|x|y|pos|position|disp|displacement",
     "speed": "v|speed|vel|velocity|d[qx]|[qx]_?dot",
-    "angle": "theta|phi|th|angle",
-    "angle_rate": "omega|w|gyro|(?:theta|phi|angle)_?(?:dot|rate)|d(?:theta|phi)",
+    "angle": "theta|phi|th|q|angle",
+    "angle_rate": "omega|w|gyro|(?:theta|phi|th|q|angle)_?(?:dot|rate)|d(?:theta|phi|th|q)|qd",
     "force": "f|u|force|input",
     "voltage": "u|v|volt|voltage|input",
     "level": "h|y|[hy]_?2|level|level_?2|lower|lower_?level",
@@ -131,6 +131,11 @@ class Found:
     columns: dict[str, list[str]] = field(default_factory=dict)
     """Name → the columns that it is made of."""
     left: list[str] = field(default_factory=list)
+
+    def take(self, signal: str, column: str, unit: str) -> None:
+        """A column is one of the signals, in a unit."""
+        self.signals[signal], self.columns[signal] = _entry([column], f'unit = "{unit}"'), [column]
+        self.left.remove(column)
 
 
 def time_column(names: Sequence[str]) -> str | None:
@@ -191,12 +196,22 @@ def recognised(names: Sequence[str], wanted: Collection[str] = (), units: Mappin
     return found
 
 
-def of_own(names: Sequence[str], wanted: Mapping[str, Signal], units: Mapping[str, str]) -> Found:
-    """The signals of a class of one's own: columns called as they are, "torque", or as their axes, "torque_elbow"."""
+def of_own(
+    names: Sequence[str], wanted: Mapping[str, Signal], units: Mapping[str, str], inputs: Sequence[str] = ()
+) -> Found:
+    """The signals of a class of one's own: columns called as they are, "torque", as their axes, "torque_elbow", or "u".
+
+    Args:
+        names: of the columns, without that of the time.
+        wanted: the signals that are looked for.
+        units: of columns whose unit the file states.
+        inputs: those of ``wanted`` that drive the system.
+    """
     found = Found(left=list(names))
     for signal, about in wanted.items():
         axes = [a for a in about.axes if a]
-        ways = [[rf"{signal}[._ ]?{a}" for a in axes], list(map(re.escape, axes)), [signal] * (len(about.axes) == 1)]
+        short = [[signal], [_NAMED.get(signal, signal)]] if len(about.axes) == 1 else []
+        ways = [[rf"{signal}[._ ]?{a}" for a in axes], list(map(re.escape, axes)), *short]
         for patterns in ways:
             columns = [next((n for n in found.left if re.fullmatch(p, bare(n), re.IGNORECASE)), "") for p in patterns]
             if not columns or not all(columns) or len(set(columns)) < len(columns):
@@ -207,6 +222,10 @@ def of_own(names: Sequence[str], wanted: Mapping[str, Signal], units: Mapping[st
             found.left = [n for n in found.left if n not in columns]
             break
     _by_unit(found, wanted, units)
+    driving = [n for n in found.left if drives(n)]
+    if len(inputs) == len(driving) == 1 and inputs[0] not in found.signals and len(wanted[inputs[0]].axes) <= 1:
+        column = driving[0]
+        found.take(inputs[0], column, units.get(column, "") or _unit(column) or wanted[inputs[0]].unit)
     return found
 
 
@@ -217,21 +236,17 @@ def _by_unit(found: Found, wanted: Mapping[str, Signal], units: Mapping[str, str
         told = {n: units.get(n, "") or _unit(n) for n in found.left}
         return {n: unit for n, unit in told.items() if unit and measures(unit, wanted[signal].unit)}
 
-    def take(signal: str, column: str, unit: str) -> None:
-        found.signals[signal], found.columns[signal] = _entry([column], f'unit = "{unit}"'), [column]
-        found.left.remove(column)
-
     single = [s for s in wanted if s not in found.signals and len(wanted[s].axes) <= 1]
     for signal in single:
         named = rf"(?:{_NAMED.get(signal, signal)}|{signal})_\w+"
         for column, unit in [(n, u) for n, u in fitting(signal).items() if re.fullmatch(named, bare(n), re.IGNORECASE)][
             :1
         ]:
-            take(signal, column, unit)
+            found.take(signal, column, unit)
     for signal in (s for s in single if s not in found.signals):
         alike = [s for s in single if s not in found.signals and measures(wanted[s].unit, wanted[signal].unit)]
         if len(alike) == 1 and len(columns := fitting(signal)) == 1:
-            take(signal, *columns.popitem())
+            found.take(signal, *columns.popitem())
 
 
 def _in_units(about: str, columns: Sequence[str], units: Mapping[str, str]) -> str:

@@ -154,10 +154,9 @@ def _of_own(kind: type[PhysicsModel], columns: Sequence[str], stated: Mapping[st
         for g in groups
         if (own := [c for c in kind.state_channels if c.group == g])
     }
-    known = {**SIGNALS, **kind.signals}
-    beside = (*kind.input_signals, *kind.disturbances)
-    found = of_own(columns, wanted | {name: known[name] for name in beside}, stated)
-    inputs = kind.input_signals
+    known, inputs = {**SIGNALS, **kind.signals}, kind.input_signals
+    beside = (*inputs, *kind.disturbances)
+    found = of_own(columns, wanted | {name: known[name] for name in beside}, stated, inputs)
     driver = next((s for s in inputs if s in found.signals), inputs[0] if len(inputs) == 1 else None)
     asked = (*wanted, *([driver] if driver else inputs[:1]), *kind.disturbances)
     missing, constants = [s for s in asked if s not in found.signals], kind().parameters()

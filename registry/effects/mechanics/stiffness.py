@@ -18,6 +18,22 @@ _RIGID = 1e-9
 """T = 1/ω [s] up to which a joint does not bend at all, so that rounding errors of zero are zero."""
 
 
+@EFFECTS.register("linear_stiffness")
+@dataclass(frozen=True)
+class LinearStiffness(ForceEffect):
+    """A spring that pulls back to zero, such as a cable or a hose that bends, or the field of a magnet nearby."""
+
+    k: Any = constant(0.0, "k", "N/m", typical=100.0, measure="force/displacement", share=0.2)
+    equation: ClassVar[str] = "F = −k q"
+    needs: ClassVar[tuple[str, ...]] = ("displacement",)
+    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail",)
+    manoeuvre: ClassVar[str] = "travel slowly from one end to the other, and rest at several places"
+
+    @override
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        return -scaled(self.k, displacement) * displacement
+
+
 @EFFECTS.register("cubic_stiffness")
 @dataclass(frozen=True)
 class CubicStiffness(ForceEffect):
@@ -36,6 +52,30 @@ class CubicStiffness(ForceEffect):
         return -scaled(self.k_3, displacement) * displacement**3
 
 
+@EFFECTS.register("gravity_torque")
+@dataclass(frozen=True)
+class GravityTorque(ForceEffect):
+    """Torque of the weight of an arm, or of a disc whose centre of gravity is not on its axis."""
+
+    a: Any = constant(0.0, "sine part", "N", typical=2.0, measure="force", share=0.2)
+    b: Any = constant(0.0, "cosine part", "N", typical=1.0, measure="force", share=0.1)
+    equation: ClassVar[str] = "M = a sin q + b cos q"
+    needs: ClassVar[tuple[str, ...]] = ("displacement",)
+    systems: ClassVar[tuple[str, ...]] = ("mass_on_rail",)
+    acts_in: ClassVar[str] = "a class of your own that turns: its mass in kg m^2"
+    manoeuvre: ClassVar[str] = "turn slowly through as much of a turn as is allowed, and rest at several angles"
+
+    @classmethod
+    @override
+    def suits(cls, kind: Any) -> bool:
+        return super().suits(kind) and kind.turns()
+
+    @override
+    def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
+        a, b = scaled(self.a, displacement), scaled(self.b, displacement)
+        return a * torch.sin(displacement) + b * torch.cos(displacement)
+
+
 _PERIODS = 48
 """Periods of cogging in a turn that are tried, at most."""
 
@@ -43,7 +83,7 @@ _PERIODS = 48
 @EFFECTS.register("cogging")
 @dataclass(frozen=True)
 class Cogging(ForceEffect):
-    """Force of a motor's magnets, or of the weight of an arm (one period a turn), periodic in the position."""
+    """Force of a motor's magnets, periodic in the position."""
 
     a: Any = constant(0.0, "sine part", "N", typical=2.0, measure="force", share=0.05)
     b: Any = constant(0.0, "cosine part", "N", typical=1.0, measure="force", share=0.03)
@@ -59,11 +99,11 @@ class Cogging(ForceEffect):
     @classmethod
     @override
     def grid(cls, sizes: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """`screen`, and of what turns a whole turn; of what turns more than once, a whole number of periods a turn."""
+        """`screen`; of what turns more than once, a whole number of periods a turn, and more than that of a weight."""
         turn = sizes.get("turn", math.inf)
         if sizes.get("displacement", 0.0) < 2 * turn:
-            return {"pitch": (*super().grid(sizes)["pitch"], *[turn] * math.isfinite(turn))}
-        return {"pitch": tuple(turn / n for n in range(1, _PERIODS + 1))}
+            return super().grid(sizes)
+        return {"pitch": tuple(turn / n for n in range(2, _PERIODS + 1))}
 
     @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
