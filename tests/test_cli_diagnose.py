@@ -80,6 +80,11 @@ def test_an_effect_is_added_once(folder: Path) -> None:
     assert not (folder / "diagnosis").exists()
 
 
+def test_what_was_learned_is_not_added_by_its_name(folder: Path) -> None:
+    done = CliRunner().invoke(cli, ["extend", str(folder), "--add", "hidden_mode"])
+    assert isinstance(done.exception, BenchError) and '"learned" in its place' in str(done.exception)
+
+
 @pytest.mark.parametrize("command", ["discover", "diagnose"])
 def test_an_effect_that_cannot_be_looked_for_is_refused(command: str, folder: Path) -> None:
     done = CliRunner().invoke(cli, [command, str(folder), "--catalogue", "rotor_drag"])

@@ -222,6 +222,11 @@ def _check_added(subject: Subject, model: PhysicsModel, add: Sequence[str | Effe
         if add.count(name) > 1:
             raise BenchError(f"{name} is given twice: an effect is added once.")
         kind = EFFECTS.get(name)
+        if kind.learned:
+            raise BenchError(
+                f'{name} holds what was learned from recordings: "learned" in its place seeks what is there, '
+                '"AXIS ~ SIGNAL" a term that is suspected.'
+            )
         if not kind.suits(type(subject.model)):
             raise BenchError(unsuited(name, kind, type(subject.model)))
 

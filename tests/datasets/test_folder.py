@@ -238,7 +238,7 @@ def test_split_takes_the_last_fifth_and_needs_three(folder):
     split = Folder(path=str(folder)).split(names)
     assert (split.train, split.validation, split.test) == (tuple(names[:6]), ("r06", "r07"), ("r08", "r09"))
     assert Folder().split(["a", "b", "c"]).test == ("c",)
-    with pytest.raises(BenchError, match="one recording of fewer than 500 samples"):
+    with pytest.raises(BenchError, match="one recording of fewer than 100 samples"):
         Folder().split(["a"])
 
 

@@ -22,7 +22,7 @@ from bench.diagnose.extend import shares_of
 from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.report import constant_words, page_sections, phrases, sentences, terminal_summary
-from bench.diagnose.report.phrases import gathered
+from bench.diagnose.report.phrases import gathered, lasting
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, ParameterEstimate, schema
 from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.verify import Estimate
@@ -40,6 +40,13 @@ def told(diagnosis: Diagnosis, width: int = 100) -> str:
     out = io.StringIO()
     terminal_summary.print_summary(diagnosis, Console(file=out, width=width, highlight=False))
     return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(0.5, "0.5 s"), (1024, "1024 s"), (36000, "10 h"), (7200, "2 h"), (1.728e5, "2 days")]
+)
+def test_a_time_is_said_as_one_would(seconds: float, said: str) -> None:
+    assert lasting(seconds) == said
 
 
 @pytest.mark.parametrize("verdict", samples.ALL)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from bench.diagnose.evidence import Predictable
-from bench.diagnose.report.phrases import listed, named, number, shown, united
+from bench.diagnose.report.phrases import lasting, listed, named, number, shown, united
 
 _BY = {
     "missing": "A network on the same history and inputs brings {each}: something is still missing, in {where}.",
@@ -34,7 +34,7 @@ _SHORT = {
 def row(f: Predictable) -> Row:
     """A line of the table of single axes."""
     unit, factor = shown(f.unit, f.group.partition(".")[0], f.errors)
-    said = f"{named(f.group)} after {f.horizon_s:.4g} s [{unit}]"
+    said = f"{named(f.group)} after {lasting(f.horizon_s)} [{unit}]"
     return said, [number(e * factor) for e in f.errors], _SHORT[f.finding]
 
 
@@ -52,7 +52,7 @@ def _fall(f: Predictable) -> str:
     """Such as "velocity after 0.5 s from 0.821 to 0.527 m/s (floor 0.0262)"."""
     unit, factor = shown(f.unit, f.group, [f.model, f.network])
     before, after, floor = (number(e * factor) for e in (f.model, f.network, f.floor))
-    return f"{named(f.group)} after {f.horizon_s:.4g} s from {before} to {united(after, unit)} (floor {floor})"
+    return f"{named(f.group)} after {lasting(f.horizon_s)} from {before} to {united(after, unit)} (floor {floor})"
 
 
 def _place(f: Predictable) -> str:

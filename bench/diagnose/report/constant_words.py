@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from bench.diagnose.by_equation import ObscuredConstant
 from bench.diagnose.evidence import Calibration
-from bench.diagnose.report.phrases import listed, named, number, percent, shown, united
+from bench.diagnose.report.phrases import lasting, listed, named, number, percent, shown, united
 from bench.diagnose.result import Diagnosis
 from bench.diagnose.settings import CALIBRATING, DECIDING, TELLING
 
@@ -57,7 +57,7 @@ def _obscured(c: ObscuredConstant) -> list[str]:
         numbers = listed(f"{named(n)}: about {_plain(n, *x)}" for n, x in c.told.numbers.items())
         said.append(
             f"Given the moments before, the inputs do tell: {numbers}; the squared error of the next "
-            f"{c.told.horizon_s:.4g} s on recordings not learned from falls by {percent(c.told.saves)} so "
+            f"{lasting(c.told.horizon_s)} on recordings not learned from falls by {percent(c.told.saves)} so "
             f"({percent(c.told.low)} to {percent(c.told.high)}). Free runs do not know these moments, and the model "
             "that was fitted for them keeps the other number."
         )

@@ -28,7 +28,8 @@ def shown_equations(diagnosis: Diagnosis) -> list[ShownEquation]:
     for name, e in diagnosis.by_equation.items():
         unit, factor = phrases.shown(e.unit, e.output, [e.nominal, e.calibrated, e.extended])
         errors = [v * factor for v in (e.nominal, e.calibrated, e.extended, e.predictable, e.floor)]
-        out.append(ShownEquation(phrases.named(name), phrases.named(e.output), f"{e.horizon_s:.4g} s", unit, *errors))
+        after = phrases.lasting(e.horizon_s)
+        out.append(ShownEquation(phrases.named(name), phrases.named(e.output), after, unit, *errors))
     return out
 
 

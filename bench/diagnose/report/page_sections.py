@@ -118,7 +118,7 @@ def _waterfall(d: Diagnosis) -> list[figures.Waterfall]:
             for label, s in zip(labels, stages, strict=True)
         ]
         known = d.error.nominal.get(group)
-        note, unit = (f"after {known.horizon_s:.4g} s", known.unit) if known else ("", "")
+        note, unit = (f"after {phrases.lasting(known.horizon_s)}", known.unit) if known else ("", "")
         drawings.append(figures.waterfall(group, note, bars, floors.get(group, math.nan), unit))
     return drawings
 
@@ -135,7 +135,8 @@ def _curves(d: Diagnosis) -> _Curves | None:
         unit, factor = phrases.shown(c.unit, group, ends.values())
         for recording in dict.fromkeys(r for _, r in ends):
             errors = [phrases.number(ends.get((n, recording), math.nan) * factor) for n in present]
-            rows.append((recording, f"{phrases.named(group)} after {c.horizon_s[-1]:.4g} s [{unit}]", errors))
+            after = phrases.lasting(c.horizon_s[-1])
+            rows.append((recording, f"{phrases.named(group)} after {after} [{unit}]", errors))
     return _Curves(drawings, present, rows)
 
 

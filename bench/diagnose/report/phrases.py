@@ -54,6 +54,14 @@ def number(value: float, digits: int = 3) -> str:
     return f"{rounded / 10.0**exponent:.{digits - 1}f}×10{str(exponent).translate(_SUPERSCRIPT)}".replace("-", "−")
 
 
+def lasting(seconds: float) -> str:
+    """A time as one would say it: "0.5 s"; of slow systems "10 h" and "3 days"."""
+    for unit, long, least in (("days", 86400, 2), ("h", 3600, 2)):
+        if seconds >= least * long:
+            return f"{seconds / long:.4g} {unit}"
+    return f"{seconds:.4g} s"
+
+
 def percent(share: float) -> str:
     """A share in whole per cent."""
     if not math.isfinite(share):

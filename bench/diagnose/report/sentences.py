@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from bench.diagnose.by_equation import EffectSaving, ObscuredConstant
 from bench.diagnose.evidence import LINES
 from bench.diagnose.report import constant_words, equation_errors
-from bench.diagnose.report.phrases import estimate, listed, named, number, percent, shown, united
+from bench.diagnose.report.phrases import estimate, lasting, listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
 from bench.diagnose.settings import MATTERING, TELLING
 from registry.core import EFFECTS
@@ -396,5 +396,5 @@ def falls(diagnosis: Diagnosis) -> list[Fall]:
         errors = [math.nan if e is None else e.rmse * factor for e in found]
         by_model = dict(zip(LINES, errors, strict=True))
         after = "extended" if diagnosis.effects else "calibrated"
-        out.append(Fall(group, f"{first.horizon_s:.4g} s", unit, by_model, after))
+        out.append(Fall(group, lasting(first.horizon_s), unit, by_model, after))
     return out
