@@ -177,6 +177,8 @@ def torn_gzip(folder):
         (toml('name = "mine"', 'nmae = "mine"'), ["unknown key 'nmae'", "did you mean name"]),
         (toml('"quadrotor"', '"quadrotr"'), ["dataset.toml: There is no", "quadrotr", "did you mean quadrotor"]),
         (toml("rate_hz = 100", "rate_hz = 0"), ["rate_hz"]),
+        (toml("rate_hz = 100", "rate_hz = 100\nskip_s = -1"), ["skip_s must be a number of seconds, 0 or more"]),
+        (toml("rate_hz = 100", "rate_hz = 100\nskip_s = 0.2"), ["a.csv is no longer than the 0.2 s", "skip_s"]),
         (toml("rate_hz = 100", "rate_hz = 10000"), ["'t'", "come at 100 Hz", "rate_hz"]),
         (toml('"rpm"', '"rmp"'), ["rotor_speed", "'rmp'", "did you mean rpm"]),
         (toml('"rpm"', '"m"'), ["rotor_speed", "rad/s"]),
@@ -225,6 +227,17 @@ def test_a_file_that_may_not_be_read_is_named_once(folder, monkeypatch):
     with pytest.raises(BenchError) as caught:
         check(folder)
     assert str(caught.value) == f"{file} may not be read: permission denied."
+
+
+def test_the_beginning_of_every_recording_can_be_left_out(folder):
+    table(30).to_csv(folder / "b.csv", index=False)
+    whole = check(folder)
+    toml("rate_hz = 100", "rate_hz = 100\nskip_s = 0.08")(folder)
+    left = check(folder)
+    for before, after in zip(whole.recordings, left.recordings, strict=True):
+        assert not after.valid[:8].any() and (after.valid[8:] == before.valid[8:]).all()
+        assert (after.outputs == before.outputs).all()
+    assert [f.count for f in left.findings if "skip_s" in f.detail] == [8, 8]
 
 
 def test_hubs_without_a_height_lie_in_the_plane(folder):

@@ -275,6 +275,13 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
         rests = resting(x, x[description.input], description.rate)
         valid &= ~widen(rests, round(MARGIN * description.rate))
         findings += [Finding(name, "ground", b - a, _rest(a, b, len(rests), description.rate)) for a, b in runs(rests)]
+    if skipped := round(description.skip * description.rate):
+        if skipped >= len(valid):
+            raise BenchError(
+                f"{file} is no longer than the {description.skip:g} s that skip_s leaves out: make it shorter."
+            )
+        valid[:skipped] = False
+        findings.append(Finding(name, "trimmed", skipped, f"the first {description.skip:g} s, which skip_s leaves out"))
     inputs = {n: x.pop(n) for n in description.inputs}
     own = {n: s.signal for n, s in signals.items() if s.signal}
     return recording(name, description.rate, inputs, x, valid, own), findings

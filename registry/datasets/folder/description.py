@@ -21,7 +21,7 @@ LARGEST_NOISE = 1e9
 """1σ of any signal, SI: larger ones overflow where they are squared."""
 _REQUIRED = ("name", "rate_hz", "files", "time", "signals")
 _TABLES = ("physics", "processing", "environment")
-_OPTIONAL = ("system", "input", "input_hold", "targets", "time_unit", "clock", "vehicle", "date", *_TABLES)
+_OPTIONAL = ("system", "input", "input_hold", "targets", "time_unit", "clock", "skip_s", "vehicle", "date", *_TABLES)
 _ENVIRONMENT = ("gravity", "ground_z", "air_density")
 
 
@@ -44,6 +44,8 @@ class FolderDescription:
     signals: dict[str, SignalColumns]
     clock: str = "steady"
     """"exact": its times are those of the samples, however irregularly they came."""
+    skip: float = 0.0
+    """Of every recording the time at its beginning that is left out [s]."""
     targets: tuple[str, ...] = ()
     """What is predicted where a run names nothing; empty: what the system makes of it."""
     physics: dict[str, Any] = field(default_factory=dict)
@@ -108,6 +110,7 @@ def describe(folder: Path) -> FolderDescription:
         input_hold=table.get("input_hold", "linear"),
         signals=signals,
         clock=table.get("clock", "steady"),
+        skip=float(table.get("skip_s", 0.0)),
         targets=targets,
         physics=physics,
         processing=_processing(path, table.get("processing", {}), signals),
@@ -131,6 +134,9 @@ def _table(folder: Path, path: Path) -> dict[str, Any]:
     rate = table["rate_hz"]
     if not finite(rate) or not SLOWEST <= rate <= FASTEST:
         raise BenchError(f"{path}: rate_hz must be a number from {SLOWEST:g} to {FASTEST:g}, not {rate!r:.60}.")
+    skip = table.get("skip_s", 0.0)
+    if not finite(skip) or skip < 0:
+        raise BenchError(f"{path}: skip_s must be a number of seconds, 0 or more, not {skip!r:.60}.")
     chosen = {"input_hold": ("linear", "previous"), "time_unit": tuple(SECONDS), "clock": ("steady", "exact")}
     for key, choices in chosen.items():
         if key in table and table[key] not in choices:
