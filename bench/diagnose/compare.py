@@ -268,8 +268,7 @@ def free_runs(
         BenchError: no recording is long enough.
     """
     logs = subject.of(subject.held_out if names is None else names)
-    rate = logs[0].rate if logs else math.nan
-    steps = default_steps(logs) if horizon_s is None else max(1, round(horizon_s * rate))
+    steps = default_steps(logs, horizon_s)
     clear = margin(logs, noise.half_width)
     every = max(1, sum(map(len, logs)) // COMPARING.free_runs)
     found = clear_starts(logs, steps, every, clear)

@@ -95,7 +95,7 @@ def diagnose(
         steps = replace(steps, checked=checked)
     if not brief:
         tick("locate")
-        steps = _shown(steps, noise, terms)
+        steps = _shown(steps, noise, terms, horizon_s)
     return answer(replace(steps, damaged=damaged)), steps.extension.model
 
 
@@ -309,13 +309,13 @@ def _share_left(extension: Extension) -> float:
     return max((left[g] / e for g, e in nominal.items() if e > 0), default=0.0)
 
 
-def _shown(steps: Steps, noise: Noise, terms: Extension | None) -> Steps:
+def _shown(steps: Steps, noise: Noise, terms: Extension | None, horizon_s: float | None) -> Steps:
     """The steps with what only the page shows: where the error is, shapes of learned terms, whole recordings."""
     subject, extension = steps.subject, steps.extension
     after = extension.model if extension.effects else None
     return replace(
         steps,
-        location=locate(subject, steps.discovery.calibrated, after=after, noise=noise),
+        location=locate(subject, steps.discovery.calibrated, after=after, noise=noise, horizon_s=horizon_s),
         curves=() if terms is None else curves(subject, noise, terms),
-        flights=flights(subject, subject.model, extension.model, noise),
+        flights=flights(subject, subject.model, extension.model, noise, horizon_s),
     )

@@ -91,6 +91,7 @@ def locate(
     names: Sequence[str] | None = None,
     after: PhysicsModel | None = None,
     noise: Noise | None = None,
+    horizon_s: float | None = None,
 ) -> Location:
     """Say in which conditions a model errs.
 
@@ -100,6 +101,7 @@ def locate(
         names: recordings; default: all.
         after: a better model, shown beside it.
         noise: default `noise.noise_of`.
+        horizon_s: of the worst free runs that are shown [s]; default `free_run.default_steps`.
 
     Raises:
         BenchError: no recording is long enough.
@@ -137,7 +139,7 @@ def locate(
         named = {condition.name: region.region for region, condition in reversed(found)}
         maps = residual_maps(model, after, stack, where, noise, window=steps, regions=named)
         worst = judged[int(np.argmax(ratio.mean(0)))]
-        shown = _worst(model, after, logs, worst, margin(logs, noise.half_width))
+        shown = _worst(model, after, logs, worst, margin(logs, noise.half_width), default_steps(logs, horizon_s))
     spread = "The error is spread over all that the system does: no condition stands out in several recordings."
     none = spread if visible.any() else "The error is no larger than noise and smoothing make it."
     notes = () if regions else (none,)
@@ -237,10 +239,9 @@ def _met(inside: np.ndarray, score: np.ndarray, recording: np.ndarray) -> list[i
 
 
 def _worst(
-    model: PhysicsModel, after: PhysicsModel | None, logs: Sequence[Log], group: Group, clear: int
+    model: PhysicsModel, after: PhysicsModel | None, logs: Sequence[Log], group: Group, clear: int, steps: int
 ) -> tuple[Window, ...]:
-    """The windows of the default horizon in which a group errs most, of different recordings where there are."""
-    steps = default_steps(logs)
+    """The windows of so many steps in which a group errs most, of different recordings where there are."""
     at = [starts(log, steps + clear, max(1, steps // 2), clear) for log in logs]
     if not any(map(len, at)):
         return ()

@@ -10,8 +10,10 @@ import torch
 from torch import Tensor
 
 from bench.diagnose.locate import locate
+from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.simulate.flights import flights
 from registry.contracts import Channel
 from registry.core import EFFECTS
 from registry.datasets.signals import recording
@@ -83,6 +85,14 @@ def test_the_worst_windows_are_of_different_recordings_and_show_what_was_measure
         assert w.measured[0] == pytest.approx(measured)
         missed, left = (np.abs(np.array(x[0]) - measured)[-1] for x in (w.nominal, w.extended))
         assert missed > 0.5 * LOSS * w.t[-1] and left < 0.2 * missed
+
+
+def test_the_worst_windows_and_whole_recordings_run_as_long_as_was_asked_for() -> None:
+    subject, better = tub(LOSS), Tub(overflow=LOSS)
+    for w in locate(subject, subject.model, after=better, horizon_s=3.0).windows:
+        assert w.t[-1] == pytest.approx(3.0) and len(w.nominal[0]) == 301
+    for shown in flights(subject, subject.model, better, noise_of(subject), horizon_s=3.0):
+        assert shown.restart_s == pytest.approx(3.0)
 
 
 def test_an_exact_model_errs_nowhere_in_particular() -> None:

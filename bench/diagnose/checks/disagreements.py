@@ -58,8 +58,8 @@ def told(found: Sequence[Disagreement]) -> list[DataProblem]:
         detail = (
             f"{rate.replace('_', ' ').capitalize()} and the change of {signal.replace('_', ' ')} contradict each other "
             f"{where} at samples {first} to {last}, {most.times:.0f} times as much as is usual between them: if a "
-            "filter started up there, leave these rows out (skip_s in dataset.toml), or the rate, which is then read from "
-            "the slope."
+            "filter started up there, leave these rows out (skip_s in dataset.toml), or the rate, which is then read "
+            "from the slope."
         )
         out.append(DataProblem(most.recording, rate, "disagreement", most.rows, detail))
     return out

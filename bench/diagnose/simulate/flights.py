@@ -35,6 +35,7 @@ def flights(
     nominal: PhysicsModel,
     after: PhysicsModel,
     noise: Noise,
+    horizon_s: float | None = None,
     most: int | None = None,
     points: int | None = None,
 ) -> tuple[Flight, ...]:
@@ -45,6 +46,7 @@ def flights(
         nominal: the model before.
         after: the model that the diagnosis ends with.
         noise: tells how far a filter of the measurements reaches.
+        horizon_s: after which a free run begins anew [s]; default `free_run.default_steps`.
         most: recordings, at most; default: `PLAYING.recordings`.
         points: of all lines together, default `PLAYING.points`; recordings beyond them are left out, and the end of
             the first where it has more.
@@ -54,7 +56,7 @@ def flights(
     logs = subject.of([*subject.held_out, *fitted[: max(0, most - len(subject.held_out))]])
     if not logs:
         return ()
-    steps, clear = default_steps(logs), margin(logs, noise.half_width)
+    steps, clear = default_steps(logs, horizon_s), margin(logs, noise.half_width)
     models, left = {"nominal": nominal, AFTER: after}, points
     found: list[Flight] = []
     at = [starts(log, steps, steps, clear) for log in logs]

@@ -42,8 +42,12 @@ def groups(channels: Sequence[Channel], measured: Sequence[bool]) -> list[Group]
     return found
 
 
-def default_steps(logs: Sequence[Log]) -> int:
-    """Samples of the default horizon; where states are estimated, so many that their beginning is forgotten."""
+def default_steps(logs: Sequence[Log], horizon_s: float | None = None) -> int:
+    """Samples of a horizon, default that which suits the rate; of estimated states so many that they forget where they
+    began.
+    """
+    if horizon_s is not None:
+        return max(1, round(horizon_s * logs[0].rate))
     if hidden(logs):
         return max(RUNNING.fewest, typical_length(logs) // 4)
     return run_steps(logs[0])
