@@ -25,6 +25,7 @@ from bench.diagnose.settings.manoeuvre import Assuring, Composing, Designing, Li
 from bench.diagnose.settings.regression import Calibrating, Folding, Following, Linearising, Mapping, Waving
 from bench.diagnose.settings.select import (
     Choosing,
+    Commanding,
     Differing,
     Forecasting,
     Growing,
@@ -70,6 +71,7 @@ HIDING = Hiding()
 SEARCHING = Searching()
 RELEASING = Releasing()
 TIMING = Timing()
+COMMANDING = Commanding()
 CHOOSING = Choosing()
 STEPPING = Stepping()
 VERIFYING = Verifying()

@@ -60,6 +60,25 @@ class Releasing:
 
 
 @dataclass(frozen=True)
+class Commanding:
+    """How a measured drive follows the commands that were recorded beside it."""
+
+    latest: int = threshold(
+        3, "samples by which a command may act later than it is filed, beside the lag", Basis.CONVENTION, "samples"
+    )
+    slowest: float = threshold(
+        0.999, "largest moving-average part of what is measured: a lag of a thousand samples", Basis.CONVENTION
+    )
+    settled: float = threshold(
+        4.0, "of its own time constants after which a filter has forgotten where it began", Basis.ROUNDING
+    )
+    shortest: int = threshold(50, "samples of a stretch that is looked at", Basis.JUDGED, "samples")
+    least_gained: float = threshold(
+        0.5**0.5, "of the sensor's noise that may be left, or the drive stays as it was measured", Basis.CONVENTION
+    )
+
+
+@dataclass(frozen=True)
 class Timing:
     """When the inputs act."""
 

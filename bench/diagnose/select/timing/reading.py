@@ -15,6 +15,7 @@ from bench.diagnose.logs.parts import in_parts, least_stretch, too_short
 from bench.diagnose.logs.rate_timing import pose_read_later, rates_in_time
 from bench.diagnose.logs.subject import Subject, drives_of
 from bench.diagnose.regression.parameters import entries
+from bench.diagnose.select.timing.commanded import as_commanded
 from bench.diagnose.select.timing.estimate import shifts_of
 from bench.diagnose.select.timing.regression import is_held, read_at, reading_weights
 from bench.diagnose.select.timing.sentences import force_said, input_said, motion_said, sensor_said
@@ -28,7 +29,8 @@ def prepared(
 ) -> tuple[Subject, Noise]:
     """The subject with its inputs read when they act, with a note that says so, and the noise of it; once only.
 
-    Rates are read when they were what they say first (`logs.rate_timing`), position and velocity of a vehicle when its
+    A measured drive is read with its commands first, where they were recorded (`timing.commanded`).
+    Rates are read when they were what they say (`logs.rate_timing`), position and velocity of a vehicle when its
     attitude tilts the forces. No input is shifted where some state is not measured, or where no shift can be told.
     Commands act when they are given, or later, which a lag or a delay says; earlier by a fraction of a sample where all
     else is filed late, as by a simulator that files the state before a step beside the rate after half of it.
@@ -42,6 +44,9 @@ def prepared(
     if subject.timed:
         return subject, noise
     subject = in_parts(subject)
+    known = as_commanded(subject)
+    if known is not subject:
+        subject, noise = known, noise_of(known)
     filed = subject.logs
     subject = rates_in_time(replace(subject, timed=True))
     if not _tells_time(subject):

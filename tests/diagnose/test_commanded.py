@@ -1,0 +1,150 @@
+"""A measured drive beside its commands, against motors simulated here and against the posterior in closed form."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from torch import Tensor
+
+from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.select.timing.commanded import Follower, as_commanded, follower
+from bench.diagnose.select.timing.reading import prepared
+from registry.contracts import Channel, Recording
+from registry.dynamics import constant
+from registry.physics.state_space import Mechanical
+from registry.units import Signal
+
+STEP, LAG, NOISE = 0.01, 0.03, 4.0
+"""[s], [s], [rad/s]"""
+
+
+def motor(seed: int, samples: int = 2000, own: float = 0.0, gain: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Speed (N,) and held commands (N,) of a motor that follows them exactly, but for steps of its own (1σ)."""
+    rng = np.random.default_rng(seed)
+    commands = 800 + np.repeat(rng.normal(0, 80, samples // 5), 5) + 150 * np.sin(0.02 * np.arange(samples))
+    speed, decay = np.empty(samples), np.exp(-STEP / LAG)
+    speed[0] = gain * commands[0]
+    for k in range(1, samples):
+        speed[k] = decay * speed[k - 1] + (1 - decay) * gain * commands[k - 1] + own * rng.normal()
+    return speed, commands
+
+
+def measured(speed: np.ndarray, seed: int, noise: float = NOISE) -> np.ndarray:
+    return speed + noise * np.random.default_rng(1000 + seed).normal(size=len(speed))
+
+
+@pytest.mark.parametrize("own", [0.0, 1.5])
+def test_the_lag_and_both_noises_are_told_and_the_speed_is_nearer_than_either_says(own: float) -> None:
+    true = [motor(seed, own=own, gain=0.9) for seed in range(4)]
+    series = [(measured(speed, i), commands) for i, (speed, commands) in enumerate(true)]
+    found = follower(series)
+    assert found is not None
+    assert -STEP / np.log(found.decay) == pytest.approx(LAG, rel=0.05)
+    assert found.sensor**0.5 == pytest.approx(NOISE, rel=0.05)
+    assert found.own**0.5 == pytest.approx(own, abs=0.4)  # over twelve draws .2 ± .2 and 1.48 ± .07
+    left = np.concatenate([found.smoothed(s) - x for s, (x, _) in zip(series, true, strict=True)])
+    assert left.std() == pytest.approx(found.gains[2] ** 0.5, abs=0.35)
+    assert left.std() < (0.1 if own == 0 else 0.6) * NOISE
+
+
+@pytest.mark.parametrize(("own", "settled"), [(2.0, 12), (0.001, 0)])
+def test_a_smoother_says_what_least_squares_over_all_samples_would(own: float, settled: int) -> None:
+    speed, commands = motor(7, samples=80, own=own)
+    y, decay = measured(speed, 7), float(np.exp(-STEP / LAG))
+    lagged = np.zeros(9)
+    lagged[1] = (1 - decay) * 1000  # the command before, which is scaled
+    told = Follower(decay, lagged, 1000.0, NOISE**2, own**2)
+    drive = (1 - decay) * commands[:-1]
+    change = np.eye(80)[1:] - decay * np.eye(80)[:-1]
+    a = np.concatenate([np.eye(80) / NOISE, change / own])
+    exact = np.linalg.lstsq(a, np.concatenate([y / NOISE, drive / own]), rcond=None)[0]
+    # A settled filter weighs the first samples as all others.
+    assert told.smoothed((y, commands))[settled:] == pytest.approx(exact[settled:], abs=0.01)
+
+
+def test_a_drive_that_goes_its_own_way_stays_as_it_was_measured() -> None:
+    wandering = np.cumsum(np.random.default_rng(3).normal(0, 30, 3000))
+    y = measured(wandering, 3, noise=1.0)
+    found = follower([(y, motor(3, samples=3000)[1])])
+    assert found is None or np.abs(found.smoothed((y, motor(3, samples=3000)[1])) - y).std() < 1.0
+
+
+def test_commands_that_never_change_say_nothing() -> None:
+    assert follower([(measured(np.zeros(500), 1), np.zeros(500))]) is None
+
+
+@dataclass(frozen=True)
+class Fan(Mechanical):
+    """A beam that a fan turns, whose speed is measured beside what it was asked for."""
+
+    mass: Any = constant(0.02, "J", "kg m^2", low=1e-6)
+
+    state_channels: ClassVar[tuple[Channel, ...]] = (Channel("angle.q", "rad"), Channel("angle_rate.q", "rad/s"))
+    input_signals: ClassVar[tuple[str, ...]] = ("fan",)
+    signals: ClassVar[dict[str, Signal]] = {"fan": Signal("rad/s", ("",)), "asked": Signal("rad/s", ("",))}
+    commands: ClassVar[Mapping[str, tuple[str, ...]]] = {"fan": ("asked",)}
+    equation: ClassVar[str] = "J d²q/dt² = 10⁻⁶ N m s u"
+
+    def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """Torque (…, 1) [N m]."""
+        return 1e-6 * inputs[..., :1]
+
+
+def fan(asked: str = "asked", hold: str = "linear", own: float = 0.0, spare: int = 0) -> Subject:
+    made, model = [], Fan(input_hold=hold)
+    for seed in range(3):
+        speed, commands = motor(seed, own=own)
+        rate = np.cumsum(1e-6 * speed) * STEP / 0.02
+        rng = np.random.default_rng(50 + seed)
+        states = np.column_stack([np.cumsum(rate) * STEP, rate]) + rng.normal(0, 1e-4, (len(speed), 2))
+        made.append(
+            Recording(
+                f"run_{seed}",
+                1 / STEP,
+                measured(speed, seed)[:, None],
+                np.column_stack([states, commands, *[np.zeros_like(commands)] * spare]),
+                (Channel("fan", "rad/s"),),
+                (*Fan.state_channels, *(Channel(f"{asked}.{i}", "rad/s") for i in range(1 + spare))),
+                np.ones(len(speed), bool),
+            )
+        )
+    logs, names = tuple(log_of(r, model, "fan") for r in made), tuple(r.name for r in made)
+    signals = ("angle", "angle_rate", "fan")
+    return Subject("fan", model, logs, names[:-1], names[-1:], None, {"fan": NOISE}, {}, signals)
+
+
+@pytest.mark.parametrize("spare", [0, 2])
+def test_what_was_measured_and_the_commands_are_read_together(spare: int) -> None:
+    subject = fan(spare=spare)  # an autopilot logs more outputs than there are motors
+    read = as_commanded(subject)
+    for seed, (log, before) in enumerate(zip(read.logs, subject.logs, strict=True)):
+        error = log.inputs[:, 0].numpy() - motor(seed)[0]
+        assert error.std() < 0.2 * (before.inputs[:, 0].numpy() - motor(seed)[0]).std()
+    assert subject.noise == {"fan": NOISE}  # as stated
+    lag, noise, left = map(float, re.findall(r"[\d.]+(?= ms| rad/s|\.$)", read.notes[-1]))
+    assert (lag, noise) == pytest.approx((1e3 * LAG, NOISE), rel=0.05) and left < 0.2 * NOISE
+    assert read.noise["fan"] == pytest.approx(left, rel=0.05)
+    assert prepared(subject)[1].inputs == (read.noise["fan"],)
+
+
+def test_without_commands_and_of_commands_nothing_is_read_anew() -> None:
+    for subject in (fan(asked="other"), fan(hold="previous")):
+        assert as_commanded(subject) is subject
+
+
+def test_commands_that_would_leave_most_of_the_noise_change_nothing() -> None:
+    subject = fan(own=30.0)
+    assert as_commanded(subject) is subject
+
+
+def test_what_is_not_valid_stays_as_it_was_filed() -> None:
+    subject = fan()
+    valid = subject.logs[0].valid.clone()
+    valid[500:560] = False
+    first = replace(subject.logs[0], valid=valid)
+    read = as_commanded(replace(subject, logs=(first, *subject.logs[1:])))
+    assert (read.logs[0].inputs[500:560] == first.inputs[500:560]).all()
+    assert not (read.logs[0].inputs[:500] == first.inputs[:500]).all()
