@@ -50,6 +50,29 @@ def test_the_lag_and_both_noises_are_told_and_the_speed_is_nearer_than_either_sa
     assert left.std() < (0.1 if own == 0 else 0.6) * NOISE
 
 
+@pytest.mark.parametrize(
+    ("gain", "bent", "as_asked", "parabola"), [(1, 0, True, False), (0.9, 0, False, False), (0.5, 3e-4, False, True)]
+)
+def test_no_more_is_fitted_than_the_recordings_ask_for(
+    gain: float, bent: float, as_asked: bool, parabola: bool
+) -> None:
+    series = []
+    for seed in range(4):
+        _, asked = motor(seed)
+        speed, decay = np.empty(len(asked)), np.exp(-STEP / LAG)
+        speed[0] = asked[0]
+        for k in range(1, len(asked)):
+            wanted = gain * asked[k - 1] + bent * asked[k - 1] ** 2
+            speed[k] = decay * speed[k - 1] + (1 - decay) * wanted
+        series.append((measured(speed, seed), asked))
+    found = follower(series)
+    assert found is not None
+    linear, squares, offset = found.commanded[:4], found.commanded[4:8], found.commanded[8]
+    assert (squares != 0).any() == parabola
+    exact = offset == 0 and linear.sum() == pytest.approx((1 - found.decay) * found.scale, rel=1e-9)
+    assert exact == as_asked
+
+
 @pytest.mark.parametrize(("own", "settled"), [(2.0, 12), (0.001, 0)])
 def test_a_smoother_says_what_least_squares_over_all_samples_would(own: float, settled: int) -> None:
     speed, commands = motor(7, samples=80, own=own)

@@ -27,6 +27,8 @@ from registry.datasets.reading.cleaning import runs
 
 Series = tuple[np.ndarray, np.ndarray]
 """What was measured of a channel (n,), and its commands (n,), one after the other."""
+Way = tuple[np.ndarray, np.ndarray]
+"""What is known (p,) of a and the commanded part, and how they go (p, f) with what is fitted."""
 
 
 @dataclass(frozen=True)
@@ -78,26 +80,25 @@ class Follower:
 
 
 def follower(series: Sequence[Series]) -> Follower | None:
-    """How the channel of some stretches follows its commands; None: it does not, as far as can be told."""
+    """How the channel of some stretches follows its commands; None: it does not, as far as can be told.
+
+    As commanded, by a gain and an offset, or along a parabola: of these what Schwarz's criterion (BIC) prefers, since
+    numbers that need not be fitted have no error that would look like an effect.
+    """
     scale = max(float(np.abs(c).max()) for _, c in series)
     if not scale > 0:
         return None
     parts = [(y, _regressors(c / scale)) for y, c in series]
+    samples = sum(len(y) for y, _ in parts)
 
-    def fitted(moving: float) -> tuple[np.ndarray, float]:
-        """a, then the commanded part; and the variance of the innovations (1 − moving/z)⁻¹ of what these leave."""
-        settled = min(round(COMMANDING.settled / (1 - moving)), min(len(y) for y, _ in parts) // 2)
-        rows, told = [], []
-        for y, known in parts:
-            both = lfilter([1.0], [1.0, -moving], np.column_stack([y, np.roll(y, 1), known])[1:], axis=0)
-            told.append(both[settled:, 0])
-            rows.append(both[settled:, 1:])
-        a, b = np.concatenate(rows), np.concatenate(told)
-        found = np.linalg.lstsq(a, b, rcond=None)[0]
-        return found, float(((b - a @ found) ** 2).mean())
+    def best(way: Way) -> tuple[float, np.ndarray, float, float]:
+        """BIC, a and the commanded part, the moving-average part, and the variance of the innovations."""
+        bounds = (0.0, COMMANDING.slowest)
+        moving = float(minimize_scalar(lambda m: _fitted(parts, way, m)[1], bounds=bounds, method="bounded").x)
+        found, innovation = _fitted(parts, way, moving)
+        return samples * np.log(innovation) + way[1].shape[1] * np.log(samples), found, moving, innovation
 
-    moving = float(minimize_scalar(lambda m: fitted(m)[1], bounds=(0.0, COMMANDING.slowest), method="bounded").x)
-    found, innovation = fitted(moving)
+    _, found, moving, innovation = min(map(best, _ways(scale)), key=lambda told: told[0])
     decay = float(found[0])
     if not 0 < decay < 1:
         return None
@@ -105,6 +106,29 @@ def follower(series: Sequence[Series]) -> Follower | None:
     sensor = moving * innovation / decay
     own = max(0.0, (1 + moving**2) * innovation - (1 + decay**2) * sensor)
     return Follower(decay, found[1:], scale, sensor, own)
+
+
+def _ways(scale: float) -> tuple[Way, ...]:
+    """The drive becomes what is commanded, or that by a gain and an offset, or along a parabola."""
+    count = COMMANDING.latest + 1
+    free, known = np.eye(2 * count + 2), np.zeros(2 * count + 2)
+    known[1] = scale
+    exact = free[:, [0, *range(2, count + 1)]]
+    exact[1] = [-scale, *[-1.0] * (count - 1)]
+    return (known, exact), (0 * known, free[:, [*range(count + 1), -1]]), (0 * known, free)
+
+
+def _fitted(parts: Sequence[Series], way: Way, moving: float) -> tuple[np.ndarray, float]:
+    """a, then the commanded part; and the variance of the innovations (1 − moving/z)⁻¹ of what these leave."""
+    settled = min(round(COMMANDING.settled / (1 - moving)), min(len(y) for y, _ in parts) // 2)
+    rows, told = [], []
+    for y, known in parts:
+        both = lfilter([1.0], [1.0, -moving], np.column_stack([y, np.roll(y, 1), known])[1:], axis=0)
+        told.append(both[settled:, 0] - both[settled:, 1:] @ way[0])
+        rows.append(both[settled:, 1:] @ way[1])
+    a, b = np.concatenate(rows), np.concatenate(told)
+    found = np.linalg.lstsq(a, b, rcond=None)[0]
+    return way[0] + way[1] @ found, float(((b - a @ found) ** 2).mean())
 
 
 def as_commanded(subject: Subject) -> Subject:
