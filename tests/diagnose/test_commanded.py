@@ -95,6 +95,14 @@ def test_a_drive_that_goes_its_own_way_stays_as_it_was_measured() -> None:
     assert found is None or np.abs(found.smoothed((y, motor(3, samples=3000)[1])) - y).std() < 1.0
 
 
+def test_a_drive_without_noise_and_commands_filed_twice_stay_as_they_are() -> None:
+    speed, commands = motor(1)
+    for drive in (speed, commands):
+        assert follower([(drive, commands)]) is None
+    subject = fan(noise=0.0)
+    assert as_commanded(subject) is subject
+
+
 def test_commands_that_never_change_say_nothing() -> None:
     assert follower([(measured(np.zeros(500), 1), np.zeros(500))]) is None
 
@@ -116,7 +124,7 @@ class Fan(Mechanical):
         return 1e-6 * inputs[..., :1]
 
 
-def fan(asked: str = "asked", hold: str = "linear", own: float = 0.0, spare: int = 0) -> Subject:
+def fan(asked: str = "asked", hold: str = "linear", own: float = 0.0, spare: int = 0, noise: float = NOISE) -> Subject:
     made, model = [], Fan(input_hold=hold)
     for seed in range(3):
         speed, commands = motor(seed, own=own)
@@ -127,7 +135,7 @@ def fan(asked: str = "asked", hold: str = "linear", own: float = 0.0, spare: int
             Recording(
                 f"run_{seed}",
                 1 / STEP,
-                measured(speed, seed)[:, None],
+                measured(speed, seed, noise)[:, None],
                 np.column_stack([states, commands, *[np.zeros_like(commands)] * spare]),
                 (Channel("fan", "rad/s"),),
                 (*Fan.state_channels, *(Channel(f"{asked}.{i}", "rad/s") for i in range(1 + spare))),

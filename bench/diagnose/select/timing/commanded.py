@@ -89,18 +89,23 @@ def follower(series: Sequence[Series]) -> Follower | None:
     if not scale > 0:
         return None
     parts = [(y, _regressors(c / scale)) for y, c in series]
-    samples = sum(len(y) for y, _ in parts)
+    samples, least = sum(len(y) for y, _ in parts), COMMANDING.rounding * max(float((y * y).max()) for y, _ in parts)
 
     def best(way: Way) -> tuple[float, np.ndarray, float, float]:
         """BIC, a and the commanded part, the moving-average part, and the variance of the innovations."""
         bounds = (0.0, COMMANDING.slowest)
         moving = float(minimize_scalar(lambda m: _fitted(parts, way, m)[1], bounds=bounds, method="bounded").x)
         found, innovation = _fitted(parts, way, moving)
-        return samples * np.log(innovation) + way[1].shape[1] * np.log(samples), found, moving, innovation
+        return (
+            samples * np.log(max(innovation, least)) + way[1].shape[1] * np.log(samples),
+            found,
+            moving,
+            innovation,
+        )
 
     _, found, moving, innovation = min(map(best, _ways(scale)), key=lambda told: told[0])
     decay = float(found[0])
-    if not 0 < decay < 1:
+    if not 0 < decay < 1 or innovation <= least:
         return None
     moving = min(moving, decay)
     sensor = moving * innovation / decay
@@ -161,7 +166,7 @@ def as_commanded(subject: Subject) -> Subject:
         for log, path in zip(subject.logs, paths, strict=True)
     )
     noise, left = (float(np.mean(of)) ** 0.5 for of in ([f.sensor for f in found], [f.gains[2] for f in found]))
-    if left > COMMANDING.least_gained * noise:
+    if not left < COMMANDING.least_gained * noise:
         return subject
     signal = subject.logs[0].recording.input_channels[0].group
     said = _said(subject, found, noise, left)
