@@ -56,8 +56,8 @@ def number(value: float, digits: int = 3) -> str:
 
 def lasting(seconds: float) -> str:
     """A time as one would say it: "0.5 s"; of slow systems "10 h" and "3 days"."""
-    for unit, long, least in (("days", 86400, 2), ("h", 3600, 2)):
-        if seconds >= least * long:
+    for unit, long in (("days", 86400), ("h", 3600)):
+        if seconds >= 2 * long:
             return f"{seconds / long:.4g} {unit}"
     return f"{seconds:.4g} s"
 
