@@ -111,8 +111,6 @@ class PhysicsModel(ABC):
     """Signals that can drive the model; the first is its own."""
     signals: ClassVar[Mapping[str, Signal]] = {}
     """Signals of its own, such as what drives it, where `registry.units.SIGNALS` does not have them."""
-    commands: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """Of a measured drive, the signals that may ask for it: it follows them with a lag."""
     disturbances: ClassVar[tuple[str, ...]] = ()
     """Signals of one channel each, in `signals`, that were measured and act beside the drive: the first `extras`."""
     equation: ClassVar[str]

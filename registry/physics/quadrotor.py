@@ -58,7 +58,6 @@ class Quadrotor(RigidBody):
     )
 
     input_signals: ClassVar[tuple[str, ...]] = ("rotor_speed", "rotor_command", "pwm")
-    commands: ClassVar[dict[str, tuple[str, ...]]] = {"rotor_speed": ("rotor_command", "pwm")}
     rough: ClassVar[dict[str, float]] = {
         "mass": 0.03,
         "inertia": 0.3,

@@ -179,6 +179,12 @@ def torn_gzip(folder):
         (toml("rate_hz = 100", "rate_hz = 0"), ["rate_hz"]),
         (toml("rate_hz = 100", "rate_hz = 100\nskip_s = -1"), ["skip_s must be a number of seconds, 0 or more"]),
         (toml("rate_hz = 100", "rate_hz = 100\nskip_s = 0.2"), ["a.csv is no longer than the 0.2 s", "skip_s"]),
+        (toml("rate_hz = 100", "rate_hz = 100\ncommands = 'cmd'"), ["commands must be the signal", "'cmd'"]),
+        (toml("rate_hz = 100", "rate_hz = 100\ncommands = 'rotor_speed'"), ["commands must be the signal"]),
+        (
+            toml("rate_hz = 100", "rate_hz = 100\ninput_hold = 'previous'\ncommands = 'battery'"),
+            ["commands are told of a measured input"],
+        ),
         (toml("rate_hz = 100", "rate_hz = 10000"), ["'t'", "come at 100 Hz", "rate_hz"]),
         (toml('"rpm"', '"rmp"'), ["rotor_speed", "'rmp'", "did you mean rpm"]),
         (toml('"rpm"', '"m"'), ["rotor_speed", "rad/s"]),
@@ -251,7 +257,7 @@ def test_split_takes_the_last_fifth_and_needs_three(folder):
     split = Folder(path=str(folder)).split(names)
     assert (split.train, split.validation, split.test) == (tuple(names[:6]), ("r06", "r07"), ("r08", "r09"))
     assert Folder().split(["a", "b", "c"]).test == ("c",)
-    with pytest.raises(BenchError, match="one recording of fewer than 100 samples"):
+    with pytest.raises(BenchError, match="one recording of fewer than 500 samples"):
         Folder().split(["a"])
 
 

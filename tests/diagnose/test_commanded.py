@@ -1,14 +1,15 @@
 """A measured drive beside its commands, against motors simulated here and against the posterior in closed form."""
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from torch import Tensor
 
+from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.select.timing.commanded import Follower, as_commanded, follower
 from bench.diagnose.select.timing.reading import prepared
@@ -115,8 +116,7 @@ class Fan(Mechanical):
 
     state_channels: ClassVar[tuple[Channel, ...]] = (Channel("angle.q", "rad"), Channel("angle_rate.q", "rad/s"))
     input_signals: ClassVar[tuple[str, ...]] = ("fan",)
-    signals: ClassVar[dict[str, Signal]] = {"fan": Signal("rad/s", ("",)), "asked": Signal("rad/s", ("",))}
-    commands: ClassVar[Mapping[str, tuple[str, ...]]] = {"fan": ("asked",)}
+    signals: ClassVar[dict[str, Signal]] = {"fan": Signal("rad/s", ("",))}
     equation: ClassVar[str] = "J d²q/dt² = 10⁻⁶ N m s u"
 
     def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:
@@ -124,10 +124,12 @@ class Fan(Mechanical):
         return 1e-6 * inputs[..., :1]
 
 
-def fan(asked: str = "asked", hold: str = "linear", own: float = 0.0, spare: int = 0, noise: float = NOISE) -> Subject:
+def fan(
+    commands: str = "asked", hold: str = "linear", own: float = 0.0, spare: int = 0, noise: float = NOISE
+) -> Subject:
     made, model = [], Fan(input_hold=hold)
     for seed in range(3):
-        speed, commands = motor(seed, own=own)
+        speed, asked = motor(seed, own=own)
         rate = np.cumsum(1e-6 * speed) * STEP / 0.02
         rng = np.random.default_rng(50 + seed)
         states = np.column_stack([np.cumsum(rate) * STEP, rate]) + rng.normal(0, 1e-4, (len(speed), 2))
@@ -136,15 +138,16 @@ def fan(asked: str = "asked", hold: str = "linear", own: float = 0.0, spare: int
                 f"run_{seed}",
                 1 / STEP,
                 measured(speed, seed, noise)[:, None],
-                np.column_stack([states, commands, *[np.zeros_like(commands)] * spare]),
+                np.column_stack([states, asked, *[np.zeros_like(asked)] * spare]),
                 (Channel("fan", "rad/s"),),
-                (*Fan.state_channels, *(Channel(f"{asked}.{i}", "rad/s") for i in range(1 + spare))),
+                (*Fan.state_channels, *(Channel(f"asked.{i}", "rad/s") for i in range(1 + spare))),
                 np.ones(len(speed), bool),
             )
         )
     logs, names = tuple(log_of(r, model, "fan") for r in made), tuple(r.name for r in made)
     signals = ("angle", "angle_rate", "fan")
-    return Subject("fan", model, logs, names[:-1], names[-1:], None, {"fan": NOISE}, {}, signals)
+    stated = {"fan": NOISE}
+    return Subject("fan", model, logs, names[:-1], names[-1:], None, stated, {}, signals, commands=commands)
 
 
 @pytest.mark.parametrize("spare", [0, 2])
@@ -162,13 +165,38 @@ def test_what_was_measured_and_the_commands_are_read_together(spare: int) -> Non
 
 
 def test_without_commands_and_of_commands_nothing_is_read_anew() -> None:
-    for subject in (fan(asked="other"), fan(hold="previous")):
+    for subject in (fan(commands=""), fan(hold="previous")):
         assert as_commanded(subject) is subject
 
 
 def test_commands_that_would_leave_most_of_the_noise_change_nothing() -> None:
     subject = fan(own=30.0)
     assert as_commanded(subject) is subject
+
+
+def test_a_folder_says_which_signal_asked_for_its_drive(tmp_path: Path) -> None:
+    for seed in range(3):
+        speed, asked = motor(seed)
+        table = np.column_stack([np.arange(len(speed)) * STEP, speed, speed, measured(speed, seed), asked])
+        np.savetxt(tmp_path / f"run_{seed}.csv", table, delimiter=",", header="t,q,v,u,asked", comments="", fmt="%.9g")
+    (tmp_path / "dataset.toml").write_text("""
+name = "rail"
+system = "mass_on_rail"
+rate_hz = 100
+files = "*.csv"
+time = "t"
+input = "voltage"
+commands = "asked"
+[signals]
+displacement = {columns = ["q"], unit = "m"}
+speed = {columns = ["v"], unit = "m/s"}
+voltage = {columns = ["u"], unit = "V"}
+asked = {columns = ["asked"], unit = "V"}
+[physics]
+mass = 95.1
+force_gain = 35.15
+""")
+    assert "is read as what was measured and the commands say together" in as_commanded(load(tmp_path)).notes[-1]
 
 
 def test_what_is_not_valid_stays_as_it_was_filed() -> None:

@@ -87,8 +87,13 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
         folder=dataset if isinstance(dataset, Folder) else None,
         finer=dataset.finer_signals,
     )
-    subject = _warned(before_impacts(centred(subject)))
+    subject = _warned(before_impacts(centred(_with_commands(subject))))
     return _without_short(subject, lambda rest: load(rest, system, None if nominal else model))
+
+
+def _with_commands(subject: Subject) -> Subject:
+    """The subject with the signal that asked for its drive, where a description states one."""
+    return subject if subject.folder is None else replace(subject, commands=subject.folder.description.commands)
 
 
 def _without_short(subject: Subject, read_again: Callable[[Folder], Subject]) -> Subject:

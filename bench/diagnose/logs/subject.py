@@ -209,6 +209,8 @@ class Subject:
     """Signals that were measured in every recording."""
     differences: tuple[str, ...] = ()
     """Rates that were computed as differences of their signals, and so have no clock of their own."""
+    commands: str = ""
+    """The recorded signal that asked for the measured drive, as stated; see `select.timing.commanded`."""
     timed: bool = False
     """Whether the inputs are read at the times at which they act; see `select.timing.reading`."""
     parted: bool = False

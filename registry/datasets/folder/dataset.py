@@ -31,8 +31,8 @@ __all__ = ["Folder", "FolderDescription", "check", "draft"]
 
 PARTS = 5
 """That a single recording is cut into, one to validate and one to test."""
-SHORTEST = 20
-"""Samples of such a part; how many a free run or a network's window needs is told where one is made."""
+SHORTEST = 100
+"""Samples of such a part."""
 
 
 @DATASETS.register("folder")

@@ -1,5 +1,6 @@
 """`dataset.toml`: how a user's own files are to be read."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,19 @@ LARGEST_NOISE = 1e9
 """1σ of any signal, SI: larger ones overflow where they are squared."""
 _REQUIRED = ("name", "rate_hz", "files", "time", "signals")
 _TABLES = ("physics", "processing", "environment")
-_OPTIONAL = ("system", "input", "input_hold", "targets", "time_unit", "clock", "skip_s", "vehicle", "date", *_TABLES)
+_OPTIONAL = (
+    "system",
+    "input",
+    "input_hold",
+    "targets",
+    "time_unit",
+    "clock",
+    "skip_s",
+    "commands",
+    "vehicle",
+    "date",
+    *_TABLES,
+)
 _ENVIRONMENT = ("gravity", "ground_z", "air_density")
 
 
@@ -46,6 +59,8 @@ class FolderDescription:
     """"exact": its times are those of the samples, however irregularly they came."""
     skip: float = 0.0
     """Of every recording the time at its beginning that is left out [s]."""
+    commands: str = ""
+    """The signal that asked for the measured input, with which it is read; empty: it is read alone."""
     targets: tuple[str, ...] = ()
     """What is predicted where a run names nothing; empty: what the system makes of it."""
     physics: dict[str, Any] = field(default_factory=dict)
@@ -111,6 +126,7 @@ def describe(folder: Path) -> FolderDescription:
         signals=signals,
         clock=table.get("clock", "steady"),
         skip=float(table.get("skip_s", 0.0)),
+        commands=_commands(path, table, inputs, signals),
         targets=targets,
         physics=physics,
         processing=_processing(path, table.get("processing", {}), signals),
@@ -164,6 +180,21 @@ def _inputs(
     if kind and inputs and inputs[0] not in accepted:
         raise BenchError(f"{path}: {table['system']} cannot be driven by {inputs[0]}: {near('', accepted)}")
     return inputs
+
+
+def _commands(path: Path, table: dict[str, Any], inputs: Sequence[str], signals: dict[str, SignalColumns]) -> str:
+    """The signal that asked for the measured input, where it is told."""
+    name = table.get("commands", "")
+    if not name:
+        return ""
+    if not isinstance(name, str) or name not in signals or name in inputs:
+        raise BenchError(
+            f"{path}: commands must be the signal, beside the input, that asked for it, not {name!r:.60}: "
+            f"{near(str(name), [s for s in signals if s not in inputs])}"
+        )
+    if not inputs or table.get("input_hold", "linear") == "previous":
+        raise BenchError(f'{path}: commands are told of a measured input: give one, with input_hold = "linear".')
+    return name
 
 
 def _listed(path: Path, table: dict[str, Any], key: str, signals: dict[str, SignalColumns]) -> tuple[str, ...]:

@@ -18,8 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.optimize import minimize_scalar
-from scipy.signal import lfilter
 
 from bench.diagnose.logs.subject import Log, Subject, drives_of
 from bench.diagnose.settings import COMMANDING
@@ -60,6 +58,8 @@ class Follower:
 
     def smoothed(self, series: Series) -> np.ndarray:
         """What all samples say of a channel (n,)."""
+        from scipy.signal import lfilter
+
         y, drive = series[0], _regressors(series[1] / self.scale) @ self.commanded
         a, (gain, back, _) = self.decay, self.gains
         kept = (1 - gain) * a
@@ -85,6 +85,8 @@ def follower(series: Sequence[Series]) -> Follower | None:
     As commanded, by a gain and an offset, or along a parabola: of these what Schwarz's criterion (BIC) prefers, since
     numbers that need not be fitted have no error that would look like an effect.
     """
+    from scipy.optimize import minimize_scalar
+
     scale = max(float(np.abs(c).max()) for _, c in series)
     if not scale > 0:
         return None
@@ -125,6 +127,8 @@ def _ways(scale: float) -> tuple[Way, ...]:
 
 def _fitted(parts: Sequence[Series], way: Way, moving: float) -> tuple[np.ndarray, float]:
     """a, then the commanded part; and the variance of the innovations (1 − moving/z)⁻¹ of what these leave."""
+    from scipy.signal import lfilter
+
     settled = min(round(COMMANDING.settled / (1 - moving)), min(len(y) for y, _ in parts) // 2)
     rows, told = [], []
     for y, known in parts:
@@ -139,11 +143,10 @@ def _fitted(parts: Sequence[Series], way: Way, moving: float) -> tuple[np.ndarra
 def as_commanded(subject: Subject) -> Subject:
     """The subject with its measured drive as commands and measurements say together, with a note; else as it is.
 
-    Only where the commands that the drive follows were recorded beside it.
+    Only where the description says which recorded signal asked for it.
     """
-    model, commands = subject.model, _commands(subject)
-    drives = drives_of(model, subject.logs[0])
-    if not commands or model.input_hold == "previous":
+    commands, drives = subject.commands, drives_of(subject.model, subject.logs[0])
+    if not commands or subject.model.input_hold == "previous":
         return subject
     paths = [log.inputs[:, :drives].numpy().copy() for log in subject.logs]
     # An autopilot logs every output that it has; the motors come first.
@@ -171,14 +174,6 @@ def as_commanded(subject: Subject) -> Subject:
     signal = subject.logs[0].recording.input_channels[0].group
     said = _said(subject, found, noise, left)
     return replace(subject, logs=logs, noise={**subject.noise, signal: left}, notes=(*subject.notes, said))
-
-
-def _commands(subject: Subject) -> str:
-    """The signal that asks for the drive, recorded beside it; empty: there is none."""
-    recordings = [log.recording for log in subject.logs]
-    drive = recordings[0].input_channels[0].group if recordings[0].input_channels else ""
-    there = set.intersection(*({c.group for c in r.channels} for r in recordings))
-    return next((name for name in type(subject.model).commands.get(drive, ()) if name in there), "")
 
 
 def _stretches(log: Log, asked: np.ndarray) -> list[tuple[int, int]]:
