@@ -70,6 +70,14 @@ def fields(model):
     return {p.name: p.value for p in model.parameters()}
 
 
+def test_a_system_that_only_says_it_is_like_a_rail_has_no_weight_that_turns_it():
+    class Other(Lorenz):
+        alike = ("mass_on_rail",)
+
+    assert GravityTorque.suits(Servo) and not GravityTorque.suits(MassOnRail)
+    assert not GravityTorque.suits(Other)
+
+
 def test_forces_by_hand():
     rail = MassOnRail(mass=50.0)
     assert added(rail, ViscousFriction(f_v=200.0), (0.1, 0.3), (0.0,)) == pytest.approx([0, -200 * 0.3 / 50])

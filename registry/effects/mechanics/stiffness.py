@@ -68,7 +68,8 @@ class GravityTorque(ForceEffect):
     @classmethod
     @override
     def suits(cls, kind: Any) -> bool:
-        return super().suits(kind) and kind.turns()
+        turns: bool = getattr(kind, "turns", bool)()
+        return super().suits(kind) and turns
 
     @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:

@@ -98,12 +98,8 @@ def follower(series: Sequence[Series]) -> Follower | None:
         bounds = (0.0, COMMANDING.slowest)
         moving = float(minimize_scalar(lambda m: _fitted(parts, way, m)[1], bounds=bounds, method="bounded").x)
         found, innovation = _fitted(parts, way, moving)
-        return (
-            samples * np.log(max(innovation, least)) + way[1].shape[1] * np.log(samples),
-            found,
-            moving,
-            innovation,
-        )
+        criterion = samples * np.log(max(innovation, least)) + way[1].shape[1] * np.log(samples)
+        return criterion, found, moving, innovation
 
     _, found, moving, innovation = min(map(best, _ways(scale)), key=lambda told: told[0])
     decay = float(found[0])

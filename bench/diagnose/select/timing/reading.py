@@ -29,7 +29,7 @@ def prepared(
 ) -> tuple[Subject, Noise]:
     """The subject with its inputs read when they act, with a note that says so, and the noise of it; once only.
 
-    A measured drive is read with its commands first, where they were recorded (`timing.commanded`).
+    A measured drive is read with its commands first, where the description names them (`timing.commanded`).
     Rates are read when they were what they say (`logs.rate_timing`), position and velocity of a vehicle when its
     attitude tilts the forces. No input is shifted where some state is not measured, or where no shift can be told.
     Commands act when they are given, or later, which a lag or a delay says; earlier by a fraction of a sample where all
