@@ -9,6 +9,7 @@ from hardening import CUBIC, carts
 from bench.diagnose import diagnose
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.parts import in_parts
+from registry.errors import BenchError
 
 
 @pytest.fixture(scope="module")
@@ -50,3 +51,12 @@ def test_the_clock_runs_on_through_the_parts_of_a_single_recording(tmp_path: Pat
     assert len(one.logs) == 5
     time = np.concatenate([log.inputs[:, one.model.extras.index("time") + 1] for log in one.logs])
     np.testing.assert_allclose(time, np.arange(len(time)) / one.logs[0].rate, atol=1e-9)
+
+
+def test_a_single_short_recording_is_learnt_from_and_tested(tmp_path: Path) -> None:
+    one = load(carts(tmp_path / "one", {"a": 1.0}, 4.0))
+    assert len(one.logs) == 5 and one.training and one.held_out
+    assert sum(map(len, one.logs)) < 500
+    assert "cut into 5 parts" in one.notes[0]
+    with pytest.raises(BenchError, match="one recording of fewer than 500 samples"):
+        load(carts(tmp_path / "none", {"a": 1.0}, 0.8))

@@ -126,11 +126,15 @@ def test_others_are_parted_anew_where_those_to_test_on_are_too_short(write: Writ
         excluding(subject, ["run_7"])
 
 
-def test_one_long_flight_that_is_too_short_to_be_cut_is_refused(write: Write) -> None:
-    subject = load(write([200, 21, 21, 21]))
-    assert subject.left_out == () and len(subject.logs) == 4
-    with pytest.raises(BenchError, match=f"{SHORT}test on is 0.21 s"):
-        refuse_short(subject)
+def test_one_flight_beside_short_ones_is_cut_where_its_parts_hold_a_free_run(write: Write) -> None:
+    subject = load(write([400, 21, 21, 21]))
+    assert subject.left_out == ("run_1", "run_2", "run_3") and len(subject.logs) == 5
+    refuse_short(subject)
+
+
+def test_one_flight_whose_parts_would_be_too_short_is_refused(write: Write) -> None:
+    with pytest.raises(BenchError, match=f"{SHORT}learn from is 0.4 s"):
+        refuse_short(load(write([200, 21, 21, 21])))
 
 
 def test_enough_flights_are_left_as_they_are(write: Write) -> None:

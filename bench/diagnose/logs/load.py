@@ -21,7 +21,7 @@ from bench.diagnose.settings import READING
 from bench.experiment.datasets import registered
 from registry.contracts import Dataset, Recording
 from registry.core import DATASETS, PHYSICS
-from registry.datasets.folder.dataset import Folder, refuse_unknown
+from registry.datasets.folder.dataset import Folder, in_parts, refuse_unknown
 from registry.datasets.folder.signals import known
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError, near
@@ -55,7 +55,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
     if nominal:
         refuse_unstated(dataset, kind)
     constants = _constants(dataset, kind)
-    measured = dataset.load()
+    measured = in_parts(dataset.load(), READING.part_of_one) if isinstance(dataset, Folder) else dataset.load()
     recordings = tuple(as_meant(r, kind) for r in measured.recordings)
     signals = set.intersection(*({c.group for c in r.channels} for r in recordings))
     _check_disturbed(dataset, kind, signals)

@@ -41,6 +41,9 @@ class Reading:
     part_samples: int = threshold(
         100, "samples of a part, at least: of slow logs ten seconds are few", Basis.JUDGED, "samples"
     )
+    part_of_one: int = threshold(
+        20, "samples of a part of the only recording; whether a free run fits is asked after", Basis.JUDGED, "samples"
+    )
     beginning: int = threshold(
         10, "of a recording at most one part in so many is left out for what was given before it began", Basis.JUDGED
     )

@@ -155,13 +155,8 @@ class Folder(Dataset):
     def read(self) -> RecordingSet:
         description = self.description
         read = [_recording(f, description) for f in self.files]
-        recordings = [r for r, _ in read]
-        findings = [f for _, found in read for f in found]
-        if len(recordings) == 1 and len(recordings[0]) >= PARTS * SHORTEST:
-            detail = f"the only recording, cut into {PARTS} parts: the last but one validates, the last tests"
-            findings.append(Finding(recordings[0].name, "cut", PARTS, detail))
-            recordings = _cut(recordings[0])
-        return RecordingSet(tuple(recordings), tuple(findings))
+        findings = tuple(f for _, found in read for f in found)
+        return in_parts(RecordingSet(tuple(r for r, _ in read), findings), SHORTEST)
 
     def split(self, names: Sequence[str]) -> Split:
         """The last fifth of the recordings by name (at least one) tests, as many before it validate.
@@ -292,13 +287,18 @@ def _whole(columns: Sequence[np.ndarray]) -> np.ndarray:
     return np.asarray(np.isfinite(columns).all(axis=0))
 
 
-def _cut(recording: Recording) -> list[Recording]:
-    """Parts of one length, in order."""
+def in_parts(measured: RecordingSet, shortest: int) -> RecordingSet:
+    """The only recording cut in parts, where each has as many samples as the shortest may; others as they are."""
+    if len(measured.recordings) != 1 or len(measured.recordings[0]) < PARTS * shortest:
+        return measured
+    (recording,) = measured.recordings
     ends = np.linspace(0, len(recording), PARTS + 1).round().astype(int)
-    return [
+    parts = (
         recording.part(slice(a, b), f"{recording.name}_{i}of{PARTS}")
-        for i, (a, b) in enumerate(pairwise(ends), start=1)
-    ]
+        for i, (a, b) in enumerate(pairwise(ends.tolist()), start=1)
+    )
+    detail = f"the only recording, cut into {PARTS} parts: the last but one validates, the last tests"
+    return RecordingSet(tuple(parts), (*measured.findings, Finding(recording.name, "cut", PARTS, detail)))
 
 
 def _rest(first: int, end: int, samples: int, rate: float) -> str:
