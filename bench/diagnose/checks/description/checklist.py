@@ -1,5 +1,6 @@
 """What a human checks first of a log: whether dataset.toml reads it as it was written."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,7 +32,18 @@ def check(recorded: Recorded, carried: bool) -> list[Mistake]:
     # Clocks are told apart only once signs and axes are right.
     late = clocks(recorded, carried)
     found += late or mounting(recorded)
-    return found + (thrust(recorded) if carried else [])
+    return _each_line_once(found + (thrust(recorded) if carried else []))
+
+
+def _each_line_once(found: Sequence[Mistake]) -> list[Mistake]:
+    """Mistakes whose lines do not contradict each other: of a signal that several mend the last has all of it."""
+    later: set[str] = set()
+    out: list[Mistake] = []
+    for m in reversed(found):
+        mend = tuple(line for line in m.mend if line.split(" = ")[0] not in later)
+        later |= {line.split(" = ")[0] for line in mend}
+        out.append(replace(m, mend=mend))
+    return out[::-1]
 
 
 def check_folder(folder: str | Path | Folder) -> list[Mistake]:

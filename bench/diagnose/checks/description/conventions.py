@@ -168,7 +168,10 @@ def _plain(relations: Sequence[Relation], before: _Scores, after: _Scores) -> bo
     old, new, mended = before.middle(), after.middle(), False
     for relation in relations:
         was, now = old[relation.name], new[relation.name]
-        if ((now > was + MENDING.worse) & (was < MENDING.wrong)).any():
+        agreed = was < MENDING.wrong
+        if relation.firm and not agreed.all():
+            agreed[:] = False  # of a vector that does not agree some axes may, by chance
+        if (agreed & (now > was + MENDING.worse)).any():
             return False
         a, b = before.of[relation.name], after.of[relation.name]
         told = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
