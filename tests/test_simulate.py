@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -127,6 +129,24 @@ def test_records_keep_it_and_runs_without_it_keep_their_keys(tmp_path: Path) -> 
     rows = table[(table.recording == recording) & (table.output == output)]
     assert list(rows.model) == ["theirs", record.summary["spec"]] and rows.rmse.is_monotonic_increasing
     assert simulations.lines([without], None) == []
+
+
+def test_what_only_some_models_predict_is_told_of_these_in_its_own_unit() -> None:
+    """Of a helicopter networks predict Euler rates, and physics the velocity and body rates."""
+
+    class Ran(SimpleNamespace):
+        __hash__ = object.__hash__  # type: ignore[assignment]
+
+    def ran(spec: str, unit: str, quantity: str, error: float) -> Any:
+        metrics = {f"simulation.{quantity}@flight": error}
+        summary = {"spec": spec, "units": {quantity: unit}, "metrics": metrics, "weights": 3, "dataset": "twin"}
+        return Ran(summary=summary, finished=True, steps=pd.DataFrame({"value": [error]}))
+
+    made = simulations.table(
+        [ran("GRU", "rad/s", "euler_rates.roll", 0.1), ran("physics", "m/s", "velocity.x", 2.0)], []
+    )
+    rows = [(r.output, r.unit, r.model, round(r.rmse, 3)) for r in made.itertuples()]
+    assert rows == [("euler_rates.roll", "deg/s", "GRU", 5.73), ("velocity.x", "m/s", "physics", 2.0)]
 
 
 def test_published_figures_are_of_recordings_that_the_loaders_know() -> None:

@@ -24,10 +24,11 @@ def table(records: Sequence[RunRecord], references: Sequence[Reference]) -> pd.D
     found = dict.fromkeys(n for r in simulated for n in r.summary["metrics"] if n.startswith(SIMULATION))
     for name in found:
         output, _, recording = name.removeprefix(SIMULATION).partition("@")
-        unit, factor = unit_of(simulated[0], output)
+        those = [r for r in simulated if name in r.summary["metrics"]]  # physics may predict what networks do not
+        unit, factor = unit_of(those[0], output)
         where = {"recording": recording, "output": output, "unit": unit}
-        for spec in dict.fromkeys(r.summary["spec"] for r in simulated):
-            own = [r for r in simulated if r.summary["spec"] == spec and sound(r)]
+        for spec in dict.fromkeys(r.summary["spec"] for r in those):
+            own = [r for r in those if r.summary["spec"] == spec and sound(r)]
             errors = [e for r in own if (e := r.summary["metrics"].get(name)) is not None]
             said = {"model": spec, "weights": own[0].summary["weights"] if own else 0}
             rmse = factor * float(np.mean(errors)) if errors else np.nan
