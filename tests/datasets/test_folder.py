@@ -252,6 +252,15 @@ def test_hubs_without_a_height_lie_in_the_plane(folder):
     assert Folder(str(folder)).description.notes == ("rotor_positions were given as [x, y]: z = 0 was taken.",)
 
 
+@pytest.mark.parametrize(("told", "known"), [(None, "pwm"), ('"pwm"', "pwm"), ('""', "")])
+def test_rotor_speeds_are_read_with_what_asked_for_them(folder, told, known):
+    assert Folder(str(folder)).description.commands == ""
+    line = "" if told is None else f"commands = {told}\n"
+    asked = 'pwm = {columns = ["m1", "m2", "m3", "m4"], unit = "pwm"}'
+    (folder / "dataset.toml").write_text(TOML.replace("[signals]", f"{line}[signals]\n{asked}"), encoding="utf-8")
+    assert Folder(str(folder)).description.commands == known
+
+
 def test_split_takes_the_last_fifth_and_needs_three(folder):
     names = [f"r{i:02d}" for i in range(10)]
     split = Folder(path=str(folder)).split(names)

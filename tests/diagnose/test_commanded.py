@@ -1,6 +1,7 @@
 """A measured drive beside its commands, against motors simulated here and against the posterior in closed form."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -11,8 +12,9 @@ from torch import Tensor
 
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject, log_of
-from bench.diagnose.select.timing.commanded import Follower, as_commanded, follower
+from bench.diagnose.select.timing.commanded import Follower, Series, as_commanded, followers
 from bench.diagnose.select.timing.reading import prepared
+from bench.diagnose.settings import COMMANDING
 from registry.contracts import Channel, Recording
 from registry.dynamics import constant
 from registry.physics.state_space import Mechanical
@@ -35,6 +37,12 @@ def motor(seed: int, samples: int = 2000, own: float = 0.0, gain: float = 1.0) -
 
 def measured(speed: np.ndarray, seed: int, noise: float = NOISE) -> np.ndarray:
     return speed + noise * np.random.default_rng(1000 + seed).normal(size=len(speed))
+
+
+def follower(series: Sequence[Series]) -> Follower | None:
+    """Of one channel."""
+    found = followers([series])
+    return None if found is None else found[0]
 
 
 @pytest.mark.parametrize("own", [0.0, 1.5])
@@ -72,6 +80,39 @@ def test_no_more_is_fitted_than_the_recordings_ask_for(
     assert (squares != 0).any() == parabola
     exact = offset == 0 and linear.sum() == pytest.approx((1 - found.decay) * found.scale, rel=1e-9)
     assert exact == as_asked
+
+
+def hover(lag: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Speed (N,) and slow commands (N,) of a motor that a hover hardly moves, by 1 rad/s of 1500."""
+    rng = np.random.default_rng(seed)
+    commands = 1500 + np.convolve(rng.normal(size=2600), np.hanning(200) / 9, "valid")
+    speed, decay = commands.copy(), np.exp(-STEP / lag)
+    for k in range(1, len(speed)):
+        speed[k] = decay * speed[k - 1] + (1 - decay) * commands[k - 1]
+    return speed, commands
+
+
+def test_motors_of_one_kind_are_told_together_where_little_moves() -> None:
+    true = [hover(LAG, seed) for seed in range(4)]
+    channels = [[(measured(speed, i, noise=1.5), commands)] for i, (speed, commands) in enumerate(true)]
+    found = followers(channels)
+    assert found is not None and len(set(map(id, found))) == 1
+    left = np.concatenate([f.smoothed(c[0]) - x for f, c, (x, _) in zip(found, channels, true, strict=True)])
+    assert left.std() < 0.1
+    assert found[0].left ** 0.5 == pytest.approx(left.std(), abs=0.05) and found[0].left > 0
+
+
+def test_motors_that_differ_are_told_each_by_itself() -> None:
+    lags, channels = (0.02, 0.04, 0.06, 0.08), []
+    for i, lag in enumerate(lags):
+        commands = motor(i)[1]
+        speed, decay = commands.copy(), np.exp(-STEP / lag)
+        for k in range(1, len(speed)):
+            speed[k] = decay * speed[k - 1] + (1 - decay) * commands[k - 1]
+        channels.append([(measured(speed, i), commands)])
+    found = followers(channels)
+    assert found is not None
+    assert [-STEP / np.log(f.decay) for f in found] == pytest.approx(lags, rel=0.05)
 
 
 @pytest.mark.parametrize(("own", "settled"), [(2.0, 12), (0.001, 0)])
@@ -162,6 +203,15 @@ def test_what_was_measured_and_the_commands_are_read_together(spare: int) -> Non
     assert (lag, noise) == pytest.approx((1e3 * LAG, NOISE), rel=0.05) and left < 0.2 * NOISE
     assert read.noise["fan"] == pytest.approx(left, rel=0.05)
     assert prepared(subject)[1].inputs == (read.noise["fan"],)
+
+
+def test_a_long_recording_is_told_by_a_part_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    kinds = COMMANDING.__class__
+    monkeypatch.setattr("bench.diagnose.select.timing.commanded.COMMANDING", kinds(enough=1500))
+    true = [motor(seed) for seed in range(4)]
+    (found,) = followers([[(measured(speed, i), commands) for i, (speed, commands) in enumerate(true)]]) or [None]
+    assert found is not None and found.told_by < 1500
+    assert -STEP / np.log(found.decay) == pytest.approx(LAG, rel=0.1)
 
 
 def test_without_commands_and_of_commands_nothing_is_read_anew() -> None:

@@ -168,15 +168,39 @@ def test_a_rival_that_loses_an_equation_is_none_however_little_that_is_of_everyt
 def test_what_lets_noise_of_the_inputs_in_is_judged_by_half_of_it_too(full: float, noisy: bool, told: float) -> None:
     """The rotors' reaction was found with the noise of their speeds taken off; forecasts have this noise, and erred."""
 
-    def savings(less: str, model: str, extended: str, channels: object) -> tuple[Saving, ...]:
+    def savings(less: str, model: str, extended: str, channels: object, calibrated: bool = True) -> tuple[Saving, ...]:
+        assert less == "less" and calibrated
         share = {"full": full, "half": 0.1}[model]
         return (Saving("torques", 0.5, share, share - 0.02, share + 0.02, matters=True),)
 
     weighing = SimpleNamespace(
         savings=savings, channels_moved=lambda before, after: None, noisier=lambda less, model: noisy
     )
-    chosen = SimpleNamespace(model="full", less=lambda place: "less", faded=lambda place: "half")
+    chosen = SimpleNamespace(
+        model="full", less=lambda place: "less", faded=lambda place: "half", relieves=lambda place: False
+    )
     assert [s.share for s in saved(weighing, chosen, 0, "full")] == [told]
+
+
+def test_constants_that_nobody_believes_do_not_take_an_effects_place() -> None:
+    """A payload of 10 %: a mass 3 % off beside a thrust coefficient 6 % off, both stated within 2 %, does the same."""
+
+    def savings(less: str, model: str, extended: str, channels: object, calibrated: bool = True) -> tuple[Saving, ...]:
+        share = 0.0 if less == "bent" or calibrated else 0.99
+        return (Saving("forces", 0.5, share, share - 0.01, share + 0.01, matters=True),)
+
+    weighing = SimpleNamespace(
+        savings=savings, channels_moved=lambda before, after: None, noisier=lambda less, model: False
+    )
+    for relieves in (False, True):
+        chosen = SimpleNamespace(
+            model="full",
+            less=lambda place: "bent",
+            taken_out=lambda place: "as beside it",
+            faded=lambda place: "half",
+            relieves=lambda place, told=relieves: told,
+        )
+        assert [s.worth for s in saved(weighing, chosen, 0, "full")] == [relieves]
 
 
 def test_a_rival_without_which_an_equation_is_lost_takes_the_place_of_an_effect(

@@ -181,12 +181,18 @@ class Weighing:
         return self._noise[model]
 
     def savings(
-        self, without: PhysicsModel, full: PhysicsModel, extended: PhysicsModel, channels: Collection[int] | None = None
+        self,
+        without: PhysicsModel,
+        full: PhysicsModel,
+        extended: PhysicsModel,
+        channels: Collection[int] | None = None,
+        calibrated: bool = True,
     ) -> tuple[Saving, ...]:
         """What ``full`` saves of the error of ``without``, of each error of `by_axis` of ``extended``.
 
         Without an effect nothing is worse than the calibrated model, which has none, nor than the one as stated: where
-        ``without`` is, because the rest was fitted beside the effect, the better of them stands for it. Of an axis only
+        ``without`` is, because the rest was fitted beside the effect, the better of them stands for it. Where no
+        ``calibrated`` model will do, ``without`` is what could be explained. Of an axis only
         what is worth a term, unless other axes pay for it: the equation as a whole may not err more, or, where the
         effect acts along some axes only and constants moved along the others, hardly more.
 
@@ -194,12 +200,14 @@ class Weighing:
         it does. But constants that are bent without it may speak for it, where nothing else does.
         """
         out: list[Saving] = []
+        others = [self.increments(m) for m in (without, self.subject.model, *[self.calibrated] * calibrated)]
         acts = {e.name for e in self.equations if channels is None or not set(channels).isdisjoint(e.group.at)}
         everywhere = {e.name for e in self.equations if channels is None or set(channels).issuperset(e.group.at)}
         for error in self.by_axis(extended):
-            others = [self.increments(m) for m in (without, self.calibrated, self.subject.model)]
             best = min(others, key=lambda left: float(self._at(error, left)[0].mean()))
             (before, block), (after, _) = (self._at(error, left) for left in (best, self.increments(full)))
+            if not calibrated:
+                error = replace(error, models={**error.models, "calibrated": float(before.mean()) ** 0.5})
             gains = np.bincount(block, before - after) / np.maximum(np.bincount(block), 1)
             mean = float(gains.mean())
             spread = float(gains.std(ddof=1)) / len(gains) ** 0.5 if len(gains) > 1 else np.inf

@@ -13,7 +13,7 @@ from bench.diagnose.select.discovery import trifle
 from bench.diagnose.select.given_past import foretold
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search, View
-from bench.diagnose.select.step import advanced, settled
+from bench.diagnose.select.step import advanced, settled, without
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.tie import rivals
 from bench.diagnose.select.verify import at_bound, by_chance, estimates
@@ -47,10 +47,28 @@ class Choice:
         """The model less the effect in one more place."""
         return advanced(self.search, self.view, self.view.subsets.fit(drop=[*self.dropped, place])).model
 
-    def faded(self, place: int) -> PhysicsModel:
-        """The model with half of the effect in this place, all other numbers as they are."""
+    def relieves(self, place: int) -> bool:
+        """Whether constants lie so far outside what is known of them without the effect that this alone pays for it."""
+        less = self.view.subsets.fit(drop=[*self.dropped, place])
+        least = self.view.subsets.penalty * (self.fit.parameters - less.parameters) + CHOOSING.doubted
+        if less.prior - self.fit.prior < least:
+            return False
+        view, _ = settled(self.search, self.less(place), self.view)
+        return view.subsets.fit().prior - self.fit.prior > least
+
+    def taken_out(self, place: int) -> PhysicsModel:
+        """The model without the effect in one more place, all other numbers as they are."""
+        return without(self.model, [self._at(place)])
+
+    def _at(self, place: int) -> int:
+        """Where the effect in this place of the view's model is in this one."""
         kind = type(self.view.linear.model.effects[place])
         (at,) = (i for i, e in enumerate(self.model.effects) if type(e) is kind)
+        return at
+
+    def faded(self, place: int) -> PhysicsModel:
+        """The model with half of the effect in this place, all other numbers as they are."""
+        at = self._at(place)
         numbers = effect_entries(self.model.effects[at], at)
         return with_values(self.model, numbers, np.array([(e.value + e.neutral) / 2 for e in numbers]))
 
@@ -170,6 +188,8 @@ def rival_that_saves(view: View, weighing: Weighing, chosen: Choice) -> PhysicsM
 def saved(weighing: Weighing | None, chosen: Choice, place: int, extended: PhysicsModel) -> tuple[Saving, ...]:
     """What the effect in this place saves on held-out recordings, the rest fitted anew without it.
 
+    Where constants would lie far outside what is known of them without it, that is no way to do without.
+
     One that lets more noise of the inputs into a forecast is judged by half of its size as well, where that is worth
     more: its number was found with the noise taken off, and on noisy inputs less of it forecasts best.
     """
@@ -178,6 +198,8 @@ def saved(weighing: Weighing | None, chosen: Choice, place: int, extended: Physi
     less, half = chosen.less(place), chosen.faded(place)
     acts_on = weighing.channels_moved(half, chosen.model)
     savings = weighing.savings(less, chosen.model, extended, acts_on)
+    if not any(s.worth for s in savings) and chosen.relieves(place):
+        savings = weighing.savings(chosen.taken_out(place), chosen.model, extended, acts_on, calibrated=False)
     if any(s.worth for s in savings) or not weighing.noisier(less, chosen.model):
         return savings
     attenuated = weighing.savings(less, half, extended, acts_on)

@@ -73,6 +73,9 @@ class Commanding:
         4.0, "of its own time constants after which a filter has forgotten where it began", Basis.ROUNDING
     )
     shortest: int = threshold(50, "samples of a stretch that is looked at", Basis.JUDGED, "samples")
+    enough: int = threshold(
+        12_000, "samples of a channel that the fit looks at, of each stretch its share", Basis.JUDGED, "samples"
+    )
     rounding: float = threshold(
         1e-12, "of the largest speed, squared: a variance that is no noise of a sensor", Basis.ROUNDING
     )

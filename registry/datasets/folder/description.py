@@ -20,6 +20,8 @@ SLOWEST, FASTEST = 1e-6, 1e6
 """Sample rates [Hz] beyond which nothing is measured: a period overflows, or a grid has no end."""
 LARGEST_NOISE = 1e9
 """1σ of any signal, SI: larger ones overflow where they are squared."""
+COMMANDS = ("rotor_command", "pwm")
+"""Signals that ask for rotor speeds, held until the next one."""
 _REQUIRED = ("name", "rate_hz", "files", "time", "signals")
 _TABLES = ("physics", "processing", "environment")
 _OPTIONAL = (
@@ -183,7 +185,9 @@ def _inputs(
 
 
 def _commands(path: Path, table: dict[str, Any], inputs: Sequence[str], signals: dict[str, SignalColumns]) -> str:
-    """The signal that asked for the measured input, where it is told."""
+    """The signal that asked for the measured input, as told or as rotors have it; empty: none, or none to be used."""
+    if "commands" not in table and inputs[:1] == ("rotor_speed",) and table.get("input_hold") != "previous":
+        return next((name for name in COMMANDS if name in signals), "")
     name = table.get("commands", "")
     if not name:
         return ""

@@ -13,7 +13,7 @@ from registry.core import PHYSICS
 from registry.datasets.folder.clock import pace
 from registry.datasets.folder.columns import Found, bare, drives, of_own, own_signal, recognised, time_column
 from registry.datasets.folder.constants import Constant, physics_lines
-from registry.datasets.folder.description import SECONDS
+from registry.datasets.folder.description import COMMANDS, SECONDS
 from registry.datasets.reading.tables import ENDINGS, MissingValue, dated, header, numbers, units
 from registry.dynamics import PhysicsModel
 from registry.errors import BenchError
@@ -22,8 +22,6 @@ from registry.units import SIGNALS, Signal
 MOTION = ("position", "attitude", "velocity", "body_rates", "specific_force")
 """Signals that only a vehicle has."""
 NO_PHYSICS = "No physics model: networks only."
-COMMANDS = ("rotor_command", "pwm")
-"""Signals that are held until the next one."""
 
 _BY_SIZE = {"attitude": ('unit = "rad"', 'unit = "deg"'), "specific_force": ('unit = "g"', 'unit = "m/s^2"')}
 """Signal → its units where values are small, and where they are large."""

@@ -14,8 +14,7 @@ import numpy as np
 from registry.atomic_io import writing
 from registry.datasets.folder.clock import THINNEST
 from registry.datasets.folder.constants import Constant, physics_lines
-from registry.datasets.folder.description import FILE
-from registry.datasets.folder.draft import COMMANDS
+from registry.datasets.folder.description import COMMANDS, FILE
 from registry.datasets.logs.estimates import lift, motor_map, rotor_coefficients
 from registry.datasets.logs.joining import SHORTEST, Span, on_grid, spans, times
 from registry.datasets.logs.series import Log, round_rate

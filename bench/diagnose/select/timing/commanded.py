@@ -13,6 +13,7 @@ it has no bias, which one on y has. Where the drive does not follow, w is large 
 L. Ljung, System Identification (1999), section 4.2; H. E. Rauch, F. Tung and C. T. Striebel, AIAA Journal 3 (1965).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -43,6 +44,13 @@ class Follower:
     """Variance of v."""
     own: float
     """Variance of w."""
+    told_by: float = math.inf
+    """Samples for each number that was fitted."""
+
+    @property
+    def left(self) -> float:
+        """Variance of the error of what is read: what the smoother leaves, and what errors of the numbers make."""
+        return self.gains[2] + self.sensor / self.told_by
 
     @property
     def gains(self) -> tuple[float, float, float]:
@@ -79,46 +87,104 @@ class Follower:
         return np.concatenate([late, x[-1:]])
 
 
-def follower(series: Sequence[Series]) -> Follower | None:
-    """How the channel of some stretches follows its commands; None: it does not, as far as can be told.
+def followers(channels: Sequence[Sequence[Series]]) -> list[Follower] | None:
+    """How each channel, given as its stretches, follows its commands; None: one does not, as far as can be told.
 
-    As commanded, by a gain and an offset, or along a parabola: of these what Schwarz's criterion (BIC) prefers, since
-    numbers that need not be fitted have no error that would look like an effect.
+    Each in its own way or all alike, as motors of one kind do: of these what Schwarz's criterion (BIC) prefers. Where
+    little moves, as in a hover, one alone does not tell noise of its sensor from what it does of its own accord.
+    """
+    parts = [_enough(channel) for channel in channels]
+    each, (alike, shared) = [_best(part) for part in parts], _best([series for part in parts for series in part])
+    found = [shared] * len(channels) if alike <= sum(told for told, _ in each) else [f for _, f in each]
+    return None if None in found else [f for f in found if f is not None]
+
+
+def _enough(series: Sequence[Series]) -> list[Series]:
+    """The beginning of every stretch, which together tell how a channel follows its commands."""
+    share = min(1.0, COMMANDING.enough / max(1, sum(len(y) for y, _ in series)))
+    ends = [max(COMMANDING.shortest, round(share * len(y))) for y, _ in series]
+    return [(y[:end], commands[:end]) for (y, commands), end in zip(series, ends, strict=True)]
+
+
+def _best(series: Sequence[Series]) -> tuple[float, Follower | None]:
+    """BIC, and how the channel of some stretches follows its commands; None: it does not, as far as can be told.
+
+    Its commands act between two samples or over all of the latest; it becomes what is commanded, or that by a gain and
+    an offset, or along a parabola. Numbers that need not be fitted have no error that would look like an effect.
     """
     from scipy.optimize import minimize_scalar
 
-    scale = max(float(np.abs(c).max()) for _, c in series)
+    scale = max((float(np.abs(c).max()) for _, c in series), default=0.0)
     if not scale > 0:
-        return None
+        return math.inf, None
     parts = [(y, _regressors(c / scale)) for y, c in series]
     samples, least = sum(len(y) for y, _ in parts), COMMANDING.rounding * max(float((y * y).max()) for y, _ in parts)
 
-    def best(way: Way) -> tuple[float, np.ndarray, float, float]:
-        """BIC, a and the commanded part, the moving-average part, and the variance of the innovations."""
-        bounds = (0.0, COMMANDING.slowest)
-        moving = float(minimize_scalar(lambda m: _fitted(parts, way, m)[1], bounds=bounds, method="bounded").x)
-        found, innovation = _fitted(parts, way, moving)
-        criterion = samples * np.log(max(innovation, least)) + way[1].shape[1] * np.log(samples)
-        return criterion, found, moving, innovation
+    def fitted(way: Way, own: bool = True) -> tuple[float, np.ndarray, float, float]:
+        """BIC, a and the commanded part, the moving-average part, and the variance of the innovations.
 
-    _, found, moving, innovation = min(map(best, _ways(scale)), key=lambda told: told[0])
+        Without noise of its ``own`` the drive is what commands make of it, and the two parts are one (output error).
+        """
+        bounds = (0.0, COMMANDING.slowest)
+
+        def at(moving: float) -> tuple[np.ndarray, float]:
+            return _fitted(parts, way if own else _decaying(way, moving), moving)
+
+        moving = float(minimize_scalar(lambda m: at(m)[1], bounds=bounds, method="bounded").x)
+        found, innovation = at(moving)
+        numbers = way[1].shape[1] + own + 1
+        return samples * math.log(max(innovation, least)) + numbers * math.log(samples), found, moving, innovation
+
+    delays = [(j, j + 1) for j in range(COMMANDING.latest)] + [tuple(range(COMMANDING.latest + 1))]
+    linear = {when: fitted(_linear(when)) for when in delays}
+    when = min(delays, key=lambda when: linear[when][0])
+    ways = _linear(when), _exact(when, scale), _parabola(when)
+    told = [linear[when], *map(fitted, ways[1:])]
+    chosen = min(range(len(ways)), key=lambda i: told[i][0])
+    still = fitted(ways[chosen], own=False)
+    criterion, found, moving, innovation = min(told[chosen], still, key=lambda t: t[0])
     decay = float(found[0])
     if not 0 < decay < 1 or innovation <= least:
-        return None
+        return criterion, None
     moving = min(moving, decay)
     sensor = moving * innovation / decay
     own = max(0.0, (1 + moving**2) * innovation - (1 + decay**2) * sensor)
-    return Follower(decay, found[1:], scale, sensor, own)
+    numbers = ways[chosen][1].shape[1]
+    return criterion, Follower(decay, found[1:], scale, sensor, own, samples / numbers)
 
 
-def _ways(scale: float) -> tuple[Way, ...]:
-    """The drive becomes what is commanded, or that by a gain and an offset, or along a parabola."""
-    count = COMMANDING.latest + 1
-    free, known = np.eye(2 * count + 2), np.zeros(2 * count + 2)
-    known[1] = scale
-    exact = free[:, [0, *range(2, count + 1)]]
-    exact[1] = [-scale, *[-1.0] * (count - 1)]
-    return (known, exact), (0 * known, free[:, [*range(count + 1), -1]]), (0 * known, free)
+def _exact(when: Sequence[int], scale: float) -> Way:
+    """The drive becomes what was commanded these samples before."""
+    known, free = _nothing(), _free([0, *(1 + j for j in when[1:])])
+    known[1 + when[0]] = scale
+    free[1 + when[0]] = [-scale, *[-1.0] * (len(when) - 1)]
+    return known, free
+
+
+def _linear(when: Sequence[int]) -> Way:
+    """It becomes a gain of that, and an offset."""
+    return _nothing(), _free([0, *(1 + j for j in when), -1])
+
+
+def _parabola(when: Sequence[int]) -> Way:
+    """It becomes a polynomial of second order of that."""
+    squares = COMMANDING.latest + 2
+    return _nothing(), _free([0, *(1 + j for j in when), *(squares + j for j in when), -1])
+
+
+def _nothing() -> np.ndarray:
+    return np.zeros(2 * COMMANDING.latest + 4)
+
+
+def _free(numbers: Sequence[int]) -> np.ndarray:
+    """These of a and the commanded part are fitted."""
+    return np.eye(2 * COMMANDING.latest + 4)[:, list(numbers)]
+
+
+def _decaying(way: Way, decay: float) -> Way:
+    """The same with a known, which is the first that is fitted."""
+    known, free = way
+    return known + decay * free[:, 0], free[:, 1:]
 
 
 def _fitted(parts: Sequence[Series], way: Way, moving: float) -> tuple[np.ndarray, float]:
@@ -126,12 +192,13 @@ def _fitted(parts: Sequence[Series], way: Way, moving: float) -> tuple[np.ndarra
     from scipy.signal import lfilter
 
     settled = min(round(COMMANDING.settled / (1 - moving)), min(len(y) for y, _ in parts) // 2)
-    rows, told = [], []
-    for y, known in parts:
-        both = lfilter([1.0], [1.0, -moving], np.column_stack([y, np.roll(y, 1), known])[1:], axis=0)
-        told.append(both[settled:, 0] - both[settled:, 1:] @ way[0])
-        rows.append(both[settled:, 1:] @ way[1])
-    a, b = np.concatenate(rows), np.concatenate(told)
+    rows = []
+    for y, commanded in parts:
+        known = np.column_stack([y[:-1], commanded[1:]])
+        both = np.column_stack([known @ way[1], y[1:] - known @ way[0]])
+        rows.append(lfilter([1.0], [1.0, -moving], both, axis=0)[settled:])
+    every = np.concatenate(rows)
+    a, b = every[:, :-1], every[:, -1]
     found = np.linalg.lstsq(a, b, rcond=None)[0]
     return way[0] + way[1] @ found, float(((b - a @ found) ** 2).mean())
 
@@ -150,21 +217,19 @@ def as_commanded(subject: Subject) -> Subject:
     if any(c.shape != y.shape for y, c in zip(paths, asked, strict=True)):
         return subject
     stretches = [_stretches(log, c) for log, c in zip(subject.logs, asked, strict=True)]
-    found = []
-    for channel in range(drives):
-        at = [(i, slice(*ends)) for i, of in enumerate(stretches) for ends in of]
-        series = [(paths[i][part, channel], asked[i][part, channel]) for i, part in at]
-        follows = follower(series) if series else None
-        if follows is None:
-            return subject
-        found.append(follows)
-        for (i, part), one in zip(at, series, strict=True):
+    at = [(i, slice(*ends)) for i, of in enumerate(stretches) for ends in of]
+    series = [[(paths[i][part, c], asked[i][part, c]) for i, part in at] for c in range(drives)]
+    found = followers(series) if at else None
+    if found is None:
+        return subject
+    for channel, follows in enumerate(found):
+        for (i, part), one in zip(at, series[channel], strict=True):
             paths[i][part, channel] = follows.smoothed(one)
     logs = tuple(
         replace(log, inputs=torch.cat([torch.from_numpy(path), log.inputs[:, drives:]], dim=1))
         for log, path in zip(subject.logs, paths, strict=True)
     )
-    noise, left = (float(np.mean(of)) ** 0.5 for of in ([f.sensor for f in found], [f.gains[2] for f in found]))
+    noise, left = (float(np.mean(of)) ** 0.5 for of in ([f.sensor for f in found], [f.left for f in found]))
     if not left < COMMANDING.least_gained * noise:
         return subject
     signal = subject.logs[0].recording.input_channels[0].group
