@@ -1,4 +1,5 @@
 import gzip
+import json
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -268,6 +269,19 @@ def test_split_takes_the_last_fifth_and_needs_three(folder):
     assert Folder().split(["a", "b", "c"]).test == ("c",)
     with pytest.raises(BenchError, match="one recording of fewer than 500 samples"):
         Folder().split(["a"])
+
+
+def test_the_draft_names_many_columns_that_it_does_not_know_in_few_lines(folder):
+    (folder / "dataset.toml").unlink()
+    data = table()
+    unknown = [f"setpoint_{i}" for i in range(30)]
+    data[unknown] = 0.0
+    data.to_csv(folder / "a.csv", index=False)
+    text = draft(folder)
+    left = [line for line in text.splitlines() if line.startswith("#   ")]
+    assert [json.loads(word) for line in left for word in line[4:].split()] == unknown
+    assert len(left) < 6 and max(map(len, left)) <= 100
+    assert text.count("# TODO: are any of these columns") == 1 and "what is column" not in text
 
 
 def test_the_draft_of_a_plain_header_needs_no_change_but_units(folder):

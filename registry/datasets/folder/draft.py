@@ -25,6 +25,8 @@ NO_PHYSICS = "No physics model: networks only."
 
 _BY_SIZE = {"attitude": ('unit = "rad"', 'unit = "deg"'), "specific_force": ('unit = "g"', 'unit = "m/s^2"')}
 """Signal → its units where values are small, and where they are large."""
+_FEW, _WIDTH = 8, 100
+"""Columns that have a line each, and characters of a line of more."""
 _ONE_G = 3.1
 """What an accelerometer shows in flight is less than this in g, and more in m/s²: the geometric mean of both."""
 
@@ -134,14 +136,24 @@ def _of_system(system: str, wanted: dict[str, str], found: Found, known: Known |
             for m in missing
             if not sure
         ),
-        *(
-            f"# {'not used:' if sure else 'TODO: what is'} column {json.dumps(n, ensure_ascii=False)}"
-            + "?" * (not sure)
-            for n in found.left
-        ),
+        *_left_over(found.left, sure),
         "",
         *physics_lines(system, driver or "", known.constants if known else {}),
     ]
+
+
+def _left_over(columns: Sequence[str], sure: bool) -> list[str]:
+    """Comments on the columns that no signal has; of many, as an autopilot logs them, several a line."""
+    quoted = [json.dumps(n, ensure_ascii=False) for n in columns]
+    if len(quoted) <= _FEW:
+        return [f"# not used: column {n}" if sure else f"# TODO: what is column {n}?" for n in quoted]
+    rows = ["# not used:" if sure else "# TODO: are any of these columns signals of it? They are not read:"]
+    for n in quoted:
+        if len(rows) > 1 and len(rows[-1]) + len(n) < _WIDTH:
+            rows[-1] += f" {n}"
+        else:
+            rows.append(f"#   {n}")
+    return rows
 
 
 def _of_own(kind: type[PhysicsModel], columns: Sequence[str], stated: Mapping[str, str]) -> list[str]:
@@ -169,7 +181,7 @@ def _of_own(kind: type[PhysicsModel], columns: Sequence[str], stated: Mapping[st
             f'# TODO: {m} = {{columns = ["…"], unit = "{(wanted | known)[m].unit}"}}, if it was measured'
             for m in missing
         ),
-        *(f"# TODO: what is column {json.dumps(n, ensure_ascii=False)}?" for n in found.left),
+        *_left_over(found.left, sure=False),
         "",
         f"[physics]  # TODO: what this system has, SI; here as {kind.__name__} has them",
         *(f"{p.name} = {json.dumps(p.value)}  # {p.unit}; {p.about}" for p in constants),
