@@ -116,6 +116,21 @@ def test_a_slow_log_is_told_with_what_it_is_good_for(flights: dict[str, Set], tm
     assert "10 Hz is too slow for rotations" in told.detail and "drag" in told.detail
 
 
+@pytest.mark.parametrize(("size", "told"), [(0.3, False), (3.0, True)])
+def test_rotors_that_change_between_samples_are_told(
+    flights: dict[str, Set], size: float, told: bool, tmp_path: Path
+) -> None:
+    """An autopilot that answers its gyroscope's noise at 250 Hz, logged at 100."""
+    busy, rng = copy.deepcopy(flights["pelican"]), np.random.default_rng(1)
+    for log in busy.logs:
+        u = log[busy.drive]
+        apart = u - u.mean(axis=1, keepdims=True)
+        log[busy.drive] = u + size * apart.std() * rng.normal(size=u.shape)
+    found = check_folder(busy.write(tmp_path))
+    assert [(m.kind, m.signal, m.stops) for m in found] == [("slow log", "rotor_speed", False)] * told
+    assert not told or "faster than 100 Hz show" in found[0].detail
+
+
 @pytest.mark.parametrize(("levels", "told"), [((46.7, 58.7), True), ((46.7, 52.0, 58.7), False)])
 def test_a_drive_of_two_levels_is_told(levels: tuple[float, ...], told: bool, tmp_path: Path) -> None:
     """A saturation between the two, and a gain with a constant force, are one and the same on them."""

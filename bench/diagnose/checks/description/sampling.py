@@ -31,6 +31,29 @@ def slow_logs(recorded: Recorded) -> list[Mistake]:
     return [Mistake("slow log", "body_rates", tuple(f.name for f in recorded.flights), detail, (), False)]
 
 
+def aliased_drive(recorded: Recorded) -> list[Mistake]:
+    """Rotors whose differences, which turn the vehicle, come and go between two samples: what acted is not told."""
+    drive = recorded.reading.drive
+    if drive not in recorded.reading.signals:
+        return []
+    shares = []
+    for flight in recorded.flights:
+        u = flight.signals(recorded.reading, (drive,))[drive][flight.valid]
+        apart = u - u.mean(axis=1, keepdims=True)
+        between = apart[1:-1] - (apart[2:] + apart[:-2]) / 2
+        size = float(np.sqrt(np.mean((apart - apart.mean(axis=0)) ** 2)))
+        if len(between) > 10 and size > 0:
+            shares.append(float(np.sqrt(np.mean(between**2))) / size)
+    if not shares or np.median(shares) < SPIKING.aliased:
+        return []
+    detail = (
+        f"What the rotors do against each other differs from the samples before and after by {np.median(shares):.2g} "
+        f"times what it varies in all (noise: 1.2): it is noise, or the controller acts faster than {recorded.rate:g} "
+        "Hz show. Inertia, torques and motor lag can hardly be told from it; log the rotors at the controller's rate."
+    )
+    return [Mistake("slow log", drive, tuple(f.name for f in recorded.flights), detail, (), False)]
+
+
 def two_levels(recorded: Recorded) -> list[Mistake]:
     """A drive that takes two values only: through two points lies any curve."""
     drive = recorded.reading.drive
