@@ -1,9 +1,10 @@
 """The answer of a diagnosis, put together from what its steps have found."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from bench.diagnose.by_equation import ConstantEstimate
 from bench.diagnose.checks.problems import Checked
 from bench.diagnose.evidence import Calibration, Candidate, Evidence, Flight
 from bench.diagnose.extend import Extension, pooled
@@ -64,6 +65,7 @@ def answer(steps: Steps) -> Diagnosis:
     """The contract, and the evidence for it."""
     subject, discovery, extension = steps.subject, steps.discovery, steps.extension
     error, effects = extension.comparison.error, extension.effects
+    constants = constant_estimates(subject, extension.model, extension.constants)
     return Diagnosis(
         dataset=subject.name,
         system=subject.system,
@@ -75,14 +77,14 @@ def answer(steps: Steps) -> Diagnosis:
         unexplained=_unexplained(steps),
         where=steps.location.regions,
         data_problems=steps.damaged,
-        evidence=_evidence(steps),
+        evidence=_evidence(steps, constants),
         by_equation=equation_results(discovery, subject.model, bool(effects)),
-        constants=constant_estimates(subject, extension.model, extension.constants),
+        constants=constants,
         differing=steps.differing,
     )
 
 
-def _evidence(steps: Steps) -> Evidence:
+def _evidence(steps: Steps, constants: Mapping[str, ConstantEstimate]) -> Evidence:
     subject, discovery, extension = steps.subject, steps.discovery, steps.extension
     return Evidence(
         source=steps.source,
@@ -93,7 +95,7 @@ def _evidence(steps: Steps) -> Evidence:
         calibrated=extension.calibrated,
         waterfall=extension.stages,
         ranking=_ranking(discovery),
-        calibration=_calibration(subject, discovery),
+        calibration=_calibration(subject, discovery, constants),
         residuals=steps.location.residuals,
         windows=steps.location.windows,
         hypothesis="" if extension.effects else _hypothesis(discovery),
@@ -159,34 +161,45 @@ def _ranking(found: Discovery) -> tuple[tuple[Candidate, ...], ...]:
     return tuple(tuple(Candidate(c.id, c.gain, c.low, c.high, c.text, c.why) for c in one) for one in found.rounds)
 
 
-def _calibration(subject: Subject, found: Discovery) -> tuple[Calibration, ...]:
+def _calibration(subject: Subject, found: Discovery, last: Mapping[str, ConstantEstimate]) -> tuple[Calibration, ...]:
+    """What became of the constants: of each what the model that is returned has, and of their ratios.
+
+    Args:
+        subject: with the stated constants.
+        found: says which ratios the equations tell, and how well.
+        last: the constants of that model.
+    """
     known = subject.uncertainty if found.stated is None else dict(found.stated)
     given = {e.label: e for e in entries(subject.model, known)}
     out = []
     for x in found.constants:
-        e, nominal = x.entry, given[x.entry.label].value
+        e, nominal, end = x.entry, given[x.entry.label].value, last.get(x.entry.label)
+        value, low, high = (x.value, x.low, x.high) if end is None else (end.value, end.low, end.high)
         moved = Calibration(
             constant=e.label,
             nominal=nominal,
-            calibrated=x.value,
+            calibrated=value,
             unit=e.unit,
-            sigma=(x.value - nominal) / given[e.label].scale,
-            low=x.low,
-            high=x.high,
-            stopped=any(math.isclose(x.value, end, rel_tol=1e-6) for end in (e.low, e.high)),
+            sigma=(value - nominal) / given[e.label].scale,
+            low=low,
+            high=high,
+            stopped=any(math.isclose(value, bound, rel_tol=1e-6) for bound in (e.low, e.high)),
         )
         out.append(moved)
     for r in found.ratios:
         a, b = given[r.over.label], given[r.under.label]
         nominal, stated = a.value / b.value, math.hypot(a.scale / a.value, b.scale / b.value)
+        ends = [last[e.label].value for e in (a, b) if e.label in last]
+        value = ends[0] / ends[1] if len(ends) == 2 else r.value
+        half = max(r.high - r.value, r.value - r.low, abs(value - r.value))  # two that differ are worth no more
         moved = Calibration(
             constant=f"{a.label} / {b.label}",
             nominal=nominal,
-            calibrated=r.value,
+            calibrated=value,
             unit=f"{a.unit} / ({b.unit})" if " " in b.unit else f"{a.unit} / {b.unit}",
-            sigma=(r.value / nominal - 1) / stated,
-            low=r.low,
-            high=r.high,
+            sigma=(value / nominal - 1) / stated,
+            low=value - half,
+            high=value + half,
         )
         out.append(moved)
     return tuple(out)

@@ -74,7 +74,11 @@ def test_how_far_off_a_constant_was_is_told_by_what_was_stated_of_it_though_it_w
     model = Servo(mass=0.00015, stiffness=1.2, damping=0.09, input_hold="previous")
     said, _ = diagnose(subject(model=model), brief=True)
     (mass,) = (c for c in said.evidence.calibration if c.constant == "mass")
-    assert mass.calibrated == pytest.approx(INERTIA, rel=0.1)
+    assert mass.calibrated == said.constants["mass"].value  # as the model that is returned has it
+    # A common factor changes nothing, and is as it was stated.
+    assert said.constants["stiffness"].value / mass.calibrated == pytest.approx(STIFFNESS / INERTIA, rel=0.03)
+    assert mass.low < INERTIA < mass.high
+    assert said.error.extended["angle"].rmse < 1.1 * said.noise_floor["angle"].rmse
     assert mass.sigma == pytest.approx((mass.calibrated / mass.nominal - 1) / 0.3)
     assert "mass to 2" in explanation(said) and "not to be believed" not in explanation(said)
 
