@@ -17,10 +17,15 @@ INERTIA, STIFFNESS, DAMPING = 0.004, 1.2, 0.09
 """[kg m²], [N m/rad], [N m s/rad]"""
 LIMIT, WEIGHT = 0.4, 0.15
 """Of the motor and of the arm [N m]."""
+FULL = 0.2
+"""[rad]"""
 
 
-def subject(limit: float = np.inf, weight: float = 0.0, model: Servo | None = None) -> Subject:
-    """Six recordings of commands in steps, by Störmer and Verlet: half a step of the angle, one of its rate, half."""
+def subject(limit: float = np.inf, weight: float = 0.0, model: Servo | None = None, full: float = np.inf) -> Subject:
+    """Six recordings of commands in steps, by Störmer and Verlet: half a step of the angle, one of its rate, half.
+
+    The controller's output is ``full`` from that error on.
+    """
     made, model, parts = [], model or Servo(input_hold="previous"), 20
     for seed in range(6):
         rng = np.random.default_rng(seed)
@@ -30,7 +35,7 @@ def subject(limit: float = np.inf, weight: float = 0.0, model: Servo | None = No
             out[i] = q, w
             for _ in range(parts):
                 q += STEP / parts * w / 2
-                torque = np.clip(STIFFNESS * (u[i] - q) - DAMPING * w, -limit, limit)
+                torque = np.clip(STIFFNESS * np.clip(u[i] - q, -full, full) - DAMPING * w, -limit, limit)
                 w += STEP / parts * (torque - weight * np.sin(q + 0.4)) / INERTIA
                 q += STEP / parts * w / 2
         out += rng.normal(size=out.shape) * np.array([1e-3, 2e-2])
@@ -50,6 +55,14 @@ def test_the_limit_of_the_motor_is_found_and_the_weight_of_the_arm() -> None:
     a, b = found["gravity_torque"]
     assert np.hypot(a, b) / scale == pytest.approx(WEIGHT, rel=0.03)
     assert np.arctan2(-b, -a) == pytest.approx(0.4, abs=0.03)
+
+
+def test_a_controller_whose_output_is_full_is_no_limit_of_the_motor() -> None:
+    """A servo of a model shop goes at its top speed, K e/D, wherever it is sent."""
+    answer = discover(subject(full=FULL))
+    (found,) = answer.found
+    assert found.id == "controller_saturation" and not found.rivals
+    assert 1 / found.estimates[0].value == pytest.approx(FULL, rel=0.03)
 
 
 def test_nothing_is_missing_of_a_servo_that_does_as_its_model_says() -> None:

@@ -28,6 +28,10 @@ MORE: dict[str, dict[str, Any]] = {
     "battery_sag": {"extras": ("time", "battery")},
     "battery_sag, time alone": {"extras": ("time",)},
     "bouc_wen": {"dt": 1e-3},
+    "controller_saturation": {
+        "model": lambda self, *effects, **more: Servo(effects=effects, **more),
+        "start": (0.3, -0.2),
+    },
     "force_limit": {"model": lambda self, *effects, **more: Servo(effects=effects, **more), "start": (0.3, -0.2)},
     "gravity_torque": {"model": lambda self, *effects, **more: Servo(effects=effects, **more), "start": (0.3, -0.2)},
     "joint_damping": CRANES,
