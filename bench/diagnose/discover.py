@@ -150,6 +150,8 @@ def _discovered(search: Search, noise: Noise, begun: Discovery | None = None) ->
     subject = search.subject
     search.tick("weigh")
     _, calibrated = settled(search, bare, first)
+    if search.subject is not stated:  # what a model with that constant leaves is no noise of this one
+        _, calibrated = settled(search, calibrated)
     weighing = Weighing(subject, noise, calibrated).bounded(calibrated) if subject.held_out else None
     worthy, remarks, contradicted_effects = worth_naming(search, view, weighing)
     if weighing is not None and (other := rival_that_saves(view, weighing, worthy)) is not None:

@@ -96,6 +96,19 @@ def test_how_far_off_a_constant_was_is_told_by_what_was_stated_of_it_though_it_w
     assert "mass to 2" in explanation(said) and "not to be believed" not in explanation(said)
 
 
+def test_what_an_effect_saves_is_told_beside_constants_as_recordings_have_them() -> None:
+    """An inertia stated 27 times too small left five times as much beside which an arm's weight was hardly anything."""
+    answers = [
+        discover(
+            subject(weight=0.03, model=Servo(mass=mass, stiffness=1.2, damping=0.09, input_hold="previous")),
+            ["gravity_torque"],
+        )
+        for mass in (INERTIA, 0.00015)
+    ]
+    right, far = ([e.models["calibrated"] for e in answer.equations] for answer in answers)
+    assert far == pytest.approx(right, rel=0.1)
+
+
 def test_a_limit_is_of_what_follows_a_set_point() -> None:
     assert ForceLimit.suits(Servo)
     assert not ForceLimit.suits(type("Pushed", (Servo,), {"signals": {"command": Signal("N m", ("",))}}))
