@@ -502,3 +502,17 @@ def test_extending_prints_the_units_of_the_page() -> None:
 )
 def test_a_unit_that_is_divided_by_several_has_these_in_brackets(unit: str, shown: str) -> None:
     assert phrases.shown(unit)[0] == shown
+
+
+@pytest.mark.parametrize(
+    ("identifier", "said"),
+    [
+        ("bouc_wen", "Bouc-Wen hysteresis"),
+        ("coulomb_friction", "Coulomb friction"),
+        ("munk_moment", "Munk moment"),
+        ("inertia[2]", "inertia about z"),
+        ("rotor_drag", "rotor drag"),
+    ],
+)
+def test_effects_are_called_after_people_by_their_names(identifier: str, said: str) -> None:
+    assert phrases.named(identifier) == said

@@ -34,13 +34,19 @@ def united(value: str, unit: str) -> str:
     return value if unit == "1" else f"{value} {unit}"
 
 
+_CALLED = {"bouc wen": "Bouc-Wen hysteresis"}
+_PEOPLE = re.compile(r"\b(?:bouc wen|coulomb|munk|stribeck)\b")
+"""Whom effects are called after."""
+
+
 def named(identifier: str) -> str:
-    """ "rotor_drag", "body_rates.p", "angle.a-angle.b" and "inertia[2]" (about z) as words."""
+    """ "rotor_drag", "munk_moment", "body_rates.p", "angle.a-angle.b" and "inertia[2]" (about z) as words."""
     apart = re.sub(
         r"(\.\w+)([+-])(?=\w+\.\w)", lambda found: f"{found[1]} {'+' if found[2] == '+' else '−'} ", identifier
     )
     about = re.sub(r"\binertia\[([012])\]", lambda found: f"inertia about {'xyz'[int(found[1])]}", apart)
-    return about.replace("_", " ").replace(".", " ")
+    said = about.replace("_", " ").replace(".", " ")
+    return _PEOPLE.sub(lambda found: _CALLED.get(found[0]) or found[0].capitalize(), said)
 
 
 def number(value: float, digits: int = 3) -> str:
