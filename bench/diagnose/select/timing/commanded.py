@@ -94,7 +94,8 @@ def followers(channels: Sequence[Sequence[Series]]) -> list[Follower] | None:
     little moves, as in a hover, one alone does not tell noise of its sensor from what it does of its own accord.
     """
     parts = [_enough(channel) for channel in channels]
-    each, (alike, shared) = [_best(part) for part in parts], _best([series for part in parts for series in part])
+    each = [_best(part) for part in parts]
+    alike, shared = _best([series for part in parts for series in part]) if len(parts) > 1 else each[0]
     found = [shared] * len(channels) if alike <= sum(told for told, _ in each) else [f for _, f in each]
     return None if None in found else [f for f in found if f is not None]
 
