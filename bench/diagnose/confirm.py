@@ -107,11 +107,9 @@ def _added(run: Setup, found: Discovery) -> Extension | None:
 def calibrated_only(run: Setup, found: Discovery) -> Extension:
     """The calibrated model, to which no effect is added, and its errors."""
     subject, numbers = run.subject, found.constants
-    # Where nothing but a constant that was let go is to blame, the last fit tells what it leaves from the noise.
-    alone = len(found.model.effects) == len(subject.model.effects) and dict(found.uncertainty) != dict(
-        found.stated or {}
-    )
-    model = found.model if alone else found.calibrated
+    model = found.calibrated
+    if found.let_go and len(found.model.effects) == len(subject.model.effects):
+        model = found.model  # the last fit tells what it leaves from the noise
     # A model with effects was fitted so that free runs meet the measurements, and stays so; in the weak form a slope in
     # place of a rate is filtered twice, which free runs do not see.
     if subject.model.effects or subject.slopes:

@@ -14,13 +14,10 @@ def slow_logs(recorded: Recorded) -> list[Mistake]:
     """A log that is too slow for rotations, and what it is still good for."""
     if recorded.rate > SLOW or "body_rates" not in recorded.reading.signals:
         return []
-    missed = []
+    missed: list[float] = []
     for flight in recorded.flights:
         rates = flight.signals(recorded.reading, ("body_rates",))["body_rates"][:, :2][flight.valid]
-        between = rates[1:-1] - (rates[2:] + rates[:-2]) / 2
-        if len(between) > 10:
-            size = np.sqrt(np.mean((rates - rates.mean(axis=0)) ** 2))
-            missed.append(float(np.sqrt(np.mean(between**2)) / max(float(size), 1e-12)))
+        missed += _between_samples(rates)
     if not missed or (np.median(missed) < SPIKING.missed and recorded.rate > SLOWER):
         return []
     detail = (
@@ -31,19 +28,24 @@ def slow_logs(recorded: Recorded) -> list[Mistake]:
     return [Mistake("slow log", "body_rates", tuple(f.name for f in recorded.flights), detail, (), False)]
 
 
+def _between_samples(x: np.ndarray) -> list[float]:
+    """Share (rms) of what signals (N, c) vary that the samples before and after do not tell; none of few samples."""
+    if len(x) <= 12:
+        return []
+    between = x[1:-1] - (x[2:] + x[:-2]) / 2
+    size = float(np.sqrt(np.mean((x - x.mean(axis=0)) ** 2)))
+    return [float(np.sqrt(np.mean(between**2))) / max(size, 1e-12)]
+
+
 def aliased_drive(recorded: Recorded) -> list[Mistake]:
     """Rotors whose differences, which turn the vehicle, come and go between two samples: what acted is not told."""
     drive = recorded.reading.drive
     if drive not in recorded.reading.signals:
         return []
-    shares = []
+    shares: list[float] = []
     for flight in recorded.flights:
         u = flight.signals(recorded.reading, (drive,))[drive][flight.valid]
-        apart = u - u.mean(axis=1, keepdims=True)
-        between = apart[1:-1] - (apart[2:] + apart[:-2]) / 2
-        size = float(np.sqrt(np.mean((apart - apart.mean(axis=0)) ** 2)))
-        if len(between) > 10 and size > 0:
-            shares.append(float(np.sqrt(np.mean(between**2))) / size)
+        shares += _between_samples(u - u.mean(axis=1, keepdims=True))
     if not shares or np.median(shares) < SPIKING.aliased:
         return []
     detail = (
