@@ -106,10 +106,7 @@ def _added(run: Setup, found: Discovery) -> Extension | None:
 
 def calibrated_only(run: Setup, found: Discovery) -> Extension:
     """The calibrated model, to which no effect is added, and its errors."""
-    subject, numbers = run.subject, found.constants
-    model = found.calibrated
-    if found.let_go and len(found.model.effects) == len(subject.model.effects):
-        model = found.model  # the last fit tells what it leaves from the noise
+    subject, model, numbers = run.subject, found.calibrated, found.constants
     # A model with effects was fitted so that free runs meet the measurements, and stays so; in the weak form a slope in
     # place of a rate is filtered twice, which free runs do not see.
     if subject.model.effects or subject.slopes:
