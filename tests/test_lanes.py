@@ -19,10 +19,14 @@ from bench.diagnose.simulate.free_run import free_run
 from bench.diagnose.simulate.unmeasured import completed
 from registry.core import EFFECTS
 from registry.dynamics import LoadEffect, Motion, PhysicsModel, constant
+from registry.effects.learned_term import LearnedTerm
+from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.equations import lanes, models
+from registry.physics.mass_on_rail import MassOnRail
 from registry.physics.quadrotor import Quadrotor
 from registry.physics.tanks import Tanks
+from registry.terms.shapes import SPLINE
 
 pytestmark = pytest.mark.skipif(not lanes.available(), reason="there is no compiler")
 WIDTH = 37
@@ -107,6 +111,18 @@ def test_states_that_were_not_measured_are_carried_as_torch_carries_them() -> No
         found, wanted = both(partial(completed, one, LogBatch.of(logs)))
         torch.testing.assert_close(found, wanted, rtol=1e-9, atol=1e-9)
         assert found[..., 0].diff(dim=-1).abs().max() > 1e-4  # it moves
+
+
+def test_splines_that_were_learned_are_programs_too() -> None:
+    knots, heights = (-0.5, 0.6, 0.9, 1.2, 1.6), (0.3, -1.0, 0.5, 0.8, -0.2)
+    learned = LearnedTerm("force_x", ("body_velocity.x", "body_velocity.z"), SPLINE, heights, knots, (0.5, 1.5))
+    braked = LearnedTerm("speed.q", ("speed.q",), SPLINE, heights, knots, (0.5, 1.5))
+    for model in (replace(Quadrotor(), effects=(learned,)), replace(MassOnRail(), effects=(CoulombFriction(), braked))):
+        for one in (model, several(model)):
+            logs = logs_of(one)
+            assert models.step(one, logs[0].inputs.shape[-1], logs[0].dt)
+            assert near(*both(partial(mean_rates, one, LogBatch.of(logs))))
+            assert near(*both(partial(free_run, one, logs, [np.array([3, 9]), np.array([2])], 8)))
 
 
 def test_one_program_serves_all_models_alike() -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from registry.terms.spline import basis
+from registry.terms.spline import through
 
 Span = tuple[float, float]
 """Between which values of the signal a term was learned."""
@@ -192,6 +192,5 @@ def value(shape: str, knots: tuple[float, ...], span: Span, parameters: Tensor, 
         x: (…) the signal.
     """
     if shape == SPLINE:
-        out: Tensor = (basis(knots, x) * parameters).sum(-1)
-        return out
+        return through(knots, parameters, x)
     return SHAPES[shape].formula(parameters.unbind(-1), x, span)

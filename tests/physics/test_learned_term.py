@@ -18,7 +18,7 @@ from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
 from registry.physics.quadrotor import Quadrotor
 from registry.terms.shapes import SHAPES, value
-from registry.terms.spline import basis, roughness
+from registry.terms.spline import basis, roughness, through
 from registry.terms.unit_algebra import product
 
 F64 = torch.float64
@@ -31,8 +31,13 @@ def test_the_basis_is_that_of_natural_cubic_splines_and_goes_on_straight() -> No
     x = np.linspace(-2, 2.5, 91)
     found = basis(KNOTS, torch.from_numpy(x)).numpy() @ heights
     np.testing.assert_allclose(found, known(x), atol=1e-12)
-    beyond = basis(KNOTS, torch.tensor([-3.0, 4.0], dtype=F64)).numpy() @ heights
-    np.testing.assert_allclose(beyond, [known(-2) - known(-2, 1), known(2.5) + 1.5 * known(2.5, 1)], atol=1e-12)
+    ends = torch.tensor([-3.0, 4.0], dtype=F64)
+    wanted = [known(-2) - known(-2, 1), known(2.5) + 1.5 * known(2.5, 1)]
+    np.testing.assert_allclose(basis(KNOTS, ends).numpy() @ heights, wanted, atol=1e-12)
+    several = torch.from_numpy(np.stack([heights, 2 * heights]))[:, None]  # two splines at once
+    one, two = through(KNOTS, several, torch.from_numpy(x)).numpy()
+    np.testing.assert_allclose([one, two / 2], [known(x), known(x)], atol=1e-12)
+    np.testing.assert_allclose(through(KNOTS, several[0, 0], ends).numpy(), wanted, atol=1e-12)
     bend = quad(lambda t: float(known(t, 2)) ** 2, -2, 2.5, points=KNOTS[1:-1])[0]
     assert heights @ roughness(KNOTS) @ heights == pytest.approx(bend)
 
