@@ -269,7 +269,7 @@ def _learned(run: Setup, found: Discovery, extension: Extension, verdict: str, l
             horizon_s=run.horizon_s,
             filed=run.filed,
             doubtful=not unknown,
-            much=much,
+            much=much and subject is run.subject,  # hidden modes are sought in windows of several lengths anyway
             little=little,
         )
         if told is not None and _worth_it(extension, told.extension):

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from bench.diagnose.logs.load import subject_of
@@ -22,7 +23,7 @@ from bench.diagnose.select.tie import rivals
 from bench.diagnose.select.timing.reading import mistimed, prepared, retimed
 from bench.diagnose.select.verify import estimates, least_imitation, left_over, ratios
 from bench.diagnose.select.worthy import Choice, rival_that_saves, saved, worth_naming
-from bench.diagnose.settings import DISCOVERING, MATTERING, VERIFYING
+from bench.diagnose.settings import DISCOVERING, MATTERING, SEARCHING, VERIFYING
 from bench.diagnose.simulate.beginning import after_beginning
 from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Dataset
@@ -71,7 +72,7 @@ def read_and_discovered(
     found = _searched(subject, catalogue, tick, noise)
     if not filed.timed and found.found and mistimed(subject, found.model, noise):
         read = retimed(filed, found.model, noise)
-        again = _searched(read, catalogue, tick, noise)
+        again = _searched(read, catalogue, tick, noise, before=found)
         errors = [[max(e.models["extended"], 1e-300) for e in d.equations] for d in (found, again)]
         if sum(math.log(b / a) for a, b in zip(*errors, strict=False)) < 0:
             subject, found = read, again
@@ -83,24 +84,47 @@ def read_and_discovered(
 
 
 def _searched(
-    subject: Subject, catalogue: Sequence[str] | None, tick: Callable[[str], None], noise: Noise
+    subject: Subject,
+    catalogue: Sequence[str] | None,
+    tick: Callable[[str], None],
+    noise: Noise,
+    before: Discovery | None = None,
 ) -> Discovery:
-    """What a model lacks of measurements whose states were all measured and whose inputs are read when they act."""
-    first = _discovered(Search(subject, catalogue, tick, noise), noise)
+    """What a model lacks of measurements whose states were all measured and whose inputs are read when they act.
+
+    ``before`` is what another reading of the inputs told: rows are weighed as there, and only ties looked at again.
+    """
+    search = partial(Search, subject, catalogue, tick, noise)
+    seen = search() if before is None else search(memory=before.memory, long_windows=before.long_windows)
+    first = _discovered(seen, noise)
     # Traces beside what was found tell what is left in other words, unless an equation was missed altogether.
-    told = first.found and first.traces and not any(e.missed for e in first.equations)
+    told = bool(first.found and first.traces) and not any(e.missed for e in first.equations)
     lost = not told and any(e.lost for e in first.equations)
-    short = lost or first.verdict == "unknown_effect"
+    short = before is None and (lost or first.verdict == "unknown_effect")
     # In short windows noise buries what long ones add up, and nothing is predictable then either.
-    for long in [False] * short + [True] * (lost or any(e.left for e in first.equations)):
-        again = _discovered(Search(subject, catalogue, tick, noise, memory=0, long_windows=long), noise)
-        # Where what is left is told, other numbers of the same effects do not say more of it.
-        more = {f.id for f in again.found} - {f.id for f in first.found if told}
-        if more and again.clearer(first):
+    tied, slow = any(f.rivals for f in first.found), lost or any(e.left for e in first.equations)
+    many = sum(map(len, seen.stack.logs)) > SEARCHING.glance
+    for long in [False] * short + [True] * (slow and (before is None or tied)):
+        looked = partial(search, memory=0, long_windows=long)
+        # What another view of the rows is right about is large: a part of them shows whether it says anything new.
+        glance = many and not (long and tied)
+        again = _discovered(looked(longest=SEARCHING.glance) if glance else looked(), noise)
+        if glance and _replaces(again, first, told):
+            again, glance = _discovered(looked(), noise), False
+        if not glance and _replaces(again, first, told):
             return again
         if long:
             first = first.told_apart(again)
     return _balanced(subject, catalogue, tick, noise, first)
+
+
+def _replaces(again: Discovery, first: Discovery, told: bool) -> bool:
+    """Whether another answer is clearer; where the first one has ``told`` what is left, of other effects only.
+
+    Other numbers of the same effects do not say more of it.
+    """
+    more = {f.id for f in again.found} - {f.id for f in first.found if told}
+    return bool(more) and again.clearer(first)
 
 
 def _balanced(

@@ -20,6 +20,7 @@ from bench.diagnose.select.search import Search
 from bench.diagnose.select.tie import spanned
 from bench.diagnose.select.verify import by_chance, estimates
 from bench.diagnose.select.worthy import Choice, rival_that_saves, saved
+from bench.diagnose.settings import SEARCHING
 from bench.diagnose.simulate.equation_error import EquationError, Saving
 from registry.dynamics import Effect
 from registry.effects.mass import Mass
@@ -504,10 +505,50 @@ def test_a_rival_is_one_in_long_windows_too(monkeypatch: pytest.MonkeyPatch) -> 
 
     def rivals_where_long_windows_say(again: Discovery) -> tuple[str, ...]:
         searches = {False: answer(("unequal_rotors", "torque_bias")), True: again}
-        monkeypatch.setattr(module, "Search", lambda *given, long_windows=False, **rest: long_windows)
-        monkeypatch.setattr(module, "_discovered", lambda search, noise: searches[search])
+        few = SimpleNamespace(logs=())
+        monkeypatch.setattr(
+            module, "Search", lambda *given, long_windows=False, **rest: SimpleNamespace(long=long_windows, stack=few)
+        )
+        monkeypatch.setattr(module, "_discovered", lambda search, noise: searches[search.long])
         monkeypatch.setattr(Discovery, "clearer", lambda self, other: False)
         return module._searched(SimpleNamespace(held_out=()), None, print, None).found[0].rivals
 
     assert rivals_where_long_windows_say(answer(("torque_bias", "mass"))) == ("torque_bias",)
     assert rivals_where_long_windows_say(answer((), "torque_bias")) == ("unequal_rotors", "torque_bias")
+
+
+def test_a_part_of_many_samples_tells_whether_another_view_of_them_is_worth_a_search(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    module = import_module("bench.diagnose.discover")
+    lost = SimpleNamespace(missed=False, lost=True, left=True)
+    logs = SimpleNamespace(logs=(range(SEARCHING.glance), range(1)))
+
+    def answer(name: str) -> Discovery:
+        found = Found(name, SimpleNamespace(), (), 1.0, ())  # type: ignore[arg-type]
+        return Discovery(SimpleNamespace(), SimpleNamespace(), (found,), (), (), (), equations=(lost,))  # type: ignore[arg-type]
+
+    def searches(part: Discovery, whole: Discovery) -> tuple[Discovery, list[int | None]]:
+        asked: list[int | None] = []
+
+        def discovered(search: SimpleNamespace, noise: object) -> Discovery:
+            if search.memory is None:
+                return first
+            asked.append(search.longest)
+            return whole if search.longest is None else part
+
+        monkeypatch.setattr(
+            module,
+            "Search",
+            lambda *given, memory=None, long_windows=False, longest=None: SimpleNamespace(
+                memory=memory, longest=longest, stack=logs
+            ),
+        )
+        monkeypatch.setattr(module, "_discovered", discovered)
+        monkeypatch.setattr(Discovery, "clearer", lambda self, other: self is not nothing)
+        return module._searched(SimpleNamespace(held_out=()), None, print, None), asked  # type: ignore[arg-type]
+
+    first, nothing, other = (answer(name) for name in ("first", "nothing", "other"))
+    assert searches(part=other, whole=other) == (other, [SEARCHING.glance, None])
+    assert searches(part=nothing, whole=other) == (first, [SEARCHING.glance] * 2)  # short windows, and long ones
+    assert searches(part=other, whole=nothing) == (first, [SEARCHING.glance, None] * 2)

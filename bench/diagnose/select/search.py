@@ -103,6 +103,7 @@ class Search:
         memory: int | None = None,
         long_windows: bool = False,
         as_stated: Collection[str] = (),
+        longest: int = SEARCHING.longest,
     ) -> None:
         """Prepare.
 
@@ -116,15 +117,16 @@ class Search:
             long_windows: whether test functions are as long as a free run: of slow effects short ones show nothing but
                 noise; so too where the subject says so.
             as_stated: names of constants that are never let go.
+            longest: samples that are looked at, of all recordings together.
         """
         self.subject, self.catalogue, self.tick, self.as_stated = subject, catalogue, tick, frozenset(as_stated)
         self.memory = next(m for m in (memory, subject.memory, SEARCHING.memory) if m is not None)
         self.long_windows = long_windows or subject.long_windows
         logs = subject.of(subject.training)
         # Where the motion is slow against the sampling, a few samples a test function are enough.
-        stride = max(1, stride_of(LogBatch.of(shortened(logs, SEARCHING.longest))) // SEARCHING.fine)
+        stride = max(1, stride_of(LogBatch.of(shortened(logs, longest))) // SEARCHING.fine)
         held = subject.model.input_hold == "previous"
-        self.stack = LogBatch.of(shortened(logs, SEARCHING.longest, stride, held))
+        self.stack = LogBatch.of(shortened(logs, longest, stride, held))
         self.notes = left_out(logs, self.stack.logs)
         self.stride = stride_of(self.stack)
         if self.long_windows:

@@ -19,6 +19,9 @@ class Searching:
     longest: int = threshold(
         24_000, "samples that are looked at; more would make it slower and no surer", Basis.EFFORT, "samples"
     )
+    glance: int = threshold(
+        6_000, "samples that tell whether another view of the rows is worth a search of all", Basis.EFFORT, "samples"
+    )
     telling: int = threshold(
         12, "columns at most that are fitted before what is left is called noise", Basis.JUDGED, "count"
     )
