@@ -473,7 +473,9 @@ def test_what_short_windows_do_not_confirm_is_sought_in_long_ones_where_signals_
     monkeypatch: pytest.MonkeyPatch, best: float, long: bool, tried: list[bool]
 ) -> None:
     diagnosing, asked = sys.modules["bench.diagnose.diagnose"], []
-    monkeypatch.setattr(diagnosing, "learned", lambda subject, *_, **__: asked.append(subject.long_windows))
+    monkeypatch.setattr(
+        diagnosing, "learned", lambda subject, *_, much, **__: asked.append((subject.long_windows, much))
+    )
     monkeypatch.setattr(diagnosing, "_share_left", lambda extension: 0.5)
     subject = Subject("", Oscillator(), (), (), (), None, {}, {}, (), long_windows=long)
     run = SimpleNamespace(subject=subject, noise=None, tick=None, horizon_s=None, filed=None)
@@ -481,7 +483,7 @@ def test_what_short_windows_do_not_confirm_is_sought_in_long_ones_where_signals_
     found = SimpleNamespace(found=(), equations=(left,))
     extension = SimpleNamespace(model=Oscillator(), effects=())
     assert diagnosing._learned(run, found, extension, "unknown_effect") is None
-    assert asked == tried
+    assert asked == [(windows, i == 0) for i, windows in enumerate(tried)]  # hidden modes only the first time
 
 
 def test_what_can_do_the_same_with_more_numbers_is_no_other_explanation() -> None:
@@ -552,3 +554,25 @@ def test_a_part_of_many_samples_tells_whether_another_view_of_them_is_worth_a_se
     assert searches(part=other, whole=other) == (other, [SEARCHING.glance, None])
     assert searches(part=nothing, whole=other) == (first, [SEARCHING.glance] * 2)  # short windows, and long ones
     assert searches(part=other, whole=nothing) == (first, [SEARCHING.glance, None] * 2)
+
+
+@pytest.mark.parametrize("rivals", [(), ("torque_bias",)])
+def test_where_inputs_are_read_anew_only_ties_are_looked_at_again(
+    rivals: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = import_module("bench.diagnose.discover")
+    lost = SimpleNamespace(missed=False, lost=True, left=True)
+    found = Found("cog_offset", SimpleNamespace(), (), 1.0, rivals)  # type: ignore[arg-type]
+    before = Discovery(SimpleNamespace(), SimpleNamespace(), (found,), (), (), (), equations=(lost,), memory=3)  # type: ignore[arg-type]
+    asked: list[tuple[object, ...]] = []
+
+    def search(*given: object, **how: object) -> SimpleNamespace:
+        asked.append(tuple(how.items()))
+        return SimpleNamespace(stack=SimpleNamespace(logs=()))
+
+    monkeypatch.setattr(module, "Search", search)
+    monkeypatch.setattr(module, "_discovered", lambda search, noise: before)
+    monkeypatch.setattr(Discovery, "clearer", lambda self, other: False)
+    module._searched(SimpleNamespace(held_out=()), None, print, None, before=before)  # type: ignore[arg-type]
+    as_there, long = (("memory", 3), ("long_windows", False)), (("memory", 0), ("long_windows", True))
+    assert asked == [as_there, *[long] * len(rivals)]
