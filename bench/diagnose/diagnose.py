@@ -195,7 +195,7 @@ def _concluded(
         quiet = not high or _only_begins_unseen(found, extension)
         told = _learned(run, found, extension, verdict, little=quiet) if differ is None else None
         if differ is None and found.found and (not quiet or told is not None):
-            told = instead(run, found, extension, told)
+            told = instead(run, found, extension, told, much=_much_left(extension, verdict == "unknown_effect"))
     if differ is not None and not found.found:
         verdict = "unknown_effect"
     terms, subject = (None, run.subject) if told is None else (told.extension, told.subject)
@@ -248,11 +248,9 @@ def _learned(run: Setup, found: Discovery, extension: Extension, verdict: str, l
     """The model with terms learned from what it leaves; None: held-out recordings confirm none.
 
     Where nothing says that something is missing and ``little`` is left, only what swings is sought.
-
-    A load that swings already when a free run begins leaves much that no hidden mode would say either.
     """
-    unknown, begins_unseen = verdict == "unknown_effect", extension.model.internal_size > 0
-    much = _share_left(extension) >= MATTERING.share and (unknown or not begins_unseen)
+    unknown = verdict == "unknown_effect"
+    much = _much_left(extension, unknown)
     little = little and not unknown
     subjects = [run.subject]
     if much and not little and _predictable(found) and not run.subject.long_windows:
@@ -300,6 +298,15 @@ def _only_begins_unseen(found: Discovery, extension: Extension) -> bool:
 def _predictable(found: Discovery) -> bool:
     """Whether functions of measured signals would predict an equation better than the model does."""
     return any(e.left and e.unexplained >= MATTERING.share for e in found.equations)
+
+
+def _much_left(extension: Extension, unknown: bool) -> bool:
+    """Whether so much is left that it may be a hidden mode.
+
+    A load that swings already when a free run begins leaves much that no hidden mode would say either.
+    """
+    begins_unseen = extension.model.internal_size > 0
+    return _share_left(extension) >= MATTERING.share and (unknown or not begins_unseen)
 
 
 def _share_left(extension: Extension) -> float:

@@ -101,7 +101,7 @@ def _sought(
     tick: Callable[[str], None],
     *,
     doubtful: bool = False,
-    much: bool = True,
+    much: bool,
     little: bool = False,
 ) -> tuple[Subject, tuple[Effect, ...]]:
     """The terms that a model lacks, and the measurements, with inputs read when they act beside these."""
@@ -136,7 +136,7 @@ class _Beside:
         )
 
 
-def instead(run: Setup, found: Discovery, before: Extension, told: Learned | None) -> Learned | None:
+def instead(run: Setup, found: Discovery, before: Extension, told: Learned | None, much: bool) -> Learned | None:
     """What is learned without the named effects that may only imitate it, where that forecasts better; else ``told``.
 
     Terms are learned with no effect of the equations in which something is left, and of these effects those are added
@@ -148,6 +148,7 @@ def instead(run: Setup, found: Discovery, before: Extension, told: Learned | Non
         found: with the effects that free runs confirm.
         before: the model with these.
         told: what was learned beside them; None: nothing.
+        much: whether the named effects leave so much that what they imitate may be a hidden mode.
     """
     subject, known = run.subject, len(run.subject.model.effects)
     doubted = _doubted(found, told)
@@ -158,7 +159,7 @@ def instead(run: Setup, found: Discovery, before: Extension, told: Learned | Non
     run.tick("without what may be an imitation")
     bare = ordered(before.model, known, names)
     model, _ = fit_parameters(subject, bare, run.noise, run.tick, through_simulator=False)
-    read, terms = _sought(subject, model, run.noise, run.filed, run.tick)
+    read, terms = _sought(subject, model, run.noise, run.filed, run.tick, much=much)
     if not terms:
         return told
     # What needs another effect that may go is not added again: without it more is left, and the first answer stands.

@@ -364,7 +364,7 @@ def test_what_only_imitates_a_term_gives_way_to_it_and_what_is_there_does_not(na
     of, noise = prepared(subject(HIDDEN["signed_square"][0]))
     before = extend(of, of.model, [named], noise=noise)
     found = SimpleNamespace(found=(SimpleNamespace(id=named, rivals=(), effect=None),), equations=())
-    done = learned.instead(Setup(of, noise, lambda what: None, None, of), found, before, None)  # type: ignore[arg-type]
+    done = learned.instead(Setup(of, noise, lambda what: None, None, of), found, before, None, much=True)  # type: ignore[arg-type]
     if kept:
         assert done is None
         return
@@ -372,6 +372,17 @@ def test_what_only_imitates_a_term_gives_way_to_it_and_what_is_there_does_not(na
     (effect,) = done.extension.effects
     assert effect.term is not None and effect.term.shape == "signed_square"
     assert effect.parameters["k"].low <= -0.4 <= effect.parameters["k"].high
+
+
+def test_where_effects_leave_little_they_imitate_no_hidden_mode(monkeypatch: pytest.MonkeyPatch) -> None:
+    of, noise = prepared(subject(HIDDEN["signed_square"][0]))
+    before, asked = extend(of, of.model, ["coulomb_friction"], noise=noise), []
+    found = SimpleNamespace(found=(SimpleNamespace(id="coulomb_friction", rivals=(), effect=None),), equations=())
+    monkeypatch.setattr(learned, "learn_all_terms", lambda *given, much, **rest: asked.append(much) or ())
+    run = Setup(of, noise, lambda what: None, None, of)
+    for much in (True, False):
+        assert learned.instead(run, found, before, None, much) is None  # type: ignore[arg-type]
+    assert asked == [True, False]
 
 
 @pytest.mark.parametrize(
