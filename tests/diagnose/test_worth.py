@@ -526,8 +526,8 @@ def test_a_part_of_many_samples_tells_whether_another_view_of_them_is_worth_a_se
     lost = SimpleNamespace(missed=False, lost=True, left=True)
     logs = SimpleNamespace(logs=(range(SEARCHING.glance), range(1)))
 
-    def answer(name: str) -> Discovery:
-        found = Found(name, SimpleNamespace(), (), 1.0, ())  # type: ignore[arg-type]
+    def answer(name: str, *rivals: str) -> Discovery:
+        found = Found(name, SimpleNamespace(), (), 1.0, rivals)  # type: ignore[arg-type]
         return Discovery(SimpleNamespace(), SimpleNamespace(), (found,), (), (), (), equations=(lost,))  # type: ignore[arg-type]
 
     def searches(part: Discovery, whole: Discovery) -> tuple[Discovery, list[int | None]]:
@@ -554,6 +554,8 @@ def test_a_part_of_many_samples_tells_whether_another_view_of_them_is_worth_a_se
     assert searches(part=other, whole=other) == (other, [SEARCHING.glance, None])
     assert searches(part=nothing, whole=other) == (first, [SEARCHING.glance] * 2)  # short windows, and long ones
     assert searches(part=other, whole=nothing) == (first, [SEARCHING.glance, None] * 2)
+    first = answer("first", "a rival")  # ties are told apart by all samples
+    assert searches(part=nothing, whole=nothing) == (first, [SEARCHING.glance, None])
 
 
 @pytest.mark.parametrize("rivals", [(), ("torque_bias",)])
