@@ -195,7 +195,7 @@ def _concluded(
         quiet = not high or _only_begins_unseen(found, extension)
         told = _learned(run, found, extension, verdict, little=quiet) if differ is None else None
         if differ is None and found.found and (not quiet or told is not None):
-            told = instead(run, found, extension, told, much=_much_left(extension, verdict == "unknown_effect"))
+            told = instead(run, found, extension, told, much=_may_hide_a_mode(extension, verdict == "unknown_effect"))
     if differ is not None and not found.found:
         verdict = "unknown_effect"
     terms, subject = (None, run.subject) if told is None else (told.extension, told.subject)
@@ -250,7 +250,7 @@ def _learned(run: Setup, found: Discovery, extension: Extension, verdict: str, l
     Where nothing says that something is missing and ``little`` is left, only what swings is sought.
     """
     unknown = verdict == "unknown_effect"
-    much = _much_left(extension, unknown)
+    much = _may_hide_a_mode(extension, unknown)
     little = little and not unknown
     subjects = [run.subject]
     if much and not little and _predictable(found) and not run.subject.long_windows:
@@ -300,8 +300,8 @@ def _predictable(found: Discovery) -> bool:
     return any(e.left and e.unexplained >= MATTERING.share for e in found.equations)
 
 
-def _much_left(extension: Extension, unknown: bool) -> bool:
-    """Whether so much is left that it may be a hidden mode.
+def _may_hide_a_mode(extension: Extension, unknown: bool) -> bool:
+    """Whether a model leaves so much that it may be a hidden mode.
 
     A load that swings already when a free run begins leaves much that no hidden mode would say either.
     """

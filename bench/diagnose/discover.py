@@ -107,11 +107,12 @@ def _searched(
     for long in [False] * short + [True] * (slow and (before is None or tied)):
         looked = partial(search, memory=0, long_windows=long)
         # What another view of the rows is right about is large: a part of them shows whether it says anything new.
-        glance = many and not (long and tied)
-        again = _discovered(looked(longest=SEARCHING.glance) if glance else looked(), noise)
-        if glance and _replaces(again, first, told):
-            again, glance = _discovered(looked(), noise), False
-        if not glance and _replaces(again, first, told):
+        if many and not (long and tied):
+            part = _discovered(looked(longest=SEARCHING.glance), noise)
+            if not _replaces(part, first, told):
+                continue
+        again = _discovered(looked(), noise)
+        if _replaces(again, first, told):
             return again
         if long:
             first = first.told_apart(again)

@@ -100,8 +100,8 @@ def _sought(
     filed: Subject,
     tick: Callable[[str], None],
     *,
-    doubtful: bool = False,
     much: bool,
+    doubtful: bool = False,
     little: bool = False,
 ) -> tuple[Subject, tuple[Effect, ...]]:
     """The terms that a model lacks, and the measurements, with inputs read when they act beside these."""
