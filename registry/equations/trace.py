@@ -189,6 +189,11 @@ def _clamp(p: _Player, a: Any, low: Any = None, high: Any = None, **other: Any) 
     return a if high is None else p.each("minimum", a, high)
 
 
+def _leg(p: _Player, a: Any) -> Array:
+    """√(1 − a²), without the loss of digits near ±1."""
+    return p.each("sqrt", p.each("multiply", p.each("subtract", 1.0, a), p.each("add", 1.0, a)))
+
+
 def _sum(p: _Player, a: Array, dims: Sequence[int] | None = None, keepdim: bool = False, **_: Any) -> Array:
     axes = sorted(range(a.ndim) if not dims else (d % a.ndim for d in dims), reverse=True)
     for axis in axes:
@@ -271,6 +276,9 @@ _ACTIONS: dict[str, Callable[..., Any]] = {
     "clamp": _clamp,
     "clamp_min": _clamp,
     "clamp_max": lambda p, a, high: _clamp(p, a, None, high),
+    "asin": lambda p, a: p.each("arctan2", a, _leg(p, a)),
+    "acos": lambda p, a: p.each("arctan2", _leg(p, a), a),
+    "atan": lambda p, a: p.each("arctan2", a, 1.0),
     "lt": lambda p, a, b: p.each("greater", b, a),
     "le": lambda p, a, b: p.each("greater_equal", b, a),
     "sum": _sum,
