@@ -23,9 +23,11 @@ from registry.effects.learned_term import LearnedTerm
 from registry.effects.mechanics.friction import CoulombFriction
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.equations import lanes, models
+from registry.physics.helicopter import Helicopter
 from registry.physics.mass_on_rail import MassOnRail
 from registry.physics.quadrotor import Quadrotor
 from registry.physics.tanks import Tanks
+from registry.terms import shapes, signals
 from registry.terms.shapes import SPLINE
 
 pytestmark = pytest.mark.skipif(not lanes.available(), reason="there is no compiler")
@@ -123,6 +125,20 @@ def test_splines_that_were_learned_are_programs_too() -> None:
             assert models.step(one, logs[0].inputs.shape[-1], logs[0].dt)
             assert near(*both(partial(mean_rates, one, LogBatch.of(logs))))
             assert near(*both(partial(free_run, one, logs, [np.array([3, 9]), np.array([2])], 8)))
+
+
+@pytest.mark.parametrize("kind", [Quadrotor, Helicopter, MassOnRail, Tanks])
+def test_whatever_a_learned_term_follows_it_is_a_program(kind: type[PhysicsModel]) -> None:
+    """One signal that is left to torch makes every search beside such a term several times slower."""
+    (axis, *_), followed = signals.axes_of(kind), signals.available(kind())
+    first, *_ = followed
+    of_each = {n: shapes.SHAPES["linear"] for n in followed}
+    for name, shape in [*of_each.items(), *((first, s) for s in shapes.SHAPES.values())]:
+        values = tuple(0.3 - 0.1 * i for i in range(len(shape.parameters)))
+        model = replace(kind(), effects=(LearnedTerm(axis, (name,), shape.name, values, (), (0.5, 1.5)),))
+        logs = logs_of(model)
+        assert models.step(model, logs[0].inputs.shape[-1], logs[0].dt), (name, shape.name)
+        assert near(*both(partial(mean_rates, model, LogBatch.of(logs)))), (name, shape.name)
 
 
 def test_one_program_serves_all_models_alike() -> None:
