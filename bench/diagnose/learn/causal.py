@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.diagnose.learn.candidates import own_columns, view_of
 from bench.diagnose.learn.held_out import HeldOut
-from bench.diagnose.learn.splines import Spline, splines_of
+from bench.diagnose.learn.splines import Spline, Splines
 from bench.diagnose.select.search import Look, Search
 from bench.diagnose.settings import LEARNING
 
@@ -36,7 +36,7 @@ def consequences(
     for s, names in zip(splines, may_follow, strict=True):
         for lead in leads:
             later = [{n: _advanced(x, lead) if n in names else x for n, x in of.items()} for of in signals]
-            tried.append(splines_of(s.pair, later, len(s.made.knots), bool(s.made.waves)) or s.made)
+            tried.append(Splines(later).of(s.pair, len(s.made.knots), bool(s.made.waves)) or s.made)
     view, places = view_of(search, look, base, [m.columns for m in tried])
     fits = HeldOut(view, own_columns(view, base, upright=True))
     blocks = [m.blocks(at) for m, at in zip(tried, places, strict=True)]

@@ -21,7 +21,7 @@ from bench.diagnose.learn.candidates import (
 from bench.diagnose.learn.causal import consequences
 from bench.diagnose.learn.formulas import Formula, block_of, fitted, option_columns, options, refined, simplest, span_of
 from bench.diagnose.learn.held_out import Block, HeldOut
-from bench.diagnose.learn.splines import Made, Spline, chosen, confirmed, splines_of
+from bench.diagnose.learn.splines import Made, Spline, Splines, chosen, confirmed
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.choose import updated
@@ -111,10 +111,10 @@ class _Seen:
             waves: whether waves stand beside the splines of what says where a system is.
             fine: whether these have as many knots as the shortest wave needs.
         """
-        poses, found = poses_of(self.look.linear.model), []
+        poses, splines, found = poses_of(self.look.linear.model), Splines(self.signals), []
         for pair in some:
             wavy = waves and len(pair.signals) == 1 and _of_a_pose(pair, poses)
-            found.append(splines_of(pair, self.signals, _knots(pair, poses, fine), wavy))
+            found.append(splines.of(pair, _knots(pair, poses, fine), wavy))
         return [m for m in found if m is not None]
 
     def asked(self, only: Pair) -> list[Spline]:

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -66,18 +66,38 @@ def knots_of(x: np.ndarray, count: int) -> tuple[float, ...]:
     return tuple(kept)
 
 
-def splines_of(pair: Pair, signals: Sequence[dict[str, np.ndarray]], count: int, waves: bool = False) -> Made | None:
-    """All splines of a pair's first signal, and waves if asked, times the second; None: the signal does not vary."""
+class Splines:
+    """All splines of the first signal of pairs, made once, times the second."""
+
+    def __init__(self, signals: Sequence[dict[str, np.ndarray]]) -> None:
+        """Prepare; ``signals`` are what terms can follow: as measured and, where inputs are noisy, with more noise."""
+        self.signals = signals
+        self._of: dict[tuple[str, int, bool], Made | None] = {}
+
+    def of(self, pair: Pair, count: int, waves: bool = False) -> Made | None:
+        """The splines of ``count`` knots, and waves if asked; None: the first signal does not vary."""
+        key = (pair.signals[0], count, waves)
+        if key not in self._of:
+            self._of[key] = _of_first(Pair(pair.axis, pair.signals[:1]), self.signals, count, waves)
+        made = self._of[key]
+        if made is None:
+            return None
+        values = made.columns.values
+        if len(pair.signals) > 1:
+            values = tuple(v * paths[pair.signals[1]] for v, paths in zip(values, self.signals, strict=True))
+        return replace(made, columns=Columns(pair, values))
+
+
+def _of_first(pair: Pair, signals: Sequence[dict[str, np.ndarray]], count: int, waves: bool) -> Made | None:
+    """See `Splines.of`, of a pair of one signal."""
     knots = knots_of(signals[0][pair.signals[0]], count)
     if len(knots) < 3:
         return None
     rough, at = roughness(knots), np.array(knots)
     turn = np.linalg.eigh(rough)[1]
     turn[:, 0], turn[:, 1] = 1.0, (at - at.mean()) / at.std()  # what has no roughness at all
-    values = []
-    for paths in signals:
-        found = np.moveaxis(basis(knots, torch.from_numpy(paths[pair.signals[0]])).numpy() @ turn, -1, 0)
-        values.append(found * paths[pair.signals[1]] if len(pair.signals) > 1 else found)
+    paths = [torch.from_numpy(of[pair.signals[0]]) for of in signals]
+    values = [np.moveaxis(basis(knots, x).numpy() @ turn, -1, 0) for x in paths]
     rough = turn.T @ rough @ turn
     rough[:2], rough[:, :2] = 0.0, 0.0
     some = waves_of(signals[0][pair.signals[0]]) if waves else ()
