@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -21,11 +22,12 @@ from bench.diagnose.logs.parts import in_parts, refuse_short
 from bench.diagnose.logs.sample import give_back, sampled
 from bench.diagnose.logs.subject import LogBatch, Subject
 from bench.diagnose.regression.weak import own_states
-from bench.diagnose.result import DataProblem, Diagnosis, check_kinds
+from bench.diagnose.result import DataProblem, Diagnosis, DifferingEffect, check_kinds
 from bench.diagnose.select.differing import differing
 from bench.diagnose.select.discovery import Discovery
 from bench.diagnose.settings import DECIDING, MATTERING
 from bench.diagnose.simulate.flights import flights
+from bench.execution.parallel import both
 from registry.contracts import Dataset
 from registry.dynamics import PhysicsModel
 from registry.effects.waves.hidden_mode import HiddenMode
@@ -186,14 +188,13 @@ def _concluded(
     unknown, worth_a_look = verdict == "unknown_effect", max(excess.values(), default=0.0) > MATTERING.near**2
     differ = told = None
     if unknown or worth_a_look:
-        run.tick("compare recordings")
-        models = (extension.model, found.calibrated) if found.found else (extension.model,)
-        differ, beside = differing(run.subject, models, run.noise, run.catalogue)
-        if beside is not extension.model:
+        quiet = not high or _only_begins_unseen(found, extension)
+        search = partial(_learned, run, found, extension, verdict, little=quiet)
+        differ, beside, swings = _compared(run, found, extension, search if quiet and not unknown else None)
+        if beside != extension.model:
             found, extension = otherwise_told(run, found)
         # What one number for all of them leaves is no term of its own.
-        quiet = not high or _only_begins_unseen(found, extension)
-        told = _learned(run, found, extension, verdict, little=quiet) if differ is None else None
+        told = search() if differ is None and swings else None
         if differ is None and found.found and (not quiet or told is not None):
             told = instead(run, found, extension, told, much=_may_hide_a_mode(extension, verdict == "unknown_effect"))
     if differ is not None and not found.found:
@@ -209,6 +210,25 @@ def _concluded(
         terms = extension = likened(subject, run.noise, extension)
     steps = Steps(subject, source, checked, verdict=verdict, discovery=found, extension=extension, high=high)
     return replace(steps, differing=differ), terms
+
+
+def _compared(
+    run: Setup, found: Discovery, extension: Extension, search: Callable[[], Learned | None] | None
+) -> tuple[DifferingEffect | None, PhysicsModel, bool]:
+    """What recordings differ in and beside which model, as `differing` says, and whether terms are worth a search.
+
+    A ``search`` that mostly finds nothing is done meanwhile.
+    """
+    run.tick("compare recordings")
+    models = (extension.model, found.calibrated) if found.found else (extension.model,)
+
+    def compared() -> tuple[DifferingEffect | None, PhysicsModel]:
+        return differing(run.subject, models, run.noise, run.catalogue)
+
+    if search is None:
+        return *compared(), True
+    (differ, beside), swings = both(compared, lambda: search() is not None)
+    return differ, beside, swings
 
 
 def _remarked(found: Discovery, excess: float) -> Discovery:

@@ -26,6 +26,7 @@ from bench.diagnose.select.worthy import Choice, rival_that_saves, saved, worth_
 from bench.diagnose.settings import DISCOVERING, MATTERING, SEARCHING, VERIFYING
 from bench.diagnose.simulate.beginning import after_beginning
 from bench.diagnose.simulate.unmeasured import hidden
+from bench.execution.parallel import side_by_side
 from registry.contracts import Dataset
 from registry.core import EFFECTS
 from registry.dynamics import PhysicsModel
@@ -103,15 +104,17 @@ def _searched(
     short = before is None and (lost or first.verdict == "unknown_effect")
     # In short windows noise buries what long ones add up, and nothing is predictable then either.
     tied, slow = any(f.rivals for f in first.found), lost or any(e.left for e in first.equations)
-    many = sum(map(len, seen.stack.logs)) > SEARCHING.glance
-    for long in [False] * short + [True] * (slow and (before is None or tied)):
-        looked = partial(search, memory=0, long_windows=long)
-        # What another view of the rows is right about is large: a part of them shows whether it says anything new.
-        if many and not (long and tied):
-            part = _discovered(looked(longest=SEARCHING.glance), noise)
-            if not _replaces(part, first, told):
-                continue
-        again = _discovered(looked(), noise)
+    views = [False] * short + [True] * (slow and (before is None or tied))
+
+    def tells(long: bool) -> bool:
+        part = search(memory=0, long_windows=long, longest=SEARCHING.glance)
+        return _replaces(_discovered(part, noise), first, told)
+
+    # What another view of the rows is right about is large: a part of them shows whether it says anything new.
+    parts = [v for v in views if sum(map(len, seen.stack.logs)) > SEARCHING.glance and not (v and tied)]
+    silent = {v for v, new in zip(parts, side_by_side(tells, parts), strict=True) if not new}
+    for long in (v for v in views if v not in silent):
+        again = _discovered(search(memory=0, long_windows=long), noise)
         if _replaces(again, first, told):
             return again
         if long:

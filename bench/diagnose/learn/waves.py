@@ -12,6 +12,7 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.settings import SKETCHING
 from bench.diagnose.simulate.unmeasured import hidden
+from bench.execution.parallel import side_by_side
 from registry.dynamics import PhysicsModel
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.terms import signals as known
@@ -28,7 +29,8 @@ def waves(subject: Subject, model: PhysicsModel, noise: Noise) -> tuple[Line, ..
     if hidden(subject.logs):
         return ()
     series = axis_series(subject, model, noise)
-    found = [line for one in series for line in lines(one, subject.training, len(series))]
+    told = side_by_side(lambda one: lines(one, subject.training, len(series)), series)
+    found = [line for of_one in told for line in of_one]
     longest = max((s.t[-1] for one in series for s in one.stretches), default=1.0)
     return tuple(_distinct(found, 2 / longest))
 

@@ -17,6 +17,7 @@ from bench.diagnose.select.search import Search
 from bench.diagnose.settings import HIDING
 from bench.diagnose.simulate.free_run import errors, free_run, measured_windows
 from bench.diagnose.simulate.unmeasured import hidden
+from bench.execution.parallel import side_by_side
 from registry.dynamics import PhysicsModel
 from registry.dynamics.model import RATE_OF
 from registry.effects.waves.hidden_mode import MOST_AXES, HiddenMode
@@ -41,11 +42,11 @@ def modes(subject: Subject, model: PhysicsModel, noise: Noise) -> tuple[HiddenMo
     while len(found) < HIDING.most:
         now = replace(model, effects=(*model.effects, *found))
         series = axis_series(subject, now, noise)
-        candidates = [(mode, count) for count in windows for mode in _candidates(subject, now, series, count)]
+        candidates = _candidates(subject, now, series, windows)
         if not candidates:
             break
         runs = runs or _Runs(subject, noise)
-        missed = [runs.error(replace(now, effects=(*now.effects, mode))) for mode, _ in candidates]
+        missed = side_by_side(runs.error, [replace(now, effects=(*now.effects, mode)) for mode, _ in candidates])
         near = [c for c, e in zip(candidates, missed, strict=True) if e <= min(missed) + HIDING.equal]
         # What a rate drives is an inertia, which is easier to say than the same driven by a pose.
         mode, count = next(((m, n) for m, n in near if _rate(m.drivers[0])), near[0])
@@ -84,16 +85,29 @@ def drivers_of(model: PhysicsModel, axis: str) -> list[str]:
     return [f"velocity.{along}" if axis in known.WORLD_FORCES else f"body_velocity.{along}"]
 
 
-def _candidates(subject: Subject, model: PhysicsModel, series: Sequence[AxisSeries], count: int) -> list[HiddenMode]:
-    """Modes that recordings confirm, of the axis that shows one most surely; the same one along others joined."""
+def _candidates(
+    subject: Subject, model: PhysicsModel, series: Sequence[AxisSeries], windows: Sequence[int]
+) -> list[tuple[HiddenMode, int]]:
+    """Modes that recordings confirm in windows of so many samples, and these.
+
+    Of each length the modes of the axis that shows one most surely; the same one along others joined.
+    """
     places = {name: i for i, name in enumerate(known.available(model))}
     inputs = known.input_names(type(model), *known.drive_of(model))
-    found: list[Mode] = []
-    for one in series:
+    tries = len(series) * len(HIDING.windows)
+
+    def along(task: tuple[int, AxisSeries]) -> list[Mode]:
+        count, one = task
         drivers = {name: places[name] for name in drivers_of(model, one.axis)}
-        found += sought(one.coarser(count), drivers, subject.training, len(series) * len(HIDING.windows), inputs)
-    found.sort(key=lambda m: -m.evidence)
-    return [_joined([mode, *found]) for mode in found if mode.axis == found[0].axis]
+        return sought(one.coarser(count), drivers, subject.training, tries, inputs)
+
+    tasks = [(count, one) for count in windows for one in series]
+    told, out = side_by_side(along, tasks), list[tuple[HiddenMode, int]]()
+    for count in windows:
+        found = [mode for (of, _), modes in zip(tasks, told, strict=True) if of == count for mode in modes]
+        found.sort(key=lambda m: -m.evidence)
+        out += [(_joined([mode, *found]), count) for mode in found if mode.axis == found[0].axis]
+    return out
 
 
 def _joined(found: Sequence[Mode]) -> HiddenMode:

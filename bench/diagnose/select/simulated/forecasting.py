@@ -19,7 +19,8 @@ from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import EXTENDING, FORECASTING
 from bench.diagnose.simulate.multiple_shooting import Shot, multiple_shooting, relative_error
 from bench.diagnose.simulate.unmeasured import hidden
-from registry.dynamics import PhysicsModel
+from bench.execution.parallel import side_by_side
+from registry.dynamics import Effect, PhysicsModel
 
 
 def forecasting(
@@ -45,11 +46,14 @@ def forecasting(
     """
     if hidden(subject.logs) or len(subject.training) < 2:
         return model, ()
-    shots = []
-    for name, kind in admissible(subject, model, catalogue):
+
+    def alone(candidate: tuple[str, type[Effect]]) -> Shot:
+        name, kind = candidate
         tick(name)
         grown = replace(model, effects=(*model.effects, kind.neutral_for(model, {})))
-        shots.append(_fitted(subject, grown, subject.training, _own(subject, grown)))
+        return _fitted(subject, grown, subject.training, _own(subject, grown))
+
+    shots = side_by_side(alone, admissible(subject, model, catalogue))
     best = min(shots, key=lambda s: s.after, default=None)
     if best is None or best.after >= FORECASTING.gain:
         return model, ()

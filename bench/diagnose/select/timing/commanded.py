@@ -22,6 +22,7 @@ import torch
 
 from bench.diagnose.logs.subject import Log, Subject, drives_of
 from bench.diagnose.settings import COMMANDING
+from bench.execution.parallel import side_by_side
 from registry.datasets.reading.cleaning import runs
 
 Series = tuple[np.ndarray, np.ndarray]
@@ -94,8 +95,9 @@ def followers(channels: Sequence[Sequence[Series]]) -> list[Follower] | None:
     little moves, as in a hover, one alone does not tell noise of its sensor from what it does of its own accord.
     """
     parts = [_enough(channel) for channel in channels]
-    each = [_best(part) for part in parts]
-    alike, shared = _best([series for part in parts for series in part]) if len(parts) > 1 else each[0]
+    together = [[series for part in parts for series in part]] if len(parts) > 1 else []
+    (alike, shared), *each = side_by_side(_best, [*together, *parts])
+    each = each or [(alike, shared)]
     found = [shared] * len(channels) if alike <= sum(told for told, _ in each) else [f for _, f in each]
     return None if None in found else [f for f in found if f is not None]
 
