@@ -94,7 +94,7 @@ def axis_series(subject: Subject, model: PhysicsModel, noise: Noise) -> list[Axi
     stride = max(2, round(UNSEEN.window * stack.logs[0].pace))
     base = len(model.effects)
     with torch.no_grad():
-        linear = directions(with_axes(model), subject.model, subject.uncertainty, stack)
+        linear = directions(with_axes(model), subject.model, subject.uncertainty, stack, settled=True)
         kept = [k for k, c in enumerate(linear.channels) if c < stack.states.shape[-1]]
         words = dictionary(model, stack, tuple(linear.channels[k] for k in kept))
         means = torch.stack([log.inputs.mean(0, keepdim=True) for log in stack.logs])

@@ -45,9 +45,11 @@ def modes(subject: Subject, model: PhysicsModel, noise: Noise) -> tuple[HiddenMo
         candidates = _candidates(subject, now, series, windows)
         if not candidates:
             break
-        runs = runs or _Runs(subject, noise)
-        missed = side_by_side(runs.error, [replace(now, effects=(*now.effects, mode)) for mode, _ in candidates])
-        near = [c for c, e in zip(candidates, missed, strict=True) if e <= min(missed) + HIDING.equal]
+        near = candidates
+        if len(candidates) > 1:
+            runs = runs or _Runs(subject, noise)
+            missed = side_by_side(runs.error, [replace(now, effects=(*now.effects, mode)) for mode, _ in candidates])
+            near = [c for c, e in zip(candidates, missed, strict=True) if e <= min(missed) + HIDING.equal]
         # What a rate drives is an inertia, which is easier to say than the same driven by a pose.
         mode, count = next(((m, n) for m, n in near if _rate(m.drivers[0])), near[0])
         found.append(mode)
