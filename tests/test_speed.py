@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from networks import noise, redrawn, weights
 
 from bench.cli.commands.speed import speed_command
+from bench.execution.parallel import MOST_PROCESSES
 from bench.experiment.config import RunConfig, Training
 from bench.experiment.device import device
 from bench.experiment.notation import parse
@@ -116,6 +117,7 @@ def test_the_cost_of_a_diagnosis_is_that_of_a_process_that_named_an_effect(tmp_p
     assert done.exit_code == 0, done.output
     (cost,) = json.loads((tmp_path / "speed.json").read_text())["diagnoses"]
     assert cost["samples"] == 18_000 and cost["cpu_s"] > 5 and cost["peak_mb"] > 200
+    assert cost["cpu_s"] < MOST_PROCESSES * cost["wall_s"]
     assert "rotor_drag" in cost["effects"] and "rotor_drag" in done.output
 
 

@@ -1,13 +1,15 @@
 """What a diagnosis costs as recordings become more: processor time and memory of `bench diagnose` on simulated flights.
 
 The flights are made as those of `pelican_twin` (three hidden effects of the rotors), as many as are asked for, in a
-folder of CSV files as a user would bring it. Each diagnosis runs in a process of its own, on one thread.
+folder of CSV files as a user would bring it. Each diagnosis runs in a process of its own, and copies of it where there
+is a second processor.
 """
 
 import json
 import os
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,9 +43,12 @@ class Cost:
 
     recordings: int
     samples: int
+    wall_s: float
+    """From beginning to end."""
     cpu_s: float
+    """Of the process and its copies, user and system."""
     peak_mb: float
-    """Resident memory at its peak."""
+    """Resident memory of the process at its peak."""
     effects: tuple[str, ...]
     """That were named."""
 
@@ -62,6 +67,7 @@ def measure(recordings: int, folder: Path) -> Cost:
     write(folder, recordings)
     target, log = folder / "result.json", folder / "log"
     asked = [sys.executable, "-m", "bench", "diagnose", str(folder), "--json", str(target), "--no-track"]
+    begun = time.monotonic()
     with log.open("w") as said:
         work = subprocess.Popen(asked, env={**os.environ, "OMP_NUM_THREADS": "1"}, stdout=said, stderr=said)
     try:
@@ -75,8 +81,8 @@ def measure(recordings: int, folder: Path) -> Cost:
         last = log.read_text(encoding="utf-8", errors="replace").strip().rpartition("\n")[2]
         raise BenchError(f"The diagnosis of {recordings} recordings ended with exit code {work.returncode}: {last}")
     effects = tuple(str(e["id"]) for e in json.loads(target.read_text(encoding="utf-8"))["effects"])
-    samples = recordings * round(SECONDS / DT)
-    return Cost(recordings, samples, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, effects)
+    samples, wall = recordings * round(SECONDS / DT), time.monotonic() - begun
+    return Cost(recordings, samples, wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, effects)
 
 
 def write(folder: Path, recordings: int) -> None:

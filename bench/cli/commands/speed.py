@@ -103,14 +103,15 @@ def _diagnoses(out: Console, quick: bool, target: Path | None) -> None:
         out.print(f"Stopped after {len(done)} of {len(rows)} rows.")
     if target is not None:
         _write(target, {**machine(), "diagnoses": [asdict(cost) for cost in done]})
-    table = Table(title=f"Diagnoses of recordings of {diagnosis.SECONDS:g} s, on one thread", title_justify="left")
-    for title in ("recordings", "samples", "CPU [s]", "memory [MB]"):
+    table = Table(title=f"Diagnoses of recordings of {diagnosis.SECONDS:g} s", title_justify="left")
+    for title in ("recordings", "samples", "time [s]", "CPU [s]", "memory [MB]"):
         table.add_column(title, justify="right")
     table.add_column("effects named")
     for cost in done:
         table.add_row(
             f"{cost.recordings:,}",
             f"{cost.samples:,}",
+            f"{cost.wall_s:.0f}",
             f"{cost.cpu_s:.0f}",
             f"{cost.peak_mb:.0f}",
             ", ".join(cost.effects),
