@@ -3,8 +3,11 @@
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
+import time
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -88,6 +91,38 @@ def test_no_copy_is_left_when_the_work_here_is_stopped() -> None:
     with pytest.raises(KeyboardInterrupt):
         side_by_side(stopped, [1, 2])
     assert not multiprocessing.active_children()
+
+
+_WORK = """
+import os, sys, time
+from pathlib import Path
+from bench.execution.parallel import side_by_side
+os.sched_getaffinity = lambda who: {0, 1}
+def lasts(x):
+    Path(sys.argv[1], str(os.getpid())).touch()
+    time.sleep(600)
+side_by_side(lasts, [1, 2])
+"""
+
+
+def test_a_copy_ends_with_the_process_that_was_copied(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", _WORK, tmp_path]) as work:
+        deadline = time.monotonic() + 60
+        while len(both_at_it := [int(p.name) for p in tmp_path.iterdir()]) < 2 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        work.kill()
+    (copy,) = {*both_at_it} - {work.pid}
+    while _runs(copy) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _runs(copy)
+
+
+def _runs(who: int) -> bool:
+    """Whether there is such a process, and not only what is left of it."""
+    try:
+        return Path(f"/proc/{who}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
 
 
 def test_one_processor_copies_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,8 @@ from typing import Any, TypeVar
 
 import torch
 
+from bench.execution.executor import serve_parent
+
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -76,6 +78,7 @@ def _next(left: int) -> int | None:
 
 def _copied(to: Connection, function: Callable[[T], R], items: Sequence[T], left: int) -> None:
     """What a copy does; where it fails it says nothing, and the process that was copied finds the reason."""
+    serve_parent()
     torch.set_num_threads(1)  # other threads were not copied
     sys.stdout = sys.stderr = nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 — until the copy ends
     for stream in (1, 2):
