@@ -13,13 +13,13 @@ from bench.analysis.display import Displayed
 from bench.diagnose.compare import Comparison, compare, refuse_long
 from bench.diagnose.evidence import Stage
 from bench.diagnose.fit import fit_parameters, released, started
-from bench.diagnose.learn.all_terms import learn_all_terms, periodic
+from bench.diagnose.learn.all_terms import learn_all_terms
 from bench.diagnose.learn.candidates import equation_of
 from bench.diagnose.learn.learn import learn
 from bench.diagnose.learn.modes.modes import modes
 from bench.diagnose.learn.request import is_request, parsed
 from bench.diagnose.learn.spectral_line import Line
-from bench.diagnose.learn.waves import told, waves
+from bench.diagnose.learn.waves import periodic, told, waves
 from bench.diagnose.learned_shape import RELAXATION, SWING, WAVE
 from bench.diagnose.logs.load import subject_of
 from bench.diagnose.logs.noise import Noise

@@ -24,6 +24,8 @@ from bench.diagnose.report import model_file, page, sentences
 from bench.diagnose.result import Diagnosis, schema
 from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.simulate.free_run import free_run
+from bench.score.chains import measured
+from bench.score.unknown.suite import DEVELOPMENT, cases
 from registry.effects.waves.periodic_term import PeriodicTerm
 from registry.errors import BenchError
 from registry.physics.oscillator import Oscillator
@@ -232,3 +234,15 @@ def test_a_force_along_the_world_stays_there_while_the_vehicle_turns() -> None:
 def test_a_wave_is_asked_for_by_its_axis() -> None:
     pair = parsed("speed ~ wave", Oscillator())
     assert pair is not None and (pair.axis, pair.signals) == ("speed.q", ("wave",))
+
+
+def test_a_force_that_shows_in_both_frames_is_told_along_that_which_it_keeps_to(tmp_path: Path) -> None:
+    """Flights that tilt far: along the body's axes the force has another size in each of them.
+
+    The likelihood that a line gains along its own axis is larger there.
+    """
+    (case,) = (c for c in cases(DEVELOPMENT) if c.id == "201-periodic-24-crazyflie-low")
+    subject, _ = measured(replace(case, recordings=6, seconds=30.0), tmp_path)
+    line, *_ = found(subject)
+    assert line.axis == case.wave_axis == "world_force_x"
+    assert line.low < case.frequencies[0] < line.high

@@ -7,8 +7,7 @@ import torch
 
 from bench.diagnose.learn.learn import E, learn, refitted, worthy
 from bench.diagnose.learn.modes.modes import modes
-from bench.diagnose.learn.spectral_line import Line
-from bench.diagnose.learn.waves import waves
+from bench.diagnose.learn.waves import periodic, waves
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.materiality import Weighing
@@ -150,11 +149,6 @@ def _worthy(
         return ()
     with torch.no_grad():
         return worthy(subject, noise, Search(subject, (), tick, noise), model, found, doubtful=False)
-
-
-def periodic(line: Line) -> PeriodicTerm:
-    """A line as an effect, its frequency with seven digits."""
-    return PeriodicTerm(line.axis, float(f"{line.frequency:.7g}"))
 
 
 def _with(model: PhysicsModel, *effects: Effect) -> PhysicsModel:

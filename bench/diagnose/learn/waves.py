@@ -1,15 +1,19 @@
 """The lines that a model leaves, each along the one axis that shows it best."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import torch
 
 from bench.diagnose.learn.axis_series import AxisSeries, axis_series
+from bench.diagnose.learn.learn import refitted
 from bench.diagnose.learn.spectral_line import Line, line_at, lines
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
+from bench.diagnose.select.search import Search, View
 from bench.diagnose.settings import SKETCHING
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.execution.parallel import side_by_side
@@ -32,7 +36,12 @@ def waves(subject: Subject, model: PhysicsModel, noise: Noise) -> tuple[Line, ..
     told = side_by_side(lambda one: lines(one, subject.training, len(series)), series)
     found = [line for of_one in told for line in of_one]
     longest = max((s.t[-1] for one in series for s in one.stretches), default=1.0)
-    return tuple(_distinct(found, 2 / longest))
+    return tuple(_distinct(found, 2 / longest, _Frames(subject, model, noise)))
+
+
+def periodic(line: Line) -> PeriodicTerm:
+    """A line as an effect, its frequency with seven digits."""
+    return PeriodicTerm(line.axis, float(f"{line.frequency:.7g}"))
 
 
 def told(subject: Subject, model: PhysicsModel, noise: Noise, place: int) -> Line | None:
@@ -89,24 +98,49 @@ def _heard(subject: Subject, model: PhysicsModel, noise: Noise, place: int) -> t
     return series, line_at([*(e.frequency for e in beside), wave.frequency], series, subject.training)
 
 
-def _distinct(found: Sequence[Line], apart: float) -> list[Line]:
-    """The lines without those that only show another one along another frame's axis.
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """Which frame's axes a force swings along: what each explains along its own axis does not compare."""
+
+    subject: Subject
+    model: PhysicsModel
+    noise: Noise
+
+    @cached_property
+    def search(self) -> Search:
+        """Of the training recordings."""
+        return Search(self.subject, (), lambda what: None, self.noise)
+
+    @cached_property
+    def view(self) -> View:
+        """The model without any of it."""
+        return self.search.views(self.search.own(self.model, settled=True))[0]
+
+    def cost(self, some: Sequence[Line]) -> float:
+        """Squares that the model leaves with such waves, and what their numbers must save (Schwarz)."""
+        grown = replace(self.model, effects=(*self.model.effects, *map(periodic, some)))
+        with torch.no_grad():
+            left = self.search.loss(self.view, refitted(self.search, grown))
+        return left + self.view.subsets.penalty * 2 * len(self.subject.training) * len(some)
+
+
+def _distinct(found: Sequence[Line], apart: float, frames: _Frames) -> list[Line]:
+    """The lines without those that only show a force along another frame's axes, the largest part first.
 
     Args:
         found: along all axes.
         apart: frequencies nearer than this are the same [Hz].
+        frames: say in which frame a force swings that shows in both.
     """
-    kept: list[Line] = []
-    for line in sorted(found, key=lambda one: -(one.evidence + one.gain)):
-        same = [k for k in kept if abs(k.frequency - line.frequency) < max(apart, line.high - line.low)]
-        if not any(_frame(k.axis) != _frame(line.axis) and _forces(k.axis, line.axis) for k in same):
-            kept.append(line)
-    return kept
-
-
-def _frame(axis: str) -> str:
-    return "world" if axis in known.WORLD_FORCES else "body"
-
-
-def _forces(*axes: str) -> bool:
-    return all(a in known.FORCES or a in known.WORLD_FORCES for a in axes)
+    kept, rest = list[Line](), sorted(found, key=lambda one: -(one.evidence + one.gain))
+    while rest:
+        first = rest[0]
+        same = [one for one in rest if abs(one.frequency - first.frequency) < max(apart, one.high - one.low)]
+        same = [one for one in same if (one.axis in known.TORQUES) == (first.axis in known.TORQUES)]
+        of_world = [one for one in same if one.axis in known.WORLD_FORCES]
+        of_body = [one for one in same if one.axis not in known.WORLD_FORCES]
+        either = [some for some in (of_world, of_body) if some]
+        chosen = min(either, key=frames.cost) if len(either) > 1 else same
+        kept += chosen
+        rest = [one for one in rest if one not in same]
+    return sorted(kept, key=lambda one: -(one.evidence + one.gain))
