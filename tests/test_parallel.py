@@ -52,6 +52,21 @@ def test_what_a_killed_copy_had_is_done_again() -> None:
     assert side_by_side(dies_elsewhere, range(5)) == [0, 1, 4, 9, 16]
 
 
+def test_a_copy_that_waits_for_ever_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    far, copied = multiprocessing.Pipe(duplex=False)
+    monkeypatch.setattr(parallel, "PATIENCE_S", 0.1)
+
+    def waits_elsewhere(x: int) -> int:
+        if os.getpid() != HERE:
+            copied.send(x)
+            signal.pause()
+        assert far.poll(30)
+        return x * x
+
+    assert side_by_side(waits_elsewhere, range(5)) == [0, 1, 4, 9, 16]
+    assert not multiprocessing.active_children()
+
+
 def test_an_error_in_a_copy_is_raised_here_and_nothing_of_it_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
     far, copied = multiprocessing.Pipe(duplex=False)
 

@@ -189,12 +189,12 @@ def _concluded(
     differ = told = None
     if unknown or worth_a_look:
         quiet = not high or _only_begins_unseen(found, extension)
-        search = partial(_learned, run, found, extension, verdict, little=quiet)
+        search = partial(_learned, found=found, extension=extension, verdict=verdict, little=quiet)
         differ, beside, swings = _compared(run, found, extension, search if quiet and not unknown else None)
         if beside != extension.model:
             found, extension = otherwise_told(run, found)
         # What one number for all of them leaves is no term of its own.
-        told = search() if differ is None and swings else None
+        told = search(run) if differ is None and swings else None
         if differ is None and found.found and (not quiet or told is not None):
             told = instead(run, found, extension, told, much=_may_hide_a_mode(extension, verdict == "unknown_effect"))
     if differ is not None and not found.found:
@@ -213,7 +213,7 @@ def _concluded(
 
 
 def _compared(
-    run: Setup, found: Discovery, extension: Extension, search: Callable[[], Learned | None] | None
+    run: Setup, found: Discovery, extension: Extension, search: Callable[[Setup], Learned | None] | None
 ) -> tuple[DifferingEffect | None, PhysicsModel, bool]:
     """What recordings differ in and beside which model, as `differing` says, and whether terms are worth a search.
 
@@ -227,7 +227,7 @@ def _compared(
 
     if search is None:
         return *compared(), True
-    (differ, beside), swings = both(compared, lambda: search() is not None)
+    (differ, beside), swings = both(compared, lambda: search(replace(run, tick=silent)) is not None)
     return differ, beside, swings
 
 

@@ -107,7 +107,7 @@ def _searched(
     views = [False] * short + [True] * (slow and (before is None or tied))
 
     def tells(long: bool) -> bool:
-        part = search(memory=0, long_windows=long, longest=SEARCHING.glance)
+        part = Search(subject, catalogue, lambda _: None, noise, memory=0, long_windows=long, longest=SEARCHING.glance)
         return _replaces(_discovered(part, noise), first, told)
 
     # What another view of the rows is right about is large: a part of them shows whether it says anything new.

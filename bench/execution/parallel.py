@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import pickle
 import sys
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
@@ -18,6 +19,8 @@ R = TypeVar("R")
 
 MOST_PROCESSES = 4
 """At most so many: each needs memory of its own."""
+PATIENCE_S = 60.0
+"""How long a copy may still take when nothing is left to do here, and four times what that took."""
 _PLACE = 4
 """Bytes of a place in a list."""
 
@@ -27,8 +30,9 @@ def side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
 
     Copies of this process (`os.fork`) share the work where there are processors for them. Each takes the next item that
     nobody has, so that the longest should come first. What a copy changes is lost, and what it cannot tell, since it
-    failed or was killed, is done here. Workers of a pool, which have all processors between them, do it alone, and so
-    does a process that cannot well be copied, as on macOS.
+    failed or was killed, is done here. ``function`` must not ask for a lock that another thread may hold, such as that
+    of a progress bar: the calling thread alone is copied. Workers of a pool, which have all processors between them, do
+    it alone, and so does a process that cannot well be copied, as on macOS.
     """
     count = min(len(items), _processors())
     if count < 2:
@@ -46,9 +50,13 @@ def side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
             copy.start()
             theirs.close()
             copies.append((copy, ours))
+        begun = time.monotonic()
         told |= _done(function, items, left)
+        patience = PATIENCE_S + 4 * (time.monotonic() - begun)
         for _, ours in copies:
-            with suppress(EOFError):
+            with suppress(EOFError, OSError):
+                if not ours.poll(patience):
+                    continue  # what it waits for never comes
                 told |= pickle.loads(ours.recv_bytes())  # noqa: S301 — from a copy of this process
     finally:
         os.close(left)

@@ -46,10 +46,10 @@ def forecasting(
     """
     if hidden(subject.logs) or len(subject.training) < 2:
         return model, ()
+    tick("forecasts")
 
     def alone(candidate: tuple[str, type[Effect]]) -> Shot:
-        name, kind = candidate
-        tick(name)
+        _, kind = candidate
         grown = replace(model, effects=(*model.effects, kind.neutral_for(model, {})))
         return _fitted(subject, grown, subject.training, _own(subject, grown))
 
@@ -57,7 +57,6 @@ def forecasting(
     best = min(shots, key=lambda s: s.after, default=None)
     if best is None or best.after >= FORECASTING.gain:
         return model, ()
-    tick("forecasts")
     own, halves = _own(subject, best.model), (subject.training[::2], subject.training[1::2])
     parts = [_fitted(subject, best.model, names, own) for names in halves]
     if any(relative_error(model, s.model, subject, n) >= 1 for s, n in zip(parts, halves[::-1], strict=True)):
