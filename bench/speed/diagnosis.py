@@ -65,6 +65,15 @@ def measure(recordings: int, folder: Path) -> Cost:
         BenchError: the diagnosis failed.
     """
     write(folder, recordings)
+    return cost(folder, recordings, recordings * round(SECONDS / DT))
+
+
+def cost(folder: Path, recordings: int, samples: int) -> Cost:
+    """What the diagnosis of a folder of so many recordings takes.
+
+    Raises:
+        BenchError: it failed.
+    """
     target, log = folder / "result.json", folder / "log"
     asked = [sys.executable, "-m", "bench", "diagnose", str(folder), "--json", str(target), "--no-track"]
     begun = time.monotonic()
@@ -76,12 +85,11 @@ def measure(recordings: int, folder: Path) -> Cost:
         work.kill()
         work.wait()
         raise
-    work.returncode = os.waitstatus_to_exitcode(status)
+    wall, work.returncode = time.monotonic() - begun, os.waitstatus_to_exitcode(status)
     if work.returncode:
         last = log.read_text(encoding="utf-8", errors="replace").strip().rpartition("\n")[2]
         raise BenchError(f"The diagnosis of {recordings} recordings ended with exit code {work.returncode}: {last}")
     effects = tuple(str(e["id"]) for e in json.loads(target.read_text(encoding="utf-8"))["effects"])
-    samples, wall = recordings * round(SECONDS / DT), time.monotonic() - begun
     return Cost(recordings, samples, wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, effects)
 
 
