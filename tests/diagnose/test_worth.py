@@ -22,6 +22,7 @@ from bench.diagnose.select.verify import by_chance, estimates
 from bench.diagnose.select.worthy import Choice, rival_that_saves, saved
 from bench.diagnose.settings import SEARCHING
 from bench.diagnose.simulate.equation_error import EquationError, Saving
+from bench.execution import parallel
 from registry.dynamics import Effect
 from registry.effects.mass import Mass
 from registry.effects.mechanics.friction import CoulombFriction, OffsetForce
@@ -547,13 +548,15 @@ def test_a_part_of_many_samples_tells_whether_another_view_of_them_is_worth_a_se
             ),
         )
         monkeypatch.setattr(module, "_discovered", discovered)
+        monkeypatch.setattr(parallel, "_processors", lambda: 1)  # what copies ask is not seen here
         monkeypatch.setattr(Discovery, "clearer", lambda self, other: self is not nothing)
         return module._searched(SimpleNamespace(held_out=()), None, print, None), asked  # type: ignore[arg-type]
 
     first, nothing, other = (answer(name) for name in ("first", "nothing", "other"))
-    assert searches(part=other, whole=other) == (other, [SEARCHING.glance, None])
-    assert searches(part=nothing, whole=other) == (first, [SEARCHING.glance] * 2)  # short windows, and long ones
-    assert searches(part=other, whole=nothing) == (first, [SEARCHING.glance, None] * 2)
+    parts = [SEARCHING.glance] * 2  # in short windows, and in long ones
+    assert searches(part=other, whole=other) == (other, [*parts, None])
+    assert searches(part=nothing, whole=other) == (first, parts)
+    assert searches(part=other, whole=nothing) == (first, [*parts, None, None])
     first = answer("first", "a rival")  # ties are told apart by all samples
     assert searches(part=nothing, whole=nothing) == (first, [SEARCHING.glance, None])
 
