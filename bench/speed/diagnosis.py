@@ -1,6 +1,6 @@
 """What a diagnosis costs as recordings become more: processor time and memory of `bench diagnose` on simulated flights.
 
-The flights are made as those of `pelican_twin` (three hidden effects of the rotors), as many as are asked for, in a
+The flights are made as those of `pelican_twin` (four hidden effects), as many as are asked for, in a
 folder of CSV files as a user would bring it. Each diagnosis runs in a process of its own, and copies of it where there
 is a second processor.
 """
