@@ -320,7 +320,7 @@ def _one_by_one(
 
     In between, and once a constant was let go, the numbers are fitted: all is judged beside numbers that move no more.
     """
-    known = len(search.subject.model.effects)
+    known, past = len(search.subject.model.effects), list[PhysicsModel]()
     _, model = settled(search, model, view)
     for _ in range(DISCOVERING.exchanges):
         search.tick("what is left")
@@ -329,7 +329,8 @@ def _one_by_one(
         while search.let_go(contradicted(view, view.subsets.fit())):
             (_, model), view = settled(search, model, view), view.light()
             view = _viewed(search, model, shortlist, everything)
-        step = next_step(search, view, known)
+        step = next_step(search, view, known, past)
+        past.append(view.linear.model)
         if not math.isfinite(step.loss) or not step.exchanged:
             break
         _, model = settled(search, step.model, view)
@@ -375,11 +376,10 @@ def _understood(
         traces, total = left_over(view, sorted(gone))
         explained = [t for t in traces if view.reach[t.column - first] <= known_channels]
         total -= view.floor * sum(t.gain for t in explained)
+        least = None
         if lost or total > VERIFYING.left * view.floor:
             rest = [t for t in traces if t not in explained]
             least = least_imitation(view, left, rest, sorted(gone))
-        else:
-            least = None
         if least is None:
             return left, sorted(gone - set(worthy.dropped))
         gone |= view.linear.removed([least])[0]

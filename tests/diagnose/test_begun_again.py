@@ -60,7 +60,7 @@ def test_effects_are_judged_once_numbers_move_no_more_beside_a_constant_that_was
     def looked(search: object, model: str, *rest: object) -> Looked:
         return Looked(linear=SimpleNamespace(model=model))
 
-    def next_step(search: object, view: Looked, known: int) -> SimpleNamespace:
+    def next_step(search: object, view: Looked, known: int, past: object) -> SimpleNamespace:
         judged.append(view.linear.model)
         return SimpleNamespace(loss=1.0, exchanged=True, model="exchanged")
 

@@ -46,3 +46,18 @@ def test_a_delay_gives_way_to_a_lag_that_leaves_less_though_no_linearisation_pro
     search = SimpleNamespace(loss=lambda view, model: losses[model], stack=SimpleNamespace(dt=0.01))
     assert next_step(search, view, 0).model == "lag"  # type: ignore[arg-type, comparison-overlap]
     assert next_step(search, view, 1).model == "delay"  # type: ignore[arg-type, comparison-overlap]
+
+
+def test_an_exchange_that_was_taken_back_is_not_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drag came with a wind, which went, and then the drag went: from where they came another way is taken."""
+    bare, both = SimpleNamespace(effects=(InputDelay(),)), SimpleNamespace(effects=(InputDelay(), MotorLag()))
+    here, more = SimpleNamespace(loss=5000.0), SimpleNamespace(loss=2000.0, dropped=(), ids=("motor_lag",))
+    steps = {id(here): Step(bare, 5000.0, False), id(more): Step(both, 2000.0, True)}  # type: ignore[arg-type]
+    monkeypatch.setattr(step, "advanced", lambda search, view, fit: steps[id(fit)])
+    monkeypatch.setattr(step, "neighbours", lambda view, known: [more])
+    monkeypatch.setattr(step, "without", lambda model, dropped: model)
+    linear = SimpleNamespace(model=bare)
+    view = SimpleNamespace(subsets=SimpleNamespace(fit=lambda: here, starts=()), floor=FLOOR, linear=linear)
+    search = SimpleNamespace(stack=SimpleNamespace(dt=0.01))
+    assert next_step(search, view, 0, [both]).model is both  # type: ignore[arg-type, list-item]
+    assert next_step(search, view, 0, [bare, both]).model is bare  # type: ignore[arg-type, list-item]

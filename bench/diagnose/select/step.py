@@ -7,6 +7,7 @@ about as was promised.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -49,23 +50,28 @@ def advanced(search: Search, view: View, fit: Fit) -> Step:
     return Step(view.linear.model, search.loss(view, view.linear.model), exchanged=False)  # no step is stable
 
 
-def next_step(search: Search, view: View, known: int) -> Step:
+def next_step(search: Search, view: View, known: int, past: Sequence[PhysicsModel] = ()) -> Step:
     """The next model: with one effect more, less or exchanged where that is better, else with better numbers.
 
     What a linearisation likes best may not keep its promise: with a wind a drag becomes another one, and its first step
     goes too far. Then the numbers are fitted once more, those of the present effects too, or these would seem worse
-    than they are; and if that does not help, the next best is tried.
+    than they are; and if that does not help, the next best is tried. An exchange that was made before is not made
+    again: effects that come at once and go one by one, as a wind with a drag, would go round in circles.
 
     Args:
         search: tells what a model leaves.
         view: of the present model.
         known: effects that the model had from the start, which stay.
+        past: the models before it, each a step from the one before.
     """
     here = view.subsets.fit()
     stay, small = advanced(search, view, here), CHOOSING.visible * view.floor
     if stay.loss - here.loss > small:
         stay = _refitted(search, view, stay)
+    made = set(pairwise(_ids(model.effects) for model in (*past, view.linear.model)))
     for changed in neighbours(view, known):
+        if made and (_ids(view.linear.model.effects), _ids_after(view.linear.model, changed)) in made:
+            continue
         promised = here.loss - changed.loss
         least = min(promised, STEPPING.kept * promised) - small
         other = advanced(search, view, changed)
@@ -74,6 +80,16 @@ def next_step(search: Search, view: View, known: int) -> Step:
         if stay.loss - other.loss >= least:
             return other
     return min([stay, *_in_series(search, view, stay, here, known)], key=lambda s: s.loss)
+
+
+def _ids(effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Ids of effects, in an order that is the same for the same effects."""
+    return tuple(sorted(EFFECTS.name_of(type(e)) for e in effects))
+
+
+def _ids_after(model: PhysicsModel, fit: Fit) -> tuple[str, ...]:
+    """Ids of a model's effects as a fit exchanges them."""
+    return tuple(sorted([*_ids(without(model, fit.dropped).effects), *fit.ids]))
 
 
 def _in_series(search: Search, view: View, stay: Step, here: Fit, known: int) -> list[Step]:
