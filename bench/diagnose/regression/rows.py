@@ -4,6 +4,7 @@ A torque about one axis moves one channel of six, and a dictionary of signals ha
 equations over all channels and columns alike would multiply zeros.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,6 +13,9 @@ import numpy as np
 
 from bench.diagnose.regression.least_squares import Normal
 from bench.diagnose.settings import FOLDING
+
+_IN_CACHE = 65_536
+"""Numbers that are filtered at a time: they and what comes of them stay in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,20 +234,23 @@ class Products:
 
 
 def filtered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """The whitened series (J − order, n) of one (J, n); nothing is left of a short one."""
+    """The whitened series (J − order, …) of one (J, …); nothing is left of a short one."""
     order = len(coefficients) - 1
-    if len(series) <= order:
-        return series[:0]
-    count = len(series) - order
-    out: np.ndarray = coefficients[order] * series[:count]
-    lagged = np.empty_like(out)
-    for k in range(1, order + 1):
-        np.multiply(coefficients[order - k], series[k : k + count], out=lagged)
-        out += lagged
+    out = np.empty_like(series[: max(0, len(series) - order)], dtype=np.result_type(series, coefficients))
+    step = max(1, _IN_CACHE // max(1, math.prod(series.shape[1:])))
+    lagged = np.empty_like(out[:step])
+    for start in range(0, len(out), step):
+        part = out[start : start + step]
+        np.multiply(coefficients[order], series[start : start + len(part)], out=part)
+        for k in range(1, order + 1):
+            terms = lagged[: len(part)]
+            part += np.multiply(coefficients[order - k], series[start + k : start + k + len(part)], out=terms)
     return out
 
 
 def refiltered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """The transpose of `filtered`: of a whitened series (J − order, n) one (J, n)."""
     order = len(coefficients) - 1
-    return filtered(np.pad(series, ((order, order), (0, 0))), coefficients[::-1])
+    padded = np.zeros((len(series) + 2 * order, series.shape[1]))
+    padded[order : order + len(series)] = series
+    return filtered(padded, coefficients[::-1])
