@@ -47,7 +47,8 @@ def test_effects_are_judged_once_numbers_move_no_more_beside_a_constant_that_was
 ) -> None:
     """On `nanobench` a motor lag of 60 ms seemed to be one of 2 ms in the step with which the inertia went.
 
-    Effects are exchanged until the last time allowed: the view of that one is asked for what is left.
+    Effects are exchanged until the last time allowed: the view of that one is asked for what is left. Each step knows
+    the models before it.
     """
     judged, wrong = [], ["inertia"]
 
@@ -60,7 +61,8 @@ def test_effects_are_judged_once_numbers_move_no_more_beside_a_constant_that_was
     def looked(search: object, model: str, *rest: object) -> Looked:
         return Looked(linear=SimpleNamespace(model=model))
 
-    def next_step(search: object, view: Looked, known: int, past: object) -> SimpleNamespace:
+    def next_step(search: object, view: Looked, known: int, past: list[str]) -> SimpleNamespace:
+        assert past == judged
         judged.append(view.linear.model)
         return SimpleNamespace(loss=1.0, exchanged=True, model="exchanged")
 

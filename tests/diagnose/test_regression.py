@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from bench.diagnose.regression.least_squares import Normal, bounded, regularised, ridge, squares_left, whitening
-from bench.diagnose.regression.rows import Crossings, Rows, filtered
+from bench.diagnose.regression.rows import Crossings, Rows, filtered, refiltered
 from bench.diagnose.select.subset import Subsets
 
 
@@ -54,6 +54,16 @@ def test_whitening_finds_the_process():
     white = filtered(series, coefficients)
     assert white.std() == pytest.approx(1, abs=0.02)
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.02
+
+
+def test_a_filter_and_its_transpose_do_not_see_the_parts_that_they_work_in():
+    rng = np.random.default_rng(5)
+    series, coefficients = rng.normal(size=(50_000, 3)), rng.normal(size=9)
+    white = filtered(series, coefficients)
+    whole = np.column_stack([np.convolve(x, coefficients, "valid") for x in series.T])
+    np.testing.assert_allclose(white, whole, atol=1e-12)
+    other = rng.normal(size=white.shape)
+    assert (white * other).sum() == pytest.approx((series * refiltered(other, coefficients)).sum(), abs=1e-8)
 
 
 def test_normal_equations_hold_a_part_out():
