@@ -12,6 +12,7 @@ from torch import Tensor
 
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.select.timing.acting_noise import acts, share_acting
 from bench.diagnose.select.timing.commanded import Follower, Series, as_commanded, followers
 from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import COMMANDING
@@ -166,14 +167,22 @@ class Fan(Mechanical):
 
 
 def fan(
-    commands: str = "asked", hold: str = "linear", own: float = 0.0, spare: int = 0, noise: float = NOISE
+    commands: str = "asked",
+    hold: str = "linear",
+    own: float = 0.0,
+    spare: int = 0,
+    noise: float = NOISE,
+    unasked: float = 0.0,
+    seen: float = 1e-4,
 ) -> Subject:
+    """A beam whose fan's speed has noise and what no logged command asked for (1σ), states ``seen`` with noise."""
     made, model = [], Fan(input_hold=hold)
     for seed in range(3):
         speed, asked = motor(seed, own=own)
+        speed = speed + unasked * np.random.default_rng(90 + seed).normal(size=len(speed))
         rate = np.cumsum(1e-6 * speed) * STEP / 0.02
         rng = np.random.default_rng(50 + seed)
-        states = np.column_stack([np.cumsum(rate) * STEP, rate]) + rng.normal(0, 1e-4, (len(speed), 2))
+        states = np.column_stack([np.cumsum(rate) * STEP, rate]) + rng.normal(0, seen, (len(speed), 2))
         made.append(
             Recording(
                 f"run_{seed}",
@@ -203,6 +212,25 @@ def test_what_was_measured_and_the_commands_are_read_together(spare: int) -> Non
     assert (lag, noise) == pytest.approx((1e3 * LAG, NOISE), rel=0.05) and left < 0.2 * NOISE
     assert read.noise["fan"] == pytest.approx(left, rel=0.05)
     assert prepared(subject)[1].inputs == (read.noise["fan"],)
+
+
+def test_what_no_logged_command_asked_for_stays_where_the_beam_answers_it() -> None:
+    """A controller asks twice a sample and every second command is logged: the rest looks like white noise."""
+    subject = fan(noise=0.5, unasked=NOISE, seen=2e-7)
+    read = as_commanded(subject)
+    assert all(a is b for a, b in zip(read.logs, subject.logs, strict=True)) and read.noise == subject.noise
+    share, error = map(float, re.findall(r"answer ([\d.]+) ± ([\d.]+)", read.notes[-1])[0])
+    # All but the sensor's noise, less what three intervals hold of a motion that the fan makes within each.
+    assert 0.8 < share < NOISE**2 / (NOISE**2 + 0.5**2) + error and error <= 0.2
+
+
+@pytest.mark.parametrize("seen", [1e-6, 1e-4])
+def test_noise_of_the_sensor_moves_nothing(seen: float) -> None:
+    subject = fan(seen=seen)
+    read = as_commanded(subject)
+    assert "commands say together" in read.notes[-1]
+    share, error = share_acting(subject, read)
+    assert abs(share) < 3 * error and not acts(share, error)
 
 
 def test_a_long_recording_is_told_by_a_part_of_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,8 +21,10 @@ import numpy as np
 import torch
 
 from bench.diagnose.logs.subject import Log, Subject, drives_of
+from bench.diagnose.select.timing.acting_noise import acts, share_acting
 from bench.diagnose.settings import COMMANDING
 from bench.execution.parallel import side_by_side
+from registry.contracts import Channel
 from registry.datasets.reading.cleaning import runs
 
 Series = tuple[np.ndarray, np.ndarray]
@@ -235,9 +237,12 @@ def as_commanded(subject: Subject) -> Subject:
     noise, left = (float(np.mean(of)) ** 0.5 for of in ([f.sensor for f in found], [f.left for f in found]))
     if not left < COMMANDING.least_gained * noise:
         return subject
-    signal = subject.logs[0].recording.input_channels[0].group
+    drive, read = subject.logs[0].recording.input_channels[0], replace(subject, logs=logs)
+    share, error = share_acting(subject, read)
+    if acts(share, error):
+        return replace(subject, notes=(*subject.notes, _kept(drive, noise, share, error)))
     said = _said(subject, found, noise, left)
-    return replace(subject, logs=logs, noise={**subject.noise, signal: left}, notes=(*subject.notes, said))
+    return replace(read, noise={**subject.noise, drive.group: left}, notes=(*subject.notes, said))
 
 
 def _stretches(log: Log, asked: np.ndarray) -> list[tuple[int, int]]:
@@ -252,6 +257,15 @@ def _regressors(commands: np.ndarray) -> np.ndarray:
         np.concatenate([commands[:1].repeat(j), commands[: len(commands) - j]]) for j in range(COMMANDING.latest + 1)
     ]
     return np.column_stack([*late, *(c * c for c in late), np.ones_like(commands)])
+
+
+def _kept(drive: Channel, noise: float, share: float, error: float) -> str:
+    """Why the drive stays as it was measured."""
+    return (
+        f"The {drive.group.replace('_', ' ')} stays as it was measured: what its commands do not say of it "
+        f"({noise:.2g} {drive.unit}) is no noise of a sensor, the states answer {share:.2g} ± {2 * error:.1g} of it. "
+        "Commands were given more often than they were logged, or the drive does not follow them."
+    )
 
 
 def _said(subject: Subject, found: Sequence[Follower], noise: float, left: float) -> str:
