@@ -68,9 +68,10 @@ def next_step(search: Search, view: View, known: int, past: Sequence[PhysicsMode
     stay, small = advanced(search, view, here), CHOOSING.visible * view.floor
     if stay.loss - here.loss > small:
         stay = _refitted(search, view, stay)
-    made = set(pairwise(_ids(model.effects) for model in (*past, view.linear.model)))
+    ids = [_ids(model.effects) for model in (*past, view.linear.model)]
+    tried = {after for before, after in pairwise(ids) if before == ids[-1]}
     for changed in neighbours(view, known):
-        if made and (_ids(view.linear.model.effects), _ids_after(view.linear.model, changed)) in made:
+        if tried and _ids_after(view.linear.model, changed) in tried:
             continue
         promised = here.loss - changed.loss
         least = min(promised, STEPPING.kept * promised) - small

@@ -40,13 +40,14 @@ def share_acting(before: Subject, after: Subject) -> tuple[float, float]:
         if len(x) <= 3 or not np.isfinite(x).all() or not np.abs(x).max() > 0:
             continue
         variance = float(np.mean((y - x @ np.linalg.lstsq(x, y, rcond=None)[0]) ** 2))
-        gram, moment = gram + x.T @ x / max(variance, 1e-300), moment + x.T @ y / max(variance, 1e-300)
+        if variance > 0:
+            gram, moment = gram + x.T @ x / variance, moment + x.T @ y / variance
     if not gram.any():
         return 0.0, np.inf
     inverse = np.linalg.pinv(gram, hermitian=True)
-    return float((inverse @ moment).sum()), float(inverse.sum()) ** 0.5
+    return float((inverse @ moment).sum()), max(float(inverse.sum()), 0.0) ** 0.5
 
 
 def acts(share: float, error: float) -> bool:
     """Whether a share of one is plainly more likely than none."""
-    return (2 * share - 1) / error**2 > VERIFYING.odds
+    return 2 * share - 1 > VERIFYING.odds * error**2

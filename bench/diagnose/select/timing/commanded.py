@@ -241,7 +241,7 @@ def as_commanded(subject: Subject) -> Subject:
     share, error = share_acting(subject, read)
     if acts(share, error):
         return replace(subject, notes=(*subject.notes, _kept(drive, noise, share, error)))
-    said = _said(subject, found, noise, left)
+    said = _said(drive, subject.logs[0].dt, found, noise, left)
     return replace(read, noise={**subject.noise, drive.group: left}, notes=(*subject.notes, said))
 
 
@@ -268,11 +268,10 @@ def _kept(drive: Channel, noise: float, share: float, error: float) -> str:
     )
 
 
-def _said(subject: Subject, found: Sequence[Follower], noise: float, left: float) -> str:
+def _said(drive: Channel, dt: float, found: Sequence[Follower], noise: float, left: float) -> str:
     """What was read, how much noise was in it, and how much is left."""
-    channel = subject.logs[0].recording.input_channels[0]
-    lag = -subject.logs[0].dt / np.log(np.mean([f.decay for f in found]))
+    lag = -dt / np.log(np.mean([f.decay for f in found]))
     return (
-        f"The {channel.group.replace('_', ' ')} is read as what was measured and the commands say together: it follows "
-        f"them with a lag of {1e3 * lag:.3g} ms, and of noise of {noise:.2g} {channel.unit} that leaves {left:.2g}."
+        f"The {drive.group.replace('_', ' ')} is read as what was measured and the commands say together: it follows "
+        f"them with a lag of {1e3 * lag:.3g} ms, and of noise of {noise:.2g} {drive.unit} that leaves {left:.2g}."
     )

@@ -45,8 +45,9 @@ def prepared(
         return subject, noise
     subject = in_parts(subject)
     known = as_commanded(subject)
-    if known is not subject:
-        subject, noise = known, noise_of(known)
+    if known.logs is not subject.logs:
+        noise = noise_of(known)
+    subject = known
     filed = subject.logs
     subject = rates_in_time(replace(subject, timed=True))
     if not _tells_time(subject):
