@@ -1,4 +1,4 @@
-"""A motor that turns many times: its magnets make a whole number of periods a turn, however far it travels."""
+"""Magnets along the way: of a motor that turns many times, and of a carriage that travels over many of them."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -11,6 +11,7 @@ from bench.diagnose import discover
 from bench.diagnose.logs.subject import Subject, log_of
 from registry.contracts import Channel, Recording
 from registry.dynamics import constant, tensor
+from registry.physics.mass_on_rail import MassOnRail
 from registry.physics.state_space import Mechanical
 from registry.units import Signal
 
@@ -62,3 +63,36 @@ def test_cogging_is_found_over_many_turns() -> None:
     a, b, pitch = (x.value for x in cogging.estimates)
     assert pitch == pytest.approx(2 * np.pi / PERIODS, rel=1e-4)
     assert np.hypot(a, b) == pytest.approx(MAGNETS, rel=0.03)
+
+
+MASS, PITCH, PULL = 12.0, 0.03, 6.5
+"""[kg], [m], [N]"""
+
+
+def carriage(seed: int) -> Recording:
+    """Sent from place to place by a controller, over some fifteen magnets."""
+    rng, fine = np.random.default_rng(seed), 10
+    target = np.repeat(rng.uniform(-0.22, 0.22, SAMPLES // 200), 200)
+    q, w, asked, out, force = 0.0, 0.0, 0.0, np.empty((SAMPLES, 2)), np.empty((SAMPLES, 1))
+    for i in range(SAMPLES):
+        asked += STEP / 0.15 * (target[i] - asked)
+        out[i], force[i] = (q, w), 900.0 * (asked - q) - 170.0 * w
+        for _ in range(fine):
+            w += STEP / fine * (force[i, 0] + PULL * np.sin(2 * np.pi * q / PITCH + 1.0)) / MASS
+            q += STEP / fine * w
+    out += rng.normal(size=out.shape) * np.array([1e-5, 1e-3])
+    channels, valid = (Channel("voltage", "V"),), np.ones(SAMPLES, bool)
+    return Recording(f"run_{seed}", 1 / STEP, force, out, channels, MassOnRail.state_channels, valid)
+
+
+def test_magnets_are_found_along_a_rail_that_is_many_of_them_long() -> None:
+    """The pitches that were tried lay so far apart that none kept the magnets' phase from end to end."""
+    made, model = [carriage(seed) for seed in range(6)], MassOnRail(mass=11.5, force_gain=1.0, input_hold="previous")
+    logs, names = tuple(log_of(r, model, "voltage") for r in made), tuple(r.name for r in made)
+    signals = ("displacement", "speed", "voltage")
+    answer = discover(Subject("rail", model, logs, names[:-2], names[-2:], None, {}, {"mass": 0.05}, signals))
+    (cogging,) = answer.found
+    assert cogging.id == "cogging"
+    a, b, pitch = (x.value for x in cogging.estimates)
+    assert pitch == pytest.approx(PITCH, rel=1e-3)
+    assert np.hypot(a, b) == pytest.approx(PULL, rel=0.05)

@@ -22,8 +22,9 @@ class StartingPoints:
     model: PhysicsModel
     sizes: Mapping[str, float]
     """How large the signals of `PhysicsModel.followed` became, SI, and the "time_scale" [s]: that of a machine which is
-    seen to move, of others `PhysicsModel.time_scale`. Of what is no vehicle also the "second" (`Log.second`) and the
-    "longest_delay" that is looked for [s], of what turns the "turn" [rad]."""
+    seen to move, of others `PhysicsModel.time_scale`. Of a machine also its "travel" from end to end; of what is no
+    vehicle the "second" (`Log.second`) and the "longest_delay" that is looked for [s], of what turns the "turn" [rad].
+    """
     medians: Mapping[str, float]
     """Of the model's extras."""
 
@@ -32,9 +33,11 @@ class StartingPoints:
         """In ``model``, to which effects are added, on states proper (…, s) and inputs (…, m) sampled as ``log`` is."""
         first = inputs.shape[-1] - len(model.extras)
         medians = {name: float(inputs[..., first + i].median()) for i, name in enumerate(model.extras)}
-        followed = model.followed(states, inputs).items()
-        sizes = {name: float(np.quantile(np.abs(x.numpy()), LINEARISING.largest)) for name, x in followed}
+        followed, largest = model.followed(states, inputs), LINEARISING.largest
+        sizes = {name: float(np.quantile(np.abs(x.numpy()), largest)) for name, x in followed.items()}
         moves = sizes.get("displacement") and sizes.get("speed")
+        if moves:
+            sizes["travel"] = float(np.ptp(np.quantile(followed["displacement"].numpy(), (1 - largest, largest))))
         time = sizes["displacement"] / sizes["speed"] if moves else model.time_scale(states, inputs)
         sizes["time_scale"] = time
         if not model.vehicle:

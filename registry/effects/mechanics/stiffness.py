@@ -78,7 +78,7 @@ class GravityTorque(ForceEffect):
 
 
 _PERIODS = 48
-"""Periods of cogging in a turn that are tried, at most."""
+"""Periods of cogging in a turn, or along the way, that are tried, at most."""
 
 
 @EFFECTS.register("cogging")
@@ -100,11 +100,16 @@ class Cogging(ForceEffect):
     @classmethod
     @override
     def grid(cls, sizes: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """`screen`; of what turns more than once, a whole number of periods a turn, and more than that of a weight."""
-        turn = sizes.get("turn", math.inf)
-        if sizes.get("displacement", 0.0) < 2 * turn:
+        """Pitches that fit a whole number of times into the travel, or into one turn of what turns further.
+
+        Whatever the pitch, the next of them is a quarter of a period off at either end at most, so that it is felt.
+        One period a turn is the torque of a weight, and fewer than three of the travel are a slow curve.
+        """
+        turn, travel = sizes.get("turn", math.inf), sizes.get("travel", 0.0)
+        if not travel:
             return super().grid(sizes)
-        return {"pitch": tuple(turn / n for n in range(2, _PERIODS + 1))}
+        way, fewest = (turn, 2) if travel > turn else (travel, 3)
+        return {"pitch": tuple(way / n for n in range(fewest, _PERIODS + 1))}
 
     @override
     def force(self, displacement: Tensor, speed: Tensor) -> Tensor:
