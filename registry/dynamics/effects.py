@@ -175,17 +175,21 @@ class LoadEffect(Effect):
         """Force (…, 3) [N] and torque about the centre of gravity (…, 3) [N m], body frame."""
 
 
-class InternalEffect(LoadEffect):
-    """Adds a load that depends on states of its own, which start at zero."""
+class InternalEffect(Effect):
+    """Adds a force and a torque that depend on states of its own, which start at zero."""
 
     @abstractmethod
-    def internal_rate(self, motion: Motion, acceleration: Tensor) -> Tensor:
-        """Time derivative (…, internal_size) of ``motion.internal``.
+    def load(self, motion: Motion, acceleration: Tensor) -> tuple[Tensor, Tensor]:
+        """Force (…, 3) [N] and torque about the centre of gravity (…, 3) [N m], body frame.
 
         Args:
             motion: the motion now.
             acceleration: (…, 3) of the body without this kind of effect, gravity included, world frame [m/s²].
         """
+
+    @abstractmethod
+    def internal_rate(self, motion: Motion, acceleration: Tensor) -> Tensor:
+        """Time derivative (…, internal_size) of ``motion.internal``; arguments as of `load`."""
 
 
 class HubEffect(Effect):

@@ -13,9 +13,10 @@ from registry.dynamics import InternalEffect, Motion, constant, tensor
 @EFFECTS.register("suspended_load")
 @dataclass(frozen=True)
 class SuspendedLoad(InternalEffect):
-    """A load on a rope, as a pendulum of small swings along each horizontal axis of the world.
+    """A load on a taut rope, as a pendulum of small swings along each horizontal axis of the world.
 
-    Its own states are the angles (x, y) [rad] and their time derivatives. Its weight is not counted: that is `mass`.
+    Its own states are the angles (x, y) [rad] and their time derivatives. Up and down it moves with the vehicle, whose
+    `mass` is that without it.
     """
 
     m_l: Any = constant(0.0, "mass of the load", "kg", low=0, high=2, typical=0.1, source="order of magnitude")
@@ -24,7 +25,10 @@ class SuspendedLoad(InternalEffect):
     )
     # More damping than air gives makes it a filter that also fits how a controller answers gusts.
     zeta: Any = constant(0.0, "ζ: damping ratio", "1", low=0, high=0.2, typical=0.02, source="order of magnitude")
-    equation: ClassVar[str] = "θ̈ = −ω²θ − a/l − 2ζω θ̇,  ω² = (g/l)(1 + m_l/m),  a of the body without it;  F = m_l g θ"
+    equation: ClassVar[str] = (
+        "θ̈ = −ω²θ − a/l − 2ζω θ̇,  ω² = (g/l)(1 + m_l/m);  F = m_l g θ,  F_z = −(a_z + g) m m_l/(m + m_l),  "
+        "a of the body without it"
+    )
     needs: ClassVar[tuple[str, ...]] = ("velocity", "attitude")
     systems: ClassVar[tuple[str, ...]] = ("quadrotor", "helicopter")
     screen: ClassVar[dict[str, tuple[float, ...]]] = {"l": (0.25, 0.4, 0.6, 0.9, 1.4, 2.2), "zeta": (0.02, 0.15)}
@@ -34,11 +38,15 @@ class SuspendedLoad(InternalEffect):
     )
     internal_size: ClassVar[int] = 4
 
-    def load(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        """Force (…, 3) [N], body frame; no torque."""
+    def load(self, motion: Motion, acceleration: Tensor) -> tuple[Tensor, Tensor]:
+        """The pull of the rope (…, 3) [N], body frame; no torque."""
         angle, _ = _swing(motion)
-        weight = tensor(self.m_l, angle) * tensor(motion.model.gravity, angle)
-        force = (motion.rotation[..., :2, :] * (weight.unsqueeze(-1) * angle).unsqueeze(-1)).sum(-2)
+        m_l, mass, gravity = (
+            tensor(p, angle).unsqueeze(-1) for p in (self.m_l, motion.model.mass, motion.model.gravity)
+        )
+        down = -(acceleration[..., 2:] + gravity) * mass * m_l / (mass + m_l)
+        pull = torch.cat([m_l * gravity * angle, down], dim=-1)
+        force = (motion.rotation * pull.unsqueeze(-1)).sum(-2)
         return force, tensor((0.0, 0.0, 0.0), force)
 
     def internal_rate(self, motion: Motion, acceleration: Tensor) -> Tensor:

@@ -107,7 +107,7 @@ class RigidBody(PhysicsModel):
         swinging = [e for e in self.effects if isinstance(e, InternalEffect)]
         for effect in swinging:
             seen = replace(motion, internal=state[..., at : at + effect.internal_size])
-            more_force, more_torque = effect.load(seen)
+            more_force, more_torque = effect.load(seen, acceleration)
             force, torque = force + more_force, torque + more_torque
             own_rates.append(effect.internal_rate(seen, acceleration))
             at += effect.internal_size
@@ -172,7 +172,7 @@ class RigidBody(PhysicsModel):
                 hub = effect.hub_force(motion)
                 force = force + total(hub, -2)
                 torque = torque + total(cross(tensor(model.rotor_positions, state), hub), -2)
-            elif isinstance(effect, LoadEffect) and not isinstance(effect, InternalEffect):
+            elif isinstance(effect, LoadEffect):
                 more_force, more_torque = effect.load(motion)
                 force, torque = force + more_force, torque + more_torque
         return motion, force, torque, internal_rate, self._acceleration(motion, force)

@@ -159,6 +159,33 @@ def test_a_suspended_load_swings_at_its_frequency(zeta):
     assert zeta or found[:, 3] == pytest.approx(speed, abs=1e-7)
 
 
+@pytest.mark.parametrize("thrust", [1.0, 1.4])
+def test_a_suspended_load_and_the_vehicle_pull_at_one_rope(thrust):
+    """Two masses and n (p_l − p) = l: accelerations of both, and the tension, of one system of equations."""
+    m, m_l, length, tilt, g = 1.0, 0.25, 0.7, 1e-3, 9.81
+    swing, rate = np.array([2e-3, -1e-3]), np.array([3e-3, 1e-3])
+    n, turning = np.array([*swing, -math.sqrt(1 - swing @ swing)]), rate @ rate
+    lift = thrust * (m + m_l) * g * np.array([math.sin(tilt), 0.0, math.cos(tilt)])
+    system, known = np.zeros((7, 7)), np.zeros(7)
+    system[:3, :3], system[3:6, 3:6] = m * np.eye(3), m_l * np.eye(3)
+    system[:3, 6], system[3:6, 6] = -n, n
+    system[6, :3], system[6, 3:6] = -n, n
+    known[:3], known[5], known[6] = lift - [0, 0, m * g], -m_l * g, -length * turning
+    body, load = np.linalg.solve(system, known)[:6].reshape(2, 3)
+
+    model = Quadrotor(effects=(SuspendedLoad(m_l=m_l, l=length, zeta=0.0),))
+    assert model.mass == m and model.gravity == g
+    state = torch.zeros(17, dtype=F64)
+    state[7], state[9] = math.sin(tilt / 2), math.cos(tilt / 2)
+    state[13:] = torch.tensor([*swing, *rate])
+    speed = math.sqrt(thrust * (m + m_l) * g / (4 * model.thrust_coefficient))
+    found = model.derivative(state, torch.full((4,), speed, dtype=F64)).numpy()
+    assert found[5] == pytest.approx(body[2], abs=1e-4)
+    if thrust == 1.0:  # while it does not climb, small swings are those of the formula
+        assert found[3:5] == pytest.approx(body[:2], abs=1e-6)
+        assert found[15:] == pytest.approx((load - body)[:2] / length, abs=1e-6)
+
+
 def test_units_of_parameters_are_read():
     assert exponents("N m s^2") == {"N": 1, "m": 1, "s": 2} and exponents("1/V") == {"V": -1} and exponents("1") == {}
     assert (

@@ -71,8 +71,8 @@ class HiddenMode(InternalEffect, RateEffect):
         """A unit along each axis that does not change."""
         return tuple(LearnedTerm(axis, (), "constant", (1.0,)) for axis in self.axes)
 
-    def load(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        """Force (…, 3) [N] and torque (…, 3) [N m], body frame; see `LoadEffect.load`."""
+    def load(self, motion: Motion, acceleration: Tensor) -> tuple[Tensor, Tensor]:
+        """Force (…, 3) [N] and torque (…, 3) [N m], body frame; see `InternalEffect.load`."""
         assert motion.internal is not None
         force = torque = torch.zeros_like(motion.velocity)
         for i, (axis, driver) in enumerate(zip(self.axes, self.drivers, strict=True)):

@@ -36,8 +36,8 @@ class PeriodicTerm(InternalEffect, RateEffect):
         """A unit along the same axis that does not swing."""
         return (LearnedTerm(self.axis, (), "constant", (1.0,)),)
 
-    def load(self, motion: Motion) -> tuple[Tensor, Tensor]:
-        """Force (…, 3) [N] and torque (…, 3) [N m], body frame; see `LoadEffect.load`."""
+    def load(self, motion: Motion, acceleration: Tensor) -> tuple[Tensor, Tensor]:
+        """Force (…, 3) [N] and torque (…, 3) [N m], body frame; see `InternalEffect.load`."""
         assert motion.internal is not None
         return signals.load_along(self.axis, motion.internal[..., 0], motion)
 

@@ -260,6 +260,7 @@ class Body:
             # The acceleration here is the body's without the load: the load's own pull is in the (1 + m_l/m).
             out[15:17] = -square * angle - acceleration[:2] / e["l"] - 2 * e["zeta"] * np.sqrt(square) * swing
             acceleration[:2] += ratio * GRAVITY * angle
+            acceleration[2] -= ratio / (1 + ratio) * (acceleration[2] + GRAVITY)  # it hangs on a taut rope
         out[P], out[V] = state[V], acceleration
         out[Q] = _TURNING @ (state[Q][:, None] * rates[None]).reshape(12, -1)
         out[W] = self.inverse @ torque + self.crossed @ (rates[:, None] * rates[None]).reshape(9, -1)
