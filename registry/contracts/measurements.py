@@ -151,7 +151,7 @@ class RecordingSet:
     def made(self) -> tuple[str, ...]:
         """What was made of samples that are not as they were to be, a sentence a kind."""
         sentences = []
-        for kind in ("resampled", "missing", "cut"):
+        for kind in ("resampled", "jitter", "missing", "cut"):
             found = sorted((f for f in self.findings if f.kind == kind), key=lambda f: -f.count)
             recordings = dict.fromkeys(f.recording for f in found)
             if found:

@@ -31,13 +31,13 @@ class Quadrotor(RigidBody):
     torque_coefficient: Any = constant(1.5978e-7, "k_m: reaction torque over ω²", "N m s^2", low=0, source=_ROTORS)
     rotor_positions: Any = constant(
         ((0.21, 0.0, 0.0), (0.0, 0.21, 0.0), (-0.21, 0.0, 0.0), (0.0, -0.21, 0.0)),
-        "hubs, from the centre of gravity",
+        "hubs, from the centre of gravity: forward, left, up",
         "m",
         source=_ROTORS,
     )
     rotor_directions: Any = constant(
         (1.0, -1.0, 1.0, -1.0),
-        "s: sign of each rotor's reaction torque about body z",
+        "s: sign of each rotor's reaction torque about body z, up: +1 of one that turns clockwise seen from above",
         "1",
         uncertainty=0.0,
         source=_ROTORS,

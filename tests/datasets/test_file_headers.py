@@ -50,6 +50,20 @@ def test_units_may_follow_a_header_that_is_a_comment(tmp_path: Path) -> None:
     assert units(tmp_path / "a.csv") == {"#t": "ms", "u": "V", "y": "1"}
 
 
+def test_velocity_along_the_body_is_told_by_its_usual_letters_of_a_vehicle_only(tmp_path: Path) -> None:
+    def written(*names: str) -> str:
+        columns = {"t": np.arange(40) / 20, **{n: np.arange(40.0) for n in names}}
+        pd.DataFrame(columns).to_csv(tmp_path / "a.csv", index=False)
+        return draft(tmp_path)
+
+    vehicle = written(*"uvwpqr", "m1_rpm", "m2_rpm", "m3_rpm", "m4_rpm")
+    assert 'velocity = {columns = ["u", "v", "w"], unit = "m/s", frame = "body"}' in vehicle
+    assert "# mass = …" in vehicle and "# rotor_radius = 0.127" in vehicle and "pwm_" not in vehicle
+    down = written("north", "east", "down", *"uvwpqr")
+    assert 'velocity = {columns = ["u", "v", "w"], unit = "m/s", frame = "frd"}' in down
+    assert "velocity = " not in written(*"uvw", "flow")  # three valves
+
+
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_dates_are_seconds_since_the_first(ending: str, tmp_path: Path) -> None:
     """Across an hour that clocks show twice: only the offset tells them apart."""

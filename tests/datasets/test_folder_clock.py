@@ -107,6 +107,17 @@ def test_a_clock_that_stumbles_does_not_drift(tmp_path: Path, change: Callable[[
     assert not [f for f in loaded.findings if f.kind == "resampled"]
 
 
+def test_what_is_done_about_a_jittering_clock_is_said(tmp_path: Path) -> None:
+    shaken = np.random.default_rng(2).uniform(-0.1, 0.1, 400)
+    loaded = logged(tmp_path, 200, lambda d: d.assign(t=d.t + shaken / 200))
+    largest = np.abs(np.diff(shaken)).max()
+    (found,) = loaded.findings
+    off = f"steps of the clock differ from 0.005 s by up to {100 * largest:.2g} %"
+    assert found.detail == f"{off}: put on 200 Hz by straight lines between samples"
+    assert loaded.made == (f"{found.recording}: {found.detail}.",)
+    assert not logged(tmp_path, 200, lambda d: d).findings
+
+
 def test_a_clock_that_stumbles_and_drifts_is_refused(tmp_path: Path) -> None:
     drifting = np.cumsum(np.linspace(0.9, 1.1, 400)) / 200
     lost = np.random.default_rng(1).choice(np.arange(1, 399), 40, replace=False)

@@ -12,7 +12,7 @@ from mistakes import MISTAKES, VEHICLES, Set, flown
 from scipy.spatial.transform import Rotation
 
 from bench.cli.commands.data import data_command
-from bench.diagnose.checks.description.checklist import check, check_folder, check_subject
+from bench.diagnose.checks.description.checklist import agreements, check, check_folder, check_subject
 from bench.diagnose.checks.description.mistake import Mistake
 from bench.diagnose.checks.description.recorded import flying, of_folder
 from bench.diagnose.checks.description.rotors import _turns_round
@@ -168,6 +168,21 @@ def test_time_on_the_ground_is_left_out_and_said(flights: dict[str, Set], tmp_pa
     assert not loaded.recordings[0].valid[:199].any() and loaded.recordings[0].valid[201:].all()
     assert check_folder(tmp_path) == []
     assert read_folder(flights["hummingbird"].write(tmp_path)).findings == ()
+
+
+def test_the_command_says_what_was_held_against_what(flights: dict[str, Set], tmp_path: Path) -> None:
+    said = CliRunner().invoke(data_command, ["check", str(flights["pelican"].write(tmp_path))])
+    assert said.exit_code == 0 and "Not told by these recordings" not in said.output
+    (line,) = [x for x in said.output.splitlines() if x.startswith("Agree with each other: ")]
+    assert "the attitude against the body rates; the position against the velocity" in line
+    assert line.endswith("the order and the signs of the rotors against the torque.")
+    still = copy.deepcopy(flights["pelican"])
+    for log in still.logs:
+        log[still.drive] = np.tile(log[still.drive].mean(axis=0), (len(log["t"]), 1))
+    assert agreements(still.write(tmp_path))[1] == [
+        "the thrust",
+        "the order and the signs of the rotors against the torque",
+    ]
 
 
 def test_the_command_names_the_lines_and_fails(flights: dict[str, Set], tmp_path: Path) -> None:

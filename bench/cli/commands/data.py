@@ -183,24 +183,35 @@ def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ig
         raise click.exceptions.Exit(2)
     if subject is not None:
         refuse_short(subject)
+    _show_agreements(dataset)
     dataset.split(loaded.names)  # or it says that one short recording is too little
-    spec = 'bench run "LSTM: 1x50 - MLP: 60x10" --dataset'
-    network = f"{spec} {shlex.quote(str(folder))}   (a network that predicts it)"
-    if system or dataset.system:
-        click.echo(f"Next: {again.command('diagnose', str(folder))}   (which physics a model of it lacks)")
+    _show_next(dataset, again.command("diagnose", str(folder)) if system or dataset.system else None)
+
+
+def _show_next(dataset: "Folder", diagnose: str | None) -> None:
+    """Say what can be done with a folder that is in order; ``diagnose``: None where no model is named."""
+    folder = shlex.quote(str(dataset.path))
+    network = f'bench run "LSTM: 1x50 - MLP: 60x10" --dataset {folder}   (a network that predicts it)'
+    if diagnose:
+        click.echo(f"Next: {diagnose}   (which physics a model of it lacks)")
         click.echo(f"  or: {network}")
-    else:
-        drive = ", ".join(dataset.inputs) or "nothing"
-        click.echo(f"No physics model: networks only. {drive} → {', '.join(dataset.predicted())}.")
-        click.echo(f"Next: {network}")
-        click.echo(f"  or: bench diagnose {shlex.quote(str(folder))} --system mine.py:Class   (physics of your own)")
+        return
+    click.echo(
+        f"No physics model: networks only. {', '.join(dataset.inputs) or 'nothing'} → {', '.join(dataset.predicted())}."
+    )
+    if dataset.description.physics:
+        click.echo("[physics] belongs to a model, and none is named: its constants were not looked at. If it is a")
+        click.echo("class of your own, name it with every command: --system FILE.py:CLASS.")
+    click.echo(f"Next: {network}")
+    click.echo(f"  or: bench diagnose {folder} --system mine.py:Class   (physics of your own)")
 
 
 def _show_read(loaded: "RecordingSet", dataset: "Folder") -> None:
     """Say what was read, what was found on the way, and what is still open."""
     seconds = sum(r.seconds for r in loaded.recordings)
     long = f"{seconds:.1f}" if seconds >= 1 else f"{seconds:.2g}"
-    click.echo(f"{len(loaded.recordings)} recording(s), {long} s in all, read without an error.")
+    some = "1 recording" if len(loaded.recordings) == 1 else f"{len(loaded.recordings)} recordings"
+    click.echo(f"{some}, {long} s in all at {dataset.description.rate:g} Hz, read without an error.")
     of_kind: dict[str, list[Finding]] = {}
     for f in loaded.findings:
         of_kind.setdefault(f.kind, []).append(f)
@@ -225,6 +236,17 @@ def _misread(mistakes: "Sequence[Mistake]", ignore: tuple[str, ...]) -> "list[Mi
         for row in m.mend:
             click.echo(f"    {row}")
     return stopping
+
+
+def _show_agreements(dataset: "Folder") -> None:
+    """Say what of a vehicle was held against what, so that silence is not taken for a check."""
+    from bench.diagnose.checks.description.checklist import agreements
+
+    alike, open_ = agreements(dataset)
+    if alike:
+        click.echo(f"Agree with each other: {'; '.join(alike)}.")
+    if open_:
+        click.echo(f"Not told by these recordings: {'; '.join(open_)}.")
 
 
 def _diagnosable(dataset: "Dataset") -> "Subject | None":

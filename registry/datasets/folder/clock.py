@@ -294,6 +294,10 @@ def clock_findings(name: str, of: Clock, logged: Mapping[str, Array], near: Mapp
     if not of.as_it_is and off and any(rows.all() for rows in logged.values()):
         detail = f"logged at {1 / own.period:.5g} Hz, put on {wanted:g} Hz by straight lines between samples"
         found.append(Finding(name, "resampled", abs(len(of.grid) - len(of.t)), detail))
+    elif own.spread > UNIFORM and all(f.kind != "irregular" for f in found):
+        detail = f"steps of the clock differ from {own.period:.4g} s by up to {100 * own.spread:.2g} %"
+        detail += f": put on {wanted:g} Hz by straight lines between samples"
+        found.append(Finding(name, "jitter", len(of.t), detail))
     for signal, rows in logged.items():
         if rows.sum() < 2 or rows.all():
             continue

@@ -181,6 +181,11 @@ def recognised(names: Sequence[str], wanted: Collection[str] = (), units: Mappin
             found.signals[signal] = _entry([f"{sign}{c}" for sign, c in zip(signs, columns, strict=True)], said)
             found.left = [n for n in found.left if n not in columns]
     driven = set(found.signals) & {"attitude", "body_rates"}  # of a vehicle; elsewhere u is a name for anything
+    along = [next((n for n in found.left if bare(n).lower() == a), "") for a in "uvw"]
+    if driven and all(along) and "velocity" not in found.signals and (not wanted or "velocity" in wanted):
+        about = _in_units(f'unit = "m/s", frame = "{"frd" if down else "body"}"', along, told)
+        found.signals["velocity"], found.columns["velocity"] = _entry(along, about), along
+        found.left = [n for n in found.left if n not in along]
     for signal, unit, prefix in (*_NUMBERED, *([("pwm", "pwm", "u_?")] * bool(driven))):
         pattern = re.compile(rf"(?:{prefix})\d+(?:\]|_pwm|_rpm)?", re.IGNORECASE)
         numbered = sorted((n for n in found.left if pattern.fullmatch(n)), key=_number)

@@ -39,7 +39,8 @@ def physics_lines(
     spread = {name: c.uncertainty for name, c in given.items() if c.uncertainty is not None}
     uncertain = ["", "[physics.uncertainty]  # relative, 1σ", *(f"{name} = {u:g}" for name, u in spread.items())]
     ask = "# TODO: what this system has, SI; physics models need all of these, networks none"
-    free = {name: line for name, line in lines.items() if name not in own and name not in given}
+    others = {p.name for signal in kind.input_signals for p in needed(kind, signal)}  # what only another drive needs
+    free = {name: line for name, line in lines.items() if name not in {*own, *given, *others}}
     return [
         *(["[physics]"] if given else [] if own else ["# [physics]"]),
         *(f"{name} = {json.dumps(c.value)}  {lines[name][1]}; {c.origin}" for name, c in given.items()),

@@ -66,6 +66,15 @@ def conventions(recorded: Recorded, carried: bool = True) -> list[Mistake]:
     return found
 
 
+def agreeing(recorded: Recorded, carried: bool = True) -> tuple[list[str], list[str]]:
+    """What was held against what, in words: where it agrees on every axis, and where these flights leave it open."""
+    relations = _relations(recorded, carried)
+    middle = _score(recorded.flights, recorded.reading, relations).middle()
+    alike = [r.name for r in relations if (middle[r.name] < MENDING.wrong).all()]
+    said = {**_RESIDUAL, "torque": "the order and the signs of the rotors against the torque"}
+    return [said[n] for n in alike], [said[r.name] for r in relations if r.name not in alike]
+
+
 def _relations(recorded: Recorded, carried: bool) -> list[Relation]:
     reading = recorded.reading
     known = reading.signals
