@@ -14,6 +14,7 @@ from torch import Tensor
 
 from bench.diagnose import diagnose, load
 from bench.diagnose.checks import shifts as check
+from bench.diagnose.logs.meant import as_meant
 from bench.diagnose.logs.noise import impulse_response, noise_of
 from bench.diagnose.logs.sample import shortened
 from bench.diagnose.logs.slopes import with_missed, with_slopes
@@ -28,7 +29,7 @@ from bench.diagnose.simulate.unmeasured import hidden
 from registry.contracts import Channel, Recording
 from registry.dynamics import constant, tensor
 from registry.physics.quadrotor import Quadrotor
-from registry.physics.state_space import Mechanical
+from registry.physics.state_space import Mechanical, StateSpace
 from registry.physics.tanks import Tanks
 from registry.units import Signal
 
@@ -44,7 +45,7 @@ import torch
 
 from registry.contracts import Channel
 from registry.dynamics import constant, tensor
-from registry.physics.state_space import Mechanical
+from registry.physics.state_space import Mechanical, StateSpace
 from registry.units import Signal
 
 
@@ -109,6 +110,41 @@ def swing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     (folder / "dataset.toml").write_text(DESCRIPTION)
     (folder / "swing.py").write_text(SYSTEM)
     return folder, f"{folder / 'swing.py'}:Swing"
+
+
+@dataclass(frozen=True)
+class Drive(StateSpace):
+    """A motor and a load on one elastic shaft."""
+
+    state_channels: ClassVar[tuple[Channel, ...]] = tuple(
+        Channel(f"{group}.{axis}", unit)
+        for group, unit in (("angle", "rad"), ("angle_rate", "rad/s"))
+        for axis in ("motor", "load")
+    )
+    input_signals: ClassVar[tuple[str, ...]] = ("torque",)
+    signals: ClassVar[dict[str, Signal]] = {"torque": Signal("N m", ("motor",))}
+
+    def own_rate(self, state: Tensor, inputs: Tensor) -> Tensor:
+        twist = (state[..., :1] - state[..., 1:2]) * tensor((-30.0, 10.0), state)
+        return torch.cat([state[..., 2:], twist + inputs * tensor((20.0, 0.0), state)], dim=-1)
+
+
+def test_of_two_joints_one_may_have_an_encoder_alone_and_the_other_a_tachometer() -> None:
+    """A part of a signal was read in whatever unit it came, and of an encoder beside a tachometer no rate was made."""
+    t, noise = np.arange(2000) / 500, np.random.default_rng(0).normal(size=(2000, 2)) * 1e-4
+    angle, rate = np.stack([np.sin(2 * t), np.cos(3 * t)], 1), np.stack([2 * np.cos(2 * t), -3 * np.sin(3 * t)], 1)
+    outputs = np.concatenate([np.degrees(angle + noise), rate[:, :1] * 30 / np.pi], axis=1)
+    channels = (Channel("angle.motor", "deg"), Channel("angle.load", "deg"), Channel("angle_rate.motor", "rpm"))
+    log = Recording("r", 500, np.zeros((2000, 1)), outputs, GIVEN, channels, np.ones(2000, bool))
+    model = Drive(input_hold="previous")
+    sloped = with_slopes([as_meant(log, Drive)], model, None)
+    assert {j: s.of for j, s in sloped.slopes.items()} == {3: 1}
+    assert sloped.notes[0].startswith("The angle rate of load was not measured: it is the slope of the angle")
+    made = log_of(sloped.recordings[0], model, "torque")
+    inside = made.valid.numpy()
+    assert made.measured == (True,) * 4 and inside.mean() > 0.9
+    np.testing.assert_allclose(made.states.numpy()[inside, 2], rate[inside, 0], atol=1e-12)
+    np.testing.assert_allclose(made.states.numpy()[inside, 3], rate[inside, 1], atol=0.05)
 
 
 def test_friction_is_named_although_only_an_encoder_was_logged(swing, monkeypatch) -> None:

@@ -34,14 +34,15 @@ def _side(
         known, at = kind.signal(group), [i for i, c in enumerate(channels) if c.group == group]
         if known is None:
             continue
-        if known.axes and len(known.axes) != len(at):
-            if {channels[i].name for i in at} <= set(channel_names(group, known.axes)):
-                continue  # a part of the signal, by its own names
+        names = [channels[i].name for i in at]
+        # A part of the signal has its own names; all of it may be called anything, in order.
+        if known.axes and len(known.axes) != len(at) and not set(names) <= set(channel_names(group, known.axes)):
             raise BenchError(
                 f"Recording {recording.name}: {group} has {len(at)} column(s), and {kind.system_name()} means "
-                f"{len(known.axes)}: {', '.join(known.axes)}."
+                f"{len(known.axes)}: {', '.join(known.axes)}. Of fewer, say which by axes = […] in dataset.toml."
             )
-        for i, name in zip(at, channel_names(group, known.axes) or [channels[i].name for i in at], strict=True):
+        whole = known.axes and len(known.axes) == len(at)
+        for i, name in zip(at, channel_names(group, known.axes) if whole else names, strict=True):
             try:
                 factor, offset = conversion(channels[i].unit, known.unit)
             except BenchError as error:

@@ -6,6 +6,7 @@ equation (`Smoothing.kernel`), as test functions that are twice differentiable w
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -48,14 +49,26 @@ def with_slopes(recordings: Sequence[Recording], model: PhysicsModel, processing
     measured = [all(n in {c.name for c in r.channels} for r in recordings) for n in names]
     missing = [
         p
-        for p in pairs(model, (True,) * len(names))
-        if not p.turns and all(measured[i] for i in p.channels) and not any(measured[j] for j in p.rates)
+        for whole in pairs(model, (True,) * len(names))
+        if not whole.turns and (p := _unmeasured(whole, measured)).rates
     ]
     known = self_contained(model, [m or any(i in p.rates for p in missing) for i, m in enumerate(measured)])
     for pair in missing:
         if all(known[j] for j in pair.rates):
             made = _with(made, pair, model, processing)
     return made
+
+
+def _unmeasured(pair: Pair, measured: Sequence[bool]) -> Pair:
+    """What of a pair has a signal and no rate: of two joints one may have an encoder alone."""
+    lacking = [
+        k for k, (i, j) in enumerate(zip(pair.channels, pair.rates, strict=True)) if measured[i] and not measured[j]
+    ]
+
+    def of(some: Sequence[Any]) -> tuple[Any, ...]:
+        return tuple(some[k] for k in lacking)
+
+    return replace(pair, channels=of(pair.channels), rates=of(pair.rates), axes=of(pair.axes))
 
 
 def with_missed(log: Log, model: PhysicsModel, slopes: Mapping[int, Slope]) -> Log:
@@ -119,8 +132,11 @@ def _with(made: Sloped, pair: Pair, model: PhysicsModel, processing: Smoothing |
     slopes = {j: Slope(i, smoothing) for i, j in zip(pair.channels, pair.rates, strict=True)}
     ms = 1e3 * (len(weights) - 1) / made.recordings[0].rate
     how = f"of a local cubic over {len(weights)} samples ({ms:.3g} ms)"
+    all_of_it = len(rates) == sum(c.group == pair.rate for c in model.state_channels)
+    some = "" if all_of_it else f" of {' and '.join(pair.axes)}"
+    rate, signal_name = (name.replace("_", " ") for name in (pair.rate, pair.signal))
     note = (
-        f"The {pair.rate.replace('_', ' ')} was not measured: it is the slope of the {pair.signal.replace('_', ' ')}, "
+        f"The {rate}{some} was not measured: it is the slope of the {signal_name}, "
         f"{'over its neighbours' if smoothing.differenced else how}, and what is said of it is said of that."
     )
     return Sloped(recordings, made.slopes | slopes, noise, (*made.notes, note))
