@@ -20,17 +20,6 @@ from registry.datasets.nanobench import Nanobench
 
 
 @pytest.mark.data
-def test_all_three_frictions_of_emps_are_named_though_one_of_them_explains_most(bench_data):
-    """Published: 203 N s/m, 20.4 N and −3.2 N (Janot, Gautier and Brunot 2019), the offset with the other sign here."""
-    found = discover(load("emps"))
-    assert found.verdict == "named"
-    assert {f.id for f in found.found} == {"coulomb_friction", "viscous_friction", "offset_force"}
-    published = {"f_c": 20.4, "f_v": 203.0, "f_0": 3.2}
-    told = {x.entry.name: x for f in found.found for x in f.estimates}
-    assert all(told[name].low < value < told[name].high for name, value in published.items())
-
-
-@pytest.mark.data
 @pytest.mark.slow
 def test_a_weight_at_motor_3_moves_the_centre_of_gravity_there(bench_data):
     """CrazyPAD, vehicle E9: direction 135° from forward, further for the heavier weight; against flights without."""

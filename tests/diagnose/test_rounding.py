@@ -1,13 +1,10 @@
 """No answer hangs on the last digits: of copies of one signal the same is chosen, and numbers stay as they are."""
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
-import pytest
 import torch
 
-from bench.diagnose import discover, load
 from bench.diagnose.regression.generic import Folds, follow
 
 
@@ -30,18 +27,6 @@ def test_of_two_copies_of_a_signal_the_same_is_taken_whatever_the_rounding():
             [c for c, _ in follow(Folds.of([g * (1 + 1e-9 * rng.normal(size=g.shape)) for g in folds], []), 0, 2)]
         )
     assert picks == [[0, 6]] * 20
-
-
-@pytest.mark.data
-def test_numbers_of_emps_move_no_more_than_its_recordings(bench_data):
-    """They moved by 1.6 % when the twelfth digit of the recordings did: another of two copies whitened the rows."""
-    subject = load("emps")
-    logs = tuple(replace(x, states=shaken(x.states, 1), inputs=shaken(x.inputs, 2)) for x in subject.logs)
-    before, after = (
-        {(f.id, x.entry.name): x.value for f in discover(s).found for x in f.estimates}
-        for s in (subject, replace(subject, logs=logs))
-    )
-    assert len(before) == 3 and after == pytest.approx(before, rel=1e-7)
 
 
 def test_a_number_of_which_noise_leaves_less_than_nothing_is_passed_over_in_silence():
