@@ -134,6 +134,11 @@ class Effect(ABC):
         """Whether anything has such numbers beside the model's, beyond the bounds of each: peaks are no dips."""
         return True
 
+    @classmethod
+    def together(cls, values: Mapping[str, float]) -> str:
+        """What its numbers say only together, in a few words; empty: each says what it does by itself."""
+        return ""
+
     @property
     def fastest(self) -> float:
         """Period of the fastest oscillation that it brings [s]; infinite: it brings none."""

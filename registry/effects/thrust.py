@@ -66,6 +66,13 @@ class _RotorByRotor(ThrustEffect):
         rotors = _rotors(model)
         return cls(**{f.name: 0.0 if i < rotors else None for i, f in enumerate(fields(cls))})
 
+    @classmethod
+    def together(cls, values: Mapping[str, float]) -> str:
+        """How far each rotor is from the mean of all: what they have in common may as well be the coefficient's."""
+        mean = 1 + sum(values.values()) / len(values)
+        apart = (f"{100 * ((1 + v) / mean - 1):+.1f} %".replace("-", "−") for v in values.values())
+        return f"beside the mean of all rotors {', '.join(apart)}"
+
     def thrust_factor(self, motion: Motion) -> Tensor:
         """Factors (…, rotors)."""
         return 1 + vector(self._errors, motion.thrust)

@@ -21,7 +21,7 @@ from bench.diagnose.evidence import Calibration, Stage
 from bench.diagnose.extend import shares_of
 from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.regression.parameters import entries
-from bench.diagnose.report import constant_words, page_sections, phrases, sentences, terminal_summary
+from bench.diagnose.report import constant_words, page, page_sections, phrases, sentences, terminal_summary
 from bench.diagnose.report.phrases import gathered, lasting
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, ParameterEstimate, schema
 from bench.diagnose.select.discovery import Discovery, Found
@@ -255,6 +255,17 @@ def test_nothing_is_not_said_to_be_noise_where_much_is_left() -> None:
     assert sentences.explanation(replace(d, by_equation={"forces": replace(forces, predictable=0.049)})) == (
         sentences.explanation(d)
     )
+
+
+def test_rotors_are_told_against_each_other_for_what_all_have_in_common_is_the_coefficients() -> None:
+    """One that lost a tenth, beside a coefficient 10 % off: four intervals that hold zero, and one rotor that is it."""
+    factors = {f"eps_{i}": 1.1 * (1 + own) - 1 for i, own in enumerate((0.0, 0.0, -0.1, 0.0), 1)}
+    numbers = {name: ParameterEstimate(v, v - 0.3, v + 0.3, "1") for name, v in factors.items()}
+    worn = replace(samples.DRAG, id="worn_rotors", parameters=numbers)
+    expected = "beside the mean of all rotors +2.6 %, +2.6 %, −7.7 %, +2.6 %"  # 1 / .975 and .9 / .975
+    assert phrases.parameters(worn).endswith(f"; {expected}")
+    assert f'<p class="quiet">{expected}</p>' in page.render(replace(samples.named(), effects=(worn,)))
+    assert phrases.together(samples.DRAG) == ""
 
 
 def test_what_nobody_measured_of_a_load_when_a_free_run_begins_is_said() -> None:

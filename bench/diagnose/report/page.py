@@ -71,6 +71,7 @@ def _templates() -> Environment:
         percent=phrases.percent,
         rows=phrases.rows,
         savings=sentences.savings,
+        together=phrases.together,
         typeset=phrases.typeset,
         width=_width,
     )

@@ -158,5 +158,15 @@ def gathered(problems: Sequence[DataProblem]) -> list[str]:
 
 
 def parameters(effect: NamedEffect) -> str:
-    """All parameters of an effect in a line."""
-    return ", ".join(f"{name} = {estimate(name, p)}" for name, p in effect.parameters.items())
+    """All parameters of an effect in a line, and what they say only together."""
+    each = ", ".join(f"{name} = {estimate(name, p)}" for name, p in effect.parameters.items())
+    said = together(effect)
+    return f"{each}; {said}" if said else each
+
+
+def together(effect: NamedEffect) -> str:
+    """What an effect's parameters say only together; see `Effect.together`."""
+    if effect.id not in EFFECTS.names() or not effect.parameters:
+        return ""
+    said: str = EFFECTS.get(effect.id).together({name: p.value for name, p in effect.parameters.items()})
+    return said
