@@ -13,10 +13,11 @@ from registry.dynamics import InternalEffect, Motion, constant, tensor
 @EFFECTS.register("suspended_load")
 @dataclass(frozen=True)
 class SuspendedLoad(InternalEffect):
-    """A load on a taut rope, as a pendulum of small swings along each horizontal axis of the world.
+    """A load on a rope, as a pendulum of small swings along each horizontal axis of the world.
 
-    Its own states are the angles (x, y) [rad] and their time derivatives. Up and down it moves with the vehicle, whose
-    `mass` is that without it.
+    Its own states are the angles (x, y) [rad] and their time derivatives. On a taut rope it is carried: it moves up and
+    down with the vehicle, whose `mass` is that without it. Simpler models have its weight in the `mass`, which is then
+    as heavy sideways. Flights tell which.
     """
 
     m_l: Any = constant(0.0, "mass of the load", "kg", low=0, high=2, typical=0.1, source="order of magnitude")
@@ -25,13 +26,26 @@ class SuspendedLoad(InternalEffect):
     )
     # More damping than air gives makes it a filter that also fits how a controller answers gusts.
     zeta: Any = constant(0.0, "ζ: damping ratio", "1", low=0, high=0.2, typical=0.02, source="order of magnitude")
+    carried: Any = constant(
+        1.0,
+        "share of its weight that hangs on the vehicle; the rest is part of the mass",
+        "1",
+        low=-0.5,
+        high=1.5,
+        typical=1.0,
+        uncertainty=0.5,
+    )
     equation: ClassVar[str] = (
-        "θ̈ = −ω²θ − a/l − 2ζω θ̇,  ω² = (g/l)(1 + m_l/m);  F = m_l g θ,  F_z = −(a_z + g) m m_l/(m + m_l),  "
-        "a of the body without it"
+        "θ̈ = −ω²θ − a/l − 2ζω θ̇,  ω² = (g/l)(1 + m_l/m);  F = m_l g θ,  F_z = −c (a_z + g) m m_l/(m + m_l),  "
+        "a of the body without it,  c: carried"
     )
     needs: ClassVar[tuple[str, ...]] = ("velocity", "attitude")
     systems: ClassVar[tuple[str, ...]] = ("quadrotor", "helicopter")
-    screen: ClassVar[dict[str, tuple[float, ...]]] = {"l": (0.25, 0.4, 0.6, 0.9, 1.4, 2.2), "zeta": (0.02, 0.15)}
+    screen: ClassVar[dict[str, tuple[float, ...]]] = {
+        "carried": (1.0, 0.0),
+        "l": (0.25, 0.4, 0.6, 0.9, 1.4, 2.2),
+        "zeta": (0.02, 0.15),
+    }
     manoeuvre: ClassVar[str] = (
         "stop sharply from forward and from sideways flight and hover for ten seconds, with two settings of the "
         "controller: the swing keeps its frequency, a mode of the controller does not"
@@ -41,10 +55,10 @@ class SuspendedLoad(InternalEffect):
     def load(self, motion: Motion, acceleration: Tensor) -> tuple[Tensor, Tensor]:
         """The pull of the rope (…, 3) [N], body frame; no torque."""
         angle, _ = _swing(motion)
-        m_l, mass, gravity = (
-            tensor(p, angle).unsqueeze(-1) for p in (self.m_l, motion.model.mass, motion.model.gravity)
+        m_l, carried, mass, gravity = (
+            tensor(p, angle).unsqueeze(-1) for p in (self.m_l, self.carried, motion.model.mass, motion.model.gravity)
         )
-        down = -(acceleration[..., 2:] + gravity) * mass * m_l / (mass + m_l)
+        down = -carried * (acceleration[..., 2:] + gravity) * mass * m_l / (mass + m_l)
         pull = torch.cat([m_l * gravity * angle, down], dim=-1)
         force = (motion.rotation * pull.unsqueeze(-1)).sum(-2)
         return force, tensor((0.0, 0.0, 0.0), force)

@@ -107,8 +107,8 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
         theta, rate = swing[:2], swing[2:]
         square = G / e["l"] * (1 + e["m_l"] / mass)
         swinging = [rate, -square * theta - acceleration[:2] / e["l"] - 2 * e["zeta"] * np.sqrt(square) * rate]
-        pull = np.array([*(e["m_l"] * G * theta), -(acceleration[2] + G) * mass * e["m_l"] / (mass + e["m_l"])])
-        acceleration = acceleration + pull / mass
+        down = e["carried"] * (acceleration[2] + G) * mass * e["m_l"] / (mass + e["m_l"])
+        acceleration = acceleration + np.array([*(e["m_l"] * G * theta), -down]) / mass
     spin = np.linalg.solve(inertia, torque - np.cross(w, inertia @ w))
     acceleration = acceleration + rotation @ (np.cross(spin, arm) + np.cross(w, np.cross(w, arm)))
     x, y, z, s = state[6:10]

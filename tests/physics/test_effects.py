@@ -181,6 +181,9 @@ def test_a_suspended_load_and_the_vehicle_pull_at_one_rope(thrust):
     speed = math.sqrt(thrust * (m + m_l) * g / (4 * model.thrust_coefficient))
     found = model.derivative(state, torch.full((4,), speed, dtype=F64)).numpy()
     assert found[5] == pytest.approx(body[2], abs=1e-4)
+    linear = replace(model, effects=(SuspendedLoad(m_l=m_l, l=length, zeta=0.0, carried=0.0),))
+    rest = linear.derivative(state, torch.full((4,), speed, dtype=F64)).numpy()
+    assert rest[5] == pytest.approx(lift[2] / m - g) and np.delete(rest, 5) == pytest.approx(np.delete(found, 5))
     if thrust == 1.0:  # while it does not climb, small swings are those of the formula
         assert found[3:5] == pytest.approx(body[:2], abs=1e-6)
         assert found[15:] == pytest.approx((load - body)[:2] / length, abs=1e-6)

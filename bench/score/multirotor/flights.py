@@ -91,14 +91,9 @@ class Rotorcraft(Multirotor):
             force -= drag * np.sqrt((now.air**2).sum(0)) * now.air
         return force, torque
 
-    def carried(self, now: Moment, acceleration: Array) -> tuple[Array, Array]:
-        """Derivatives of the vehicle's own states (k, B), and the body's acceleration (3, B), world frame, with them.
-
-        Args:
-            now: the moment.
-            acceleration: (3, B) of the body without what has states of its own.
-        """
-        return np.empty((0, now.state.shape[1])), acceleration
+    def own_rates(self, now: Moment, acceleration: Array) -> Array:
+        """Derivatives of the vehicle's own states (k, B); ``acceleration`` (3, B) is the body's, world frame."""
+        return np.empty((0, now.state.shape[1]))
 
     def world_force(self, now: Moment) -> Array | float:
         """Forces (3, B) [N] given in the world frame, beside gravity."""
@@ -121,14 +116,14 @@ class Rotorcraft(Multirotor):
         force, torque = self.wrench(now)
         acceleration = ((turn * force).sum(1) + self.world_force(now)) / self.mass
         acceleration[2] -= self.g
-        own, acceleration = self.carried(now, acceleration)
         out = np.empty_like(state)
         out[0:3], out[3:6] = velocity, acceleration
         x, y, z, w = state[6:10]
         p, q, r = rates / 2
         out[6:10] = w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p, -x * p - y * q - z * r
         out[10:13] = self.inv_inertia @ (torque - cross(rates, self.inertia @ rates))
-        out[13:] = own
+        if self.own_states:
+            out[13:] = self.own_rates(now, acceleration)
         return out
 
     def step(

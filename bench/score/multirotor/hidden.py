@@ -139,28 +139,29 @@ class HiddenMultirotor(Rotorcraft):
         return force, torque
 
     def world_force(self, now: Moment) -> Array | float:
-        """Of something at a place [N], world frame."""
-        if not (e := self.effects.get("position_force")):
+        """Of a swinging load, and of something at a place [N], world frame."""
+        has = self.effects
+        if not has.keys() & {"suspended_load", "position_force"}:
             return 0.0
-        force, axis = np.zeros((3, now.state.shape[1])), int(e["axis"])
-        force[axis] += e["amplitude"] * np.sin(2 * np.pi * now.state[axis] / e["wavelength"])
+        force = np.zeros((3, now.state.shape[1]))
+        if e := has.get("suspended_load"):
+            force[:2] += e["m_l"] * self.g * now.state[13:15]
+        if e := has.get("position_force"):
+            axis = int(e["axis"])
+            force[axis] += e["amplitude"] * np.sin(2 * np.pi * now.state[axis] / e["wavelength"])
         return force
 
-    def carried(self, now: Moment, acceleration: Array) -> tuple[Array, Array]:
-        """Of a load's pendulum angles and their rates (4, B): θ̈ = −(g/l)(1 + m_l/m)θ − a/l − 2ζω θ̇.
+    def own_rates(self, now: Moment, acceleration: Array) -> Array:
+        """Of the pendulum angles and their rates (4, B): θ̈ = −(g/l)(1 + m_l/m)θ − a/l − 2ζω θ̇.
 
-        a is what the body would have without the load: the load's own pull is the (1 + m_l/m). Up and down both move
-        as one, for the rope is taut.
+        a is what the body would have without the load: the load's own pull is the (1 + m_l/m).
         """
-        if not (e := self.effects.get("suspended_load")):
-            return super().carried(now, acceleration)
+        e = self.effects["suspended_load"]
         angle, swing = now.state[13:15], now.state[15:17]
         ratio, stiffness = e["m_l"] / self.mass, self.g / e["l"] * (1 + e["m_l"] / self.mass)
-        back = -stiffness * angle - acceleration[:2] / e["l"] - 2 * e["zeta"] * np.sqrt(stiffness) * swing
-        acceleration = acceleration.copy()
-        acceleration[:2] += ratio * self.g * angle
-        acceleration[2] = (acceleration[2] + self.g) / (1 + ratio) - self.g
-        return np.concatenate([swing, back]), acceleration
+        pulled = acceleration[:2] - ratio * self.g * angle
+        back = -stiffness * angle - pulled / e["l"] - 2 * e["zeta"] * np.sqrt(stiffness) * swing
+        return np.concatenate([swing, back])
 
 
 def motors(effects: Effects, drive: str, lag: float) -> Motors:
