@@ -44,7 +44,7 @@ class SuspendedLoad(InternalEffect):
     screen: ClassVar[dict[str, tuple[float, ...]]] = {
         "carried": (1.0, 0.0),
         "l": (0.25, 0.4, 0.6, 0.9, 1.4, 2.2),
-        "zeta": (0.02, 0.15),
+        "zeta": (0.1,),
     }
     manoeuvre: ClassVar[str] = (
         "stop sharply from forward and from sideways flight and hover for ten seconds, with two settings of the "
