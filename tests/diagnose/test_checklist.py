@@ -12,7 +12,8 @@ from mistakes import MISTAKES, VEHICLES, Set, flown
 from scipy.spatial.transform import Rotation
 
 from bench.cli.commands.data import data_command
-from bench.diagnose.checks.description.checklist import agreements, check, check_folder, check_subject
+from bench.diagnose.checks.description.checklist import check, check_folder, check_subject
+from bench.diagnose.checks.description.conventions import agreeing
 from bench.diagnose.checks.description.mistake import Mistake
 from bench.diagnose.checks.description.recorded import flying, of_folder
 from bench.diagnose.checks.description.rotors import _turns_round
@@ -179,7 +180,7 @@ def test_the_command_says_what_was_held_against_what(flights: dict[str, Set], tm
     still = copy.deepcopy(flights["pelican"])
     for log in still.logs:
         log[still.drive] = np.tile(log[still.drive].mean(axis=0), (len(log["t"]), 1))
-    assert agreements(still.write(tmp_path))[1] == [
+    assert agreeing(of_folder(Folder(path=str(still.write(tmp_path)))))[1] == [
         "the thrust",
         "the order and the signs of the rotors against the torque",
     ]

@@ -7,8 +7,8 @@ Coulomb's friction from Stribeck's; constants that are 20 % off and stated to 2 
 from dataclasses import replace
 
 import pytest
-import torch
 from stability import CHANGES, moved
+from test_rounding import shaken
 
 from bench.diagnose import discover, load
 from bench.diagnose.logs.subject import Subject
@@ -51,11 +51,6 @@ def test_frictions_stay(emps: Answer, change: str) -> None:
 def test_numbers_move_no_more_than_the_recordings(emps: Answer) -> None:
     """They moved by 1.6 % when the twelfth digit of the recordings did: another of two copies whitened the rows."""
     subject, found = emps
-
-    def shaken(values: torch.Tensor, seed: int) -> torch.Tensor:
-        noise = torch.randn(values.shape, generator=torch.Generator().manual_seed(seed), dtype=values.dtype)
-        return values * (1 + 1e-12 * noise)
-
     logs = tuple(replace(x, states=shaken(x.states, 1), inputs=shaken(x.inputs, 2)) for x in subject.logs)
     before, after = (
         {(f.id, x.entry.name): x.value for f in answer.found for x in f.estimates}

@@ -16,6 +16,7 @@ from registry.errors import BenchError
 
 if TYPE_CHECKING:
     from bench.diagnose.checks.description.mistake import Mistake
+    from bench.diagnose.checks.description.recorded import Recorded
     from bench.diagnose.logs.subject import Subject
     from registry.contracts import Dataset, Finding, RecordingSet
     from registry.datasets.folder.dataset import Folder
@@ -149,7 +150,8 @@ def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ig
     """
     check_system(system)
 
-    from bench.diagnose.checks.description.checklist import check_folder
+    from bench.diagnose.checks.description.checklist import check
+    from bench.diagnose.checks.description.recorded import flying, of_folder
     from bench.diagnose.logs.load import load
     from bench.diagnose.logs.parts import refuse_short
     from bench.diagnose.logs.smoothing import stated
@@ -169,21 +171,22 @@ def check_command(folder: Path, system: str | None, exclude: tuple[str, ...], ig
     subject = load(dataset, system) if system else _diagnosable(dataset)
     for warning in () if subject is None else subject.warned:
         click.echo(f"note: {warning}")
-    if stopping := _misread(check_folder(dataset), ignore):
-        check, described = again.command("data check", str(folder)), folder / "dataset.toml"
+    recorded, carried = of_folder(dataset), flying(dataset.system)
+    if stopping := _misread(check(recorded, carried), ignore):
+        rerun, described = again.command("data check", str(folder)), folder / "dataset.toml"
         some = any(m.mend for m in stopping)
         click.echo(
-            f"{f'Write these lines into {described}' if some else f'Mend the files or {described}'}, then: {check}"
+            f"{f'Write these lines into {described}' if some else f'Mend the files or {described}'}, then: {rerun}"
         )
         raise click.exceptions.Exit(2)
     if subject is not None and (kinds := _contradicted(subject, ignore)):
         click.echo(f"Mend the files or {folder / 'dataset.toml'}; `bench diagnose` would stop there.")
-        check = again.command("data check", str(folder), *(w for k in kinds for w in ("--ignore-problem", k)))
-        click.echo(f"Or, if that is no fault (or --exclude RECORDING): {check}")
+        rerun = again.command("data check", str(folder), *(w for k in kinds for w in ("--ignore-problem", k)))
+        click.echo(f"Or, if that is no fault (or --exclude RECORDING): {rerun}")
         raise click.exceptions.Exit(2)
     if subject is not None:
         refuse_short(subject)
-    _show_agreements(dataset)
+    _show_agreements(recorded, carried)
     dataset.split(loaded.names)  # or it says that one short recording is too little
     _show_next(dataset, again.command("diagnose", str(folder)) if system or dataset.system else None)
 
@@ -238,15 +241,15 @@ def _misread(mistakes: "Sequence[Mistake]", ignore: tuple[str, ...]) -> "list[Mi
     return stopping
 
 
-def _show_agreements(dataset: "Folder") -> None:
+def _show_agreements(recorded: "Recorded", carried: bool) -> None:
     """Say what of a vehicle was held against what, so that silence is not taken for a check."""
-    from bench.diagnose.checks.description.checklist import agreements
+    from bench.diagnose.checks.description.conventions import agreeing
 
-    alike, open_ = agreements(dataset)
+    alike, untold = agreeing(recorded, carried)
     if alike:
         click.echo(f"Agree with each other: {'; '.join(alike)}.")
-    if open_:
-        click.echo(f"Not told by these recordings: {'; '.join(open_)}.")
+    if untold:
+        click.echo(f"Not told by these recordings: {'; '.join(untold)}.")
 
 
 def _diagnosable(dataset: "Dataset") -> "Subject | None":

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.diagnose.checks.description.clocks import clocks
-from bench.diagnose.checks.description.conventions import agreeing, conventions
+from bench.diagnose.checks.description.conventions import conventions
 from bench.diagnose.checks.description.mistake import Mistake
 from bench.diagnose.checks.description.mounting import mounting
 from bench.diagnose.checks.description.recorded import Recorded, flying, of_folder, of_subject
@@ -54,13 +54,6 @@ def check_folder(folder: str | Path | Folder) -> list[Mistake]:
     """
     source = folder if isinstance(folder, Folder) else Folder(path=str(folder))
     return check(of_folder(source), flying(source.system))
-
-
-def agreements(folder: str | Path | Folder) -> tuple[list[str], list[str]]:
-    """`conventions.agreeing` of a folder whose description `check_folder` has nothing against."""
-    source = folder if isinstance(folder, Folder) else Folder(path=str(folder))
-    recorded = of_folder(source)
-    return agreeing(recorded, flying(source.system)) if recorded.flights else ([], [])
 
 
 def check_subject(subject: Subject) -> tuple[list[DataProblem], list[DataProblem]]:

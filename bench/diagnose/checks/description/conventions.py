@@ -68,6 +68,8 @@ def conventions(recorded: Recorded, carried: bool = True) -> list[Mistake]:
 
 def agreeing(recorded: Recorded, carried: bool = True) -> tuple[list[str], list[str]]:
     """What was held against what, in words: where it agrees on every axis, and where these flights leave it open."""
+    if not recorded.flights:
+        return [], []
     relations = _relations(recorded, carried)
     middle = _score(recorded.flights, recorded.reading, relations).middle()
     alike = [r.name for r in relations if (middle[r.name] < MENDING.wrong).all()]
