@@ -20,7 +20,7 @@ from bench.diagnose.select.simulated import by_simulation
 from bench.diagnose.select.step import advanced, next_step, settled, without
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.tie import rivals
-from bench.diagnose.select.timing.reading import mistimed, prepared, retimed
+from bench.diagnose.select.timing.reading import prepared, reread
 from bench.diagnose.select.verify import estimates, least_imitation, left_over, ratios
 from bench.diagnose.select.worthy import Choice, rival_that_saves, saved, worth_naming
 from bench.diagnose.settings import DISCOVERING, MATTERING, SEARCHING, VERIFYING
@@ -63,19 +63,19 @@ def read_and_discovered(
 
     What is missing makes inputs look late: play on the way to a machine, a moment of the air in wind that nobody knew.
     Where they act at another time beside what was found they are read again, and what errs less on held-out recordings
-    is kept. What a lag or a delay that was found remembers of the time before a recording is left out, and the rest
-    searched again from what was found, where it was not what the recording begins with.
+    is kept, or what says as much with fewer effects. What a lag or a delay that was found remembers of the time before
+    a recording is left out, and the rest searched again from what was found, where the recording does not begin so.
     """
     refuse_short(filed)
     subject, noise = prepared(filed, noise, tick)
     if hidden(subject.logs):
         return subject, noise, by_simulation.discover(subject, catalogue, tick)
     found = _searched(subject, catalogue, tick, noise)
-    if not filed.timed and found.found and mistimed(subject, found.model, noise):
-        read = retimed(filed, found.model, noise)
+    if not filed.timed and found.found and (read := reread(filed, subject, found.model, noise)) is not None:
         again = _searched(read, catalogue, tick, noise, before=found)
         errors = [[max(e.models["extended"], 1e-300) for e in d.equations] for d in (found, again)]
-        if sum(math.log(b / a) for a, b in zip(*errors, strict=False)) < 0:
+        rise = [math.log(b / a) for a, b in zip(*errors, strict=False)]
+        if sum(rise) < (len(again.found) < len(found.found)) * len(rise) * math.log(MATTERING.near):
             subject, found = read, again
     later = after_beginning(subject, found.model, noise)
     if later is subject:

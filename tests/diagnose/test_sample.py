@@ -9,9 +9,9 @@ import torch
 from bench.diagnose.logs.sample import sampled, shared, shortened
 from bench.diagnose.logs.subject import Log, LogBatch, Subject
 from bench.diagnose.regression.parameters import Prior
-from bench.diagnose.regression.rows import Rows
+from bench.diagnose.regression.rows import Rows, noise_filters
 from bench.diagnose.regression.starting_points import StartingPoints
-from bench.diagnose.select.search import Search, noise_filters
+from bench.diagnose.select.search import Search
 from bench.diagnose.settings import FOLDING, READING, SEARCHING
 from registry.contracts import Channel, Recording
 from registry.physics.oscillator import Oscillator

@@ -138,7 +138,7 @@ class Linearization:
                 its = same_start[s.ids, s.effect]
                 mine, theirs = ((*of.columns, *of.instead.values()) for of in (s, its))
                 by |= {j: noisy.columns.responses[i] for j, i in zip(mine, theirs, strict=True)}
-        return replace(self, rates=noisy.rates, columns=self.columns.replaced(by))
+        return replace(self, stack=noisy.stack, rates=noisy.rates, columns=self.columns.replaced(by))
 
     def project(self, tests: TestFunctions, more: Dictionary | None = None) -> Rows:
         """Rows of the weak form, with the terms of a dictionary as further columns."""

@@ -11,8 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
-from bench.diagnose.regression.least_squares import Normal
-from bench.diagnose.settings import FOLDING
+from bench.diagnose.logs.sample import typical_length
+from bench.diagnose.regression.generic import Folds, follow
+from bench.diagnose.regression.least_squares import Normal, regularised, whitening
+from bench.diagnose.regression.parameters import Prior
+from bench.diagnose.settings import FOLDING, SEARCHING
 
 _IN_CACHE = 65_536
 """Numbers that are filtered at a time: they and what comes of them stay in the processor's cache."""
@@ -254,3 +257,73 @@ def refiltered(series: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     padded = np.zeros((len(series) + 2 * order, series.shape[1]))
     padded[order : order + len(series)] = series
     return filtered(padded, coefficients[::-1])
+
+
+def noise_filters(
+    rows: Rows, prior: Prior, memory: int = SEARCHING.memory, owed: Rows | None = None
+) -> list[np.ndarray]:
+    """Whitening filters, a channel each, of what is left when the model's numbers and the most telling columns fit.
+
+    The numbers fit beside what is known of them: a free fit would give up one equation, call that noise, and believe it
+    no more. Few columns, each worth its place on recordings not fitted: many would explain slow disturbances by chance,
+    and what is left would be taken for all the noise there is.
+
+    Args:
+        rows: of the weak form; the model's numbers are the first columns.
+        prior: of these.
+        memory: order of the autoregression; 0: what is left is only scaled, so that where it stays on one side counts.
+        owed: what the rows owe to noise in their columns, which bends the fit and is taken off.
+    """
+    spread = [
+        max(float(np.concatenate([log[c][:, -1] for log in rows.parts]).std()), 1e-300) for c in range(rows.channels)
+    ]
+    filters = [np.array([1 / s]) for s in spread]
+    own = list(range(len(prior.low)))
+    for _ in range(2):
+        products = Crossings(rows.whitened(filters))
+        columns = [*own, *_telling(products, prior)]
+        more = len(columns) - len(own)
+        none, free = np.zeros(more), np.full(more, np.inf)
+        beta = np.zeros(rows.width)
+        gram = np.asarray(sum(Folds.of(products, columns).products()))
+        if owed is not None:
+            gram = gram - _products(owed.whitened(filters), columns)
+        beta[columns] = regularised(
+            gram,
+            range(len(columns)),
+            np.append(prior.precision, none),
+            np.append(prior.centre, none),
+            np.append(prior.low, -free),
+            np.append(prior.high, free),
+        )
+        left = rows.residuals(beta)
+        if memory:
+            order = min(memory, max(1, typical_length(left) // 20))
+            filters = [whitening([r[:, c] for r in left], order) for c in range(rows.channels)]
+        else:
+            filters = [np.array([1 / max(rms, 1e-300)]) for rms in _rms(left)]
+    return filters
+
+
+def _products(rows: Rows, columns: Sequence[int]) -> np.ndarray:
+    """Products (k + 1, k + 1) of k columns and the residual, all rows together."""
+    order = np.argsort(np.argsort([*columns, rows.width]))
+    some = rows.some(sorted(columns))
+    total = some.mean_gram().sum(0) * sum(some.counts())
+    return np.asarray(total[np.ix_(order, order)])
+
+
+def _rms(left: Sequence[np.ndarray]) -> np.ndarray:
+    """Root mean squares (channels,) of residuals (J, channels) of some logs."""
+    return np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0))
+
+
+def _telling(products: Crossings, prior: Prior) -> list[int]:
+    """Columns beyond the model's own numbers that tell most of what these leave; those at a bound stay there."""
+    own = range(len(prior.low))
+    total = np.asarray(sum(Folds.of(products, own).products()))
+    beta = regularised(total, own, prior.precision, prior.centre, prior.low, prior.high)
+    shift = np.zeros(len(products.squares))
+    shift[list(own)] = -beta
+    inside = [c for c in own if prior.low[c] < beta[c] < prior.high[c]]
+    return [c for c, _ in follow(Folds.of(products, inside, shift), len(own), SEARCHING.telling)]

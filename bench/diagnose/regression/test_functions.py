@@ -7,7 +7,8 @@ import numpy as np
 from scipy import sparse
 
 from bench.diagnose.logs.smoothing import Smoothing
-from bench.diagnose.logs.subject import Log
+from bench.diagnose.logs.subject import Log, LogBatch
+from bench.diagnose.settings import SEARCHING
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,3 +63,15 @@ def _rows(weights: np.ndarray, starts: np.ndarray, width: int) -> sparse.csr_mat
     columns = starts[:, None] + np.arange(len(weights))
     rows = np.repeat(np.arange(len(starts)), len(weights))
     return sparse.csr_matrix((np.tile(weights, len(starts)), (rows, columns.ravel())), shape=(len(starts), width))
+
+
+def stride_of(stack: LogBatch) -> int:
+    """Samples between test functions: short against the motion, long against the sampling."""
+    x = np.zeros(tuple(stack.states.shape))
+    for i, log in enumerate(stack.logs):
+        x[i, : len(log)] = (log.states - log.states.mean(0)).numpy()
+    power = (np.abs(np.fft.rfft(x, axis=1)) ** 2).sum(0)
+    share = np.cumsum(power, axis=0) / np.maximum(power.sum(0), 1e-300)
+    moving = np.flatnonzero(power.sum(0) > 0)
+    fastest = max((int(np.searchsorted(share[:, c], 0.95)) for c in moving), default=1) / x.shape[1]  # cycles a sample
+    return int(np.clip(round(0.15 / max(fastest, 1e-6)), 2, max(2, round(SEARCHING.stride / stack.dt))))

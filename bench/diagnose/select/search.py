@@ -9,21 +9,23 @@ import torch
 from scipy.ndimage import convolve1d
 
 from bench.diagnose.logs.noise import Noise, noise_of
-from bench.diagnose.logs.sample import left_out, shortened, typical_length
+from bench.diagnose.logs.sample import left_out, shortened
 from bench.diagnose.logs.smoothing import Smoothing
 from bench.diagnose.logs.subject import LogBatch, Subject
-from bench.diagnose.regression.generic import Dictionary, Folds, Term, dictionary, follow
-from bench.diagnose.regression.least_squares import Normal, regularised, whitening
+from bench.diagnose.regression.generic import Dictionary, Term, dictionary
+from bench.diagnose.regression.least_squares import Normal
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior, entries
-from bench.diagnose.regression.rows import Crossings, Products, Rows
-from bench.diagnose.regression.test_functions import TestFunctions
+from bench.diagnose.regression.rows import Products, Rows, noise_filters
+from bench.diagnose.regression.test_functions import TestFunctions, stride_of
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select.catalogue import acting_through, admissible
-from bench.diagnose.select.subset import Fit, Subsets, acting
+from bench.diagnose.select.subset import Fit, Subsets, acting, drowned
 from bench.diagnose.settings import CALIBRATING, CHOOSING, SEARCHING
 from bench.diagnose.simulate.free_run import default_steps
+from bench.diagnose.simulate.teacher_forced import with_noise
 from registry.contracts import Channel
+from registry.core import EFFECTS
 from registry.dynamics import InputEffect, PhysicsModel
 
 _OF_INPUT = ("input", "input_rate")
@@ -47,6 +49,8 @@ class View:
     """Channels in which the model's own numbers are buried in noise of the inputs."""
     filters: tuple[np.ndarray, ...]
     """Whitening filters, a channel each."""
+    of_states: bool = False
+    """Whether what noise of the states makes of the columns is taken off."""
 
     @property
     def floor(self) -> float:
@@ -83,12 +87,14 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A model linearised on the training recordings, and again with the inputs' noise added once more."""
+    """A model linearised on the training recordings, and again with their noise added once more."""
 
     linear: Linearization
     moved: Linearization | None
     dictionary: Dictionary | None
     noisy_dictionary: Dictionary | None
+    of_states: bool = False
+    """Whether noise of the states was added too, not of the inputs alone."""
 
 
 class Search:
@@ -132,7 +138,9 @@ class Search:
         if self.long_windows:
             self.stride = max(self.stride, default_steps(self.stack.logs) // 2)
         self._made: dict[tuple[int, ...], TestFunctions] = {}
-        noise = noise or noise_of(subject)
+        self.noise = noise = noise or noise_of(subject)
+        self._bent: dict[tuple[str, ...], bool] = {}
+        self._all_noisy: LogBatch | None = None
         filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]
         self.smoothing = {c.name: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
         drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
@@ -169,10 +177,39 @@ class Search:
 
     def own(self, model: PhysicsModel, settled: bool = False) -> Look:
         """Linearise ``model`` alone; ``settled``: in its numbers only, not in what each of its effects does."""
+        return self._own(model, settled, self._bent.get(_effects_of(model), False))
+
+    def _own(self, model: PhysicsModel, settled: bool, of_states: bool) -> Look:
         nominal, spread = self.subject.model, self.subject.uncertainty
         linear = directions(model, nominal, spread, self.stack, settled=settled)
-        noisy = None if self.noisy is None else directions(model, nominal, spread, self.noisy, settled=settled)
-        return Look(linear, noisy and linear.moved(noisy), None, None)
+        again = self._noisy(model) if of_states else self.noisy
+        noisy = None if again is None else directions(model, nominal, spread, again, settled=settled)
+        return Look(linear, noisy and linear.moved(noisy), None, None, of_states)
+
+    def bent(self, view: View) -> bool:
+        """Whether noise of the states is found to bend numbers of a view's model by more than they are uncertain.
+
+        A number that a fast state makes an equation of, such as the leakage of a pressure, is taken too small where
+        the noise of that state is a fair share of it (errors in variables). Asked once for each set of effects, near
+        the end of a fit; from then on what noise makes of the columns is taken off.
+        """
+        key = _effects_of(view.linear.model)
+        if key in self._bent or self.stack.finer is not None or self.stack.means is not None:
+            return False
+        look = self._own(view.linear.model, settled=True, of_states=True)
+        plain, less = (self.views(of, like=view)[0].subsets for of in (replace(look, moved=None), look))
+        fit, other, own = plain.fit(), less.fit(), len(look.linear.own)
+        sigma = np.sqrt(np.diag(plain.covariance(fit)))[:own]
+        self._bent[key] = bool((np.abs(other.beta - fit.beta)[:own] > SEARCHING.bent * sigma).any())
+        return self._bent[key]
+
+    def _noisy(self, model: PhysicsModel) -> LogBatch:
+        """The recordings with the noise of states and inputs added once more; the same for every model."""
+        if self._all_noisy is None:
+            quiet = replace(self.noise, inputs=(0.0,) * len(self.noise.inputs))
+            states = with_noise(model, self.stack, quiet)
+            self._all_noisy = states if self.noisy is None else replace(states, inputs=self.noisy.inputs)
+        return self._all_noisy
 
     def look(self, model: PhysicsModel, only: Collection[str] | None = None, broad: bool = True) -> Look:
         """Linearise ``model`` with every candidate.
@@ -190,12 +227,15 @@ class Search:
         pairs = acting_through(self.subject, model, self.catalogue)
         linear = directions(model, nominal, spread, self.stack, candidates, self.tick, pairs=pairs)
         words = dictionary(model, self.stack, linear.channels) if broad else None
-        if self.noisy is None:
+        of_states = self._bent.get(_effects_of(model), False)
+        noisy = self._noisy(model) if of_states else self.noisy
+        if noisy is None:
             return Look(linear, None, words, None)
-        # Of the costly candidates those that act on the inputs themselves carry their noise.
-        touched = [(n, k) for n, k in candidates if not k.screen or issubclass(k, InputEffect)]
-        moved = linear.moved(directions(model, nominal, spread, self.noisy, touched, pairs=pairs))
-        return Look(linear, moved, words, dictionary(model, self.noisy, linear.channels) if broad else None)
+        # Of the costly candidates those that act on the inputs themselves carry the noise of these.
+        touched = [(n, k) for n, k in candidates if of_states or not k.screen or issubclass(k, InputEffect)]
+        moved = linear.moved(directions(model, nominal, spread, noisy, touched, pairs=pairs))
+        again = dictionary(model, noisy, linear.channels, like=words if of_states else None) if broad else None
+        return Look(linear, moved, words, again, of_states)
 
     def views(self, look: Look, explained: Mapping[int, float] | None = None, like: View | None = None) -> list[View]:
         """Normal equations of a look through test functions: with the inputs' noise taken off, and as they are.
@@ -204,22 +244,25 @@ class Search:
         """
         tests, words = self.tests(look.linear), () if look.dictionary is None else look.dictionary.terms
         rows, count = look.linear.project(tests, look.dictionary), len(look.linear.columns)
-        noisy = [*range(count), *(count + i for i, t in enumerate(words) if t.signal in _OF_INPUT)]
-        again = None
+        noisy = [count + i for i, t in enumerate(words) if look.of_states or t.signal in _OF_INPUT]
+        noisy, again = [*range(count), *noisy], None
         if look.moved is not None:
-            of_input = None if look.noisy_dictionary is None else look.noisy_dictionary.following(_OF_INPUT)
-            again = look.moved.project(tests, of_input)
+            more = look.noisy_dictionary
+            if more is not None and not look.of_states:
+                more = more.following(_OF_INPUT)
+            again = look.moved.project(tests, more)
         linear = replace(look.linear, columns=look.linear.columns.forgotten())
-        reach = () if look.dictionary is None else look.dictionary.reach
+        reach, of_states = () if look.dictionary is None else look.dictionary.reach, look.of_states
         del look  # its columns take as much memory as the rows, and more than all that follows
+        owed = None if again is None else rows.some(noisy).less(again)
         if like is None:
-            filters = noise_filters(rows, Prior.of(linear.own).loosened(linear.own), self.memory)
+            prior = Prior.of(linear.own).loosened(linear.own)
+            filters = noise_filters(rows, prior, self.memory, owed if of_states else None)
         else:
             filters = [like.filters[like.linear.channels.index(c)] for c in linear.channels]
         white = rows.whitened(filters)
         mine, some = white.some(range(count)), sum(white.counts())
-        owed = None if again is None else rows.some(noisy).less(again).whitened(filters)
-        noise, drawn = (None, []) if owed is None else (owed.mean_gram(), owed.some(range(count)).folds())
+        noise, drawn = (None, []) if owed is None else self._owed(owed.whitened(filters), linear, of_states)
         del again, owed
         products = Products(white)
         cleaned, normal = products, mine.normal()
@@ -227,15 +270,9 @@ class Search:
         if noise is not None:
             cleaned = Products(white, [*noisy, rows.width], noise.sum(0) * some)
             noise = noise[:, [*range(count), -1]][..., [*range(count), -1]]
-            by_channel = mine.power()
-            power = by_channel.sum(0)[:count]
-            drowned = some * noise.sum(0).diagonal()[:count] > SEARCHING.buried * power
-            buried = frozenset(np.flatnonzero(drowned).tolist())
-            buried -= _acting(Subsets(linear, normal), buried, some * noise, by_channel)
-            hidden = [c for c in buried if c < len(linear.own)]
-            doubtful = frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
+            buried, doubtful = drowned(linear, normal, noise * some, mine.power())
 
-        def view(normal: Normal, products: Products) -> View:
+        def view(normal: Normal, products: Products, of_states: bool = False) -> View:
             return View(
                 linear=linear,
                 dictionary=tuple(words),
@@ -245,13 +282,44 @@ class Search:
                 explained=explained or {},
                 doubtful=doubtful,
                 filters=tuple(filters),
+                of_states=of_states,
             )
 
         plain = view(normal, products)
         if noise is None:
             return [plain]
-        less = view(normal.less(noise, drawn), cleaned)
-        return [plain] if less.overcorrected(less.subsets.fit()) else [less, plain]
+        less = view(normal.less(noise, drawn), cleaned, of_states)
+        if less.overcorrected(less.subsets.fit()):
+            return [plain]
+        return [less] if of_states else [less, plain]
+
+    def _owed(self, owed: Rows, linear: Linearization, of_states: bool) -> tuple[np.ndarray, list[np.ndarray]]:
+        """What noise makes of the products: of a row (channels, c + 1, c + 1), and fold by fold of the columns alone.
+
+        Noise of the states bends columns; what it leaves of the residual is the floor, and stays.
+        """
+        noise, drawn = owed.mean_gram(), owed.some(range(len(linear.columns))).folds()
+        if of_states:
+            by_inputs = self._squares(linear, linear.model, owed.filters, self.noisy)
+            share = by_inputs.sum() / max(noise[:, -1, -1].sum(), 1e-300)
+            noise[:, -1, -1] = by_inputs
+            for gram in drawn:
+                gram[-1, -1] *= share
+        return noise, drawn
+
+    def _squares(
+        self, linear: Linearization, model: PhysicsModel, filters: Sequence[np.ndarray], noisy: LogBatch | None
+    ) -> np.ndarray:
+        """Mean square (channels,) of what noise that was added once more makes of a row's residual."""
+
+        def rows(stack: LogBatch) -> Rows:
+            rates = mean_rates(model, stack).numpy()[..., list(linear.channels)]
+            bare = replace(linear, stack=stack, rates=rates, columns=linear.columns[:0])
+            return bare.project(self.tests(linear))
+
+        if noisy is None:
+            return np.zeros(len(linear.channels))
+        return rows(self.stack).less(rows(noisy)).whitened(filters).mean_gram()[:, -1, -1]
 
     def as_known(self, view: View) -> View:
         """The view with what is known of the constants now."""
@@ -276,43 +344,17 @@ class Search:
         bare = replace(view.linear, rates=rates, columns=view.linear.columns[:0])
         left = bare.project(self.tests(view.linear)).whitened(view.filters).normal()
         now = Prior.of(entries(model, self.subject.uncertainty, self.subject.model))
-        return float(left.total[-1, -1] + (now.precision * now.centre**2).sum())
+        total = float(left.total[-1, -1] + (now.precision * now.centre**2).sum())
+        if view.of_states:  # a model that makes more of the noise leaves more, and is no worse for that
+            noisy, here = self._noisy(model), view.linear.model
+            more, less = (self._squares(view.linear, m, view.filters, noisy).sum() for m in (model, here))
+            total -= float(more - less) * left.rows / len(view.linear.channels)
+        return total
 
 
-def stride_of(stack: LogBatch) -> int:
-    """Samples between test functions: short against the motion, long against the sampling."""
-    x = np.zeros(tuple(stack.states.shape))
-    for i, log in enumerate(stack.logs):
-        x[i, : len(log)] = (log.states - log.states.mean(0)).numpy()
-    power = (np.abs(np.fft.rfft(x, axis=1)) ** 2).sum(0)
-    share = np.cumsum(power, axis=0) / np.maximum(power.sum(0), 1e-300)
-    moving = np.flatnonzero(power.sum(0) > 0)
-    fastest = max((int(np.searchsorted(share[:, c], 0.95)) for c in moving), default=1) / x.shape[1]  # cycles a sample
-    return int(np.clip(round(0.15 / max(fastest, 1e-6)), 2, max(2, round(SEARCHING.stride / stack.dt))))
-
-
-def _acting(subsets: Subsets, buried: Collection[int], noise: np.ndarray, power: np.ndarray) -> frozenset[int]:
-    """Columns of effects that explain more than all noise of the inputs could that the model's own numbers let in.
-
-    What was taken for noise moves the vehicle then: a controller that acts on a noisy sensor makes inputs as lively.
-
-    Args:
-        subsets: of rows from which no noise was taken off.
-        buried: columns that are mostly noise of the inputs.
-        noise: (channels, c + 1, c + 1) what it makes of the products of all rows.
-        power: (channels, c + 1) of every column.
-    """
-    bare = subsets.fit()
-    index = [*bare.columns, -1]
-    vector = np.append(-bare.beta, 1.0)
-    left = np.array([vector @ of[np.ix_(index, index)] @ vector for of in noise])
-    found: set[int] = set()
-    for start in (s for s in subsets.starts if set(s.columns) & set(buried)):
-        own = start.columns[len(start.columns) - len(start.entries) :]
-        acts = power[:, own].any(1)
-        if bare.loss - subsets.fit([start]).loss > left[acts].sum() + subsets.penalty * len(own):
-            found |= set(own)
-    return frozenset(found)
+def _effects_of(model: PhysicsModel) -> tuple[str, ...]:
+    """Ids of a model's effects, in an order that is the same for the same effects."""
+    return tuple(sorted(EFFECTS.name_of(type(e)) for e in model.effects))
 
 
 def input_noise(stack: LogBatch, drives: int, through: np.ndarray) -> np.ndarray:
@@ -325,59 +367,3 @@ def input_noise(stack: LogBatch, drives: int, through: np.ndarray) -> np.ndarray
     sigma = rough.std(0) / third if len(rough) else np.zeros(stack.inputs.shape[-1])
     sigma[drives:] = 0.0
     return sigma
-
-
-def noise_filters(rows: Rows, prior: Prior, memory: int = SEARCHING.memory) -> list[np.ndarray]:
-    """Whitening filters, a channel each, of what is left when the model's numbers and the most telling columns fit.
-
-    The numbers fit beside what is known of them: a free fit would give up one equation, call that noise, and believe it
-    no more. Few columns, each worth its place on recordings not fitted: many would explain slow disturbances by chance,
-    and what is left would be taken for all the noise there is.
-
-    Args:
-        rows: of the weak form; the model's numbers are the first columns.
-        prior: of these.
-        memory: order of the autoregression; 0: what is left is only scaled, so that where it stays on one side counts.
-    """
-    spread = [
-        max(float(np.concatenate([log[c][:, -1] for log in rows.parts]).std()), 1e-300) for c in range(rows.channels)
-    ]
-    filters = [np.array([1 / s]) for s in spread]
-    own = list(range(len(prior.low)))
-    for _ in range(2):
-        products = Crossings(rows.whitened(filters))
-        columns = [*own, *_telling(products, prior)]
-        more = len(columns) - len(own)
-        none, free = np.zeros(more), np.full(more, np.inf)
-        beta = np.zeros(rows.width)
-        beta[columns] = regularised(
-            np.asarray(sum(Folds.of(products, columns).products())),
-            range(len(columns)),
-            np.append(prior.precision, none),
-            np.append(prior.centre, none),
-            np.append(prior.low, -free),
-            np.append(prior.high, free),
-        )
-        left = rows.residuals(beta)
-        if memory:
-            order = min(memory, max(1, typical_length(left) // 20))
-            filters = [whitening([r[:, c] for r in left], order) for c in range(rows.channels)]
-        else:
-            filters = [np.array([1 / max(rms, 1e-300)]) for rms in _rms(left)]
-    return filters
-
-
-def _rms(left: Sequence[np.ndarray]) -> np.ndarray:
-    """Root mean squares (channels,) of residuals (J, channels) of some logs."""
-    return np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0))
-
-
-def _telling(products: Crossings, prior: Prior) -> list[int]:
-    """Columns beyond the model's own numbers that tell most of what these leave; those at a bound stay there."""
-    own = range(len(prior.low))
-    total = np.asarray(sum(Folds.of(products, own).products()))
-    beta = regularised(total, own, prior.precision, prior.centre, prior.low, prior.high)
-    shift = np.zeros(len(products.squares))
-    shift[list(own)] = -beta
-    inside = [c for c in own if prior.low[c] < beta[c] < prior.high[c]]
-    return [c for c, _ in follow(Folds.of(products, inside, shift), len(own), SEARCHING.telling)]

@@ -101,10 +101,10 @@ def _in_series(search: Search, view: View, stay: Step, here: Fit, known: int) ->
     """
     effects, dt = view.linear.model.effects, search.stack.dt
     small, steps = CHOOSING.visible * view.floor, list[Step]()
-    for i in (i for i in range(known, len(effects)) if _remembers(effects[i], dt)):
+    for i in (i for i in range(known, len(effects)) if remembers(effects[i], dt)):
         best: dict[str, Fit] = {}
         for start in view.subsets.starts:
-            if start.through is None and _remembers(start.effect, dt):
+            if start.through is None and remembers(start.effect, dt):
                 fit = view.subsets.fit([start], drop=[i])
                 best[start.id] = min(best.get(start.id, fit), fit, key=lambda f: f.loss)
         for fit in best.values():
@@ -115,7 +115,7 @@ def _in_series(search: Search, view: View, stay: Step, here: Fit, known: int) ->
     return steps
 
 
-def _remembers(effect: Effect, dt: float) -> bool:
+def remembers(effect: Effect, dt: float) -> bool:
     """Whether what comes out of an effect follows from inputs of some time ago."""
     return isinstance(effect, InputEffect) and effect.memory_size(1, dt) > 0
 
@@ -139,7 +139,7 @@ def settled(search: Search, model: PhysicsModel, like: View | None = None) -> tu
         look = search.own(model, settled=like is not None)
         view = min(search.views(look, like=like), key=lambda v: v.subsets.fit().prior)
         before, model = model, advanced(search, view, view.subsets.fit()).model
-        if close(before, model, search.subject):
+        if close(before, model, search.subject) and not search.bent(view):
             break
     return view, model
 

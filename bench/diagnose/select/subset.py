@@ -10,7 +10,7 @@ import numpy as np
 from bench.diagnose.regression.least_squares import Normal, equilibrium, steadying
 from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.parameters import Entry, Prior, sign_kept
-from bench.diagnose.settings import VERIFYING
+from bench.diagnose.settings import SEARCHING, VERIFYING
 from registry.dynamics import Effect
 
 
@@ -233,3 +233,46 @@ def t_value(gains: np.ndarray) -> float:
     if len(gains) < 2:
         return 0.0
     return float(gains.mean()) / max(float(gains.std(ddof=1)) / len(gains) ** 0.5, 1e-12)
+
+
+def drowned(
+    linear: Linearization, normal: Normal, noise: np.ndarray, by_channel: np.ndarray
+) -> tuple[frozenset[int], frozenset[int]]:
+    """Columns that are mostly noise, and the places of the channels in which the model's own numbers are.
+
+    Args:
+        linear: the model.
+        normal: rows from which no noise was taken off.
+        noise: (channels, c + 1, c + 1) what it makes of the products of all rows.
+        by_channel: (channels, c + 1) power of every column.
+    """
+    power = by_channel.sum(0)[:-1]
+    mostly = noise.sum(0).diagonal()[:-1] > SEARCHING.buried * power
+    buried = frozenset(np.flatnonzero(mostly).tolist())
+    buried -= _acting(Subsets(linear, normal), buried, noise, by_channel)
+    hidden = [c for c in buried if c < len(linear.own)]
+    return buried, frozenset(i for c in hidden for i in np.flatnonzero(by_channel[:, c] > 0.1 * power[c]).tolist())
+
+
+def _acting(subsets: Subsets, buried: Collection[int], noise: np.ndarray, power: np.ndarray) -> frozenset[int]:
+    """Columns of effects that explain more than all noise of the inputs could that the model's own numbers let in.
+
+    What was taken for noise moves the vehicle then: a controller that acts on a noisy sensor makes inputs as lively.
+
+    Args:
+        subsets: of rows from which no noise was taken off.
+        buried: columns that are mostly noise of the inputs.
+        noise: (channels, c + 1, c + 1) what it makes of the products of all rows.
+        power: (channels, c + 1) of every column.
+    """
+    bare = subsets.fit()
+    index = [*bare.columns, -1]
+    vector = np.append(-bare.beta, 1.0)
+    left = np.array([vector @ of[np.ix_(index, index)] @ vector for of in noise])
+    found: set[int] = set()
+    for start in (s for s in subsets.starts if set(s.columns) & set(buried)):
+        own = start.columns[len(start.columns) - len(start.entries) :]
+        acts = power[:, own].any(1)
+        if bare.loss - subsets.fit([start]).loss > left[acts].sum() + subsets.penalty * len(own):
+            found |= set(own)
+    return frozenset(found)

@@ -30,6 +30,11 @@ class Searching:
         "share of noise of the inputs in what a column is made of from which the data say nothing about it",
         Basis.JUDGED,
     )
+    bent: float = threshold(
+        1.0,
+        "1σ by which noise of the states must bend a number for what it makes of columns to be taken off",
+        Basis.JUDGED,
+    )
     noisy_drive: float = threshold(
         0.1,
         "noise of a drive, over its standard deviation, from which it was measured behind the actuator, not commanded",

@@ -10,11 +10,14 @@ inputs taken off. Inputs are then read at the shifted times by all that follows.
 from collections.abc import Callable
 from dataclasses import replace
 
+import torch
+
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.parts import in_parts, least_stretch, too_short
 from bench.diagnose.logs.rate_timing import pose_read_later, rates_in_time
 from bench.diagnose.logs.subject import Subject, drives_of
 from bench.diagnose.regression.parameters import entries
+from bench.diagnose.select.step import remembers, without
 from bench.diagnose.select.timing.commanded import as_commanded
 from bench.diagnose.select.timing.estimate import shifts_of
 from bench.diagnose.select.timing.regression import is_held, read_at, reading_weights
@@ -86,10 +89,34 @@ def retimed(filed: Subject, model: PhysicsModel, noise: Noise) -> Subject:
     return replace(read, model=filed.model)
 
 
-def mistimed(read: Subject, model: PhysicsModel, noise: Noise) -> bool:
-    """Whether inputs act at another time than they are ``read`` now, beside all that ``model`` has."""
-    beside = replace(read, model=model)
-    return _tells_time(beside) and abs(shifts_of(beside, noise)[0].value) >= TIMING.negligible
+def reread(filed: Subject, read: Subject, model: PhysicsModel, noise: Noise) -> Subject | None:
+    """Measurements read anew, where inputs act at another time than they are ``read`` beside all that ``model`` has.
+
+    None: they act then. A command is never read later than it was given, so that one which was read too early shows no
+    other way than in a lag that was found and undoes that: it is read anew beside what was found without lags.
+
+    Args:
+        filed: with inputs as they were filed.
+        read: with inputs as they are read.
+        model: what was found.
+        noise: of these.
+    """
+    if not is_held(filed):
+        beside = replace(read, model=model)
+        late = _tells_time(beside) and abs(shifts_of(beside, noise)[0].value) >= TIMING.negligible
+        return retimed(filed, model, noise) if late else None
+    if _alike(filed, read):
+        return None
+    lags = [i for i, e in enumerate(model.effects) if remembers(e, filed.logs[0].dt)]
+    again = retimed(filed, without(model, lags), noise)
+    return None if _alike(again, read) else again
+
+
+def _alike(one: Subject, other: Subject) -> bool:
+    """Whether the same inputs act at the same times."""
+    return len(one.logs) == len(other.logs) and all(
+        torch.equal(a.inputs, b.inputs) for a, b in zip(one.logs, other.logs, strict=True)
+    )
 
 
 def _tells_time(subject: Subject) -> bool:

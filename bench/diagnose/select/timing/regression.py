@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from scipy.ndimage import convolve1d
 
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.rate_timing import moving_channels
@@ -14,12 +13,13 @@ from bench.diagnose.logs.subject import LogBatch, Subject, drives_of
 from bench.diagnose.regression.least_squares import Normal, equilibrium
 from bench.diagnose.regression.linearise import Linearization, directions
 from bench.diagnose.regression.parameters import Prior
-from bench.diagnose.regression.rows import Rows
-from bench.diagnose.regression.test_functions import TestFunctions
+from bench.diagnose.regression.rows import Rows, noise_filters
+from bench.diagnose.regression.test_functions import TestFunctions, stride_of
 from bench.diagnose.regression.weak import mean_rates
 from bench.diagnose.select.catalogue import admissible
-from bench.diagnose.select.search import Search, noise_filters, stride_of
+from bench.diagnose.select.search import Search
 from bench.diagnose.settings import TIMING
+from bench.diagnose.simulate.teacher_forced import with_noise
 
 INPUTS, SENSORS, MOTION, FORCES = range(4)
 """Places of the shifts: of the inputs; of the sensors; of position and velocity; of the inputs in these two's equations
@@ -74,8 +74,7 @@ class ShiftRegression:
         self.stack = LogBatch.of(shortened(subject.of(subject.training), TIMING.longest))
         search = Search(subject, (), lambda name: None, noise)
         candidates = [(name, kind) for name, kind in admissible(subject, self.model, None) if not kind.screen]
-        white = np.random.default_rng(0).normal(size=self.stack.inputs.shape) * np.array(noise.inputs)
-        self.drawn = torch.from_numpy(convolve1d(white, noise.input_weights, axis=1))
+        self.once_more = with_noise(self.model, self.stack, noise)
         here, noisy = self.read(shift), self.read(shift, noisy=True)
         self.linear, self.noisy = (
             directions(self.model, self.model, subject.uncertainty, stack, candidates) for stack in (here, noisy)
@@ -95,8 +94,8 @@ class ShiftRegression:
 
     def read(self, shift: float, noisy: bool = False) -> LogBatch:
         """The recordings with their inputs read ``shift`` samples later, once more with noise or not."""
-        inputs = self.stack.inputs + self.drawn if noisy else self.stack.inputs
-        return replace(self.stack, inputs=torch.stack([read_at(u, self.drives, shift, self.held) for u in inputs]))
+        stack = self.once_more if noisy else self.stack
+        return replace(stack, inputs=torch.stack([read_at(u, self.drives, shift, self.held) for u in stack.inputs]))
 
     def leave(self, which: int) -> None:
         """Ask no more for one of the shifts."""
@@ -137,7 +136,7 @@ class ShiftRegression:
         return steps, errors
 
     def _whitened(self, shift: np.ndarray) -> tuple[Rows, Rows]:
-        """Rows at some shifts, and what more noise of the inputs makes of them."""
+        """Rows at some shifts, and what noise that is added once more makes of them."""
         rows, again = (self._rows(linear, shift, noisy) for linear, noisy in ((self.linear, False), (self.noisy, True)))
         return rows.whitened(self.whitening), rows.less(again).whitened(self.whitening)
 
@@ -159,7 +158,7 @@ class ShiftRegression:
         return step, spread_of
 
     def _clear(self, rows: Rows, drawn: Rows) -> list[int]:
-        """Channels of which some shift makes more than noise of the inputs does; all, where there is none.
+        """Channels of which some shift makes more than noise does; all, where there is none.
 
         What is left of the others once that noise was taken off may be less than nothing, and cancels what is known.
         """
