@@ -94,7 +94,7 @@ def _rates(model: PhysicsModel) -> Tensor:
     """dx/dt at a state and an input at which nothing is zero."""
     rotors = len(getattr(model, "rotor_positions", ())) or 1
     known = [model.signal(s) for s in model.input_signals]
-    width = max(rotors, *(len(s.axes) if s else 1 for s in known)) if known else 0
+    width = (max(rotors, *(len(s.axes) if s else 1 for s in known)) if known else 0) + len(model.extras)
     state = torch.linspace(0.5, 1.5, len(model.state_channels), dtype=torch.float64)
     return model.derivative(state, torch.linspace(1.0, 2.0, width, dtype=torch.float64))
 

@@ -99,6 +99,20 @@ SHAPES: dict[str, Shape] = {
             lambda p, x, s: p[0] * x + p[1] * x.abs() * x,
         ),
         Shape(
+            "sides",
+            "linear on each side of zero",
+            "k x above 0, q x below",
+            (("k", 1), ("q", 1)),
+            lambda p, x, s: p[0] * x.clamp(min=0) + p[1] * x.clamp(max=0),
+        ),
+        Shape(
+            "square_sides",
+            "square on each side of zero",
+            "k x² above 0, q x² below",
+            (("k", 2), ("q", 2)),
+            lambda p, x, s: p[0] * x.clamp(min=0) ** 2 + p[1] * x.clamp(max=0) ** 2,
+        ),
+        Shape(
             "linear_cubic",
             "linear and cubic",
             "k x + q x³",

@@ -54,7 +54,7 @@ class Room(StateSpace):
     def own_rate(self, state: Tensor, inputs: Tensor) -> Tensor:
         """The state's rate (…, 1)."""
         c, h = (tensor(v, state).unsqueeze(-1) for v in (self.capacity, self.loss))
-        return (inputs[..., :1] - h * (state - inputs[..., 1:2])) / c
+        return (inputs[..., 0].unsqueeze(-1) - h * (state - inputs[..., 1].unsqueeze(-1))) / c
 '''
 CAPACITY, LOSS, STEP, OPEN, LOST = 5.8e5, 112.0, 300.0, 22.0, 45.0
 """Of the room [J/K], [W/K]; between samples [s]; warmer than [degC] somebody opens a window, which costs [W/K]."""

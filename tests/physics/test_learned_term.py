@@ -53,6 +53,8 @@ FORMULAS = {
     "affine": lambda x, k, c: k * x + c,
     "linear_square": lambda x, k, q: k * x + q * x**2,
     "linear_signed_square": lambda x, k, q: k * x + q * x * abs(x),
+    "sides": lambda x, k, q: np.where(x > 0, k, q) * x,
+    "square_sides": lambda x, k, q: np.where(x > 0, k, q) * x**2,
     "linear_cubic": lambda x, k, q: k * x + q * x**3,
     "sign_linear": lambda x, k, c: k * x + c * np.tanh(x / 0.02),
     "saturation": lambda x, k, w: k * np.clip(x, -w, w),

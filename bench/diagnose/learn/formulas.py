@@ -12,6 +12,9 @@ from bench.diagnose.settings import MATTERING, SPLINING, WORDING
 from registry.terms.shapes import SHAPES, Shape, Span
 
 
+_OF_BOTH_SIGNS = ("signed_square", "sign", "sign_linear", "linear_signed_square", "sides", "square_sides")
+
+
 @dataclass(frozen=True, eq=False)
 class Option:
     """A formula with a value of the parameter that bends it."""
@@ -39,8 +42,13 @@ def span_of(x: np.ndarray) -> Span:
     return float(flat.min()), float(flat.max())
 
 
-def options(x: np.ndarray) -> list[Option]:
-    """Every formula that can be one of a signal, at every bend that is tried."""
+def options(x: np.ndarray, of_a_place: bool = True) -> list[Option]:
+    """Every formula that can be one of a signal, at every bend that is tried.
+
+    Args:
+        x: the signal.
+        of_a_place: whether it says where a system is: what repeats along the way follows no other signal.
+    """
     low, high = span_of(x)
     largest, found = max(abs(low), abs(high)), []
     widths, periods = np.linspace(*WORDING.widths), np.arange(*WORDING.waves)
@@ -56,8 +64,10 @@ def options(x: np.ndarray) -> list[Option]:
     for shape in SHAPES.values():
         if shape.positive and low <= 0:
             continue
-        if not low < 0 < high and shape.name in ("signed_square", "sign", "sign_linear", "linear_signed_square"):
+        if not low < 0 < high and shape.name in _OF_BOTH_SIGNS:
             continue  # of one sign: they are others of the list
+        if not of_a_place and shape.name in ("sine", "wave"):
+            continue
         tried = [None] if shape.bent is None else [float(b) for b in bends[shape.name]]
         width = shape.linear * (1 if shape.bent is None else 2)
         found += [Option(shape, b, width) for b in tried]

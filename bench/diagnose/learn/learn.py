@@ -194,8 +194,8 @@ class _Seen:
 
     def as_formulas(self, splines: Sequence[Spline]) -> tuple[LearnedTerm, ...]:
         """Every spline as the simplest formula that is not worse, or as it is."""
-        signals = self.signals
-        some = [options(signals[0][s.pair.signals[0]]) for s in splines]
+        signals, poses = self.signals, poses_of(self.look.linear.model)
+        some = [options(signals[0][s.pair.signals[0]], _of_a_pose(s.pair, poses)) for s in splines]
         found: list[Formula | None] = [None] * len(splines)
         which = [s.which for s in splines]
         terms: list[LearnedTerm] = []

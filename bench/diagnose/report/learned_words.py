@@ -23,6 +23,7 @@ _KNOWN = {
     _PLACE: {
         "linear": "a spring",
         "affine": "a spring that is pressed",
+        "sides": "a spring that is stiffer one way",
         "cubic": "a spring that hardens or softens",
         "linear_cubic": "a spring that hardens or softens",
         "above": "a wall or an end stop",
@@ -42,6 +43,8 @@ _KNOWN = {
         "signed_square": "drag at high speed",
         "linear_signed_square": "viscous friction and drag at high speed",
         "square": "a force that is the same in both directions, such as a loss of lift",
+        "sides": "friction or drag that differs with the direction",
+        "square_sides": "drag that differs with the direction",
         "above": "a resistance one way only",
         "below": "a resistance one way only",
     },

@@ -69,12 +69,14 @@ def multiple_shooting(
     weight = len(first) * first.shape[2]
     best, current, last = model, where, cost(first)
     start = last
-    gram = np.eye(len(where))
+    gram, lost = np.eye(len(where)), np.zeros(len(where), dtype=bool)
     for _ in range(SHOOTING.steps):
         tick("shooting")
         values, widths = probes(current)
         off = runs.errors(with_values(best, current, values)) / size
         jacobian = ((off[1:] - off[0]) / widths[:, None, None, None]).reshape(len(widths), -1)
+        lost = ~np.isfinite((jacobian**2).sum(1))
+        jacobian[lost] = 0.0  # a number by which free runs diverge at the least step stays
         scale = weight / jacobian.shape[1]
         prior = Prior.of(current)
         gram = jacobian @ jacobian.T * scale + np.diag(prior.precision)
@@ -94,7 +96,7 @@ def multiple_shooting(
         current, last = _free(best, subject, held), now
         if done:
             break
-    return Shot(best, start, last, tuple(current), np.linalg.pinv(gram))
+    return Shot(best, start, last, tuple(current), np.linalg.pinv(gram) + np.diag(np.where(lost, np.inf, 0.0)))
 
 
 @np.errstate(over="ignore", invalid="ignore")
