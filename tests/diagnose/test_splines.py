@@ -15,7 +15,7 @@ def fits_of(columns: np.ndarray, residual: np.ndarray) -> HeldOut:
     fits = HeldOut.__new__(HeldOut)
     rows = np.column_stack([columns, residual]).reshape(FOLDS, ROWS, -1)
     fits.own, fits.folds = [], [x.T @ x for x in rows]
-    fits.known = fits.centre = np.zeros(0)
+    fits.known = fits.centre = fits.low = fits.high = np.zeros(0)
     fits.total = np.asarray(sum(fits.folds))
     fits.held, fits.rows = np.zeros_like(fits.total), float(FOLDS * ROWS)
     return fits
@@ -48,6 +48,7 @@ def test_of_two_axes_that_a_constant_makes_alike_the_one_near_what_is_stated_is_
     fits = fits_of(np.column_stack([constant, along_x, along_z]), 3 * along_x + 0.15 * trace + noise)
     fits.own, fits.known, fits.centre = [0], np.array([sigma**-2]), np.zeros(1)
     fits.held[0, 0] = sigma**-2
+    fits.low, fits.high = np.array([-np.inf]), np.array([np.inf])
     made = [
         Made(Columns(Pair(f"world_force_{a}", (f"position.{a}",)), ()), (), np.eye(1), np.zeros((1, 1))) for a in "xz"
     ]

@@ -11,7 +11,6 @@ from bench.diagnose.learn.held_out import Block, HeldOut
 from bench.diagnose.settings import MATTERING, SPLINING, WORDING
 from registry.terms.shapes import SHAPES, Shape, Span
 
-
 _OF_BOTH_SIGNS = ("signed_square", "sign", "sign_linear", "linear_signed_square", "sides", "square_sides")
 
 

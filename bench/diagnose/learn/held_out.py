@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.diagnose.regression.least_squares import equilibrium
+from bench.diagnose.regression.least_squares import bounded, equilibrium
 from bench.diagnose.select.search import View
 from bench.diagnose.settings import LINEARISING
 
@@ -24,11 +24,21 @@ class Block:
 class HeldOut:
     """Fits of some columns beside a model's own numbers."""
 
-    def __init__(self, view: View, own: Sequence[int]) -> None:
-        """Prepare; ``own`` are the columns that are always fitted, held as what is known of the constants says."""
+    def __init__(self, view: View, own: Sequence[int], within: bool = False) -> None:
+        """Prepare.
+
+        Args:
+            view: of the model.
+            own: columns that are always fitted, held as what is known of the constants says.
+            within: whether constants stay within their bounds, as in every fit of all numbers: one that went further
+                would take the straight part of what a formula has to say. Before all terms are there they may.
+        """
         self.own, subsets = list(own), view.subsets
         width = view.grams[0].shape[0]
         held = np.zeros((width, width))
+        self.low, self.high = np.full(len(self.own), -np.inf), np.full(len(self.own), np.inf)
+        if within:
+            self.low, self.high = subsets.low[self.own], subsets.high[self.own]
         pull = subsets.anchor[self.own] * subsets.centre[self.own]
         held[self.own, self.own] = subsets.anchor[self.own]
         held[self.own, -1] = held[-1, self.own] = pull
@@ -48,7 +58,7 @@ class HeldOut:
         out = []
         for fold in self.folds:
             here = fold[some]
-            vector = np.append(-_solved(total - here + penalty), 1.0)
+            vector = np.append(-self._solved(total - here + penalty), 1.0)
             out.append(float(vector @ here @ vector))
         return np.array(out)
 
@@ -56,14 +66,14 @@ class HeldOut:
         """Squared distance, in standard deviations, of constants that are known well from what is known of them."""
         index = [*self.own, *(int(c) for b in blocks for c in b.places)]
         some = np.ix_([*index, -1], [*index, -1])
-        beta = _solved(self.total[some] + self._penalty(index, blocks, some))[: len(self.own)]
+        beta = self._solved(self.total[some] + self._penalty(index, blocks, some))[: len(self.own)]
         return float((self.known * (beta - self.centre) ** 2).sum())
 
     def fit(self, blocks: Sequence[Block]) -> list[np.ndarray]:
         """Coefficients of each block, fitted to all recordings."""
         index = [*self.own, *(int(c) for b in blocks for c in b.places)]
         some = np.ix_([*index, -1], [*index, -1])
-        beta = _solved(self.total[some] + self._penalty(index, blocks, some))
+        beta = self._solved(self.total[some] + self._penalty(index, blocks, some))
         ends = len(self.own) + np.cumsum([len(b.places) for b in blocks])
         return [beta[end - len(b.places) : end] for b, end in zip(blocks, ends, strict=True)]
 
@@ -84,10 +94,10 @@ class HeldOut:
             at += len(b.places)
         return out
 
-
-def _solved(gram: np.ndarray) -> np.ndarray:
-    inner = gram[:-1, :-1]
-    scale = equilibrium(np.diag(inner))
-    scaled = inner * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-    out: np.ndarray = np.linalg.solve(scaled, gram[:-1, -1] * scale) * scale
-    return out
+    def _solved(self, gram: np.ndarray) -> np.ndarray:
+        """Coefficients of all columns but the last, for that one; the model's own numbers within their bounds."""
+        inner = gram[:-1, :-1]
+        scale, free = equilibrium(np.diag(inner)), np.full(len(inner) - len(self.own), np.inf)
+        scaled = inner * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+        low, high = np.append(self.low, -free) / scale, np.append(self.high, free) / scale
+        return bounded(scaled, gram[:-1, -1] * scale, low, high) * scale

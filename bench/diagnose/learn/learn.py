@@ -80,6 +80,10 @@ def learn(
         if only is not None:
             return terms
         kept = worthy(subject, noise, search, model, terms, doubtful)
+        if not kept and any(t.shape != SPLINE for t in terms):
+            # A formula that bends may be led astray when all numbers are fitted; what was confirmed is its spline.
+            terms = seen.as_formulas(splines, plain=True)
+            kept = worthy(subject, noise, search, model, terms, doubtful)
         while 0 < len(kept) < len(terms):  # what a term looks like depends on what stands beside it
             splines = [s for s, t in zip(splines, terms, strict=True) if any(t is k for k in kept)]
             splines, terms = seen.as_distinct_formulas(splines)
@@ -101,7 +105,7 @@ class _Seen:
     def fits(self, columns: Sequence[Columns], upright: bool = False) -> tuple[HeldOut, list[np.ndarray]]:
         """Fits of columns, and the places of each; ``upright``: beside what a constant thrust and weight explain."""
         view, places = view_of(self.search, self.look, self.base, columns)
-        return HeldOut(view, own_columns(view, self.base, upright)), places
+        return HeldOut(view, own_columns(view, self.base, upright), within=not upright), places
 
     def made(self, some: Sequence[Pair], waves: bool = False, fine: bool = False) -> list[Made]:
         """The splines of pairs whose signals vary.
@@ -192,18 +196,19 @@ class _Seen:
                 return splines, terms
             splines = [s for i, s in enumerate(splines) if i not in again]
 
-    def as_formulas(self, splines: Sequence[Spline]) -> tuple[LearnedTerm, ...]:
-        """Every spline as the simplest formula that is not worse, or as it is."""
+    def as_formulas(self, splines: Sequence[Spline], plain: bool = False) -> tuple[LearnedTerm, ...]:
+        """Every spline as the simplest formula that is not worse, or as it is; ``plain``: all as they are."""
         signals, poses = self.signals, poses_of(self.look.linear.model)
-        some = [options(signals[0][s.pair.signals[0]], _of_a_pose(s.pair, poses)) for s in splines]
+        some = [[] if plain else options(signals[0][s.pair.signals[0]], _of_a_pose(s.pair, poses)) for s in splines]
         found: list[Formula | None] = [None] * len(splines)
         which = [s.which for s in splines]
         terms: list[LearnedTerm] = []
         for _ in range(LEARNING.rounds):
             columns = [s.made.columns for s in splines]
-            columns += [option_columns(s.pair, tried, signals) for s, tried in zip(splines, some, strict=True)]
+            columns += [option_columns(s.pair, tried, signals) for s, tried in zip(splines, some, strict=True) if tried]
             fits, places = self.fits(columns)
-            smooth, formulas = places[: len(splines)], places[len(splines) :]
+            smooth, rest = places[: len(splines)], iter(places[len(splines) :])
+            formulas = [next(rest) if tried else np.empty(0, dtype=int) for tried in some]
             blocks = [
                 s.made.blocks(smooth[i])[which[i]]
                 if (f := found[i]) is None
