@@ -125,6 +125,21 @@ def test_the_formula_of_what_is_hidden_is_found(shape: str) -> None:
     np.testing.assert_allclose(values, true, rtol=0.1)  # a start: simulation fits it
 
 
+def test_a_known_stiffness_leaves_the_straight_part_to_the_formula() -> None:
+    """It took a pull of 30 N/m, 30 of its standard deviations, and left a cubic that no fit could be."""
+    of = replace(subject(lambda q, v: 30 * q - 150 * q**3), uncertainty=dict.fromkeys(("mass", "stiffness"), 0.01))
+    ((axis, signals, shape, values),) = terms_of(of)
+    assert (axis, signals, shape) == ("speed.q", ("displacement.q",), "linear_cubic")
+    np.testing.assert_allclose(values, (30, -150), rtol=0.1)
+
+
+def test_of_a_drag_one_way_only_the_other_way_has_none() -> None:
+    """A wave of the speed was fitted to it, which no recording confirmed."""
+    ((axis, signals, shape, values),) = terms_of(subject(lambda q, v: -0.4 * v * abs(v) * (v > 0)))
+    assert (axis, signals, shape) == ("speed.q", ("speed.q",), "square_sides")
+    np.testing.assert_allclose(values, (-0.4, 0.0), atol=0.02)
+
+
 @pytest.mark.parametrize(("middle", "names"), [(2.0, {"above"}), (0.0, {"above", "dead_zone"})])
 def test_a_dead_zone_has_two_edges(middle: float, names: set[str]) -> None:
     """Of a height or a thrust, which are never negative, it was told in place of what begins above an edge."""
