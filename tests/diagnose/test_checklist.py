@@ -117,6 +117,18 @@ def test_a_slow_log_is_told_with_what_it_is_good_for(flights: dict[str, Set], tm
     assert "10 Hz is too slow for rotations" in told.detail and "drag" in told.detail
 
 
+@pytest.mark.parametrize(("volts", "told"), [(11.1, False), (11_100.0, True)])
+def test_a_battery_in_millivolts_is_told(volts: float, told: bool, flights: dict[str, Set], tmp_path: Path) -> None:
+    """11 275 V passed without a word."""
+    given = copy.deepcopy(flights["pelican"])
+    given.columns["battery"] = (["vbat"], {"unit": "V"})
+    for log in given.logs:
+        log["battery"] = np.full((len(log["position"]), 1), volts)
+    found = stopping(check_folder(given.write(tmp_path)))
+    assert [(m.kind, m.signal) for m in found] == [("unit", "battery")] * told
+    assert not told or stopping(check_folder(given.write(tmp_path, found[0].mend))) == []
+
+
 @pytest.mark.parametrize(("size", "told"), [(0.3, False), (3.0, True)])
 def test_rotors_that_change_between_samples_are_told(
     flights: dict[str, Set], size: float, told: bool, tmp_path: Path

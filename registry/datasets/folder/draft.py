@@ -278,6 +278,6 @@ def _driven(system: str, driver: str | None, sure: bool) -> list[str]:
     if not PHYSICS.get(system).input_signals:
         return []
     named = f'input = "{driver}"' if driver else '# TODO: input = "…", the signal that drives the system'
-    if driver in COMMANDS and sure:
-        return [named, 'input_hold = "previous"']
+    if driver in COMMANDS:
+        return [named, 'input_hold = "previous"' + ("" if sure else '  # TODO: "linear" if the input was measured')]
     return [named, 'input_hold = "linear"' + ("" if sure else '  # TODO: "previous" if the input is a command')]

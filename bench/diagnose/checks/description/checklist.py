@@ -9,7 +9,7 @@ from bench.diagnose.checks.description.conventions import conventions
 from bench.diagnose.checks.description.mistake import Mistake
 from bench.diagnose.checks.description.mounting import mounting
 from bench.diagnose.checks.description.recorded import Recorded, flying, of_folder, of_subject
-from bench.diagnose.checks.description.sampling import aliased_drive, slow_logs, two_levels
+from bench.diagnose.checks.description.sampling import aliased_drive, millivolts, slow_logs, two_levels
 from bench.diagnose.checks.description.thrust import thrust
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.result import DataProblem
@@ -29,6 +29,7 @@ def check(recorded: Recorded, carried: bool) -> list[Mistake]:
     if found and found[-1].reading is not None:
         recorded = replace(recorded, reading=found[-1].reading)
     found += (slow_logs(recorded) or aliased_drive(recorded)) if carried else two_levels(recorded)
+    found += millivolts(recorded) if carried else []
     # Clocks are told apart only once signs and axes are right.
     late = clocks(recorded, carried)
     found += late or mounting(recorded)

@@ -1,13 +1,17 @@
-"""Whether a log has enough samples a second, and its drive enough levels, for what is to be told from it."""
+"""Whether a log has enough samples a second, its drive enough levels, and its battery volts that can be."""
+
+from dataclasses import replace
 
 import numpy as np
 
-from bench.diagnose.checks.description.mistake import Mistake
+from bench.diagnose.checks.description.mistake import Mistake, line
 from bench.diagnose.checks.description.recorded import Recorded
 from bench.diagnose.settings import SPIKING
 
 SLOW, SLOWER = 60.0, 20.0
 """Rates [Hz] from which body rates are looked at, and at which a small rotorcraft always turns too fast."""
+VOLTS = 100.0
+"""More than any battery of a rotorcraft has [V]."""
 
 
 def slow_logs(recorded: Recorded) -> list[Mistake]:
@@ -54,6 +58,20 @@ def aliased_drive(recorded: Recorded) -> list[Mistake]:
         "Hz show. Inertia, torques and motor lag can hardly be told from it; log the rotors at the controller's rate."
     )
     return [Mistake("slow log", drive, tuple(f.name for f in recorded.flights), detail, (), False)]
+
+
+def millivolts(recorded: Recorded) -> list[Mistake]:
+    """A battery whose columns are in mV and are read as V."""
+    signal = recorded.reading.signals.get("battery")
+    if signal is None or signal.unit != "V":
+        return []
+    volts = [f.signals(recorded.reading, ("battery",))["battery"][f.valid] for f in recorded.flights]
+    middle = float(np.median(np.concatenate(volts)))
+    if not middle > VOLTS:
+        return []
+    detail = f"The battery is read as {middle:.5g} V: its columns look like mV."
+    mend = line("battery", replace(signal, unit="mV"))
+    return [Mistake("unit", "battery", tuple(f.name for f in recorded.flights), detail, (mend,))]
 
 
 def two_levels(recorded: Recorded) -> list[Mistake]:
