@@ -163,7 +163,7 @@ def test_two_functions_of_one_signal_become_one() -> None:
     place, product = (("displacement.q",), ("speed.q", "displacement.q"))
     splines = [SimpleNamespace(pair=SimpleNamespace(signals=s)) for s in (place, product)]
 
-    def as_formulas(some: list[SimpleNamespace]) -> tuple[SimpleNamespace, ...]:
+    def as_formulas(some: list[SimpleNamespace], plain: bool) -> tuple[SimpleNamespace, ...]:
         return tuple(SimpleNamespace(axis="speed.q", signals=place, alone=len(some) == 1) for _ in some)
 
     seen = SimpleNamespace(as_formulas=as_formulas)

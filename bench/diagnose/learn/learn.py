@@ -80,13 +80,14 @@ def learn(
         if only is not None:
             return terms
         kept = worthy(subject, noise, search, model, terms, doubtful)
-        if not kept and any(t.shape != SPLINE for t in terms):
+        plain = not kept and any(t.shape != SPLINE for t in terms)
+        if plain:
             # A formula that bends may be led astray when all numbers are fitted; what was confirmed is its spline.
-            terms = seen.as_formulas(splines, plain=True)
+            terms = seen.as_formulas(splines, plain)
             kept = worthy(subject, noise, search, model, terms, doubtful)
         while 0 < len(kept) < len(terms):  # what a term looks like depends on what stands beside it
             splines = [s for s, t in zip(splines, terms, strict=True) if any(t is k for k in kept)]
-            splines, terms = seen.as_distinct_formulas(splines)
+            splines, terms = seen.as_distinct_formulas(splines, plain)
             kept = worthy(subject, noise, search, model, terms, doubtful)
         return kept
 
@@ -182,14 +183,16 @@ class _Seen:
             offered = [p for p in offered if p not in later]
         return splines
 
-    def as_distinct_formulas(self, splines: list[Spline]) -> tuple[list[Spline], tuple[LearnedTerm, ...]]:
+    def as_distinct_formulas(
+        self, splines: list[Spline], plain: bool = False
+    ) -> tuple[list[Spline], tuple[LearnedTerm, ...]]:
         """Splines, and each as a formula, without those that turn out to say the same as another one.
 
         A product of which the first factor is constant is a function of the second; beside another function of that the
         two would share one force between them, and may grow without bound.
         """
         while True:
-            terms = self.as_formulas(splines)
+            terms = self.as_formulas(splines, plain)
             said = [(t.axis, t.signals) for t in terms]
             again = {i for i, s in enumerate(splines) if s.pair.signals != said[i][1] and said.count(said[i]) > 1}
             if not again:

@@ -196,9 +196,9 @@ class Search:
         key = _effects_of(view.linear.model)
         if key in self._bent or self.stack.finer is not None or self.stack.means is not None:
             return False
-        look = self._own(view.linear.model, settled=True, of_states=True)
-        plain, less = (self.views(of, like=view)[0].subsets for of in (replace(look, moved=None), look))
-        fit, other, own = plain.fit(), less.fit(), len(look.linear.own)
+        looks = (self._own(view.linear.model, True, of_states) for of_states in (False, True))
+        plain, less = (self.views(look, like=view)[0].subsets for look in looks)
+        fit, other, own = plain.fit(), less.fit(), len(plain.own)
         sigma = np.sqrt(np.diag(plain.covariance(fit)))[:own]
         self._bent[key] = bool((np.abs(other.beta - fit.beta)[:own] > SEARCHING.bent * sigma).any())
         return self._bent[key]
