@@ -17,9 +17,9 @@ from bench.diagnose.regression.weak import mean_rates, midpoint_rates
 from bench.diagnose.select import verify
 from bench.diagnose.select.choose import accepted, choose, select_across_views
 from bench.diagnose.select.discovery import needs_first, supported, trifle
-from bench.diagnose.select.search import Search, View, _acting
+from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import advanced
-from bench.diagnose.select.subset import Subsets, t_value
+from bench.diagnose.select.subset import Subsets, _acting, t_value
 from bench.diagnose.select.tie import rivals
 from bench.diagnose.select.worthy import worth_naming
 from bench.diagnose.settings import CHOOSING

@@ -152,7 +152,7 @@ def test_a_dead_zone_has_two_edges(middle: float, names: set[str]) -> None:
     view = SimpleNamespace(
         grams=[r.T @ r for r in rows],
         floor=400.0,
-        subsets=SimpleNamespace(anchor=nothing, prior=nothing, centre=nothing),
+        subsets=SimpleNamespace(anchor=nothing, prior=nothing, centre=nothing, low=nothing, high=nothing),
     )
     fits = HeldOut(view, [])  # type: ignore[arg-type]
     assert set(fitted(fits, some, np.arange(len(columns)), (), x)) == names

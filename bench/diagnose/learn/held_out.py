@@ -30,15 +30,13 @@ class HeldOut:
         Args:
             view: of the model.
             own: columns that are always fitted, held as what is known of the constants says.
-            within: whether constants stay within their bounds, as in every fit of all numbers: one that went further
-                would take the straight part of what a formula has to say. Before all terms are there they may.
+            within: whether constants that are known well stay within their bounds, as in every fit of all numbers: one
+                that went further would take the straight part of what a formula has to say. Before all terms are there
+                they may.
         """
         self.own, subsets = list(own), view.subsets
         width = view.grams[0].shape[0]
         held = np.zeros((width, width))
-        self.low, self.high = np.full(len(self.own), -np.inf), np.full(len(self.own), np.inf)
-        if within:
-            self.low, self.high = subsets.low[self.own], subsets.high[self.own]
         pull = subsets.anchor[self.own] * subsets.centre[self.own]
         held[self.own, self.own] = subsets.anchor[self.own]
         held[self.own, -1] = held[-1, self.own] = pull
@@ -49,6 +47,10 @@ class HeldOut:
         entries = (view.linear.own[i] for i in self.own)
         well = [e.constant and e.scale < LINEARISING.wide * abs(e.stated) for e in entries]
         self.known, self.centre = np.where(well, subsets.prior[self.own], 0.0), subsets.centre[self.own]
+        kept = np.array(well, dtype=bool) & within
+        self.low, self.high = (
+            np.where(kept, of[self.own], far) for of, far in ((subsets.low, -np.inf), (subsets.high, np.inf))
+        )
 
     def losses(self, blocks: Sequence[Block]) -> np.ndarray:
         """Squared residuals (folds,) of each fold by a fit to the others."""

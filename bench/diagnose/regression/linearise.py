@@ -176,6 +176,7 @@ def directions(
     tick: Callable[[str], None] = lambda name: None,
     settled: bool = False,
     pairs: Sequence[tuple[str, type[Effect]]] = (),
+    like: Linearization | None = None,
 ) -> Linearization:
     """Linearise ``model`` in its numbers, and in those of every candidate effect added to it.
 
@@ -191,28 +192,28 @@ def directions(
         tick: called with the id of each.
         settled: whether no effect of the model is to go: what each does alone need not be known then.
         pairs: ids and kinds of effects that act only through candidates, each of which is tried with them too.
+        like: the same on recordings without noise: numbers, channels and starting points are those of it.
     """
     own = entries(model, uncertainty, nominal)
     values, steps = probes(own)
     found = midpoint_rates(with_values(model, own, values), stack).numpy()
     at = found[0].copy("K")
-    acts = [moves(x - at) for x in found[1:]]  # a model may have constants that this input does not use
+    # A model may have constants that this input does not use.
+    acts = [moves(x - at) if like is None else e in like.own for e, x in zip(own, found[1:], strict=True)]
     columns = [c for c, a in zip(_slopes(found[1:], at, steps, stack), acts, strict=True) if a]
     own = [e for e, a in zip(own, acts, strict=True) if a]
     wide = {j: e for j, e in enumerate(own) if e.constant and e.scale > LINEARISING.wide * abs(e.value)}
     dependants = tuple(_dependants(model, i) for i in range(0 if settled else len(model.effects)))
-    removals = tuple(range(len(own), len(own) + len(dependants)))
-    more, reduced = _without(model, dependants, at, own, stack)
-    columns += more
+    columns[len(columns) :], reduced = _without(model, dependants, at, own, stack)
     starts: list[Candidate] = []
-    points = StartingPoints.of(model, stack.samples(stack.states), stack.samples(stack.inputs), stack.logs[0])
+    points = _starting_points(model, stack if like is None else like.stack)
     for name, kind in candidates:
         tick(name)
         starts += _starts(points, name, kind, at, wide=wide, stack=stack, columns=columns)
-    singles = tuple(starts)
     for _, kind in pairs:
-        starts += [_paired(points, s, kind, stack, columns) for s in singles if s.id in kind.requires]
-    channels = tuple(i for i in stack.measured if any(i in c for c in columns))
+        single = [s for s in starts if s.through is None and s.id in kind.requires]
+        starts += [_paired(points, s, kind, stack, columns) for s in single]
+    channels = tuple(i for i in stack.measured if any(i in c for c in columns)) if like is None else like.channels
     return Linearization(
         model=model,
         stack=stack,
@@ -221,11 +222,15 @@ def directions(
         rates=mean_rates(model, stack).numpy()[..., channels],
         columns=Columns(tuple(columns), channels, at.shape[:-1]),
         channels=channels,
-        removals=removals,
+        removals=tuple(range(len(own), len(own) + len(dependants))),
         dependants=dependants,
         reduced=reduced,
         carriers=tuple(_carriers(model, e) for e in model.effects),
     )
+
+
+def _starting_points(model: PhysicsModel, stack: LogBatch) -> StartingPoints:
+    return StartingPoints.of(model, stack.samples(stack.states), stack.samples(stack.inputs), stack.logs[0])
 
 
 Response = dict[int, np.ndarray]

@@ -183,7 +183,7 @@ class Search:
         nominal, spread = self.subject.model, self.subject.uncertainty
         linear = directions(model, nominal, spread, self.stack, settled=settled)
         again = self._noisy(model) if of_states else self.noisy
-        noisy = None if again is None else directions(model, nominal, spread, again, settled=settled)
+        noisy = None if again is None else directions(model, nominal, spread, again, settled=settled, like=linear)
         return Look(linear, noisy and linear.moved(noisy), None, None, of_states)
 
     def bent(self, view: View) -> bool:
@@ -233,7 +233,7 @@ class Search:
             return Look(linear, None, words, None)
         # Of the costly candidates those that act on the inputs themselves carry the noise of these.
         touched = [(n, k) for n, k in candidates if of_states or not k.screen or issubclass(k, InputEffect)]
-        moved = linear.moved(directions(model, nominal, spread, noisy, touched, pairs=pairs))
+        moved = linear.moved(directions(model, nominal, spread, noisy, touched, pairs=pairs, like=linear))
         again = dictionary(model, noisy, linear.channels, like=words if of_states else None) if broad else None
         return Look(linear, moved, words, again, of_states)
 

@@ -76,9 +76,9 @@ class ShiftRegression:
         candidates = [(name, kind) for name, kind in admissible(subject, self.model, None) if not kind.screen]
         self.once_more = with_noise(self.model, self.stack, noise)
         here, noisy = self.read(shift), self.read(shift, noisy=True)
-        self.linear, self.noisy = (
-            directions(self.model, self.model, subject.uncertainty, stack, candidates) for stack in (here, noisy)
-        )
+        spread = subject.uncertainty
+        self.linear = directions(self.model, self.model, spread, here, candidates)
+        self.noisy = directions(self.model, self.model, spread, noisy, candidates, like=self.linear)
         places = {
             SENSORS: [i for i, c in enumerate(self.linear.channels) if c >= self.stack.states.shape[-1]],
             MOTION: [i for i, c in enumerate(self.linear.channels) if c in moving_channels(self.model)],
