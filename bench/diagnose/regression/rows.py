@@ -307,10 +307,10 @@ def noise_filters(
 
 def _products(rows: Rows, columns: Sequence[int]) -> np.ndarray:
     """Products (k + 1, k + 1) of k columns and the residual, all rows together."""
-    order = np.argsort(np.argsort([*columns, rows.width]))
-    some = rows.some(sorted(columns))
-    total = some.mean_gram().sum(0) * sum(some.counts())
-    return np.asarray(total[np.ix_(order, order)])
+    ascending = sorted(columns)
+    total = np.asarray(sum(rows.some(ascending).folds()))
+    order = np.append(np.searchsorted(ascending, columns), -1)
+    return total[np.ix_(order, order)]
 
 
 def _rms(left: Sequence[np.ndarray]) -> np.ndarray:

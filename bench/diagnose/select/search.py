@@ -26,7 +26,7 @@ from bench.diagnose.simulate.free_run import default_steps
 from bench.diagnose.simulate.teacher_forced import with_noise
 from registry.contracts import Channel
 from registry.core import EFFECTS
-from registry.dynamics import InputEffect, PhysicsModel
+from registry.dynamics import Effect, InputEffect, PhysicsModel
 
 _OF_INPUT = ("input", "input_rate")
 """Signals of the dictionary that noise of the inputs is in."""
@@ -177,7 +177,7 @@ class Search:
 
     def own(self, model: PhysicsModel, settled: bool = False) -> Look:
         """Linearise ``model`` alone; ``settled``: in its numbers only, not in what each of its effects does."""
-        return self._own(model, settled, self._bent.get(_effects_of(model), False))
+        return self._own(model, settled, self._bent.get(ids_of(model.effects), False))
 
     def _own(self, model: PhysicsModel, settled: bool, of_states: bool) -> Look:
         nominal, spread = self.subject.model, self.subject.uncertainty
@@ -193,7 +193,7 @@ class Search:
         the noise of that state is a fair share of it (errors in variables). Asked once for each set of effects, near
         the end of a fit; from then on what noise makes of the columns is taken off.
         """
-        key = _effects_of(view.linear.model)
+        key = ids_of(view.linear.model.effects)
         if key in self._bent or self.stack.finer is not None or self.stack.means is not None:
             return False
         looks = (self._own(view.linear.model, True, of_states) for of_states in (False, True))
@@ -227,7 +227,7 @@ class Search:
         pairs = acting_through(self.subject, model, self.catalogue)
         linear = directions(model, nominal, spread, self.stack, candidates, self.tick, pairs=pairs)
         words = dictionary(model, self.stack, linear.channels) if broad else None
-        of_states = self._bent.get(_effects_of(model), False)
+        of_states = self._bent.get(ids_of(model.effects), False)
         noisy = self._noisy(model) if of_states else self.noisy
         if noisy is None:
             return Look(linear, None, words, None)
@@ -352,9 +352,9 @@ class Search:
         return total
 
 
-def _effects_of(model: PhysicsModel) -> tuple[str, ...]:
-    """Ids of a model's effects, in an order that is the same for the same effects."""
-    return tuple(sorted(EFFECTS.name_of(type(e)) for e in model.effects))
+def ids_of(effects: Sequence[Effect]) -> tuple[str, ...]:
+    """Ids of effects, in an order that is the same for the same effects."""
+    return tuple(sorted(EFFECTS.name_of(type(e)) for e in effects))
 
 
 def input_noise(stack: LogBatch, drives: int, through: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.parameters import Entry, entries
 from bench.diagnose.select.choose import updated
 from bench.diagnose.select.discovery import supported
-from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.search import Search, View, ids_of
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.verify import neighbours
 from bench.diagnose.settings import CHOOSING, STEPPING, VERIFYING
@@ -68,7 +68,7 @@ def next_step(search: Search, view: View, known: int, past: Sequence[PhysicsMode
     stay, small = advanced(search, view, here), CHOOSING.visible * view.floor
     if stay.loss - here.loss > small:
         stay = _refitted(search, view, stay)
-    ids = [_ids(model.effects) for model in (*past, view.linear.model)]
+    ids = [ids_of(model.effects) for model in (*past, view.linear.model)]
     tried = {after for before, after in pairwise(ids) if before == ids[-1]}
     for changed in neighbours(view, known):
         if tried and _ids_after(view.linear.model, changed) in tried:
@@ -83,14 +83,9 @@ def next_step(search: Search, view: View, known: int, past: Sequence[PhysicsMode
     return min([stay, *_in_series(search, view, stay, here, known)], key=lambda s: s.loss)
 
 
-def _ids(effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Ids of effects, in an order that is the same for the same effects."""
-    return tuple(sorted(EFFECTS.name_of(type(e)) for e in effects))
-
-
 def _ids_after(model: PhysicsModel, fit: Fit) -> tuple[str, ...]:
     """Ids of a model's effects as a fit exchanges them."""
-    return tuple(sorted([*_ids(without(model, fit.dropped).effects), *fit.ids]))
+    return tuple(sorted([*ids_of(without(model, fit.dropped).effects), *fit.ids]))
 
 
 def _in_series(search: Search, view: View, stay: Step, here: Fit, known: int) -> list[Step]:
