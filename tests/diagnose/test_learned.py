@@ -19,7 +19,7 @@ from bench.diagnose.confirm import Setup
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.candidates import Pair
 from bench.diagnose.learn.curve import nearest
-from bench.diagnose.learn.formulas import fitted, option_columns, options
+from bench.diagnose.learn.formulas import Option, fitted, option_columns, options
 from bench.diagnose.learn.held_out import HeldOut
 from bench.diagnose.learn.learn import _Seen, learn
 from bench.diagnose.learn.request import parsed
@@ -138,6 +138,23 @@ def test_of_a_drag_one_way_only_the_other_way_has_none() -> None:
     ((axis, signals, shape, values),) = terms_of(subject(lambda q, v: -0.4 * v * abs(v) * (v > 0)))
     assert (axis, signals, shape) == ("speed.q", ("speed.q",), "square_sides")
     np.testing.assert_allclose(values, (-0.4, 0.0), atol=0.02)
+
+
+@pytest.mark.parametrize(("hidden", "waves"), [("signed_square", False), ("above", True)])
+def test_what_repeats_along_the_way_follows_places_alone(
+    hidden: str, waves: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A wave of the speed was the one formula as good as the spline of a drag one way."""
+    asked: list[set[str]] = []
+
+    def seen(x: np.ndarray, of_a_place: bool) -> list[Option]:
+        found = options(x, of_a_place)
+        asked.append({o.shape.name for o in found})
+        return found
+
+    monkeypatch.setattr("bench.diagnose.learn.learn.options", seen)
+    terms_of(subject(HIDDEN[hidden][0]))
+    assert asked and all(({"sine", "wave"} <= names) is waves for names in asked)
 
 
 @pytest.mark.parametrize(("middle", "names"), [(2.0, {"above"}), (0.0, {"above", "dead_zone"})])
