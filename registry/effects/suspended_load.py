@@ -35,9 +35,18 @@ class SuspendedLoad(InternalEffect):
         typical=1.0,
         uncertainty=0.5,
     )
+    height: Any = constant(
+        0.0,
+        "where the rope is tied, along body z; it swings as if tied to the centre of gravity",
+        "m",
+        low=-1,
+        high=1,
+        typical=-0.02,
+        source="below the frame",
+    )
     equation: ClassVar[str] = (
-        "θ̈ = −ω²θ − a/l − 2ζω θ̇,  ω² = (g/l)(1 + m_l/m);  F = m_l g θ,  F_z = −c (a_z + g) m m_l/(m + m_l),  "
-        "a of the body without it,  c: carried"
+        "θ̈ = −ω²θ − a/l − 2ζω θ̇,  ω² = (g/l)(1 + m_l/m);  F = m_l g θ,  F_z = −c P,  P = (a_z + g) m m_l/(m + m_l);  "
+        "τ = h e_z × Rᵀ(F_x, F_y, −P),  a of the body without it,  c: carried,  h: height"
     )
     needs: ClassVar[tuple[str, ...]] = ("velocity", "attitude")
     systems: ClassVar[tuple[str, ...]] = ("quadrotor", "helicopter")
@@ -53,15 +62,18 @@ class SuspendedLoad(InternalEffect):
     internal_size: ClassVar[int] = 4
 
     def load(self, motion: Motion, acceleration: Tensor) -> tuple[Tensor, Tensor]:
-        """The pull of the rope (…, 3) [N], body frame; no torque."""
+        """The pull of the rope (…, 3) [N] and its torque (…, 3) [N m], body frame."""
         angle, _ = _swing(motion)
         m_l, carried, mass, gravity = (
             tensor(p, angle).unsqueeze(-1) for p in (self.m_l, self.carried, motion.model.mass, motion.model.gravity)
         )
-        down = -carried * (acceleration[..., 2:] + gravity) * mass * m_l / (mass + m_l)
-        pull = torch.cat([m_l * gravity * angle, down], dim=-1)
-        force = (motion.rotation * pull.unsqueeze(-1)).sum(-2)
-        return force, tensor((0.0, 0.0, 0.0), force)
+        weight = (acceleration[..., 2:] + gravity) * mass * m_l / (mass + m_l)
+        force, pull = (
+            (motion.rotation * torch.cat([m_l * gravity * angle, -share * weight], dim=-1).unsqueeze(-1)).sum(-2)
+            for share in (carried, torch.ones_like(carried))
+        )
+        height, zero = tensor(self.height, force), torch.zeros_like(force[..., 0])
+        return force, torch.stack([-height * pull[..., 1], height * pull[..., 0], zero], dim=-1)
 
     def internal_rate(self, motion: Motion, acceleration: Tensor) -> Tensor:
         """Time derivative (…, 4) of angles and angular rates; see `InternalEffect.internal_rate`."""

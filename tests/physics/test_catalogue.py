@@ -93,8 +93,6 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
         torque = torque + np.array([e["t_x"], e["t_y"], e["t_z"]])
     if e := p("munk_moment"):
         torque = torque + v_b[2] * np.array([-e["m_x"] * v_b[1], e["m_y"] * v_b[0], 0])
-    if e := p("torque_scale"):
-        torque = torque * [1 + e["eps_x"], 1 + e["eps_y"], 1 + e["eps_z"]]
 
     mass, inertia = MASS, np.diag(INERTIA)
     if e := p("mass"):
@@ -108,7 +106,11 @@ def catalogue(effects, state, speeds, slopes, wind, battery):
         square = G / e["l"] * (1 + e["m_l"] / mass)
         swinging = [rate, -square * theta - acceleration[:2] / e["l"] - 2 * e["zeta"] * np.sqrt(square) * rate]
         down = e["carried"] * (acceleration[2] + G) * mass * e["m_l"] / (mass + e["m_l"])
-        acceleration = acceleration + np.array([*(e["m_l"] * G * theta), -down]) / mass
+        pull = np.array([*(e["m_l"] * G * theta), -down / e["carried"]])
+        acceleration = acceleration + np.array([*pull[:2], -down]) / mass
+        torque = torque + np.cross([0, 0, e["height"]], rotation.T @ pull)
+    if e := p("torque_scale"):
+        torque = torque * [1 + e["eps_x"], 1 + e["eps_y"], 1 + e["eps_z"]]
     spin = np.linalg.solve(inertia, torque - np.cross(w, inertia @ w))
     acceleration = acceleration + rotation @ (np.cross(spin, arm) + np.cross(w, np.cross(w, arm)))
     x, y, z, s = state[6:10]
