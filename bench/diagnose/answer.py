@@ -183,7 +183,7 @@ def _calibration(subject: Subject, found: Discovery, last: Mapping[str, Constant
             sigma=(value - nominal) / given[e.label].scale,
             low=low,
             high=high,
-            stopped=any(math.isclose(value, bound, rel_tol=1e-6) for bound in (e.low, e.high)),
+            stopped=e.stopped(value),
         )
         out.append(moved)
     for r in found.ratios:

@@ -14,7 +14,7 @@ from bench.diagnose.compare import refuse_long
 from bench.diagnose.confirm import Setup, calibrated_only, confirmed, otherwise_told, with_forecasting
 from bench.diagnose.discover import read_and_discovered
 from bench.diagnose.extend import Extension
-from bench.diagnose.learned import Learned, curves, instead, judged, learned, likened
+from bench.diagnose.learned import Learned, curves, instead, judged, learned, likened, strained
 from bench.diagnose.locate import locate
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.noise import Noise
@@ -195,7 +195,8 @@ def _concluded(
             found, extension = otherwise_told(run, found)
         # What one number for all of them leaves is no term of its own.
         told = search(run) if differ is None and swings else None
-        if differ is None and found.found and (not quiet or told is not None):
+        doubtful = not quiet or told is not None or strained(run.subject, extension.model)
+        if differ is None and found.found and doubtful:
             told = instead(run, found, extension, told, much=_may_hide_a_mode(extension, verdict == "unknown_effect"))
     if differ is not None and not found.found:
         verdict = "unknown_effect"

@@ -19,6 +19,7 @@ from bench.diagnose.learned_shape import LearnedCurve
 from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.regression.linearise import Linearization
+from bench.diagnose.regression.parameters import entries
 from bench.diagnose.report import phrases
 from bench.diagnose.report.learned_words import known_as
 from bench.diagnose.result import NamedEffect, ParameterEstimate
@@ -151,7 +152,7 @@ def instead(run: Setup, found: Discovery, before: Extension, told: Learned | Non
         much: whether the named effects leave so much that what they imitate may be a hidden mode.
     """
     subject, known = run.subject, len(run.subject.model.effects)
-    doubted = _doubted(found, told)
+    doubted = _doubted(found, told, strained(subject, before.model))
     names = supported([f.id for f in found.found if f.id not in doubted], subject.model)
     doubted = [f.id for f in found.found if f.id not in names]
     if not doubted or not subject.held_out or hidden(subject.logs):
@@ -189,13 +190,18 @@ def instead(run: Setup, found: Discovery, before: Extension, told: Learned | Non
     return other if _better(run, other, Learned(before, subject) if told is None else told, told is None) else told
 
 
-def _doubted(found: Discovery, told: Learned | None) -> list[str]:
-    """The effects that act in an equation in which something was learned, or else much is left.
+def strained(subject: Subject, model: PhysicsModel) -> bool:
+    """Whether calibration took a constant as far from what was stated as it may: it stands for something else."""
+    return any(e.stopped(e.value) for e in entries(model, subject.uncertainty, subject.model))
+
+
+def _doubted(found: Discovery, told: Learned | None, strained: bool = False) -> list[str]:
+    """The effects that act in an equation in which something was learned, or else much is left; or all of them.
 
     One with states of its own is not doubted: free runs do not know how it begins, nor how a mode does that is learned.
     """
     mine = [f for f in found.found if not isinstance(f.effect, InternalEffect)]
-    if not found.equations:
+    if not found.equations or strained:
         return [f.id for f in mine]
     left = {e.equation for e in found.equations if _much_left(e)}
     if told is not None:

@@ -94,7 +94,7 @@ class PhysicsModel(ABC):
         default="linear",
         kw_only=True,
         metadata={
-            "help": "inputs between samples: linear (measured) or previous (commands)",
+            "help": "the driving signal between samples: linear (measured) or previous (commands); extras are linear",
             "choices": ("linear", "previous"),
         },
     )
@@ -299,21 +299,30 @@ class PhysicsModel(ABC):
         own = state.new_zeros((*state.shape[:-1], self.internal_size))
         return torch.cat([state, own, *(e.steady(driving, dt) for e in self.input_effects())], dim=-1)
 
+    def between(self, before: Tensor, after: Tensor) -> Tensor:
+        """Inputs (…, 3, m) at start, middle and end of a step, from those (…, m) before and after it.
+
+        The driving signal is as `input_hold` says; extras were measured, and are joined by straight lines.
+        """
+        lines = torch.stack([before, (before + after) / 2, after], dim=-2)
+        if self.input_hold == "linear":
+            return lines
+        held, drives = torch.stack([before, before, before], dim=-2), before.shape[-1] - len(self.extras)
+        return torch.cat([held[..., :drives], lines[..., drives:]], dim=-1) if self.extras else held
+
     def transmit(self, memory: Tensor, before: Tensor, after: Tensor, dt: float) -> tuple[Tensor, Tensor]:
         """Pass one time step through the input effects.
 
         Args:
             memory: (…, size) their memories at t.
             before: (…, m) inputs at t.
-            after: (…, m) inputs at t + dt; not looked at when inputs are held (but for the extras).
+            after: (…, m) inputs at t + dt; of what is held not looked at.
             dt: [s].
 
         Returns:
             The memories at t + dt and the segment (…, 3, m) of the inputs that act at its start, middle and end.
         """
-        held = self.input_hold == "previous"
-        segment = torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
-        effects = self.input_effects()
+        held, segment, effects = self.input_hold == "previous", self.between(before, after), self.input_effects()
         if not effects:
             return memory, segment
         driving, extras = segment.split([segment.shape[-1] - len(self.extras), len(self.extras)], dim=-1)
@@ -331,7 +340,7 @@ class PhysicsModel(ABC):
         Args:
             state: (…, s) full state at t.
             before: (…, m) inputs at t.
-            after: (…, m) inputs at t + dt; not looked at when inputs are held.
+            after: (…, m) inputs at t + dt.
             dt: [s].
 
         Returns:

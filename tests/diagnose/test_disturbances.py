@@ -12,6 +12,9 @@ from torch import Tensor
 from bench.diagnose import diagnose
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.own_system import own_class
+from bench.diagnose.logs.subject import LogBatch
+from bench.diagnose.regression.driving import mean_driving
+from bench.diagnose.simulate.roll import roll
 from registry.contracts import Channel
 from registry.datasets.folder.dataset import draft
 from registry.dynamics import constant, tensor
@@ -101,6 +104,25 @@ def test_a_window_is_found_in_a_room_whose_loss_follows_the_warmth_outside(folde
     assert (room.capacity, room.loss) == (pytest.approx(CAPACITY, rel=0.01), pytest.approx(LOSS, rel=0.01))
     error, floor = (e["temperature"].rmse for e in (told.error.extended, told.noise_floor))
     assert error < 1.5 * floor
+
+
+def test_a_disturbance_changes_between_samples_in_which_a_command_holds(folder: Path) -> None:
+    """Against the exact solution under a power that holds and warmth outside along straight lines."""
+    rng, dt, count = np.random.default_rng(3), 300.0, 40
+    power, outside, rate = rng.uniform(0, 3500, count), rng.uniform(-5, 15, count), LOSS / CAPACITY
+    exact = [18.0]
+    for p, now, then in zip(power, outside, outside[1:], strict=False):
+        slope = (then - now) / dt
+        begin = p / LOSS + now - slope / rate
+        exact.append(begin + slope * dt + (exact[-1] - begin) * np.exp(-rate * dt))
+    kind = own_class(f"{folder / 'rooms.py'}:Room")
+    room: Any = kind(capacity=CAPACITY, loss=LOSS, input_hold="previous", extras=("outside",))
+    inputs, start = torch.from_numpy(np.column_stack([power, outside])), torch.tensor([18.0], dtype=torch.float64)
+    assert room.simulate(start, inputs, dt)[:, 0].numpy() == pytest.approx(exact, abs=1e-4)
+    assert roll(room, start[None], inputs[None], dt)[0, :, 0].numpy() == pytest.approx(exact, abs=1e-4)
+    states = torch.tensor(exact, dtype=torch.float64)[None, :, None]
+    mean, _ = mean_driving(room, LogBatch((), states, inputs[None], dt))
+    assert mean[0].numpy() == pytest.approx(np.column_stack([power[:-1], (outside[:-1] + outside[1:]) / 2]))
 
 
 def test_a_disturbance_that_was_not_measured_is_asked_for(folder: Path, tmp_path: Path) -> None:

@@ -357,6 +357,13 @@ def test_an_effect_with_states_of_its_own_is_no_imitation_of_a_mode() -> None:
     assert learned._doubted(SimpleNamespace(found=both, equations=()), None) == ["linear_drag"]  # type: ignore[arg-type]
 
 
+def test_where_a_constant_stands_for_something_else_every_effect_is_doubted() -> None:
+    error = EquationError("speed", 0.1, "m/s", {"calibrated": 0.2, "extended": 0.01}, 0.01, 0.01, own_floor=0.01)
+    found = SimpleNamespace(found=[SimpleNamespace(id="coulomb_friction", effect=None, savings=())], equations=[error])
+    assert learned._doubted(found, None) == []  # type: ignore[arg-type]
+    assert learned._doubted(found, None, strained=True) == ["coulomb_friction"]  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("load", "error", "alone"),
     [

@@ -85,6 +85,15 @@ def test_numbers_are_not_bent_by_noise_of_the_states(noise: float, monkeypatch: 
     assert not all(bent[name].low <= true <= bent[name].high for name, true in TRUTH.items())
 
 
+def test_no_more_noise_is_taken_off_than_there_is() -> None:
+    """Of a rate read from an encoder's slopes it was: a delay of 22 ms was told as 0 to 270."""
+    subject = noisy(0.2)
+    told = noise_of(subject)
+    much = replace(told, **{of: tuple(12 * sigma for sigma in getattr(told, of)) for of in ("raw", "processed")})
+    for x in fit_parameters(subject, subject.model, much)[1]:
+        assert x.low <= TRUTH[x.entry.name] <= x.high and x.high - x.low < x.value
+
+
 def test_a_reading_that_a_lag_undoes_is_read_anew() -> None:
     """Of noisy pressures a held command seemed to act half a sample early, and a delay of as much stood beside it."""
     filed = noisy(0.2)

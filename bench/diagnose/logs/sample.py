@@ -81,7 +81,7 @@ def spread(some: Sequence[T], most: int) -> Sequence[T]:
     return [some[i] for i in np.linspace(0, len(some) - 1, max(1, most)).round().astype(int)]
 
 
-def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = False) -> list[Log]:
+def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: int = 0) -> list[Log]:
     """The middle of each log, every ``stride``-th sample; all together have no more than ``longest``.
 
     Where that is not valid, the stretch nearest to it that has the most valid samples.
@@ -92,7 +92,7 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: bool = F
         logs: whole recordings.
         longest: samples, of all together.
         stride: samples to one that is kept.
-        held: whether an input holds until the next sample, so that its mean is that of the samples from there on.
+        held: how many inputs, the first ones, hold until the next sample: their means are of the samples from there on.
     """
     samples = longest * stride
     logs = spread(logs, int(samples / (READING.stretch * max(log.pace for log in logs))))
@@ -153,25 +153,24 @@ def _whole(log: Log, part: slice) -> slice:
     return slice(part.start, range(part.start, min(part.stop, len(log)), part.step)[-1] + 1)
 
 
-def _averaged(log: Log, stride: int, held: bool) -> Tensor:
+def _averaged(log: Log, stride: int, held: int) -> Tensor:
     """Inputs (N, m) of which every ``stride``-th stands for all: a line between two of these has their mean.
 
-    An input that holds is the mean from a sample on. Else the means about each sample, sharpened: two that overlap tell
-    the mean of twice the interval, and an eighth of their curvature is the difference, to fourth order in its length.
+    Of the first ``held`` of them, which hold, the mean from a sample on. Of the others the means about each sample,
+    sharpened: two that overlap tell the mean of twice the interval, and an eighth of their curvature is the difference,
+    to fourth order in its length.
     """
     if stride == 1:
         return log.inputs
-    means = np.ones(stride) if held or stride % 2 else np.array([0.5, *np.ones(stride - 1), 0.5])
-    means = means / stride
-    origin = (stride - 1) // 2 if held else 0
-    if not held:
-        sharp = np.zeros(2 * stride + 1)
-        sharp[[0, stride, -1]] = -1 / 8, 5 / 4, -1 / 8
-        means = np.convolve(means, sharp)
     u, t, good = log.inputs.numpy(), np.arange(len(log)), log.valid.numpy()
     if good.any() and not good.all():  # what is not valid must not reach the samples about it
         u = np.stack([np.interp(t, t[good], column[good]) for column in u.T], axis=1)
-    out = convolve1d(u, means, axis=0, mode="nearest", origin=origin)
+    sharp = np.zeros(2 * stride + 1)
+    sharp[[0, stride, -1]] = -1 / 8, 5 / 4, -1 / 8
+    about = np.ones(stride) if stride % 2 else np.array([0.5, *np.ones(stride - 1), 0.5])
+    onward = convolve1d(u[:, :held], np.ones(stride) / stride, axis=0, mode="nearest", origin=(stride - 1) // 2)
+    lines = convolve1d(u[:, held:], np.convolve(about / stride, sharp), axis=0, mode="nearest")
+    out = np.concatenate([onward, lines], axis=1)
     return torch.from_numpy(np.where(np.isfinite(out), out, u))
 
 

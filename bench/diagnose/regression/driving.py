@@ -100,18 +100,11 @@ def _driven_apart(model: M) -> tuple[M, list[int] | None]:
 def _driven(model: PhysicsModel, stack: LogBatch) -> tuple[Tensor, Tensor, bool]:
     """What drives the model over each interval (…, L, N − 1, 3, m), its extras alike, and whether samples are held."""
     many = _most(_tensors(*model.input_effects()))  # models that differ in what comes after these are driven alike
-    segments, held = _segments(model, stack), model.input_hold == "previous"
+    segments, held = model.between(stack.inputs[:, :-1], stack.inputs[:, 1:]), model.input_hold == "previous"
     if many is not None:
         segments = segments.expand(many, *segments.shape)
     driving, extras = segments.split([segments.shape[-1] - len(model.extras), len(model.extras)], dim=-1)
     return driving, extras, held
-
-
-def _segments(model: PhysicsModel, stack: LogBatch) -> Tensor:
-    """Inputs (L, N − 1, 3, m) at start, middle and end of each interval, as the model takes them between samples."""
-    before, after = stack.inputs[:, :-1], stack.inputs[:, 1:]
-    held = model.input_hold == "previous"
-    return torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
 
 
 def of_all(many: int | None, *signals: Tensor) -> list[Tensor]:

@@ -72,6 +72,10 @@ class Entry:
         """Whether a value is at a bound, or beyond it, and makes an effect: what is best there imitates another."""
         return value != self.neutral and not self.low < value < self.high
 
+    def stopped(self, value: float) -> bool:
+        """Whether a constant is taken as far as calibration may."""
+        return self.constant and any(math.isclose(value, bound, rel_tol=1e-6) for bound in (self.low, self.high))
+
     @property
     def label(self) -> str:
         """Such as "inertia[2]"."""

@@ -11,7 +11,7 @@ from scipy.ndimage import convolve1d
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.sample import left_out, shortened
 from bench.diagnose.logs.smoothing import Smoothing
-from bench.diagnose.logs.subject import LogBatch, Subject
+from bench.diagnose.logs.subject import LogBatch, Subject, drives_of
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary
 from bench.diagnose.regression.least_squares import Normal
 from bench.diagnose.regression.linearise import Linearization, directions
@@ -131,7 +131,7 @@ class Search:
         logs = subject.of(subject.training)
         # Where the motion is slow against the sampling, a few samples a test function are enough.
         stride = max(1, stride_of(LogBatch.of(shortened(logs, longest))) // SEARCHING.fine)
-        held = subject.model.input_hold == "previous"
+        held = drives_of(subject.model, logs[0]) if subject.model.input_hold == "previous" else 0
         self.stack = LogBatch.of(shortened(logs, longest, stride, held))
         self.notes = left_out(logs, self.stack.logs)
         self.stride = stride_of(self.stack)
@@ -289,7 +289,7 @@ class Search:
         if noise is None:
             return [plain]
         less = view(normal.less(noise, drawn), cleaned, of_states)
-        if less.overcorrected(less.subsets.fit()):
+        if (of_states and less.subsets.overdrawn) or less.overcorrected(less.subsets.fit()):
             return [plain]
         return [less] if of_states else [less, plain]
 

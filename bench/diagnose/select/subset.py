@@ -163,6 +163,18 @@ class Subsets:
             fixed=tuple(np.flatnonzero(low == high).tolist()),
         )
 
+    @property
+    def overdrawn(self) -> bool:
+        """Whether more noise is taken off than there is in some direction of the model's own numbers.
+
+        The estimate of the noise is wrong there, and normal equations without a bottom have no solution (Fuller,
+        Measurement error models, 1987).
+        """
+        gram = self.normal.total[np.ix_(self.own, self.own)] + np.diag(self.prior)
+        scale = equilibrium(np.diag(gram))
+        steady = steadying(np.diag(gram), self.prior) * np.eye(len(gram))
+        return bool(np.linalg.eigvalsh(gram * np.outer(scale, scale) + steady).min(initial=1.0) <= 0)
+
     def losses(self, fit: Fit) -> np.ndarray:
         """Squared whitened residuals (blocks, channels) of a fit."""
         return self.normal.losses(fit.columns, fit.beta)

@@ -62,9 +62,8 @@ def passed(narrow: PhysicsModel, memory: Tensor, inputs: Tensor, dt: float) -> t
     Returns:
         The memories (…, W, N, k), and what acts (…, W, N − 1, 3, m) at start, middle and end of each step.
     """
-    before, after = inputs[..., :-1, :], inputs[..., 1:, :]
     held, effects = narrow.input_hold == "previous", narrow.input_effects()
-    segments = torch.stack([before, before, before] if held else [before, (before + after) / 2, after], dim=-2)
+    segments = narrow.between(inputs[..., :-1, :], inputs[..., 1:, :])
     if not effects:
         return memory.unsqueeze(-2).expand(*memory.shape[:-1], inputs.shape[-2], -1), segments
     driving, extras = segments.split([segments.shape[-1] - len(narrow.extras), len(narrow.extras)], dim=-1)
