@@ -132,6 +132,10 @@ def test_a_disturbance_that_was_not_measured_is_asked_for(folder: Path, tmp_path
     (tmp_path / "dataset.toml").write_text("\n".join(line for line in lines if not line.startswith("outside")))
     with pytest.raises(BenchError, match="has no outside, which acts on Room beside what drives it"):
         load(tmp_path, system=f"{folder / 'rooms.py'}:Room")
+    misspelt = [line.replace("temperature =", "temperatur =") for line in lines]
+    (tmp_path / "dataset.toml").write_text("\n".join(misspelt))
+    with pytest.raises(BenchError, match="has a signal 'temperatur', which Room has not: temperature is meant"):
+        load(tmp_path, system=f"{folder / 'rooms.py'}:Room")
     (tmp_path / "rooms.py").write_text(SOURCE.replace('        "outside": Signal("degC", ("",)),\n', ""))
     with pytest.raises(BenchError, match=r"disturbances has 'outside', which must stand in Room\.signals"):
         own_class(f"{tmp_path / 'rooms.py'}:Room")
