@@ -94,7 +94,7 @@ class PhysicsModel(ABC):
         default="linear",
         kw_only=True,
         metadata={
-            "help": "the driving signal between samples: linear (measured) or previous (commands); extras are linear",
+            "help": "the driving signal between samples: linear (measured) or previous (commands)",
             "choices": ("linear", "previous"),
         },
     )
@@ -103,6 +103,11 @@ class PhysicsModel(ABC):
         default=(),
         kw_only=True,
         metadata={"help": "signals that follow the driving one in the inputs, such as battery or time"},
+    )
+    held_extras: tuple[str, ...] = field(
+        default=(),
+        kw_only=True,
+        metadata={"help": "those of them that hold between samples, as a load that is switched; others are linear"},
     )
 
     state_channels: ClassVar[tuple[Channel, ...]]
@@ -299,16 +304,21 @@ class PhysicsModel(ABC):
         own = state.new_zeros((*state.shape[:-1], self.internal_size))
         return torch.cat([state, own, *(e.steady(driving, dt) for e in self.input_effects())], dim=-1)
 
-    def between(self, before: Tensor, after: Tensor) -> Tensor:
-        """Inputs (…, 3, m) at start, middle and end of a step, from those (…, m) before and after it.
+    def held_channels(self, inputs: int) -> list[int]:
+        """Which of so many inputs hold between samples, as `input_hold` says of the drive, `held_extras` of extras."""
+        drives = inputs - len(self.extras)
+        held = list(range(drives)) if self.input_hold == "previous" else []
+        return [*held, *(drives + i for i, name in enumerate(self.extras) if name in self.held_extras)]
 
-        The driving signal is as `input_hold` says; extras were measured, and are joined by straight lines.
-        """
-        lines = torch.stack([before, (before + after) / 2, after], dim=-2)
-        if self.input_hold == "linear":
-            return lines
-        held, drives = torch.stack([before, before, before], dim=-2), before.shape[-1] - len(self.extras)
-        return torch.cat([held[..., :drives], lines[..., drives:]], dim=-1) if self.extras else held
+    def between(self, before: Tensor, after: Tensor) -> Tensor:
+        """Inputs (…, 3, m) at start, middle and end of a step, from those (…, m) before and after it."""
+        held, lines = self.held_channels(before.shape[-1]), [before, (before + after) / 2, after]
+        if len(held) == before.shape[-1]:
+            lines = [before, before, before]
+        elif held:
+            holds = [c in held for c in range(before.shape[-1])]
+            lines = [torch.stack([(before if h else x)[..., c] for c, h in enumerate(holds)], dim=-1) for x in lines]
+        return torch.stack(lines, dim=-2)
 
     def transmit(self, memory: Tensor, before: Tensor, after: Tensor, dt: float) -> tuple[Tensor, Tensor]:
         """Pass one time step through the input effects.

@@ -11,9 +11,11 @@ from torch import Tensor
 
 from bench.diagnose import diagnose
 from bench.diagnose.logs.load import load
+from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.own_system import own_class
 from bench.diagnose.logs.subject import LogBatch
 from bench.diagnose.regression.driving import mean_driving
+from bench.diagnose.select.timing.disturbances import disturbances_read
 from bench.diagnose.simulate.roll import roll
 from registry.contracts import Channel
 from registry.datasets.folder.dataset import draft
@@ -106,15 +108,39 @@ def test_a_window_is_found_in_a_room_whose_loss_follows_the_warmth_outside(folde
     assert error < 1.5 * floor
 
 
-def test_a_disturbance_changes_between_samples_in_which_a_command_holds(folder: Path) -> None:
-    """Against the exact solution under a power that holds and warmth outside along straight lines."""
-    rng, dt, count = np.random.default_rng(3), 300.0, 40
-    power, outside, rate = rng.uniform(0, 3500, count), rng.uniform(-5, 15, count), LOSS / CAPACITY
-    exact = [18.0]
+def warmth(power: np.ndarray, outside: np.ndarray, dt: float, held: bool) -> list[float]:
+    """The exact solution under a power that holds; the warmth outside holds too or moves along straight lines."""
+    out, rate = [18.0], LOSS / CAPACITY
     for p, now, then in zip(power, outside, outside[1:], strict=False):
-        slope = (then - now) / dt
+        slope = 0.0 if held else (then - now) / dt
         begin = p / LOSS + now - slope / rate
-        exact.append(begin + slope * dt + (exact[-1] - begin) * np.exp(-rate * dt))
+        out.append(begin + slope * dt + (out[-1] - begin) * np.exp(-rate * dt))
+    return out
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_recordings_tell_whether_a_disturbance_holds(folder: Path, tmp_path: Path, held: bool) -> None:
+    """A load that is switched was read as a line, and a converter in which nothing is hidden erred fourfold."""
+    for i in range(3):
+        rng, count = np.random.default_rng(i), 400
+        power, outside = rng.uniform(0, 3500, count), np.repeat(rng.uniform(-15, 25, count // 4), 4)
+        seen = np.array(warmth(power, outside, 600.0, held)) + 0.02 * rng.normal(size=count)
+        rows = np.column_stack([600.0 * np.arange(count), seen, power, outside])
+        names = "time,temperature_room,power,outside"
+        np.savetxt(tmp_path / f"week{i}.csv", rows, "%.6f", ",", header=names, comments="")
+    text = draft(tmp_path, own=own_class(f"{folder / 'rooms.py'}:Room")).replace('"linear"', '"previous"')
+    (tmp_path / "dataset.toml").write_text(text)
+    subject = load(tmp_path, system=f"{folder / 'rooms.py'}:Room")
+    assert subject.model.input_hold == "previous"
+    read = disturbances_read(subject, noise_of(subject))
+    assert read.model.held_extras == (("outside",) if held else ())
+    assert any("outside is best read as what holds" in note for note in read.notes) is held
+
+
+def test_a_disturbance_changes_between_samples_in_which_a_command_holds(folder: Path) -> None:
+    rng, dt, count = np.random.default_rng(3), 300.0, 40
+    power, outside = rng.uniform(0, 3500, count), rng.uniform(-5, 15, count)
+    exact = warmth(power, outside, dt, held=False)
     kind = own_class(f"{folder / 'rooms.py'}:Room")
     room: Any = kind(capacity=CAPACITY, loss=LOSS, input_hold="previous", extras=("outside",))
     inputs, start = torch.from_numpy(np.column_stack([power, outside])), torch.tensor([18.0], dtype=torch.float64)

@@ -110,7 +110,7 @@ def test_what_stands_still_beside_a_named_friction_is_found() -> None:
 def test_inputs_of_samples_left_out_are_averaged(held: bool, stride: int) -> None:
     """From a kept sample on where inputs hold; else so that a line between two has the mean, to fourth order."""
     (log,) = (log_of(run("run", (0.05, 0.06), np.random.default_rng(1), 200), Shaft(), "torque"),)
-    (some,) = shortened([log], 10_000, stride, held)
+    (some,) = shortened([log], 10_000, stride, [0] if held else [])
     u = log.inputs[:, 0].numpy()
 
     def mean(k: int) -> float:

@@ -59,8 +59,7 @@ def load(source: str | Path | Dataset, system: str | None = None, model: Physics
     measured = in_parts(dataset.load(), READING.part_of_one) if isinstance(dataset, Folder) else dataset.load()
     recordings = tuple(as_meant(r, kind) for r in measured.recordings)
     signals = set.intersection(*({c.group for c in r.channels} for r in recordings))
-    _check_disturbed(dataset, kind, signals)
-    _check_named(dataset, kind, signals)
+    _check_signals(dataset, kind, signals)
     if model is None:
         model = _nominal(dataset, kind, constants, drive, _extras(recordings[0], signals - {drive}))
     training, held_out = partition(dataset, [r.name for r in recordings])
@@ -211,23 +210,19 @@ def _check_driven(dataset: Dataset, kind: type[PhysicsModel], drive: str) -> Non
         )
 
 
-def _check_disturbed(dataset: Dataset, kind: type[PhysicsModel], signals: Set[str]) -> None:
-    """Raise `BenchError` where what acts beside the drive of a model was not measured."""
-    if lacking := [name for name in kind.disturbances if name not in signals]:
-        raise BenchError(
-            f"{dataset.label} has no {' and no '.join(lacking)}, which acts on {kind.__name__} beside what drives it: "
-            "add it to [signals], or leave it out of the class's disturbances."
-        )
-
-
-def _check_named(dataset: Dataset, kind: type[PhysicsModel], signals: Set[str]) -> None:
-    """Raise `BenchError` where a signal's name is nearly that of one that the model knows and nobody else has."""
+def _check_signals(dataset: Dataset, kind: type[PhysicsModel], signals: Set[str]) -> None:
+    """Raise `BenchError` where what acts beside the drive of a model was not measured, or a signal's name is misspelt."""
     own = {*kind.signals, *(c.group for c in kind.state_channels)}
     for name in sorted(signals - own):
         if meant := difflib.get_close_matches(name, own - signals, n=1, cutoff=0.85):
             raise BenchError(
                 f"{dataset.label} has a signal {name!r}, which {kind.__name__} has not: {meant[0]} is meant?"
             )
+    if lacking := [name for name in kind.disturbances if name not in signals]:
+        raise BenchError(
+            f"{dataset.label} has no {' and no '.join(lacking)}, which acts on {kind.__name__} beside what drives it: "
+            "add it to [signals], or leave it out of the class's disturbances."
+        )
 
 
 def _constants(dataset: Dataset, kind: type[PhysicsModel]) -> dict[str, Any]:

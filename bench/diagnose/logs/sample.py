@@ -81,7 +81,7 @@ def spread(some: Sequence[T], most: int) -> Sequence[T]:
     return [some[i] for i in np.linspace(0, len(some) - 1, max(1, most)).round().astype(int)]
 
 
-def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: int = 0) -> list[Log]:
+def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: Sequence[int] = ()) -> list[Log]:
     """The middle of each log, every ``stride``-th sample; all together have no more than ``longest``.
 
     Where that is not valid, the stretch nearest to it that has the most valid samples.
@@ -92,7 +92,7 @@ def shortened(logs: Sequence[Log], longest: int, stride: int = 1, held: int = 0)
         logs: whole recordings.
         longest: samples, of all together.
         stride: samples to one that is kept.
-        held: how many inputs, the first ones, hold until the next sample: their means are of the samples from there on.
+        held: the inputs that hold until the next sample: their means are of the samples from there on.
     """
     samples = longest * stride
     logs = spread(logs, int(samples / (READING.stretch * max(log.pace for log in logs))))
@@ -153,12 +153,12 @@ def _whole(log: Log, part: slice) -> slice:
     return slice(part.start, range(part.start, min(part.stop, len(log)), part.step)[-1] + 1)
 
 
-def _averaged(log: Log, stride: int, held: int) -> Tensor:
+def _averaged(log: Log, stride: int, held: Sequence[int]) -> Tensor:
     """Inputs (N, m) of which every ``stride``-th stands for all: a line between two of these has their mean.
 
-    Of the first ``held`` of them, which hold, the mean from a sample on. Of the others the means about each sample,
-    sharpened: two that overlap tell the mean of twice the interval, and an eighth of their curvature is the difference,
-    to fourth order in its length.
+    Of those that are ``held``, the mean from a sample on. Of others the means about each sample, sharpened: two that
+    overlap tell the mean of twice the interval, and an eighth of their curvature is the difference, to fourth order in
+    its length.
     """
     if stride == 1:
         return log.inputs
@@ -168,9 +168,8 @@ def _averaged(log: Log, stride: int, held: int) -> Tensor:
     sharp = np.zeros(2 * stride + 1)
     sharp[[0, stride, -1]] = -1 / 8, 5 / 4, -1 / 8
     about = np.ones(stride) if stride % 2 else np.array([0.5, *np.ones(stride - 1), 0.5])
-    onward = convolve1d(u[:, :held], np.ones(stride) / stride, axis=0, mode="nearest", origin=(stride - 1) // 2)
-    lines = convolve1d(u[:, held:], np.convolve(about / stride, sharp), axis=0, mode="nearest")
-    out = np.concatenate([onward, lines], axis=1)
+    out, some = convolve1d(u, np.convolve(about / stride, sharp), axis=0, mode="nearest"), list(held)
+    out[:, some] = convolve1d(u[:, some], np.ones(stride) / stride, axis=0, mode="nearest", origin=(stride - 1) // 2)
     return torch.from_numpy(np.where(np.isfinite(out), out, u))
 
 

@@ -11,7 +11,7 @@ from scipy.ndimage import convolve1d
 from bench.diagnose.logs.noise import Noise, noise_of
 from bench.diagnose.logs.sample import left_out, shortened
 from bench.diagnose.logs.smoothing import Smoothing
-from bench.diagnose.logs.subject import LogBatch, Subject, drives_of
+from bench.diagnose.logs.subject import LogBatch, Subject
 from bench.diagnose.regression.generic import Dictionary, Term, dictionary
 from bench.diagnose.regression.least_squares import Normal
 from bench.diagnose.regression.linearise import Linearization, directions
@@ -131,8 +131,7 @@ class Search:
         logs = subject.of(subject.training)
         # Where the motion is slow against the sampling, a few samples a test function are enough.
         stride = max(1, stride_of(LogBatch.of(shortened(logs, longest))) // SEARCHING.fine)
-        held = drives_of(subject.model, logs[0]) if subject.model.input_hold == "previous" else 0
-        self.stack = LogBatch.of(shortened(logs, longest, stride, held))
+        self.stack = LogBatch.of(shortened(logs, longest, stride, subject.model.held_channels(logs[0].inputs.shape[1])))
         self.notes = left_out(logs, self.stack.logs)
         self.stride = stride_of(self.stack)
         if self.long_windows:
@@ -145,7 +144,8 @@ class Search:
         self.smoothing = {c.name: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
         drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
         through = noise.input_weights if stride == 1 else noise.input_smoothing.coarser(stride).kernel()
-        sigma = input_noise(self.stack, drives, through) * (not held)  # commands are known
+        known = subject.model.input_hold == "previous"  # commands are
+        sigma = input_noise(self.stack, drives, through) * (not known)
         generator = np.random.default_rng(0)
         drawn = convolve1d(generator.normal(size=self.stack.inputs.shape) * sigma, through, axis=1)
         self.noisy = replace(self.stack, inputs=self.stack.inputs + torch.from_numpy(drawn)) if sigma.any() else None

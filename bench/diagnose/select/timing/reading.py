@@ -19,6 +19,7 @@ from bench.diagnose.logs.subject import Subject, drives_of
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.select.step import remembers, without
 from bench.diagnose.select.timing.commanded import as_commanded
+from bench.diagnose.select.timing.disturbances import disturbances_read
 from bench.diagnose.select.timing.estimate import shifts_of
 from bench.diagnose.select.timing.regression import is_held, read_at, reading_weights
 from bench.diagnose.select.timing.sentences import force_said, input_said, motion_said, sensor_said
@@ -55,6 +56,8 @@ def prepared(
     subject = rates_in_time(replace(subject, timed=True))
     if not _tells_time(subject):
         return subject, noise
+    if subject.model.disturbances:
+        subject = disturbances_read(subject, noise)
     tick("input timing")
     inputs, sensed, moving, forced = shifts_of(subject, noise)
     logs, notes = subject.logs, list(subject.notes)
@@ -86,7 +89,7 @@ def prepared(
 def retimed(filed: Subject, model: PhysicsModel, noise: Noise) -> Subject:
     """Measurements whose inputs are as filed, with these read when they act beside all that ``model`` has."""
     read, _ = prepared(replace(filed, model=model), noise)
-    return replace(read, model=filed.model)
+    return replace(read, model=replace(filed.model, held_extras=read.model.held_extras))
 
 
 def reread(filed: Subject, read: Subject, model: PhysicsModel, noise: Noise) -> Subject | None:
