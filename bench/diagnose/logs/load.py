@@ -211,7 +211,7 @@ def _check_driven(dataset: Dataset, kind: type[PhysicsModel], drive: str) -> Non
 
 
 def _check_signals(dataset: Dataset, kind: type[PhysicsModel], signals: Set[str]) -> None:
-    """Raise `BenchError` where what acts beside the drive of a model was not measured, or a signal's name is misspelt."""
+    """Raise `BenchError` where what acts beside a drive was not measured, or the name of a signal is misspelt."""
     own = {*kind.signals, *(c.group for c in kind.state_channels)}
     for name in sorted(signals - own):
         if meant := difflib.get_close_matches(name, own - signals, n=1, cutoff=0.85):
