@@ -217,7 +217,7 @@ def test_what_a_window_does_not_follow_is_taken_from_the_model(hold: str, stride
     log = log_of(one, exact, "torque")
     rows = []
     for seen in (log, with_missed(log, replace(exact, mass=1.1 * exact.mass, brake=0.9 * exact.brake), slope)):
-        (seen,) = shortened([seen], len(seen), stride, hold == "previous")
+        (seen,) = shortened([seen], len(seen), stride, [0] if hold == "previous" else [])
         stack, filters = LogBatch.of([seen]), [slope[1].smoothing.coarser(stride)]
         tests = TestFunctions.over([seen], 12 // stride, filters)
         modelled = tests.integral(0, 0, mean_rates(exact, stack)[0, :, 1].numpy(), stack.dt)
