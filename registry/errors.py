@@ -46,6 +46,11 @@ def unreadable(path: object, error: Exception) -> BenchError:
     return BenchError(f"{path} cannot be read: {said:.300}.")
 
 
+def meant(name: str, known: Iterable[str]) -> str:
+    """The one of these names that another is but for a letter or two; empty: none is."""
+    return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=0.85)), "")
+
+
 def near(name: str, known: Iterable[str]) -> str:
     """The tail of an error about an unknown name: the near ones first, then all of them (the first 20)."""
     names = sorted(known)

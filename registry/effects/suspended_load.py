@@ -68,10 +68,9 @@ class SuspendedLoad(InternalEffect):
             tensor(p, angle).unsqueeze(-1) for p in (self.m_l, self.carried, motion.model.mass, motion.model.gravity)
         )
         weight = (acceleration[..., 2:] + gravity) * mass * m_l / (mass + m_l)
-        force, pull = (
-            (motion.rotation * torch.cat([m_l * gravity * angle, -share * weight], dim=-1).unsqueeze(-1)).sum(-2)
-            for share in (carried, torch.ones_like(carried))
-        )
+        across = (motion.rotation[..., :2, :] * (m_l * gravity * angle).unsqueeze(-1)).sum(-2)
+        down = weight * motion.rotation[..., 2, :]
+        force, pull = across - carried * down, across - down
         height, zero = tensor(self.height, force), torch.zeros_like(force[..., 0])
         return force, torch.stack([-height * pull[..., 1], height * pull[..., 0], zero], dim=-1)
 

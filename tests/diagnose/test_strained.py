@@ -1,4 +1,4 @@
-"""A syringe that leaks as through an orifice: a dead zone was named beside a needle 9 % narrower than it can be."""
+"""A syringe that leaks as through an orifice: a dead zone was named beside a needle as narrow as it may be."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar

@@ -1,7 +1,6 @@
 """Read measurements and the physics model of their system, by name, from a folder or from a file of one's own."""
 
 import dataclasses
-import difflib
 from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +24,7 @@ from registry.core import DATASETS, PHYSICS
 from registry.datasets.folder.dataset import Folder, in_parts, refuse_unknown
 from registry.datasets.folder.signals import known
 from registry.dynamics import PhysicsModel
-from registry.errors import BenchError, near
+from registry.errors import BenchError, meant, near
 from registry.model_file import constants_of, read
 from registry.stated import refuse_unstated
 
@@ -214,10 +213,8 @@ def _check_signals(dataset: Dataset, kind: type[PhysicsModel], signals: Set[str]
     """Raise `BenchError` where what acts beside a drive was not measured, or the name of a signal is misspelt."""
     own = {*kind.signals, *(c.group for c in kind.state_channels)}
     for name in sorted(signals - own):
-        if meant := difflib.get_close_matches(name, own - signals, n=1, cutoff=0.85):
-            raise BenchError(
-                f"{dataset.label} has a signal {name!r}, which {kind.__name__} has not: {meant[0]} is meant?"
-            )
+        if other := meant(name, own - signals):
+            raise BenchError(f"{dataset.label} has a signal {name!r}, which {kind.__name__} has not: {other} is meant?")
     if lacking := [name for name in kind.disturbances if name not in signals]:
         raise BenchError(
             f"{dataset.label} has no {' and no '.join(lacking)}, which acts on {kind.__name__} beside what drives it: "

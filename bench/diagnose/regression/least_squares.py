@@ -75,6 +75,13 @@ def steadying(power: np.ndarray, prior: np.ndarray) -> float:
     return float(np.clip(0.01 * (prior[known] / power[known]).max(initial=0.0), 1e-14, 1e-9)) if known.any() else 1e-9
 
 
+def steadied(posterior: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normal equations (p, p) with their ``prior`` in equilibrium and steadied, and the factors (p,) that made it."""
+    power = np.diag(posterior)
+    scale = equilibrium(power)
+    return posterior * np.outer(scale, scale) + steadying(power, prior) * np.eye(len(scale)), scale
+
+
 def ridge(gram: np.ndarray, strength: float = 1e-6) -> np.ndarray:
     """Free coefficients (c,) of all columns for the last one of (c + 1, c + 1), lightly shrunk."""
     scale = equilibrium(np.diag(gram)[:-1])
@@ -109,8 +116,7 @@ def regularised(
     """
     index = list(columns)
     posterior = gram[np.ix_(index, index)] + np.diag(prior)
-    scale = equilibrium(np.diag(posterior))
-    scaled = posterior * np.outer(scale, scale) + steadying(np.diag(posterior), prior) * np.eye(len(index))
+    scaled, scale = steadied(posterior, prior)
     return bounded(scaled, (gram[index, -1] + prior * centre) * scale, low / scale, high / scale) * scale
 
 

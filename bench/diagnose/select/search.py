@@ -144,8 +144,8 @@ class Search:
         self.smoothing = {c.name: f for c, f in zip(subject.model.state_channels, filters, strict=True)}
         drives = self.stack.inputs.shape[-1] - len(subject.model.extras)
         through = noise.input_weights if stride == 1 else noise.input_smoothing.coarser(stride).kernel()
-        known = subject.model.input_hold == "previous"  # commands are
-        sigma = input_noise(self.stack, drives, through) * (not known)
+        commanded = subject.model.input_hold == "previous"  # and known
+        sigma = input_noise(self.stack, drives, through) * (not commanded)
         generator = np.random.default_rng(0)
         drawn = convolve1d(generator.normal(size=self.stack.inputs.shape) * sigma, through, axis=1)
         self.noisy = replace(self.stack, inputs=self.stack.inputs + torch.from_numpy(drawn)) if sigma.any() else None

@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from bench.diagnose.regression.least_squares import Normal, equilibrium, steadying
+from bench.diagnose.regression.least_squares import Normal, steadied
 from bench.diagnose.regression.linearise import Candidate, Linearization
 from bench.diagnose.regression.parameters import Entry, Prior, sign_kept
 from bench.diagnose.settings import SEARCHING, VERIFYING
@@ -171,9 +171,7 @@ class Subsets:
         Measurement error models, 1987).
         """
         gram = self.normal.total[np.ix_(self.own, self.own)] + np.diag(self.prior)
-        scale = equilibrium(np.diag(gram))
-        steady = steadying(np.diag(gram), self.prior) * np.eye(len(gram))
-        return bool(np.linalg.eigvalsh(gram * np.outer(scale, scale) + steady).min(initial=1.0) <= 0)
+        return bool(np.linalg.eigvalsh(steadied(gram, self.prior)[0]).min(initial=1.0) <= 0)
 
     def losses(self, fit: Fit) -> np.ndarray:
         """Squared whitened residuals (blocks, channels) of a fit."""
@@ -219,9 +217,8 @@ class Subsets:
         prior = np.concatenate([own, np.zeros(len(fit.columns) - len(own))])[fitted]
         index = [fit.columns[i] for i in fitted]
         posterior = self.normal.total[np.ix_(index, index)] + np.diag(prior)
-        scale = equilibrium(np.diag(posterior))
-        steady = steadying(np.diag(posterior), prior) * np.eye(len(index))
-        inverse = np.linalg.inv(posterior * np.outer(scale, scale) + steady) * np.outer(scale, scale)
+        scaled, scale = steadied(posterior, prior)
+        inverse = np.linalg.inv(scaled) * np.outer(scale, scale)
         scores = self.normal.scores(fit.columns, fit.beta)[:, fitted]
         scores = scores - scores.mean(0)  # their sum is what the priors and bounds pull
         blocks = len(scores)

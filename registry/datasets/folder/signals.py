@@ -1,6 +1,5 @@
 """One signal of a `dataset.toml`: where it is in the files, what it is measured in, and what it is kept in."""
 
-import difflib
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from typing import Any
 
 from registry.core import finite
 from registry.dynamics import PhysicsModel
-from registry.errors import BenchError, near
+from registry.errors import BenchError, meant, near
 from registry.units import SIGNALS, Signal, checked, conversion, measures, to_si
 
 CONVENTIONS = {"euler_zyx": 3, "euler_xyz": 3, "quaternion_xyzw": 4, "quaternion_wxyz": 4}
@@ -151,8 +150,8 @@ def _wanted(path: Path, name: str, entry: dict[str, Any], model: type[PhysicsMod
         raise BenchError(f"{path}: {name!r} is no name of a signal: up to 40 letters, digits and _, no digit first.")
     listed = SIGNALS.get(name)
     if listed is None:
-        if model and (meant := difflib.get_close_matches(name, SIGNALS, n=1, cutoff=0.85)):
-            raise BenchError(f"{path}: unknown signal {name!r}: did you mean {meant[0]}?")
+        if model and (other := meant(name, SIGNALS)):
+            raise BenchError(f"{path}: unknown signal {name!r}: did you mean {other}?")
         return None
     fits = len(listed.axes) in (0, len(entry["columns"])) and measures(str(entry.get("unit", listed.unit)), listed.unit)
     strict = model or name == "attitude" or {"frame", "gravity"} & set(entry)

@@ -8,6 +8,7 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.step import settled
+from bench.diagnose.select.timing.sentences import held_said
 
 
 def disturbances_read(subject: Subject, noise: Noise) -> Subject:
@@ -25,10 +26,5 @@ def disturbances_read(subject: Subject, noise: Noise) -> Subject:
             if loss < least:
                 read, least = other, loss
     held = read.held_extras
-    notes = (*subject.notes, _said(held)) if held else subject.notes
+    notes = (*subject.notes, held_said(held)) if held else subject.notes
     return replace(subject, model=replace(subject.model, held_extras=held), notes=notes)
-
-
-def _said(names: tuple[str, ...]) -> str:
-    listed = " and ".join(name.replace("_", " ") for name in names)
-    return f"The {listed} {'is' if len(names) == 1 else 'are'} best read as what holds from one sample to the next."

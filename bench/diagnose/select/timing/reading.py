@@ -35,7 +35,8 @@ def prepared(
 
     A measured drive is read with its commands first, where the description names them (`timing.commanded`).
     Rates are read when they were what they say (`logs.rate_timing`), position and velocity of a vehicle when its
-    attitude tilts the forces. No input is shifted where some state is not measured, or where no shift can be told.
+    attitude tilts the forces. Disturbances hold between samples where they are seen to (`timing.disturbances`). No
+    input is shifted where some state is not measured, or where no shift can be told.
     Commands act when they are given, or later, which a lag or a delay says; earlier by a fraction of a sample where all
     else is filed late, as by a simulator that files the state before a step beside the rate after half of it.
 

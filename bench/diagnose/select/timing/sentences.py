@@ -1,5 +1,7 @@
 """What is said of shifts that are read into the recordings."""
 
+from collections.abc import Sequence
+
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.timing.estimate import Shift
 
@@ -14,6 +16,12 @@ def _in_ms(subject: Subject, shift: Shift) -> tuple[str, str]:
 def _filed(subject: Subject, shift: Shift) -> str:
     by, between = _in_ms(subject, shift)
     return f"filed {by} ({between}) {'after' if shift.value > 0 else 'before'}"
+
+
+def held_said(names: Sequence[str]) -> str:
+    """Of disturbances that hold between samples."""
+    listed = " and ".join(name.replace("_", " ") for name in names)
+    return f"The {listed} {'is' if len(names) == 1 else 'are'} best read as what holds from one sample to the next."
 
 
 def sensor_said(subject: Subject, shift: Shift) -> str:
