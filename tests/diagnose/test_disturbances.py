@@ -16,6 +16,7 @@ from bench.diagnose.logs.own_system import own_class
 from bench.diagnose.logs.subject import LogBatch
 from bench.diagnose.regression.driving import mean_driving
 from bench.diagnose.select.timing.disturbances import disturbances_read
+from bench.diagnose.select.timing.reading import retimed
 from bench.diagnose.simulate.roll import roll
 from registry.contracts import Channel
 from registry.datasets.folder.dataset import draft
@@ -132,7 +133,9 @@ def test_recordings_tell_whether_a_disturbance_holds(folder: Path, tmp_path: Pat
     (tmp_path / "dataset.toml").write_text(text)
     subject = load(tmp_path, system=f"{folder / 'rooms.py'}:Room")
     assert subject.model.input_hold == "previous"
-    read = disturbances_read(subject, noise_of(subject))
+    noise = noise_of(subject)
+    read = disturbances_read(subject, noise)
+    assert retimed(subject, subject.model, noise).model.held_extras == read.model.held_extras
     assert read.model.held_extras == (("outside",) if held else ())
     assert any("outside is best read as what holds" in note for note in read.notes) is held
 
