@@ -87,10 +87,10 @@ BLOCKS, ROWS = 16, 50
 """Of each recording, and of a block."""
 
 
-def judged(number: Callable[[int, np.ndarray], np.ndarray], noise: float) -> _Judged:
-    """One effect in four recordings that leave ``number(recording, share of its time)`` times a signal, and noise."""
+def judged(number: Callable[[int, np.ndarray], np.ndarray], noise: float, recordings: int = 4) -> _Judged:
+    """One effect in recordings that leave ``number(recording, share of its time)`` times a signal, and noise."""
     random, parts = np.random.default_rng(5), {}
-    for recording in range(4):
+    for recording in range(recordings):
         signal = random.normal(size=BLOCKS * ROWS)
         left = number(recording, np.linspace(0, 1, len(signal))) * signal + noise * random.normal(size=len(signal))
         rows = np.stack([signal, left])
@@ -119,15 +119,26 @@ def test_what_is_alike_or_noise_is_no_difference():
     assert not judged(lambda recording, _: 0.0, noise=1.0).sure
 
 
+def test_what_wanders_within_recordings_is_no_difference_between_them():
+    """Gusts: their means over recordings differ, and blocks that follow each other are alike."""
+    sure = []
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(size=(20, 220))
+        gusts = [np.convolve(x, np.ones(60), "valid") / 60**0.5 for x in noise]
+
+        def number(recording: int, time: np.ndarray, of: list[np.ndarray] = gusts) -> np.ndarray:
+            return np.interp(time, np.linspace(0, 1, 161), of[recording])
+
+        told = judged(number, noise=0.1, recordings=20)
+        assert t_value(told.saved) > CHOOSING.significant, "the blocks between tell that much"
+        sure.append(told.sure)
+    assert sum(sure) <= 1
+
+
 def test_what_four_blocks_of_one_recording_show_is_not_sure():
     told = judged(lambda recording, time: 3.0 * (recording == 0) * (abs(time - 0.5) < 0.125), noise=0.1)
-    total, halves = (float(np.sum(x)) for x in (told.saved, [told._crossed(h) for h in halved(told)]))
-    assert total > 0 and abs(halves - total) < DIFFERING.within * total and not told.sure
-
-
-def halved(told: _Judged) -> list[np.ndarray]:
-    """The blocks of each half of every recording."""
-    return [half for gram in told.grams.values() for half in np.array_split(gram, 2)]
+    kept = sum(told._transferred(gram) for gram in told.grams.values())
+    assert kept > DIFFERING.kept * float(told.saved.sum()) > 0 and not told.sure
 
 
 @pytest.mark.parametrize(("low", "high", "inside"), [(-2.0, 2.0, True), (0.0, 2.0, True), (-1.0, 2.0, False)])

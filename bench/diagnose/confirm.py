@@ -136,7 +136,8 @@ def otherwise_told(run: Setup, found: Discovery) -> tuple[Discovery, Extension]:
 def with_forecasting(run: Setup, extension: Extension) -> Extension:
     """The extended model with an effect that no equation confirms and without which its free runs err far more.
 
-    Numbers that act in other equations stay as they were told; an interval that moved is no narrower than by how much.
+    It is left out where held-out recordings do not gain by it. Numbers that act in other equations stay as they were
+    told; an interval that moved is no narrower than by how much.
     """
     subject, before = run.subject, extension.comparison
     model, numbers = forecasting(subject, extension.model, run.catalogue, run.tick)
@@ -148,6 +149,8 @@ def with_forecasting(run: Setup, extension: Extension) -> Extension:
     after = replace(after, lines={**lines, **{n: of for n, of in after.lines.items() if n != "nominal"}})
     squared = squared_errors(subject, after, ("nominal", "calibrated", last, "extended", "floor"))
     *_, share = shares_of([squared[n] for n in ("nominal", "calibrated", last, "extended")], squared["floor"])
+    if share <= 0:
+        return extension
     first, effect = len(extension.model.effects), model.effects[-1]
     added = NamedEffect(
         EFFECTS.name_of(type(effect)),

@@ -73,6 +73,17 @@ def test_what_one_half_of_the_recordings_does_not_confirm_is_not_added() -> None
     assert relative_error(*both, subject, subject.training) < 0.9
 
 
+def test_what_makes_forecasts_of_held_out_recordings_worse_is_not_added() -> None:
+    """The recordings to learn from have a spring that hardens, those held out one that does not."""
+    hard, plain = of(HARDENING, offset=0.5), of(0.0, offset=0.5)
+    subject = replace(hard, logs=(*hard.of(hard.training), *plain.of(plain.held_out)))
+    run = Setup(subject, noise_of(subject), lambda what: None, None, subject)
+    before = extend(subject, subject.model, "offset_force")
+    asked, _ = forecasting(subject, before.model)
+    assert [EFFECTS.name_of(type(e)) for e in asked.effects] == ["offset_force", "cubic_stiffness"]
+    assert with_forecasting(run, before) is before
+
+
 def test_an_effect_that_was_found_is_fitted_again_beside_what_only_forecasts_ask_for() -> None:
     subject = of(HARDENING, offset=0.5)
     run = Setup(subject, noise_of(subject), lambda what: None, None, subject)

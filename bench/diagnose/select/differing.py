@@ -210,19 +210,34 @@ class _Judged:
 
     @property
     def sure(self) -> bool:
-        """Whether recordings differ by more than chance, and no recording in itself as they do among each other."""
-        total = float(self.saved.sum())
-        halves = sum(float(self._crossed(half).sum()) for g in self.grams.values() for half in np.array_split(g, 2))
-        return t_value(self.saved) > CHOOSING.significant and abs(halves - total) < DIFFERING.within * total
+        """Whether recordings differ by more than chance, and one half of a recording says so of its other half.
+
+        Both savings are of numbers that half of a recording tells. What wanders, as gusts do, is alike in stretches
+        that follow each other, and other a while later.
+        """
+        kept = sum(self._transferred(gram) for gram in self.grams.values())
+        return t_value(self.saved) > CHOOSING.significant and kept > DIFFERING.kept * float(self.saved.sum())
 
     def _crossed(self, grams: np.ndarray) -> np.ndarray:
+        """What each block (blocks,) saves by the numbers of every other one."""
         gains = np.zeros(len(grams))
         for held in (0, 1):
             these = np.arange(len(grams)) % 2 == held
             if these.any() and not these.all():
-                vector = np.append(-self.option.solved(grams[~these].sum(0)), 1.0)
-                gains[these] = grams[these, -1, -1] - np.einsum("i,bij,j->b", vector, grams[these], vector)
+                gains[these] = self._saves(grams[~these], grams[these])
         return gains
+
+    def _transferred(self, grams: np.ndarray) -> float:
+        """What each half of a recording saves by the numbers of its other half."""
+        first, second = np.array_split(grams, 2)
+        if not (len(first) and len(second)):
+            return 0.0
+        return float(self._saves(first, second).sum() + self._saves(second, first).sum())
+
+    def _saves(self, fitted: np.ndarray, judged: np.ndarray) -> np.ndarray:
+        vector = np.append(-self.option.solved(fitted.sum(0)), 1.0)
+        saved: np.ndarray = judged[:, -1, -1] - np.einsum("i,bij,j->b", vector, judged, vector)
+        return saved
 
     def share(self, chance: np.ndarray) -> float:
         """What is saved, of what the numbers of all leave above noise in the channels in which that is, 0 to 1.

@@ -320,10 +320,10 @@ class Differing:
         "share of what one number for all recordings leaves where the effect acts, from which they differ in it: most",
         Basis.CONVENTION,
     )
-    within: float = threshold(
-        0.5,
-        "share of what numbers of each recording save, up to which those of its halves may save more or less: what "
-        "changes within recordings as it does between them is no matter of recordings",
+    kept: float = threshold(
+        0.75,
+        "share of what numbers of each recording save that those of one half must save of its other half: what changes "
+        "within recordings as it does between them is no matter of recordings",
         Basis.CONVENTION,
     )
     alike: float = threshold(
