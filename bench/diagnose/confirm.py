@@ -3,12 +3,15 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import torch
+
 from bench.diagnose.compare import compare
 from bench.diagnose.extend import Extension, extend, ordered, shares_of, squared_errors, stage
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.logs.noise import Noise
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import LogBatch, Subject
 from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.weak import midpoint_rates
 from bench.diagnose.result import NamedEffect, ParameterEstimate
 from bench.diagnose.select.discovery import Discovery, supported
 from bench.diagnose.select.search import Search
@@ -18,6 +21,7 @@ from bench.diagnose.select.verify import Estimate, at_bound, estimates, ratios
 from bench.diagnose.settings import DECIDING
 from bench.diagnose.summaries import parameter_estimates
 from registry.core import EFFECTS
+from registry.dynamics import InternalEffect, PhysicsModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +170,27 @@ def with_forecasting(run: Setup, extension: Extension) -> Extension:
     ]
     stages = (*extension.stages[:-1], stage(added.id, added.error_after), stage("floor", after.error("floor")))
     return replace(extension, model=model, effects=(*told, added), comparison=after, stages=stages)
+
+
+def idle_effects(subject: Subject, done: Extension) -> set[str]:
+    """The named effects that may as well be none, as far as the intervals of their parameters tell."""
+    first = len(done.model.effects) - len(done.effects)
+    named = [(place, e) for place, e in enumerate(done.effects, first) if not e.learned]
+    return {e.id for place, e in named if _neutral(subject, done.model, place, e)}
+
+
+def _neutral(subject: Subject, model: PhysicsModel, place: int, effect: NamedEffect) -> bool:
+    """Whether parameters may as well be those that make it no effect, whatever the others are then."""
+    neutral = {p.name: float(p.neutral) for p in EFFECTS.get(effect.id).neutral().parameters() if p.uncertainty > 0}
+    told = {name: p for name, p in effect.parameters.items() if name in neutral}
+    may_be = {name: neutral[name] for name, p in told.items() if p.low <= neutral[name] <= p.high}
+    own = model.effects[place]
+    if len(may_be) == len(told) or not may_be or isinstance(own, InternalEffect):
+        return len(may_be) == len(told)
+    stack = LogBatch.of(subject.of(subject.training[:1]))
+    less, none = ([*model.effects[:place], *e, *model.effects[place + 1 :]] for e in ([replace(own, **may_be)], []))
+    with torch.no_grad():
+        return torch.equal(*(midpoint_rates(replace(model, effects=tuple(e)), stack) for e in (less, none)))
 
 
 def _moved(before: Mapping[str, ParameterEstimate], now: Sequence[Estimate]) -> dict[str, ParameterEstimate]:

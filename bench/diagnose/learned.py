@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from bench.diagnose.compare import above_floor
-from bench.diagnose.confirm import Setup
+from bench.diagnose.confirm import Setup, idle_effects
 from bench.diagnose.extend import Extension, extend, ordered
 from bench.diagnose.fit import fit_parameters
 from bench.diagnose.learn.all_terms import learn_all_terms, left_by
@@ -84,7 +84,7 @@ def learned(
     names = [f.id for f in found]
     beside = _Beside(subject, model, noise, {f.id: f.rivals for f in found}, tick, horizon_s)
     done = beside(names, terms)
-    idle = {e.id for e in done.effects if not e.learned and _neutral(e)}
+    idle = idle_effects(subject, done)
     if idle and not (_outdoes(done) or (read_again and _outdoes_given_the_past(subject, model, noise, terms, tick))):
         return None  # the terms only say in other words what a named effect says
     if idle:  # they imitated what is learned now
@@ -274,12 +274,6 @@ def _pruned(
     # A share that is no number is one of nothing: there was no error to take.
     taken = sum(e.share_explained for e in done.effects if e.learned)
     return done if taken > DECIDING.least_share else None
-
-
-def _neutral(effect: NamedEffect) -> bool:
-    """Whether every parameter may as well be the one that makes it no effect."""
-    neutral = {p.name: float(p.neutral) for p in EFFECTS.get(effect.id).neutral().parameters() if p.uncertainty > 0}
-    return all(p.low <= neutral[name] <= p.high for name, p in effect.parameters.items() if name in neutral)
 
 
 def _nothing(done: Extension) -> int | None:

@@ -1,6 +1,7 @@
 """Magnets along the way: of a motor that turns many times, and of a carriage that travels over many of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -8,8 +9,11 @@ import pytest
 from torch import Tensor
 
 from bench.diagnose import discover
+from bench.diagnose.confirm import idle_effects
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.result import ParameterEstimate
 from registry.contracts import Channel, Recording
+from registry.core import EFFECTS
 from registry.dynamics import constant, tensor
 from registry.physics.mass_on_rail import MassOnRail
 from registry.physics.state_space import Mechanical
@@ -96,3 +100,15 @@ def test_magnets_are_found_along_a_rail_that_is_many_of_them_long() -> None:
     a, b, pitch = (x.value for x in cogging.estimates)
     assert pitch == pytest.approx(PITCH, rel=1e-3)
     assert np.hypot(a, b) == pytest.approx(PULL, rel=0.05)
+
+
+@pytest.mark.parametrize(("sine", "idle"), [((-0.4, 0.6), {"cogging"}), ((0.1, 0.6), set())])
+def test_magnets_without_a_force_are_none_whatever_their_pitch(sine: tuple[float, float], idle: set[str]) -> None:
+    logs = (log_of(carriage(0), model := MassOnRail(force_gain=1.0, input_hold="previous"), "voltage"),)
+    subject = Subject("rail", model, logs, ("run_0",), (), None, {}, {}, ("displacement", "speed", "voltage"))
+    told = {"a": (0.1, *sine), "b": (0.2, -0.1, 0.5), "pitch": (0.03, 0.029, 0.031)}
+    named = SimpleNamespace(
+        id="cogging", learned=False, parameters={n: ParameterEstimate(*of, unit="") for n, of in told.items()}
+    )
+    whole = replace(model, effects=(EFFECTS.get("cogging")(a=0.1, b=0.2, pitch=0.03),))
+    assert idle_effects(subject, SimpleNamespace(model=whole, effects=[named])) == idle  # type: ignore[arg-type]

@@ -75,6 +75,7 @@ def learn(
         splines = seen.asked(only) if only is not None else seen.sought(_measured(subject, pairs(model)))
         if not splines:
             return ()
+        splines = seen.finer(splines)
         tick("formulas")
         splines, terms = seen.as_distinct_formulas(splines)
         if only is not None:
@@ -182,6 +183,22 @@ class _Seen:
             splines = [s for s in splines if s.pair not in later]
             offered = [p for p in offered if p not in later]
         return splines
+
+    def finer(self, splines: Sequence[Spline]) -> list[Spline]:
+        """Splines, those of more knots that recordings left out gain by: what is narrow falls between few."""
+        made, plain = Splines(self.signals), len(SPLINING.penalties)
+        fine = [made.of(s.pair, SPLINING.knots_of_a_wave) if s.which < plain else None for s in splines]
+        fits, places = self.fits([m.columns for m in (*(s.made for s in splines), *filter(None, fine))], upright=True)
+        rest, out = iter(places[len(splines) :]), list(splines)
+        blocks = [s.block(at) for s, at in zip(splines, places[: len(splines)], strict=True)]
+        for i, more in enumerate(fine):
+            if more is None:
+                continue
+            own, beside = more.splines(next(rest)), blocks[:i] + blocks[i + 1 :]
+            which, losses = fits.best(own, beside)
+            if confirmed(fits.losses(blocks) - losses, SPLINING.gain * fits.rows):
+                out[i], blocks[i] = Spline(splines[i].pair, more, which), own[which]
+        return out
 
     def as_distinct_formulas(
         self, splines: list[Spline], plain: bool = False
