@@ -22,7 +22,7 @@ from bench.diagnose.learn.candidates import Pair
 from bench.diagnose.learn.curve import nearest
 from bench.diagnose.learn.formulas import Option, fitted, option_columns, options
 from bench.diagnose.learn.held_out import HeldOut
-from bench.diagnose.learn.learn import _Seen, learn
+from bench.diagnose.learn.learn import _Seen, _worth, learn, worthy
 from bench.diagnose.learn.request import parsed
 from bench.diagnose.learned import _doubted
 from bench.diagnose.learned_shape import LearnedShape
@@ -34,7 +34,7 @@ from bench.diagnose.select.catalogue import admissible, check_catalogue
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.timing.reading import prepared
 from bench.diagnose.settings import LEARNING
-from bench.diagnose.simulate.equation_error import EquationError
+from bench.diagnose.simulate.equation_error import EquationError, Saving
 from registry.contracts import Channel, Recording
 from registry.core import EFFECTS
 from registry.effects.air import LinearDrag
@@ -293,6 +293,27 @@ def test_a_shape_is_known_where_it_acts_along_what_it_follows(
 ) -> None:
     values = (slope,) * len(SHAPES[shape].parameters)
     assert known_as(LearnedTerm(axis, (signal,), shape, values), Quadrotor()) == said
+
+
+def test_what_a_constant_would_say_as_well_is_not_learned() -> None:
+    """A single term was weighed against the model as it was given, all of whose numbers may gain by being fitted."""
+    of = replace(subject(lambda q, v: 0.0), uncertainty={"stiffness": 0.1})
+    of, noise = prepared(of)
+    off, spring = replace(of.model, stiffness=97.0), LearnedTerm("speed.q", ("displacement.q",), "linear", (-3.0,))
+    search = Search(of, (), lambda what: None, noise)
+    with torch.no_grad():
+        assert worthy(of, noise, search, off, [spring], doubtful=False) == ()
+        # Where it is known it is the term that says so.
+        known = replace(of, uncertainty={"stiffness": 1e-4}, model=off)
+        search = Search(known, (), lambda what: None, noise)
+        assert worthy(known, noise, search, off, [spring], doubtful=False) == (spring,)
+
+
+def test_where_nothing_says_that_something_is_missing_a_term_must_be_large_and_sure() -> None:
+    """Gusts go with the time of a few recordings by chance: most of what can be explained, and not for sure."""
+    saving = Saving("forces", 0.5, share=0.88, low=-1.2, high=2.9, matters=True, ratio=0.94)
+    sure = [replace(saving, share=share, low=0.04, high=2 * share) for share in (0.1, 0.88)]
+    assert [_worth(s, doubtful) for s in (saving, *sure) for doubtful in (True, False)] == [0, 0, 0, 1, 1, 1]
 
 
 @pytest.mark.parametrize(

@@ -319,7 +319,7 @@ def worthy(
         savings = []
         for i in range(len(kept)):
             others = [t for j, t in enumerate(kept) if j != i]
-            rest = refitted(search, replace(model, effects=(*model.effects, *others))) if others else model
+            rest = refitted(search, replace(model, effects=(*model.effects, *others)))
             savings.append(weighing.savings(rest, full, full))
         idle = [
             i
@@ -341,5 +341,5 @@ def refitted(search: Search, model: PhysicsModel) -> PhysicsModel:
 
 
 def _worth(saving: Saving, doubtful: bool) -> bool:
-    """Whether a term is worth it: large and sure, or so large that it need not be met in every block of a recording."""
-    return (saving.worth and not doubtful) or (saving.matters and saving.share >= LEARNING.large)
+    """Whether a term is worth it, and where that is doubtful large."""
+    return saving.worth and (not doubtful or saving.share >= LEARNING.large)
