@@ -298,13 +298,13 @@ def test_a_shape_is_known_where_it_acts_along_what_it_follows(
 def test_what_a_constant_would_say_as_well_is_not_learned() -> None:
     """A single term was weighed against the model as it was given, all of whose numbers may gain by being fitted."""
     of = replace(subject(lambda q, v: 0.0), uncertainty={"stiffness": 0.1})
-    of, noise = prepared(of)
     off, spring = replace(of.model, stiffness=97.0), LearnedTerm("speed.q", ("displacement.q",), "linear", (-3.0,))
+    of, noise = prepared(replace(of, model=off))
     search = Search(of, (), lambda what: None, noise)
     with torch.no_grad():
         assert worthy(of, noise, search, off, [spring], doubtful=False) == ()
         # Where it is known it is the term that says so.
-        known = replace(of, uncertainty={"stiffness": 1e-4}, model=off)
+        known = replace(of, uncertainty={"stiffness": 1e-4})
         search = Search(known, (), lambda what: None, noise)
         assert worthy(known, noise, search, off, [spring], doubtful=False) == (spring,)
 
