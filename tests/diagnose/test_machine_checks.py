@@ -1,12 +1,15 @@
 """Faults of a machine's data: nothing moves, a drive is filed inverted or stands still, a class gives NaN."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+import torch
 from click.testing import CliRunner
+from torch import Tensor
 
 from bench.cli import cli
 from bench.diagnose import diagnose
@@ -14,8 +17,12 @@ from bench.diagnose.checks.machines import machine_problems
 from bench.diagnose.checks.problems import problems
 from bench.diagnose.logs.load import load
 from bench.diagnose.logs.smoothing import Slope
-from bench.diagnose.logs.subject import Subject
+from bench.diagnose.logs.subject import Subject, log_of
+from registry.contracts import Channel, Recording
+from registry.dynamics import constant, tensor
 from registry.errors import BenchError
+from registry.physics.state_space import Mechanical
+from registry.units import Signal
 from tests.diagnose.machines_of_any_size import cart, delay, recording
 
 TOML = """
@@ -54,6 +61,58 @@ def test_an_inverted_drive_is_found_with_the_line_that_mends_it(tmp_path: Path) 
     mended = re.sub(r"^force = .*$", line, TOML, count=1, flags=re.MULTILINE)
     (tmp_path / "dataset.toml").write_text(mended)
     assert not problems(load(tmp_path)).problems
+
+
+@dataclass(frozen=True)
+class Pendulum(Mechanical):
+    """A pendulum with a motor in its joint."""
+
+    mass: Any = constant(0.012, "J", "kg m^2", low=1e-6)
+    friction: Any = constant(0.02, "B", "N m s/rad", low=0)
+    weight: Any = constant(0.7, "m g l", "N m", low=0)
+    state_channels: ClassVar[tuple[Channel, ...]] = (Channel("angle.q", "rad"), Channel("angle_rate.q", "rad/s"))
+    input_signals: ClassVar[tuple[str, ...]] = ("torque",)
+    signals: ClassVar[dict[str, Signal]] = {"torque": Signal("N m", ("",))}
+    equation: ClassVar[str] = "J dω/dt = u − B ω − m g l sin q"
+
+    def own_force(self, state: Tensor, inputs: Tensor) -> Tensor:
+        """Torque less that of the joint and of the weight (…, 1) [N m]."""
+        bent = tensor(self.weight, state).unsqueeze(-1) * torch.sin(state[..., :1])
+        return inputs[..., :1] - tensor(self.friction, state).unsqueeze(-1) * state[..., 1:] - bent
+
+
+def swung_up(sign: float) -> Subject:
+    """Two recordings of a pendulum that is swung up, the torque filed with a sign, and one with another torque."""
+    logs = []
+    for seed in range(3):
+        rng, dt, fine = np.random.default_rng(seed), 0.005, 10
+        x, out, drive = np.array([0.1, 0.0]), [], []
+        for k in range(2000):
+            if k % 20 == 0:
+                u = 0.12 * np.sign(x[1] * np.cos(x[0])) * rng.uniform(0.2, 1.0) + 0.03 * rng.normal()
+            out.append(x.copy())
+            drive.append(u)
+            for _ in range(fine):
+                x[1] += dt / fine * (u - 0.004 * x[1] - 0.49 * np.sin(x[0])) / 0.01
+                x[0] += dt / fine * x[1]
+        torque = np.array(drive)[:, None] if seed < 2 else rng.normal(size=(2000, 1))
+        states = np.array(out) + rng.normal(size=(2000, 2)) * [1e-3, 1e-2]
+        whole, valid = Pendulum(input_hold="previous"), np.ones(2000, dtype=bool)
+        made = Recording(
+            f"run_{seed}", 1 / dt, sign * torque, states, (Channel("torque", "N m"),), whole.state_channels, valid
+        )
+        logs.append(log_of(made, whole, "torque"))
+    names = tuple(log.name for log in logs)
+    return Subject("swing", whole, tuple(logs), names[:2], names[2:], None, {}, {}, ("angle", "angle_rate", "torque"))
+
+
+def test_a_drive_is_found_inverted_beside_a_weight_that_is_stated_far_off() -> None:
+    """No straight line is what a swing of a whole turn feels; and one recording may tell nothing."""
+    assert {(p.recording, p.kind) for p in machine_problems(swung_up(-1.0))} == {
+        ("run_0", "swapped sign"),
+        ("run_1", "swapped sign"),
+    }
+    assert machine_problems(swung_up(1.0)) == []
 
 
 @pytest.mark.parametrize("drive", [lambda u: u, delay, lambda u: np.clip(u, -5, 5), lambda u: np.sign(u) * u * u / 25])

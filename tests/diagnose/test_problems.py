@@ -150,6 +150,10 @@ def _interchange(log: Columns) -> None:
     log["position"], log["velocity"] = log["velocity"], log["position"]
 
 
+def _other(log: Columns) -> None:
+    log["velocity"] = flights(9)[0]["velocity"]
+
+
 def _clip(log: Columns) -> None:
     log["body_rates"][:, 1] = np.clip(log["body_rates"][:, 1], -0.8, 0.8)
 
@@ -176,6 +180,7 @@ def _against_thrust(log: Columns) -> None:
     [
         (_swap, "velocity", "swapped axes", "position.x changes as velocity says of axis y"),
         (_interchange, "velocity", "swapped signals", "velocity changes as position says"),
+        (_other, "velocity", "unrelated", "is no rate of position."),
         (_clip, "body_rates", "clipped", "body_rates.q stands at"),
         (_stretch, "attitude", "quaternion", "one has length 1.1"),
         (_degrees, "body_rates", "unit", "degrees for radians"),

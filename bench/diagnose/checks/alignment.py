@@ -51,6 +51,7 @@ def alignment(
             _interchanged(log, pair, fit, x, inside, length)
             or _axes(log, pair, fit, x, modelled, usable)
             or _scale(log, pair, fit)
+            or _unrelated(log, pair, x, inside, length)
         )
         found += wrong
         if not wrong:
@@ -164,6 +165,31 @@ def _scale(log: Log, pair: Pair, fit: Fit) -> list[DataProblem]:
     # What is too great is in the smaller unit.
     signal = pair.signal if factor > 1 else pair.rate
     return [DataProblem(log.name, signal, "unit" if unit else "scale", (0, len(log) - 1), detail)]
+
+
+def _unrelated(log: Log, pair: Pair, x: Array, inside: Array, length: int) -> list[DataProblem]:
+    """Whether what is filed as a rate moves as smoothly as the signal does, and does not go with its change."""
+    if pair.turns:
+        return []
+    measured, said = (v[inside] for v in changes(pair, x, log.dt, length))
+    near, found = max(1, length // 8), []
+    for i, axis in enumerate(pair.axes):
+        smooth = [_correlation(v[near:], v[:-near]) for v in (measured[:, i], x[inside.nonzero()[0], pair.rates[i]])]
+        by = _correlation(measured[:, i], said[:, i])
+        if min(smooth) > ALIGNING.smooth and abs(by) < ALIGNING.unrelated:
+            of = f".{axis}" if axis else ""
+            detail = (
+                f"{pair.rate}{of} is no rate of {pair.signal}{of}: what they say of {length * log.dt:.2g} s has a "
+                f"correlation of {by:.2f}. Take {pair.rate} out of dataset.toml, and it is read from the slope of "
+                f"{pair.signal}."
+            )
+            found.append(DataProblem(log.name, pair.rate, "unrelated", (0, len(log) - 1), detail))
+    return found
+
+
+def _correlation(a: Array, b: Array) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    return float(a @ b) / max(float((a @ a) * (b @ b)) ** 0.5, 1e-300)
 
 
 def _paces(measured: Array, said: Array, inside: Array, block: int) -> Array:

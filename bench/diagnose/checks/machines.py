@@ -11,9 +11,10 @@ import numpy as np
 
 from bench.diagnose.checks.description.mistake import line
 from bench.diagnose.logs.subject import Log, LogBatch, Subject, drives_of, named_drive
+from bench.diagnose.regression.parameters import entries, probes, with_values
 from bench.diagnose.regression.weak import midpoint_rates
 from bench.diagnose.result import DataProblem
-from bench.diagnose.settings import FREEZING, INVERTING
+from bench.diagnose.settings import FREEZING, INVERTING, LINEARISING
 from registry.datasets.reading.cleaning import held, runs
 from registry.dynamics import PhysicsModel
 from registry.dynamics.model import RATE_OF
@@ -71,9 +72,9 @@ def _rates_of_others(model: PhysicsModel) -> set[str]:
 def _inverted(subject: Subject) -> list[DataProblem]:
     out = []
     for j, channel in enumerate(subject.logs[0].recording.input_channels[: drives_of(subject.model, subject.logs[0])]):
-        told = {log.name: _acts(subject.model, log, j) for log in subject.logs}
+        told = {log.name: _acts(subject, log, j) for log in subject.logs}
         known = {name: by for name, by in told.items() if by is not None}
-        if not known or max(known.values()) >= 0:
+        if len(known) < len(told) / 2 or max(known.values(), default=0.0) >= 0:
             continue
         middle = float(np.median(list(known.values())))
         detail = (
@@ -97,16 +98,18 @@ def _mended(subject: Subject, signal: str, place: int) -> str:
     return f" dataset.toml should have: {line(signal, replace(read, columns=tuple(columns)))}"
 
 
-def _acts(model: PhysicsModel, log: Log, place: int) -> float | None:
-    """How many times what the model makes of a drive the motion follows where that is surely less than 0; 1: it is not.
+def _acts(subject: Subject, log: Log, place: int) -> float | None:
+    """How many times what the model makes of a drive the motion follows where that is surely less than 0; 1: as filed.
 
-    Both sides are means over windows, beside the states: what damping and springs that are off do is theirs. A drive
-    that acts late may be against the motion of now, and is looked at with every delay. None: nothing is told.
+    Both sides are means over windows, beside the states and what the model's constants do without the drive: what
+    damping and springs that are off do is theirs. A drive that acts late may be against the motion of now, and is
+    looked at with every delay. None: nothing is told for sure.
     """
-    stack = LogBatch.of([log])
+    model, stack = subject.model, LogBatch.of([log])
     still = stack.inputs.clone()
     still[..., place] = log.inputs[log.valid, place].mean()
-    rates, own = (midpoint_rates(model, s)[0].numpy() for s in (stack, replace(stack, inputs=still)))
+    undriven = replace(stack, inputs=still)
+    rates, own = (midpoint_rates(model, s)[0].numpy() for s in (stack, undriven))
     size = log.states.shape[1]
     caused, seen = (rates - own)[:, :size], log.states.diff(dim=0).numpy() / log.dt - own[:, :size]
     good = log.valid.numpy()[:-1] & log.valid.numpy()[1:]
@@ -114,33 +117,51 @@ def _acts(model: PhysicsModel, log: Log, place: int) -> float | None:
     if length > len(caused):
         return None
     latest = max(1, round(INVERTING.latest * log.pace / length))
-    c, y, x = (_means(s, length) for s in (caused, seen, log.states.numpy()[:-1]))
+    c, y, x, free = (
+        _means(s, length) for s in (caused, seen, stack.between[0].numpy(), _directions(subject, undriven))
+    )
     whole = _means(good[:, None].astype(float), length)[latest:, 0] == 1
     found = []
     for channel in (i for i, known in enumerate(log.measured) if known and caused[good, i].any()):
         beside = np.column_stack([np.ones(whole.sum()), x[latest:][whole][:, list(log.measured)]])
         if len(beside) < INVERTING.least * beside.shape[1]:
             return None
+        more = np.column_stack([beside, free[latest:, channel][whole]])
+        if len(more) >= INVERTING.least * more.shape[1]:
+            beside = more
         fits = [
             _fit(c[latest - k : len(c) - k, channel][whole], y[latest:, channel][whole], beside)
             for k in range(latest + 1)
         ]
         by, left, without = fits[0]
-        best = min([without, *(left for slope, left, _ in fits if slope > 0)])
+        filed = min((left for slope, left, _ in fits if slope > 0), default=without)
         lowest, highest = INVERTING.between
-        found.append(by if -highest < by < -lowest and left < INVERTING.better * best else 1.0)
+        if -highest < by < -lowest and left < INVERTING.better * min(filed, without):
+            found.append(by)
+        elif filed < INVERTING.better * without:
+            found.append(1.0)
     return max(found, default=None)
 
 
+def _directions(subject: Subject, stack: LogBatch) -> Array:
+    """How the rates of each state answer the model's constants (N − 1, s, constants)."""
+    where = entries(subject.model, subject.uncertainty)
+    if not where:
+        return np.zeros((stack.states.shape[1] - 1, stack.states.shape[-1], 0))
+    first, *moved = midpoint_rates(with_values(subject.model, where, probes(where)[0]), stack)[:, 0].numpy()
+    return np.stack([m - first for m in moved], axis=-1)[:, : stack.states.shape[-1]]
+
+
 def _means(x: Array, length: int) -> Array:
-    """(N // length, c) of a series (N, c)."""
+    """(N // length, …) of a series (N, …)."""
     count = len(x) // length
-    return np.asarray(x[: count * length].reshape(count, length, -1).mean(axis=1))
+    return np.asarray(x[: count * length].reshape(count, length, *x.shape[1:]).mean(axis=1))
 
 
 def _fit(cause: Array, effect: Array, beside: Array) -> tuple[float, float, float]:
     """By how much ``effect`` (J,) follows ``cause`` (J,) beside other columns; squares left with it and without."""
-    basis = np.linalg.qr(beside)[0]
+    left, sizes, _ = np.linalg.svd(beside / np.maximum(np.abs(beside).max(0), 1e-300), full_matrices=False)
+    basis = left[:, sizes > LINEARISING.affine * sizes[0]]  # constants may act alike
     a, b = (x - basis @ (basis.T @ x) for x in (cause, effect))
     power = float(a @ a)
     by = float(a @ b) / power if power > 0 else 0.0

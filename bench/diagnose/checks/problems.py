@@ -114,6 +114,8 @@ def _of_log(model: PhysicsModel, log: Log) -> tuple[list[DataProblem], list[Even
         assert problem.rows is not None
         view.ignore(problem.rows)
     wrong, sound = alignment(view.log, view.pairs, view.x, view.rates, view.usable)
+    if any(p.kind == "unrelated" for p in wrong):  # then it does not say either that a signal stands still too long
+        found = [p for p in found if p.kind != "frozen"]
     found += wrong
     view.pairs = sound
     events = [] if wrong else excursions(view)

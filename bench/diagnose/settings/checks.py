@@ -24,6 +24,12 @@ class Aligning:
     scale: float = threshold(
         1.25, "factor between a signal and what its rate says from which its scale is called wrong", Basis.JUDGED
     )
+    unrelated: float = threshold(
+        0.5, "correlation of a signal's change with what its rate says, below which it is no rate of it", Basis.JUDGED
+    )
+    smooth: float = threshold(
+        0.8, "correlation of each with itself an eighth of a window later, from which it is no noise", Basis.JUDGED
+    )
 
 
 @dataclass(frozen=True)
