@@ -25,7 +25,7 @@ from bench.diagnose.regression.weak import own_states
 from bench.diagnose.result import DataProblem, Diagnosis, DifferingEffect, check_kinds
 from bench.diagnose.select.differing import differing
 from bench.diagnose.select.discovery import Discovery
-from bench.diagnose.settings import DECIDING, MATTERING
+from bench.diagnose.settings import DECIDING, LEARNING, MATTERING
 from bench.diagnose.simulate.flights import flights
 from bench.execution.parallel import both
 from registry.contracts import Dataset
@@ -297,15 +297,24 @@ def _learned(run: Setup, found: Discovery, extension: Extension, verdict: str, l
 
 
 def _worth_it(before: Extension, after: Extension) -> bool:
-    """Whether learned terms take so much of what free runs leave above the floor that they are worth it.
+    """Whether learned terms take enough of what free runs leave above the floor: of all that effects had to explain.
 
-    Their share is told against a model without them whose numbers were not fitted to the end. What swings out of sight
-    is exempt: free runs do not know how it begins.
+    Beside effects that explain nearly all of it, a large part of what those leave. Their share is told against a model
+    without them whose numbers were not fitted to the end. What swings out of sight is exempt: free runs do not know how
+    it begins.
     """
     if any(isinstance(e, (HiddenMode, PeriodicTerm)) for e in after.model.effects):
         return True
-    was, now = (before.comparison.above_floor(e.last) for e in (before, after))
-    return any(was[g] - now[g] > MATTERING.share * was[g] for g in now)
+    comparison = before.comparison
+    whole, was, now = (
+        c.above_floor(e)
+        for c, e in (
+            (comparison, comparison.error("calibrated")),
+            (comparison, before.last),
+            (after.comparison, after.last),
+        )
+    )
+    return any(was[g] - now[g] > min(MATTERING.share * max(whole[g], was[g]), LEARNING.large * was[g]) for g in now)
 
 
 def _only_begins_unseen(found: Discovery, extension: Extension) -> bool:

@@ -144,16 +144,21 @@ def test_rotors_that_change_between_samples_are_told(
     assert not told or "faster than 100 Hz show" in found[0].detail
 
 
-@pytest.mark.parametrize(("levels", "told"), [((46.7, 58.7), True), ((46.7, 52.0, 58.7), False)])
-def test_a_drive_of_two_levels_is_told(levels: tuple[float, ...], told: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("levels", "rate", "told"),
+    [((46.7, 58.7), 40, True), ((46.7, 52.0, 58.7), 40, False), ((46.7, 58.7, 46.7, 52.0), 1, False)],
+    ids=["two", "three", "three of a slow process, two in half a minute"],
+)
+def test_a_drive_of_two_levels_is_told(levels: tuple[float, ...], rate: int, told: bool, tmp_path: Path) -> None:
     """A saturation between the two, and a gain with a constant force, are one and the same on them."""
     rng = np.random.default_rng(0)
     for run in range(2):
-        t, u = np.arange(400) / 40, np.repeat(rng.permutation(np.tile(levels, 20))[:40], 10)
+        t, u = np.arange(400) / rate, np.repeat(rng.permutation(np.tile(levels, 20))[:40], 10)
+        u = np.repeat(levels, 100) if rate == 1 else u
         table = np.column_stack([t, np.sin(t), np.cos(t), u])
         np.savetxt(tmp_path / f"run_{run}.csv", table, "%.9g", ",", header="t,q,v,u", comments="")
     (tmp_path / "dataset.toml").write_text(
-        'name = "ball"\nsystem = "oscillator"\nrate_hz = 40\nfiles = "*.csv"\ntime = "t"\ninput = "force"\n'
+        f'name = "ball"\nsystem = "oscillator"\nrate_hz = {rate}\nfiles = "*.csv"\ntime = "t"\ninput = "force"\n'
         'input_hold = "previous"\n[signals]\ndisplacement = {columns = ["q"], unit = "m"}\n'
         'speed = {columns = ["v"], unit = "m/s"}\nforce = {columns = ["u"], unit = "N"}\n'
         "[physics]\nmass = 1.0\ndamping = 0.1\nstiffness = 1.0\n"

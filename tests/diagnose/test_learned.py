@@ -695,14 +695,21 @@ def test_a_term_is_named_as_one_asks_for_it(signals: tuple[str, ...], shape: str
     assert LearnedShape("speed.q", signals, shape, "", "").name == name
 
 
-@pytest.mark.parametrize(("now", "worth"), [(2.0, False), (1.99, False), (1.6, True), (1.0, True)])
+@pytest.mark.parametrize(
+    ("calibrated", "now", "worth"),
+    [(2.0, 2.0, False), (2.0, 1.99, False), (2.0, 1.9, True), (2.0, 1.0, True), (20.0, 1.9, False), (20.0, 1.6, True)],
+)
 def test_terms_that_leave_free_runs_as_they_were_are_not_told(
-    monkeypatch: pytest.MonkeyPatch, now: float, worth: bool
+    monkeypatch: pytest.MonkeyPatch, calibrated: float, now: float, worth: bool
 ) -> None:
-    """Error 2 above a floor of 1 without terms; their own shares are told of a model that was not fitted to the end."""
+    """Error 2 above a floor of 1 without terms; their own shares are told of a model that was not fitted to the end.
+
+    Beside effects that took nearly all that the calibrated model left, terms take a large part of the rest or are none.
+    """
 
     def extension(error: float) -> SimpleNamespace:
-        comparison = SimpleNamespace(error=lambda name: {"speed": SimpleNamespace(rmse=1.0)})
+        errors = {"floor": 1.0, "nominal": 1.0, "calibrated": calibrated}
+        comparison = SimpleNamespace(error=lambda name: {"speed": SimpleNamespace(rmse=errors[name])})
         comparison.above_floor = partial(Comparison.above_floor, comparison)
         return SimpleNamespace(
             last={"speed": SimpleNamespace(rmse=error)}, comparison=comparison, model=Oscillator(effects=()), effects=()

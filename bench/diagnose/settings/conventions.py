@@ -97,6 +97,9 @@ class Sampling:
 
     recordings: int = threshold(8, "recordings that are looked at, spread over all", Basis.EFFORT, "count")
     longest: float = threshold(30.0, "time of each recording that is looked at, from its middle", Basis.EFFORT, "s")
+    fewest: int = threshold(
+        3000, "samples of it, where these take longer: a slow process does little in 30 s", Basis.EFFORT, "samples"
+    )
     window: float = threshold(0.3, "time over which changes are compared", Basis.JUDGED, "s")
     half_width: float = threshold(
         0.06, "half of the time over which an acceleration is the change of the velocity", Basis.JUDGED, "s"

@@ -75,9 +75,9 @@ class Flight:
             self._kept[name, signal] = _earlier(values, signal.delay * self.rate) if signal.delay else values
         return self._kept[name, signal]
 
-    def part(self, seconds: float) -> "Flight":
-        """At most ``seconds`` from the middle of what is valid."""
-        inside, most = extent(self.valid), round(seconds * self.rate)
+    def part(self, seconds: float, fewest: int = 0) -> "Flight":
+        """At most ``seconds``, or ``fewest`` samples where those take longer, from the middle of what is valid."""
+        inside, most = extent(self.valid), max(round(seconds * self.rate), fewest)
         first = inside.start + max(0, (inside.stop - inside.start - most) // 2)
         part = slice(first, min(inside.stop, first + most))
         return Flight(self.name, self.rate, {n: v[part] for n, v in self.columns.items()}, self.valid[part])
@@ -134,7 +134,7 @@ def of_folder(source: Folder) -> Recorded:
         if description.input:
             x = flight.signals(reading, ("attitude", "velocity", "body_rates", description.input))
             flight.valid &= ~resting(x, x[description.input], description.rate)
-        flights.append(flight.part(SAMPLING.longest))
+        flights.append(flight.part(SAMPLING.longest, SAMPLING.fewest))
     stated = {**physics, **description.environment}
     return Recorded(tuple(flights), reading, description.rate, stated, description.input_hold)
 
@@ -152,7 +152,7 @@ def of_subject(subject: "Subject") -> Recorded:
         if hasattr(subject.model, p)
     }
     reading = _reading(_as_read(recordings), drive, constants)
-    flights = tuple(_flight(r).part(SAMPLING.longest) for r in _spread(recordings))
+    flights = tuple(_flight(r).part(SAMPLING.longest, SAMPLING.fewest) for r in _spread(recordings))
     return Recorded(flights, reading, recordings[0].rate, constants, subject.model.input_hold)
 
 
