@@ -428,3 +428,27 @@ def test_a_draft_says_what_was_not_found(tmp_path):
     table().rename(columns={"q": "rate"}).to_csv(tmp_path / "a.csv", index=False)
     text = draft(tmp_path, "quadrotor")
     assert '# TODO: body_rates = {columns = ["…"], unit = "rad/s"}, a state, if it was measured' in text
+
+
+@pytest.mark.parametrize(
+    ("true", "filed", "counted"),
+    [
+        (lambda t: 720 * t - 50 * t * t, lambda deg: (deg + 180) % 360 - 180, True),
+        (lambda t: 400 * np.sin(2 * t), lambda deg: deg % 360, True),
+        (lambda t: 28000 * t, lambda deg: deg, False),  # an encoder that counts, by more than half a turn a sample
+        (lambda t: 170 * np.sin(5 * t), lambda deg: deg, False),
+        (lambda t: 179 * np.sign(np.sin(900 * t)), lambda deg: deg, False),  # what jumps to and fro with every sample
+    ],
+    ids=["to half a turn", "from zero", "counts", "within", "jumps"],
+)
+def test_the_turns_of_an_angle_that_is_filed_within_one_are_counted(tmp_path, true, filed, counted):
+    t = np.arange(400) / 100
+    pd.DataFrame({"t": t, "q": filed(true(t)), "w": 0 * t}).to_csv(tmp_path / "a.csv", index=False)
+    (tmp_path / "dataset.toml").write_text(
+        'name = "arm"\nsystem = "pendulum"\nrate_hz = 100\nfiles = "*.csv"\ntime = "t"\n[signals]\n'
+        'angle = {columns = ["q"], unit = "deg"}\nangle_rate = {columns = ["w"], unit = "rad/s"}\n'
+    )
+    read = check(tmp_path)
+    angle = np.rad2deg(read.recordings[0].pick(["angle"])[0][:, 0])
+    assert np.diff(angle) == pytest.approx(np.diff(true(t)), abs=1e-6)
+    assert [f.kind for f in read.findings if f.kind == "turns"] == ["turns"] * counted

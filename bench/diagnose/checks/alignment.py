@@ -51,7 +51,7 @@ def alignment(
             _interchanged(log, pair, fit, x, inside, length)
             or _axes(log, pair, fit, x, modelled, usable)
             or _scale(log, pair, fit)
-            or _unrelated(log, pair, x, inside, length)
+            or _unrelated(log, pair, fit, x, inside, length)
         )
         found += wrong
         if not wrong:
@@ -167,16 +167,20 @@ def _scale(log: Log, pair: Pair, fit: Fit) -> list[DataProblem]:
     return [DataProblem(log.name, signal, "unit" if unit else "scale", (0, len(log) - 1), detail)]
 
 
-def _unrelated(log: Log, pair: Pair, x: Array, inside: Array, length: int) -> list[DataProblem]:
-    """Whether what is filed as a rate moves as smoothly as the signal does, and does not go with its change."""
+def _unrelated(log: Log, pair: Pair, fit: Fit, x: Array, inside: Array, length: int) -> list[DataProblem]:
+    """Whether what is filed as a rate moves as smoothly as the signal does, and does not go with its change.
+
+    Neither about its mean, which may be off, nor without the windows that fit worst, in which it may have jumped.
+    """
     if pair.turns:
         return []
     measured, said = (v[inside] for v in changes(pair, x, log.dt, length))
-    near, found = max(1, length // 8), []
+    size, near, found = measured.std(axis=0), max(1, length // 8), []
     for i, axis in enumerate(pair.axes):
         smooth = [_correlation(v[near:], v[:-near]) for v in (measured[:, i], x[inside.nonzero()[0], pair.rates[i]])]
-        by = _correlation(measured[:, i], said[:, i])
-        if min(smooth) > ALIGNING.smooth and abs(by) < ALIGNING.unrelated:
+        by = max(_correlation(measured[:, i], said[:, i]), fit.correlation[i, i], key=abs)
+        moves = size[i] >= ALIGNING.moving * size.max()  # an axis that rests shows how each signal drifts
+        if moves and min(smooth) > ALIGNING.smooth and abs(by) < ALIGNING.unrelated:
             of = f".{axis}" if axis else ""
             detail = (
                 f"{pair.rate}{of} is no rate of {pair.signal}{of}: what they say of {length * log.dt:.2g} s has a "

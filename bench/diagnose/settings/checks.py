@@ -30,6 +30,11 @@ class Aligning:
     smooth: float = threshold(
         0.8, "correlation of each with itself an eighth of a window later, from which it is no noise", Basis.JUDGED
     )
+    moving: float = threshold(
+        0.1,
+        "change of a signal along an axis, over the largest along any, from which it tells of its rate",
+        Basis.JUDGED,
+    )
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,21 @@ def own_units(columns: Mapping[str, Array], signal: SignalColumns) -> Array:
     return picked * factor + offset if offset else picked * factor
 
 
+def turns_counted(values: Array) -> tuple[Array, int]:
+    """Angles (N, c) [rad] past the turn that they were filed in, and how often one of them went past its end.
+
+    What stays within one turn and goes from one end of it to the other between two samples, where it mostly moves by
+    far less, was filed so; an encoder that counts its turns leaves one.
+    """
+    out, times = values.copy(), 0
+    for c, x in enumerate(values.T):
+        steps = np.abs(np.diff(x))
+        ends = int((steps > 1.5 * np.pi).sum())
+        if ends and np.ptp(x) <= 2 * np.pi * 1.001 and np.median(steps) < np.pi / 2:
+            out[:, c], times = np.unwrap(x), times + ends
+    return out, times
+
+
 def attitude(values: Array, signal: SignalColumns) -> Array:
     """Quaternions xyzw (N, 4), body to world, of unit length, from angles [rad] or quaternions as ``signal`` says.
 

@@ -13,7 +13,7 @@ from typing_extensions import override
 from registry.contracts import Channel, Dataset, Finding, Recording, RecordingSet, Split
 from registry.core import DATASETS, PHYSICS, option
 from registry.datasets.folder.clock import Clock, clock, clock_findings, gridded, joined, without_drift
-from registry.datasets.folder.conversion import attitude, in_frames, own_units
+from registry.datasets.folder.conversion import attitude, in_frames, own_units, turns_counted
 from registry.datasets.folder.description import FILE, FolderDescription, describe
 from registry.datasets.folder.draft import draft
 from registry.datasets.folder.sessions import refuse_mixed
@@ -26,6 +26,7 @@ from registry.datasets.signals import channels, recording
 from registry.errors import BenchError, near
 from registry.physics.rigid_body import RigidBody
 from registry.regular_file import regular
+from registry.units import to_si
 
 __all__ = ["Folder", "FolderDescription", "check", "draft"]
 
@@ -251,16 +252,21 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
     of, columns = read_columns(file, description)
     signals, name = description.signals, _name(file)
     logged = {n: _whole([columns[c] for c in s.names]) for n, s in signals.items()}
-    x, close = {}, {}
+    x, close, turned = {}, {}, list[Finding]()
     for n, s in signals.items():
         values = own_units({c: columns[c][logged[n]] for c in s.names}, s)
         if not len(values):
             raise BenchError(f"{file}: {n} has no row in which all of {', '.join(s.names)} hold a number.")
-        values = _attitude(file, values, s, np.flatnonzero(logged[n])) if n == "attitude" else values
+        if n == "attitude":
+            values = _attitude(file, values, s, np.flatnonzero(logged[n]))
+        elif n not in description.inputs and (s.kept or to_si(s.unit)[0]) == "rad":
+            values, times = turns_counted(values)
+            told = f"{n} is filed within one turn and went past its end {times} times: its turns are counted"
+            turned += [Finding(name, "turns", times, told)] * (times > 0)
         held = n in description.inputs and description.input_hold == "previous"
         x[n], close[n] = gridded(of, values, logged[n], s.delay, held)
     valid = np.logical_and.reduce([of.steady, *close.values()])
-    findings = clock_findings(name, of, logged, close)
+    findings = [*clock_findings(name, of, logged, close), *turned]
     if "attitude" in x:
         x["attitude"] = unit_quaternion(x["attitude"])
     x = in_frames(x, signals)
