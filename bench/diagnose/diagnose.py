@@ -305,15 +305,8 @@ def _worth_it(before: Extension, after: Extension) -> bool:
     """
     if any(isinstance(e, (HiddenMode, PeriodicTerm)) for e in after.model.effects):
         return True
-    comparison = before.comparison
-    whole, was, now = (
-        c.above_floor(e)
-        for c, e in (
-            (comparison, comparison.error("calibrated")),
-            (comparison, before.last),
-            (after.comparison, after.last),
-        )
-    )
+    whole, was = (before.comparison.above_floor(e) for e in (before.comparison.error("calibrated"), before.last))
+    now = after.comparison.above_floor(after.last)
     return any(was[g] - now[g] > min(MATTERING.share * max(whole[g], was[g]), LEARNING.large * was[g]) for g in now)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.diagnose.logs.consistency import Array, Pair, accumulated, change, integral, within
+from bench.diagnose.logs.consistency import Array, Pair, accumulated, change, correlation, integral, within
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.result import DataProblem
 from bench.diagnose.settings import ALIGNING
@@ -51,7 +51,7 @@ def alignment(
             _interchanged(log, pair, fit, x, inside, length)
             or _axes(log, pair, fit, x, modelled, usable)
             or _scale(log, pair, fit)
-            or _unrelated(log, pair, fit, x, inside, length)
+            or _unrelated(log, pair, fit, (measured[inside], said[inside]), x[: len(inside)][inside], length)
         )
         found += wrong
         if not wrong:
@@ -167,18 +167,26 @@ def _scale(log: Log, pair: Pair, fit: Fit) -> list[DataProblem]:
     return [DataProblem(log.name, signal, "unit" if unit else "scale", (0, len(log) - 1), detail)]
 
 
-def _unrelated(log: Log, pair: Pair, fit: Fit, x: Array, inside: Array, length: int) -> list[DataProblem]:
+def _unrelated(log: Log, pair: Pair, fit: Fit, over: tuple[Array, Array], x: Array, length: int) -> list[DataProblem]:
     """Whether what is filed as a rate moves as smoothly as the signal does, and does not go with its change.
 
     Neither about its mean, which may be off, nor without the windows that fit worst, in which it may have jumped.
+
+    Args:
+        log: the recording.
+        pair: the signal and its rate.
+        fit: of what the two say.
+        over: changes (K, c) over windows as measured, and as the rate says.
+        x: (K, s) states where these begin.
+        length: steps of a window.
     """
     if pair.turns:
         return []
-    measured, said = (v[inside] for v in changes(pair, x, log.dt, length))
+    measured, said = over
     size, near, found = measured.std(axis=0), max(1, length // 8), []
     for i, axis in enumerate(pair.axes):
-        smooth = [_correlation(v[near:], v[:-near]) for v in (measured[:, i], x[inside.nonzero()[0], pair.rates[i]])]
-        by = max(_correlation(measured[:, i], said[:, i]), fit.correlation[i, i], key=abs)
+        smooth = [correlation(v[near:], v[:-near]) for v in (measured[:, i], x[:, pair.rates[i]])]
+        by = max(correlation(measured[:, i], said[:, i]), fit.correlation[i, i], key=abs)
         moves = size[i] >= ALIGNING.moving * size.max()  # an axis that rests shows how each signal drifts
         if moves and min(smooth) > ALIGNING.smooth and abs(by) < ALIGNING.unrelated:
             of = f".{axis}" if axis else ""
@@ -189,11 +197,6 @@ def _unrelated(log: Log, pair: Pair, fit: Fit, x: Array, inside: Array, length: 
             )
             found.append(DataProblem(log.name, pair.rate, "unrelated", (0, len(log) - 1), detail))
     return found
-
-
-def _correlation(a: Array, b: Array) -> float:
-    a, b = a - a.mean(), b - b.mean()
-    return float(a @ b) / max(float((a @ a) * (b @ b)) ** 0.5, 1e-300)
 
 
 def _paces(measured: Array, said: Array, inside: Array, block: int) -> Array:

@@ -136,7 +136,7 @@ def _acts(subject: Subject, log: Log, place: int) -> float | None:
         by, left, without = fits[0]
         filed = min((left for slope, left, _ in fits if slope > 0), default=without)
         lowest, highest = INVERTING.between
-        if -highest < by < -lowest and left < INVERTING.better * min(filed, without):
+        if -highest < by < -lowest and left < INVERTING.better * filed:
             found.append(by)
         elif filed < INVERTING.better * without:
             found.append(1.0)

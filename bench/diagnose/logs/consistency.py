@@ -116,6 +116,11 @@ def outlying(y: Array) -> Array:
     return out
 
 
+def correlation(a: Array, b: Array) -> float:
+    """Of two signals (K,) about their means; 0 where one of them is constant."""
+    return float(np.corrcoef(a, b)[0, 1]) if min(float(a.std()), float(b.std())) > 0 else 0.0
+
+
 def spread(x: Array) -> Array:
     """1σ of the columns (c,) of (N, c) as the median of their size has it."""
     out: Array = 1.4826 * np.median(np.abs(x), axis=0) if len(x) else np.zeros(x.shape[1:])

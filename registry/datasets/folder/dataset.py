@@ -261,8 +261,9 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
             values = _attitude(file, values, s, np.flatnonzero(logged[n]))
         elif n not in description.inputs and (s.kept or to_si(s.unit)[0]) == "rad":
             values, times = turns_counted(values)
-            told = f"{n} is filed within one turn and went past its end {times} times: its turns are counted"
-            turned += [Finding(name, "turns", times, told)] * (times > 0)
+            if times:
+                detail = f"{n} is filed within one turn and went past its end {times} times: its turns are counted"
+                turned.append(Finding(name, "turns", times, detail))
         held = n in description.inputs and description.input_hold == "previous"
         x[n], close[n] = gridded(of, values, logged[n], s.delay, held)
     valid = np.logical_and.reduce([of.steady, *close.values()])

@@ -12,6 +12,7 @@ from bench.diagnose.checks.description.conventions import ROTORS
 from bench.diagnose.checks.description.mistake import Mistake, lines
 from bench.diagnose.checks.description.recorded import Flight, Reading, Recorded
 from bench.diagnose.checks.description.relations import boxed, felt, followed
+from bench.diagnose.logs.consistency import correlation
 from bench.diagnose.settings import LIFTING, TURNING
 from registry.datasets.reading.rotations import rotate
 from registry.units import to_si
@@ -116,7 +117,7 @@ def _correlation(a: Array, b: Array, beside: Array | None = None) -> float:
         given = np.column_stack([np.ones(len(a)), beside])
         both = np.column_stack([a, b])
         a, b = (both - given @ np.linalg.lstsq(given, both, rcond=None)[0]).T
-    return float(np.corrcoef(a, b)[0, 1]) if min(float(a.std()), float(b.std())) > 0 else 0.0
+    return correlation(a, b)
 
 
 def _deaf(forces: Sequence[_Force], reading: Reading, rate: float) -> Mistake | None:
@@ -216,7 +217,7 @@ def _map(forces: Sequence[_Force], mass: float, k_f: float) -> tuple[float, floa
     count = forces[0].driving.shape[1]
     speed = np.concatenate([np.sqrt(np.maximum(f.needed, 0) * mass / k_f / count) for f in forces])
     level = np.concatenate([np.sqrt((f.driving**2).mean(axis=1)) for f in forces])
-    r = float(np.corrcoef(level, speed)[0, 1]) if level.std() > 0 and speed.std() > 0 else 0.0
+    r = correlation(level, speed)
     gain = r * float(speed.std() / max(level.std(), 1e-300))
     if r < LIFTING.fits or gain * level.mean() > 1.2 * speed.mean():
         return float(speed.mean() / max(level.mean(), 1e-300)), 0.0, r
