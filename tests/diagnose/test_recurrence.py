@@ -41,7 +41,7 @@ def test_an_affine_recurrence_takes_the_path_of_a_loop_from_wherever_it_begins(a
             path.append(np.einsum("lij,lj->li", matrices[:, k], path[-1]) + offsets[:, k])
         expected = torch.from_numpy(np.stack(path, axis=1))
         torch.testing.assert_close(found.path(torch.from_numpy(started)), expected, rtol=1e-11, atol=1e-11)
-        turned = found.turned(torch.arange(STEPS + 1)) @ torch.from_numpy(started)[:, None, :, None]
+        turned = found.turned() @ torch.from_numpy(started)[:, None, :, None]
         torch.testing.assert_close(found.path() + turned.squeeze(-1), expected, rtol=1e-11, atol=1e-11)
 
 

@@ -164,11 +164,13 @@ def view_of(search: Search, look: Look, base: int, columns: Sequence[Columns]) -
     sorted_columns = [c for axis in present for c in columns if c.pair.axis == axis]
     counts = [len(c.values[0]) for c in sorted_columns]
     ends = np.cumsum(counts)
+    once = {id(c.values[0]): c for c in sorted_columns}  # what acts along several axes is the same functions
+    begins = dict(zip(once, np.cumsum([0, *(len(c.values[0]) for c in once.values())]), strict=False))
     by_axis = {
         axis: np.concatenate(
             [
-                np.arange(end - n, end)
-                for c, n, end in zip(sorted_columns, counts, ends, strict=True)
+                begins[id(c.values[0])] + np.arange(n)
+                for c, n in zip(sorted_columns, counts, strict=True)
                 if c.pair.axis == axis
             ]
         )
@@ -183,7 +185,7 @@ def view_of(search: Search, look: Look, base: int, columns: Sequence[Columns]) -
     )
 
     def dictionary(number: int, of: Sequence[np.ndarray]) -> Dictionary:
-        functions = np.concatenate([c.values[min(number, len(c.values) - 1)] for c in sorted_columns])
+        functions = np.concatenate([c.values[min(number, len(c.values) - 1)] for c in once.values()])
         axes = np.stack([of[axis_column[axis]] for axis in present])
         return Dictionary(
             terms, functions, axes, tuple(by_axis[axis] for axis in present), tuple(present), np.ones(len(functions))

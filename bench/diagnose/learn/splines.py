@@ -72,20 +72,24 @@ class Splines:
     def __init__(self, signals: Sequence[dict[str, np.ndarray]]) -> None:
         """Prepare; ``signals`` are what terms can follow: as measured and, where inputs are noisy, with more noise."""
         self.signals = signals
-        self._of: dict[tuple[str, int, bool], Made | None] = {}
+        self._of: dict[tuple[tuple[str, ...], int, bool], Made | None] = {}
 
     def of(self, pair: Pair, count: int, waves: bool = False) -> Made | None:
         """The splines of ``count`` knots, and waves if asked; None: the first signal does not vary."""
-        key = (pair.signals[0], count, waves)
+        key = (pair.signals, count, waves)
         if key not in self._of:
-            self._of[key] = _of_first(Pair(pair.axis, pair.signals[:1]), self.signals, count, waves)
+            self._of[key] = self._made(pair, count, waves)
         made = self._of[key]
+        return made and replace(made, columns=Columns(pair, made.columns.values))
+
+    def _made(self, pair: Pair, count: int, waves: bool) -> Made | None:
+        if len(pair.signals) == 1:
+            return _of_first(pair, self.signals, count, waves)
+        made = self.of(Pair(pair.axis, pair.signals[:1]), count, waves)
         if made is None:
             return None
-        values = made.columns.values
-        if len(pair.signals) > 1:
-            values = tuple(v * paths[pair.signals[1]] for v, paths in zip(values, self.signals, strict=True))
-        return replace(made, columns=Columns(pair, values))
+        both = zip(made.columns.values, self.signals, strict=True)
+        return replace(made, columns=Columns(pair, tuple(v * paths[pair.signals[1]] for v, paths in both)))
 
 
 def _of_first(pair: Pair, signals: Sequence[dict[str, np.ndarray]], count: int, waves: bool) -> Made | None:

@@ -83,7 +83,8 @@ class Dictionary:
 
     def along(self, block: "Block", log: int, values: np.ndarray) -> np.ndarray:
         """Rates (N − 1, terms) that the terms of a block add to its channel, of the functions `of_log`."""
-        some = values if len(block.members) == values.shape[1] else values[:, block.members]
+        all_of_them = np.array_equal(block.members, np.arange(values.shape[1]))
+        some = values if all_of_them else values[:, block.members]
         out: np.ndarray = some * self.axes[block.axis, log, :, block.channel, None]
         return out
 

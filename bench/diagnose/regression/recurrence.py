@@ -14,9 +14,9 @@ class Solved:
     """The affine maps from the beginning of each of about √K stretches of steps to after each step of it."""
 
     matrix: Tensor
-    """(…, stretches, length, i, i); where all steps have the same matrix, of one recording for all."""
+    """(…, L, stretches, length, i, i); where all steps have the same matrix, (…, 1, 1, length, i, i)."""
     offset: Tensor
-    """(…, stretches, length, i)."""
+    """(…, L, stretches, length, i)."""
     count: int
     """K."""
 
@@ -24,24 +24,33 @@ class Solved:
         """The path (…, K + 1, i) from x_0 (…, i), zero if not given."""
         if begin is None:
             begin = self.offset.new_zeros(*self.offset.shape[:-3], self.offset.shape[-1])
-        starts = [begin]
-        ends = zip(self.matrix[..., :-1, -1, :, :].unbind(-3), self.offset[..., :-1, -1, :].unbind(-2), strict=True)
-        for matrix, offset in ends:
+        starts, ends = [begin], self._ends()
+        for matrix, offset in zip(ends, self.offset[..., :-1, -1, :].unbind(-2), strict=True):
             starts.append(_times(matrix, starts[-1]) + offset)
-        at = torch.stack(starts, dim=-2).unsqueeze(-2)  # (…, stretches, 1, i)
-        path = (_times(self.matrix, at) + self.offset).flatten(-3, -2)
+        path = (self._spread(torch.stack(starts, dim=-2)) + self.offset).flatten(-3, -2)
         return torch.cat([begin.unsqueeze(-2), path[..., : self.count, :]], dim=-2)
 
-    def turned(self, at: Tensor) -> Tensor:
-        """What a beginning x_0 adds to the path after so many steps (n,), as matrices (…, n, i, i)."""
-        starts = [torch.eye(self.matrix.shape[-1]).to(self.matrix)]
-        for matrix in self.matrix[..., :-1, -1, :, :].unbind(-3):
+    def turned(self) -> Tensor:
+        """What a beginning x_0 adds to the path, as matrices (…, L or 1, K + 1, i, i)."""
+        starts = [torch.eye(self.matrix.shape[-1]).to(self.matrix).expand(self.matrix[..., 0, 0, :, :].shape)]
+        for matrix in self._ends():
             starts.append(matrix @ starts[-1])
-        starts[0] = starts[0].expand(self.matrix[..., 0, 0, :, :].shape)
-        stretch, step = (at - 1).clamp_min(0) // self.matrix.shape[-3], (at - 1) % self.matrix.shape[-3]
-        turned = self.matrix[..., stretch, step, :, :] @ torch.stack(starts, dim=-3)[..., stretch, :, :]
-        turned[..., at == 0, :, :] = starts[0].unsqueeze(-3)
-        return turned
+        turned = (self.matrix @ torch.stack(starts, dim=-3).unsqueeze(-3)).flatten(-4, -3)
+        return torch.cat([starts[0].unsqueeze(-3), turned[..., : self.count, :, :]], dim=-3)
+
+    def _ends(self) -> list[Tensor]:
+        """The matrices (…, L or 1, i, i) of every whole stretch but the last one."""
+        stretches = self.offset.shape[-3]
+        return [self.matrix[..., k if self.matrix.shape[-4] > 1 else 0, -1, :, :] for k in range(stretches - 1)]
+
+    def _spread(self, starts: Tensor) -> Tensor:
+        """What the beginnings (…, L, stretches, i) of stretches make of every step (…, L, stretches, length, i)."""
+        length, size = self.matrix.shape[-3], self.matrix.shape[-1]
+        if self.matrix.shape[-5:-3] != (1, 1):
+            return _times(self.matrix, starts.unsqueeze(-2))
+        maps = self.matrix[..., 0, 0, :, :, :].flatten(-3, -2)  # (…, length i, i), one product for all recordings
+        spread: Tensor = starts.flatten(-3, -2) @ maps.mT
+        return spread.unflatten(-1, (length, size)).unflatten(-3, starts.shape[-3:-1])
 
 
 def _times(matrix: Tensor, x: Tensor) -> Tensor:
@@ -87,7 +96,7 @@ def solved(step: Step, first: Step, shape: tuple[int, ...], size: int, like: Ten
         now = matrix[..., k, :, :].clone()
         matrix[..., k, :, :] = now @ matrix[..., k - 1, :, :]
         offset[..., k, :] += _times(now, offset[..., k - 1, :])
-    return Solved(matrix.expand(*matrix.shape[:-4], stretches, *matrix.shape[-3:]), offset, shape[-1])
+    return Solved(matrix, offset, shape[-1])
 
 
 def _matrix(step: Step, shape: tuple[int, ...], size: int, like: Tensor) -> Tensor:
@@ -113,10 +122,10 @@ def normal_equations(seen: Tensor, left: Tensor, so_far: bool) -> tuple[Tensor, 
     Returns:
         (…, 1, i, i) and (…, 1, i) of all; or (…, K + 1, …) of what came before each place, and of all.
     """
-    gram = (seen.unsqueeze(-1) * seen.unsqueeze(-2)).sum(-3)
-    moment = (seen * left.unsqueeze(-1)).sum(-2)
     if not so_far:
-        return gram.sum(-3, keepdim=True), moment.sum(-2, keepdim=True)
-    gram, moment = gram.cumsum(-3), moment.cumsum(-2)
+        seen, left = seen.flatten(-3, -2), left.flatten(-2)
+        return (seen.mT @ seen).unsqueeze(-3), (seen.mT @ left.unsqueeze(-1)).mT
+    gram = (seen.unsqueeze(-1) * seen.unsqueeze(-2)).sum(-3).cumsum(-3)
+    moment = (seen * left.unsqueeze(-1)).sum(-2).cumsum(-2)
     nothing = torch.zeros_like(gram[..., :1, :, :]), torch.zeros_like(moment[..., :1, :])
     return torch.cat([nothing[0], gram], dim=-3), torch.cat([nothing[1], moment], dim=-2)

@@ -94,10 +94,10 @@ def _rates(
     size, shape = state.shape[-1], (*(() if many is None else (many,)), *state.shape[-3:-1])
     if own is not None:
         state = torch.cat([state.expand(*own.shape[:-1], size), own], dim=-1)
-    dry = sticks(model)
-    fast = None if dry else models.rates(model, inputs.shape[-1], sensed)
+    fast = models.rates(model, inputs.shape[-1], sensed)
     if fast is not None:
         return at_once(fast, shape, state, inputs, slopes)
+    dry = sticks(model)
     out = state.new_empty(*shape, size + (len(model.sensed_channels) if sensed else 0))
     step = max(1, LINEARISING.at_once // max(1, math.prod(shape[:-1])))
     for start in range(0, shape[-1], step):
@@ -160,8 +160,7 @@ def _left(model: PhysicsModel, rest: PhysicsModel, stack: LogBatch) -> tuple[dic
     Returns:
         By axis, and by signal, (…, L, N − 1).
     """
-    rates, places = midpoint_rates(rest, stack), list(stack.measured)
-    left = (torch.from_numpy(stack.paths).diff(dim=1) / stack.dt - rates)[..., places]
+    rates, moved = midpoint_rates(rest, stack), torch.from_numpy(stack.paths).diff(dim=1) / stack.dt
     along: dict[str, Tensor] = {}
     drivers: dict[str, Tensor] = {}
     for effect in model.effects:
@@ -169,12 +168,21 @@ def _left(model: PhysicsModel, rest: PhysicsModel, stack: LogBatch) -> tuple[dic
             continue
         for constant in effect.constants():
             if constant.axis not in along:
-                unit = replace(rest, effects=(*rest.effects, constant))
-                one = (midpoint_rates(unit, stack) - rates)[..., places]
-                along[constant.axis] = (one * left).sum(-1) / one.square().sum(-1).clamp_min(1e-300)
+                unit = midpoint_rates(replace(rest, effects=(*rest.effects, constant)), stack)
+                along[constant.axis] = _share(unit, rates, moved, stack.measured)
         for name in effect.drivers if isinstance(effect, HiddenMode) else ():
             drivers[name] = followed(name, rest, stack)
     return along, drivers
+
+
+def _share(unit: Tensor, rates: Tensor, moved: Tensor, measured: Sequence[int]) -> Tensor:
+    """How much (…, L, N − 1) of a unit brings ``rates`` nearest to what ``moved``; all are (…, L, N − 1, s)."""
+    along, size = torch.zeros(()).to(rates), torch.zeros(()).to(rates)
+    for c in measured:
+        one = unit[..., c] - rates[..., c]
+        if one.any():
+            along, size = along + one * (moved[..., c] - rates[..., c]), size + one.square()
+    return along.expand(rates.shape[:-1]) / size.clamp_min(1e-300)
 
 
 def followed(name: str, model: PhysicsModel, stack: LogBatch) -> Tensor:
@@ -236,19 +244,12 @@ def _as_begun(
     whole = good[:, : blocks * BLOCK].unflatten(-1, (blocks, BLOCK)).all(-1).unsqueeze(-1)
     if not whole.any():
         return path
-    places, own = list(stack.measured), _halfway(path)
-    moved = torch.from_numpy(stack.paths).diff(dim=1)[..., places] / stack.dt
-    rates = _rates(model, stack, stack.between, own, middle, slopes)[..., places]
+    turned, own = found.turned(), _halfway(path)
+    seen, acts = _seen_of(turned, own, model, stack, middle, slopes)
+    moved = torch.from_numpy(stack.paths).diff(dim=1)[..., acts] / stack.dt
+    rates = _rates(model, stack, stack.between, own, middle, slopes)[..., acts]
     left = (moved - rates)[..., : blocks * BLOCK, :].unflatten(-2, (blocks, BLOCK)).mean(-2)
-    # Two of each block have the mean of all, to the third order.
-    at = (BLOCK * torch.arange(blocks).unsqueeze(-1) + torch.tensor(NODES)).flatten()
-    states, own, *driven = (x[..., at, :] for x in (stack.between, own, middle, slopes))
-    answers = (_rates(model, stack, states, own + e, *driven)[..., places] for e in torch.eye(own.shape[-1]).to(own))
-    seen = torch.stack([x - rates[..., at, :] for x in answers], dim=-1)
-    acts = [c for c in range(len(places)) if seen[..., c, :].any()]
-    turned = (found.turned(at) + found.turned(at + 1)) / 2
-    seen = (seen[..., acts, :] @ turned).unflatten(-3, (blocks, len(NODES))).mean(-3)
-    seen, left = torch.where(whole.unsqueeze(-1), seen, 0.0), torch.where(whole, left[..., acts], 0.0)
+    seen, left = torch.where(whole.unsqueeze(-1), seen, 0.0), torch.where(whole, left, 0.0)
     size = path.square().mean((-3, -2), keepdim=True).sqrt()  # a beginning is told in shares of it
     seen, begin, unit = seen * size.unsqueeze(-2), torch.zeros_like(size), torch.eye(size.shape[-1]).to(size)
     for last in (False, True):  # the noise is what no swing has
@@ -257,10 +258,38 @@ def _as_begun(
         gram, moment = normal_equations(seen * weight.unsqueeze(-1), left * weight, so_far and last)
         begin = torch.linalg.solve(gram + unit, moment.unsqueeze(-1)).squeeze(-1)
     begin = size * begin
-    if not so_far:
-        return found.path(begin.squeeze(-2))
-    after = torch.arange(path.shape[-2])  # a block tells what comes after its last sample
-    return path + (found.turned(after) @ begin[..., after // BLOCK, :].unsqueeze(-1)).squeeze(-1)
+    if so_far:  # a block tells what comes after its last sample
+        begin = begin[..., torch.arange(path.shape[-2]) // BLOCK, :]
+    return path + (turned * begin.unsqueeze(-2)).sum(-1)
+
+
+def _seen_of(
+    turned: Tensor, own: Tensor, model: PhysicsModel, stack: LogBatch, middle: Tensor, slopes: Tensor
+) -> tuple[Tensor, list[int]]:
+    """How rates, as means over blocks of intervals, answer a beginning of the own states.
+
+    Args:
+        turned: (…, L or 1, N, i, i) what a beginning adds to the own states at every sample.
+        own: (…, L, N − 1, i) the own states in the middle of each interval.
+        model: with the effects.
+        stack: measurements.
+        middle: (…, L, N − 1, m) what acts in the middle of each interval.
+        slopes: (…, L, N − 1, m) its time derivative.
+
+    Returns:
+        (…, L, blocks, c, i), and which of the measured channels these c are.
+    """
+    blocks = own.shape[-2] // BLOCK
+    # Two of each block have the mean of all, to the third order.
+    at = (BLOCK * torch.arange(blocks).unsqueeze(-1) + torch.tensor(NODES)).flatten()
+    states, own, *driven = (x[..., at, :] for x in (stack.between, own, middle, slopes))
+    still = _rates(model, stack, states, own, *driven)
+    answers = [_rates(model, stack, states, own + e, *driven) - still for e in torch.eye(own.shape[-1]).to(own)]
+    acts = [c for c in stack.measured if any(x[..., c].any() for x in answers)]
+    seen = torch.stack([x[..., acts] for x in answers], dim=-1)  # (…, L, nodes, c, i)
+    nodes = (turned[..., at, :, :] + turned[..., at + 1, :, :]) / 2
+    seen = (seen.unsqueeze(-1) * nodes.unsqueeze(-3)).sum(-2)
+    return seen.unflatten(-3, (blocks, len(NODES))).mean(-3), acts
 
 
 def _one_by_one(fast: models.Compiled, shape: tuple[int, ...], size: int, *given: Tensor) -> Tensor:
