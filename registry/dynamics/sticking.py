@@ -14,7 +14,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 import torch
 from torch import Tensor
@@ -22,6 +22,8 @@ from typing_extensions import override
 
 from registry.dynamics.effects import RateEffect
 
+_HIDES = 3.0
+"""Standard deviations of noise that a motion at rest hardly shows."""
 _NOTHING = 1e-12
 """Change of a rate of motion, in its unit, that is none, to divide by."""
 
@@ -38,9 +40,21 @@ class DryEffect(RateEffect):
         metadata={"help": "mean signs (…, n) of the motions over a time step, from an integrator; none: those now"},
     )
 
+    hidden: tuple[float, ...] = field(
+        default=(),
+        kw_only=True,
+        repr=False,
+        compare=False,
+        metadata={"help": "speeds (n,) of the motions up to which noise hides whether they rest; none: no noise"},
+    )
+
     @abstractmethod
     def motions(self, model: Any) -> Sequence[int]:
         """The n places in the state of the rates of the motions that it resists."""
+
+    def seen_through(self, model: Any, noise: Sequence[float]) -> Self:
+        """As it is told from states (s,) with noise of these 1σ."""
+        return replace(self, hidden=tuple(_HIDES * noise[i] for i in self.motions(model)))
 
     @abstractmethod
     def resisting(self, model: Any, state: Tensor, inputs: Tensor, signs: Tensor) -> Tensor:
@@ -98,10 +112,13 @@ def held(model: Any, state: Tensor, inputs: Tensor, dt: float, step: Callable[[A
 
 
 def resting(model: Any, state: Tensor, inputs: Tensor, input_rates: Tensor | None = None) -> Any:
-    """The model with every dry friction balancing all else where a measured motion rests, up to its limit.
+    """The model with every dry friction as the forces on a measured motion say where that rests, up to its limit.
 
-    The sign of what rests is that of noise, and changes over a speed: s = tanh v / v_0. Where friction is large enough
-    to hold it, the sign that balances all else is taken instead, in the share 1 − s².
+    The sign of a motion that rests is that of noise, and changes over a speed: s = tanh v / v_0. Where friction is
+    large enough to hold it, the sign that balances all else is taken instead, in the share 1 − s². Where noise hides
+    whether it rests, all else tells that too; and which way it starts, at less than half of that speed, for it is soon
+    fast. Not where all else is twice the limit and more: a motion so slow is then one that turns round, and goes the
+    way that was measured.
 
     Args:
         model: see `held`.
@@ -117,12 +134,19 @@ def resting(model: Any, state: Tensor, inputs: Tensor, input_rates: Tensor | Non
         rates: Tensor = _with_signs(model, dry, given).derivative(state, inputs, input_rates)
         return rates[..., place]
 
+    hidden = [v for i, motions in dry.items() for v in model.effects[i].hidden or [0.0] * len(motions)]
     for j, place in enumerate(p for motions in dry.values() for p in motions):
         sign = signs[j]
         free = rate(j, torch.zeros_like(sign), place)
-        taken = free - rate(j, torch.ones_like(sign), place)
-        balance = sign + (1 - sign**2) * (free / taken.clamp(min=_NOTHING) - sign)
-        signs[j] = torch.where(free.abs() < taken, balance, sign)
+        pushed = free / (free - rate(j, torch.ones_like(sign), place)).clamp(min=_NOTHING)
+        rests = torch.where(pushed.abs() < 1, 1 - sign**2, 0.0)
+        if hidden[j] > 0:
+            speed = state[..., place] / hidden[j]
+            holds = 1 - torch.tanh(speed) ** 8
+            starts = 1 - torch.tanh(2 * speed) ** 8
+            starts = starts * (2 - pushed.abs()).clamp(0, 1)
+            rests = torch.maximum(rests, torch.where(pushed.abs() < 1, holds, starts))
+        signs[j] = sign + rests * (pushed.clamp(-1, 1) - sign)
     return _with_signs(model, dry, signs)
 
 

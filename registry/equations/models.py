@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from registry.dynamics import Effect, PhysicsModel, Rates, advanced
+from registry.dynamics import Effect, PhysicsModel, Rates, advanced, resting, sticks
 from registry.equations import lanes
 from registry.equations.lanes import Lanes
 from registry.equations.trace import Recorder, Traced, recorded
@@ -46,6 +46,8 @@ class Compiled:
 def rates(model: PhysicsModel, inputs: int, sensed: bool = False) -> Compiled | None:
     """`PhysicsModel.derivative` of the state proper, and with ``sensed`` what `PhysicsModel.sensed` says of it.
 
+    Dry friction acts as on a measured motion (`resting`).
+
     Args:
         model: its numbers may be tensors (B, …), for B models at once.
         inputs: channels of the inputs.
@@ -57,6 +59,9 @@ def rates(model: PhysicsModel, inputs: int, sensed: bool = False) -> Compiled | 
     size = len(model.state_channels)
 
     def function(of: PhysicsModel, derivative: Rates, state: Tensor, now: Tensor, slopes: Tensor) -> Tensor:
+        if sticks(of):
+            of = resting(of, state, now, slopes)
+            derivative = of.derivative
         found = derivative(state, now, slopes)[..., :size]
         return torch.cat([found, of.sensed(state, found)], dim=-1) if sensed else found
 

@@ -123,8 +123,8 @@ def test_what_a_model_lacks_inverts_no_drive(drive: object) -> None:
 def test_all_signals_that_stand_still_while_the_drive_moves_are_frozen_and_a_machine_at_rest_is_not() -> None:
     """From first to last, or at a speed that is not 0. Friction holds a machine at speed 0 for a while."""
 
-    def stopped(first: int, end: int, speed: float) -> Subject:
-        given = cart(lambda u: u)
+    def stopped(first: int, end: int, speed: float, given: Subject | None = None) -> Subject:
+        given = cart(lambda u: u) if given is None else given
         log = given.logs[0]
         states = log.states.clone()
         states[first:end] = states[first]
@@ -136,6 +136,9 @@ def test_all_signals_that_stand_still_while_the_drive_moves_are_frozen_and_a_mac
     (stretch,) = machine_problems(stopped(300, 600, 0.1))
     assert (stretch.kind, stretch.rows) == ("frozen", (301, 599))
     assert machine_problems(stopped(300, 600, 0.0)) == []
+    # A sensor without a zero reads half a count whenever the machine stands; a speed is lost twice at two speeds.
+    assert machine_problems(stopped(300, 450, 0.01, stopped(500, 650, 0.01))) == []
+    assert len(machine_problems(stopped(300, 450, 0.1, stopped(500, 650, -0.2)))) == 2
     # The slope of a position that repeats its value is 0 but for rounding, and all of it stands still no less.
     slope = {1: Slope(0, np.ones(3))}
     assert machine_problems(replace(stopped(300, 600, 1e-16), slopes=slope)) == []

@@ -210,8 +210,9 @@ def test_a_rival_without_which_an_equation_is_lost_takes_the_place_of_an_effect(
 ) -> None:
     """Asked of the effects that are kept. Rotors that wear saved 7 % about one axis, beside a torque: too little."""
     monkeypatch.setattr(worthy, "rivals", lambda view, place: {"alike": f"alike {place}", "better": f"better {place}"})
+    monkeypatch.setattr(worthy, "friction_that_saves", lambda *given: None)
     view = SimpleNamespace(linear=SimpleNamespace(model=SimpleNamespace(effects=("known", "dropped", "kept"))))
-    chosen = SimpleNamespace(model="model", dropped=(1,), exchanged=lambda place, start: start)
+    chosen = SimpleNamespace(search=None, model="model", dropped=(1,), exchanged=lambda place, start: start)
     for could, ratio, taken in ((True, 0.5, "better 2"), (True, 0.94, None), (False, 0.5, None)):
         weighing = SimpleNamespace(
             subject=SimpleNamespace(model=SimpleNamespace(effects=("known",))),

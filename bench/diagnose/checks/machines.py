@@ -4,8 +4,9 @@ What a vehicle's signals say of each other is told by physics that all vehicles 
 known, so that what is asked here is coarse and must be plain.
 """
 
-from collections.abc import Set
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,37 +32,43 @@ def machine_problems(subject: Subject) -> list[DataProblem]:
         float(log.inputs[log.valid, :drives].std(0).max()) if log.valid.sum() > 1 else 0.0 for log in subject.logs
     ]
     strong = [by >= FREEZING.pushed * float(np.median(pushed)) for by in pushed]
-    slopes = frozenset(subject.slopes)
-    found = [p for log, by in zip(subject.logs, strong, strict=True) for p in _at_rest(subject.model, log, slopes, by)]
+    stretches = [s for log, by in zip(subject.logs, strong, strict=True) for s in _standing(subject, log, by)]
+    stood = Counter(s.speeds for s in stretches)
+    # A machine at rest reads the same speed every time, be it the half count of a sensor that has no zero.
+    found = [s.problem for s in stretches if s.whole or (any(s.speeds) and stood[s.speeds] == 1)]
     return found or _inverted(subject)
 
 
-def _at_rest(model: PhysicsModel, log: Log, slopes: Set[int], strong: bool) -> list[DataProblem]:
-    """All that was measured stands still although the drive moves: from first to last, or at a speed that is not 0.
+@dataclass(frozen=True)
+class _Stretch:
+    """A part of a recording in which all that was measured stands still."""
 
-    Friction holds a machine for a while, at rest, and where the drive is not ``strong`` beside other recordings. Of a
-    position that repeats its value the states that are ``slopes`` of it say nothing else.
+    whole: bool
+    """Whether it is all of a recording in which the drive is as strong as in others."""
+    speeds: tuple[float, ...]
+    """What the speeds read there."""
+    problem: DataProblem
+
+
+def _standing(subject: Subject, log: Log, strong: bool) -> Iterator[_Stretch]:
+    """Where all that was measured stands still for long although the drive moves; friction may hold a machine so.
+
+    Of a position that repeats its value the states that are slopes of it say nothing else. ``strong``: whether the
+    drive is, beside that of other recordings.
     """
-    at = [i for i, known in enumerate(log.measured) if known and i not in slopes]
+    model = subject.model
+    at = [i for i, known in enumerate(log.measured) if known and i not in subject.slopes]
     valid, x = log.valid.numpy(), log.states.numpy()[:, at]
     pushed = ~held(log.inputs.numpy()[:, : drives_of(model, log)])
     rates = [i for i, c in enumerate(at) if model.state_channels[c].group in _rates_of_others(model)]
-    out = []
+    names = " and ".join(dict.fromkeys(model.state_channels[i].group for i in at)).replace("_", " ")
     for a, b in runs(held(x) & valid):
-        whole = strong and b - a >= valid.sum() - 1
-        moving = bool(rates) and bool(x[a, rates].any())
-        long = b - a >= max(FREEZING.held_samples, round(FREEZING.held * log.pace))
-        if long and (whole or moving) and pushed[a:b].any():
-            names = " and ".join(dict.fromkeys(model.state_channels[i].group for i in at)).replace("_", " ")
-            drive = log.recording.input_channels[0].group
-            detail = f"{names} repeat one value for {b - a} samples ({(b - a) * log.dt:.4g} s) while {drive} goes on."
-            first = model.state_channels[at[0]].group
-            out.append(DataProblem(log.name, first, "frozen", (a, b - 1), detail.replace("repeat", _verb(names))))
-    return out
-
-
-def _verb(names: str) -> str:
-    return "repeat" if " and " in names else "repeats"
+        if b - a < max(FREEZING.held_samples, round(FREEZING.held * log.pace)) or not pushed[a:b].any():
+            continue
+        drive, verb = log.recording.input_channels[0].group, "repeat" if " and " in names else "repeats"
+        detail = f"{names} {verb} one value for {b - a} samples ({(b - a) * log.dt:.4g} s) while {drive} goes on."
+        problem = DataProblem(log.name, model.state_channels[at[0]].group, "frozen", (a, b - 1), detail)
+        yield _Stretch(strong and b - a >= valid.sum() - 1, tuple(x[a, rates]), problem)
 
 
 def _rates_of_others(model: PhysicsModel) -> set[str]:

@@ -115,6 +115,8 @@ class LogBatch:
     """(L, N − 1, s): see `Log.missed`."""
     finer: Tensor | None = None
     """(L, (N − 1) stride + 1, s): see `Log.finer`."""
+    noise: tuple[float, ...] = ()
+    """(s,) 1σ of the states; empty: not known."""
 
     def samples(self, x: Tensor) -> Tensor:
         """Those (…, n, c) of series (…, L, N, c) that are no padding, one log after the other."""

@@ -206,7 +206,7 @@ def directions(
     dependants = tuple(_dependants(model, i) for i in range(0 if settled else len(model.effects)))
     columns[len(columns) :], reduced = _without(model, dependants, at, own, stack)
     starts: list[Candidate] = []
-    points = _starting_points(model, stack if like is None else like.stack)
+    points = starting_points(model, stack if like is None else like.stack)
     for name, kind in candidates:
         tick(name)
         starts += _starts(points, name, kind, at, wide=wide, stack=stack, columns=columns)
@@ -229,8 +229,10 @@ def directions(
     )
 
 
-def _starting_points(model: PhysicsModel, stack: LogBatch) -> StartingPoints:
-    return StartingPoints.of(model, stack.samples(stack.states), stack.samples(stack.inputs), stack.logs[0])
+def starting_points(model: PhysicsModel, stack: LogBatch) -> StartingPoints:
+    """Where searches for effects in a model start on these recordings."""
+    states, inputs = (stack.samples(x) for x in (stack.states, stack.inputs))
+    return StartingPoints.of(model, states, inputs, stack.logs[0], stack.noise)
 
 
 Response = dict[int, np.ndarray]

@@ -169,7 +169,7 @@ class Rows:
             (acting, np.concatenate([self.seen(i, c)[:n].T for i, n in enumerate(kept)], axis=1))
             for c, acting in enumerate(self.acting)
         )
-        return Normal(channels, self.width + 1, np.array(fold), np.array(count))
+        return Normal(channels, self.width + 1, np.array(fold, dtype=int), np.array(count, dtype=int))
 
     def apart(self) -> list[Normal]:
         """`normal` of each log by itself."""

@@ -1,6 +1,6 @@
 """Where a search for an effect's parameters starts: at shares of what was recorded."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -11,7 +11,7 @@ from torch import Tensor
 from bench.diagnose.logs.subject import Log
 from bench.diagnose.regression.parameters import Entry
 from bench.diagnose.settings import LINEARISING
-from registry.dynamics import Effect, PhysicsModel
+from registry.dynamics import DryEffect, Effect, PhysicsModel
 from registry.effects.actuation import LONGEST_DELAY
 
 
@@ -27,9 +27,13 @@ class StartingPoints:
     """
     medians: Mapping[str, float]
     """Of the model's extras."""
+    noise: Sequence[float] = ()
+    """(s,) 1σ of the states as recorded; empty: not known."""
 
     @classmethod
-    def of(cls, model: PhysicsModel, states: Tensor, inputs: Tensor, log: Log) -> "StartingPoints":
+    def of(
+        cls, model: PhysicsModel, states: Tensor, inputs: Tensor, log: Log, noise: Sequence[float] = ()
+    ) -> "StartingPoints":
         """In ``model``, to which effects are added, on states proper (…, s) and inputs (…, m) sampled as ``log`` is."""
         first = inputs.shape[-1] - len(model.extras)
         medians = {name: float(inputs[..., first + i].median()) for i, name in enumerate(model.extras)}
@@ -45,17 +49,20 @@ class StartingPoints:
             sizes |= {"second": log.second, "longest_delay": longest}
         if model.effect_unit("m") == "rad":
             sizes["turn"] = 2 * np.pi
-        return cls(model, sizes, medians)
+        return cls(model, sizes, medians, noise)
 
     def neutral(self, kind: type[Effect]) -> list[Effect]:
         """Neutral for an effect that is linear in its parameters, else one a value of its search grid."""
-        neutral = kind.neutral_for(self.model, self.medians).sized(self.sizes, fitted=False)
+        neutral = self._seen(kind.neutral_for(self.model, self.medians).sized(self.sizes, fitted=False))
         return [replace(neutral, **values) for values in self._grid(kind)]
 
     def felt(self, kind: type[Effect]) -> list[Effect]:
         """One a value of its search grid, all else as met in practice, so that every parameter is felt."""
-        typical = kind.typical_for(self.model).sized(self.sizes)
+        typical = self._seen(kind.typical_for(self.model).sized(self.sizes))
         return [replace(typical, **values) for values in self._grid(kind)]
+
+    def _seen(self, effect: Effect) -> Effect:
+        return effect.seen_through(self.model, self.noise) if self.noise and isinstance(effect, DryEffect) else effect
 
     def reach(self, kind: type[Effect], entry: Entry) -> tuple[float, float]:
         """Between which values an effect linearised at ``entry`` is believed: to the next ones of its search grid."""

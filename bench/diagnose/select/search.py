@@ -138,6 +138,7 @@ class Search:
             self.stride = max(self.stride, default_steps(self.stack.logs) // 2)
         self._made: dict[tuple[int, ...], TestFunctions] = {}
         self.noise = noise = noise or noise_of(subject)
+        self.stack = replace(self.stack, noise=noise.processed)
         self._bent: dict[tuple[str, ...], bool] = {}
         self._all_noisy: LogBatch | None = None
         filters = [noise.smoothing_of(i).coarser(stride) for i in range(len(subject.model.state_channels))]

@@ -13,6 +13,7 @@ from bench.diagnose.select.discovery import trifle
 from bench.diagnose.select.given_past import foretold
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search, View
+from bench.diagnose.select.simulated.dry_friction import friction_that_saves
 from bench.diagnose.select.step import advanced, settled, without
 from bench.diagnose.select.subset import Fit
 from bench.diagnose.select.tie import rivals
@@ -171,7 +172,8 @@ def _worse(savings: Sequence[Saving]) -> bool:
 def rival_that_saves(view: View, weighing: Weighing, chosen: Choice) -> PhysicsModel | None:
     """The model with a rival in place of one of its effects, which surely loses a held-out equation; None: none does.
 
-    Of two effects that few moments tell apart, a search keeps the one with fewer numbers, whatever it leaves.
+    Of two effects that few moments tell apart, a search keeps the one with fewer numbers, whatever it leaves. What acts
+    on a drive may be dry friction: see `friction_that_saves`.
     """
     places = range(len(weighing.subject.model.effects), len(view.linear.model.effects))
     for place in (i for i in places if i not in chosen.dropped):
@@ -182,7 +184,7 @@ def rival_that_saves(view: View, weighing: Weighing, chosen: Choice) -> PhysicsM
             rescued = any(s.rescues for s in weighing.savings(chosen.model, other, other))
             if rescued and weighing.refutes(chosen.model, other, other):
                 return other
-    return None
+    return friction_that_saves(chosen.search, view, weighing, chosen.model)
 
 
 def saved(weighing: Weighing | None, chosen: Choice, place: int, extended: PhysicsModel) -> tuple[Saving, ...]:

@@ -210,6 +210,11 @@ class Stepping:
         Basis.EFFORT,
         "count",
     )
+    strengths: tuple[float, ...] = threshold(
+        (1.0, 1.5, 2.2, 3.3, 5.0, 7.5),
+        "times what is typical, of dry friction, from the best of which it is fitted",
+        Basis.EFFORT,
+    )
 
 
 @dataclass(frozen=True)

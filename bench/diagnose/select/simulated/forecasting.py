@@ -11,12 +11,14 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from bench.diagnose.logs.parts import stretch
 from bench.diagnose.logs.subject import LogBatch, Subject
 from bench.diagnose.regression.parameters import entries, probes, with_values
 from bench.diagnose.regression.weak import midpoint_rates
 from bench.diagnose.select.catalogue import admissible
 from bench.diagnose.select.verify import Estimate
 from bench.diagnose.settings import EXTENDING, FORECASTING
+from bench.diagnose.simulate.free_run import default_steps
 from bench.diagnose.simulate.multiple_shooting import Shot, multiple_shooting, relative_error
 from bench.diagnose.simulate.unmeasured import hidden
 from bench.execution.parallel import side_by_side
@@ -42,9 +44,12 @@ def forecasting(
 
     Returns:
         The model with the effect behind its own, and all numbers that were fitted; ``model`` itself where there is
-        none, where a state was not measured, and where there are no two recordings to learn from.
+        none, where a state was not measured, and where there are no two recordings to learn from in which a free run
+        finds room.
     """
-    if hidden(subject.logs) or len(subject.training) < 2:
+    halves = subject.training[::2], subject.training[1::2]
+    room = min(max(map(stretch, subject.of(names)), default=0) for names in halves)
+    if hidden(subject.logs) or room <= default_steps(subject.logs):
         return model, ()
     tick("forecasts")
 
@@ -57,7 +62,7 @@ def forecasting(
     best = min(shots, key=lambda s: s.after, default=None)
     if best is None or best.after >= FORECASTING.gain:
         return model, ()
-    own, halves = _own(subject, best.model), (subject.training[::2], subject.training[1::2])
+    own = _own(subject, best.model)
     parts = [_fitted(subject, best.model, names, own) for names in halves]
     if any(relative_error(model, s.model, subject, n) >= 1 for s, n in zip(parts, halves[::-1], strict=True)):
         return model, ()
