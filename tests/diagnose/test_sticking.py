@@ -10,6 +10,7 @@ from torch import Tensor
 
 from bench.diagnose import diagnose, discover
 from bench.diagnose.logs.subject import Subject, log_of
+from bench.diagnose.select.simulated.forecasting import forecasting
 from registry.contracts import Channel, Recording
 from registry.dynamics import constant, resting, tensor
 from registry.effects.mechanics.friction import CoulombFriction
@@ -101,5 +102,8 @@ def test_recordings_of_which_little_is_valid_are_no_crash() -> None:
     given = subject("coulomb_friction")
     kept = torch.arange(SAMPLES) % 24 < 12
     logs = [replace(log, valid=log.valid & kept) if 0 < i < 4 else log for i, log in enumerate(given.logs)]
-    said, _ = diagnose(replace(given, logs=tuple(logs)), brief=True)
+    short = replace(given, logs=tuple(logs))
+    said, _ = diagnose(short, brief=True)
     assert [e.id for e in said.effects] == ["coulomb_friction"]
+    assert forecasting(short, short.model, ["coulomb_friction"]) == (short.model, ())
+    assert forecasting(given, given.model, ["coulomb_friction"])[1]
