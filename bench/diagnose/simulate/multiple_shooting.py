@@ -99,11 +99,19 @@ def multiple_shooting(
     return Shot(best, start, last, tuple(current), np.linalg.pinv(gram) + np.diag(np.where(lost, np.inf, 0.0)))
 
 
-@np.errstate(over="ignore", invalid="ignore")
 def relative_error(one: PhysicsModel, other: PhysicsModel, subject: Subject, names: Sequence[str]) -> float:
     """Mean squared error of free runs of ``other`` on some recordings, each channel over that of ``one``."""
+    return relative_errors(one, [other], subject, names)[0]
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def relative_errors(
+    one: PhysicsModel, others: Sequence[PhysicsModel], subject: Subject, names: Sequence[str]
+) -> list[float]:
+    """`relative_error` of each of several models."""
     runs = _Runs.of(one, subject, names)
-    return float(np.mean((runs.errors(other) / _size(runs.errors(one))) ** 2))
+    size = _size(runs.errors(one))
+    return [float(np.mean((runs.errors(other) / size) ** 2)) for other in others]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ measured speed, which is noise at rest, and a linearisation about no friction pr
 dry friction is fitted by itself, from several strengths, and held-out forecasts decide.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import remembers, settled, without
 from bench.diagnose.settings import MATTERING, STEPPING
-from bench.diagnose.simulate.multiple_shooting import multiple_shooting, relative_error
+from bench.diagnose.simulate.multiple_shooting import multiple_shooting, relative_error, relative_errors
 from registry.dynamics import DryEffect, InputEffect, PhysicsModel
 
 
@@ -49,7 +50,7 @@ def friction_that_saves(search: Search, view: View, weighing: Weighing, model: P
     if not fitted:
         return None
     alike = MATTERING.near**2
-    errors = [relative_error(model, m, subject, subject.held_out) for m in fitted]
+    errors = relative_errors(model, fitted, subject, subject.held_out)
     good = [m for m, e in zip(fitted, errors, strict=True) if e <= alike * min(errors)]
     simplest = min(good, key=lambda m: _count(search, m))
     if errors[fitted.index(simplest)] < 1 / alike:
@@ -73,18 +74,22 @@ def _fitted(search: Search, view: View, rest: PhysicsModel, kind: type[DryEffect
     losses = [search.loss(view, m) for m in options]
     if not np.isfinite(min(losses, default=np.inf)):
         return None
-    start = options[int(np.argmin(losses))]
-    _, by_rows = settled(search, start)
+    _, fitted = settled(search, options[int(np.argmin(losses))])
+    if kind.screen:
+        fitted = _shot(
+            search, fitted, [replace(fitted, effects=(*fitted.effects[:-1], m.effects[-1])) for m in options]
+        )
+    return fitted if all(e.possible_in(fitted) for e in fitted.effects) else None
+
+
+def _shot(search: Search, by_rows: PhysicsModel, starts: Sequence[PhysicsModel]) -> PhysicsModel:
+    """A model fitted to free runs, from where rows have it or from that of some starting points which errs least."""
     subject, names = search.subject, search.subject.training
 
-    def error(of: PhysicsModel) -> float:
-        return relative_error(by_rows, of, subject, names)
+    def best(models: Sequence[PhysicsModel]) -> PhysicsModel:
+        return models[int(np.argmin(relative_errors(by_rows, models, subject, names)))]
 
-    best = by_rows
-    if kind.screen:
-        again = min((replace(by_rows, effects=(*by_rows.effects[:-1], m.effects[-1])) for m in options), key=error)
-        best = min((multiple_shooting(m, subject, names).model for m in (by_rows, again)), key=error)
-    return best if all(e.possible_in(best) for e in best.effects) else None
+    return best([multiple_shooting(m, subject, names).model for m in (by_rows, best(starts))])
 
 
 def _count(search: Search, model: PhysicsModel) -> int:
