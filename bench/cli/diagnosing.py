@@ -121,7 +121,7 @@ def show_discovery(console: Any, found: "Discovery") -> None:
 
     effects, left = [(f.id, f.rivals) for f in found.found], found.traces[:3]
     axes, follows = ([getattr(t, name) for t in left] for name in ("axis", "signal"))
-    line = sentences.verdict_line(found.verdict, effects, axes, follows, found.obscured)
+    line = sentences.verdict_line(found.verdict, effects, axes, follows, found.obscured, found.inverse)
     console.print(line, highlight=False, markup=False)
     for f in found.found:
         console.print(f"[bold]{f.id}[/]  {escape(EFFECTS.get(f.id).equation)}", highlight=False)

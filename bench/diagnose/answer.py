@@ -104,6 +104,7 @@ def _evidence(steps: Steps, constants: Mapping[str, ConstantEstimate]) -> Eviden
         learned=steps.curves,
         flights=steps.flights,
         obscured=discovery.obscured,
+        inverse=discovery.inverse,
         contradicted_effects=discovery.contradicted_effects,
         parted=subject.folder is not None and not subject.folder.only and len(subject.folder.names) > 1,
     )

@@ -77,6 +77,26 @@ class GivenPast:
 
 
 @dataclass(frozen=True)
+class InverseDynamics:
+    """What an input works against, where forwards it seems to do nothing: the input regressed on measured motion."""
+
+    effect: str
+    """Id of the dry friction."""
+    drive: str
+    """The input in words, such as "torque"."""
+    friction: tuple[float, float, float]
+    """Its one number, with the ends of its 95 % interval."""
+    unit: str
+    mass: tuple[float, float, float]
+    """What the input moves, of what was stated, with the same."""
+    saves: float
+    """Squared input that it explains of what the model leaves of it, on recordings left out one by one."""
+    low: float
+    high: float
+    """95 % over these recordings."""
+
+
+@dataclass(frozen=True)
 class ObscuredConstant:
     """A constant that was let go and went where no such system has it: these recordings hide it."""
 

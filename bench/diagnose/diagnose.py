@@ -205,7 +205,7 @@ def _concluded(
         extension, found = terms, judged(subject, run.noise, found, terms)
         # What a search for effects took for nothing repeats, and can be learned.
         verdict = found.verdict if found.found else "unknown_effect"
-    if differ is None and found.equations and _high(extension):
+    if differ is None and found.equations and found.inverse is None and _high(extension):
         extension = with_forecasting(replace(run, subject=subject), extension)
     if terms is not None:
         terms = extension = likened(subject, run.noise, extension)

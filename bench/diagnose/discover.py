@@ -11,8 +11,9 @@ from bench.diagnose.logs.noise import Noise
 from bench.diagnose.logs.parts import refuse_short
 from bench.diagnose.logs.subject import Subject
 from bench.diagnose.select.choose import compared, select_across_views
+from bench.diagnose.select.closed_loop.given_past import idle, revealed
+from bench.diagnose.select.closed_loop.inverse_dynamics import with_inverse_dynamics
 from bench.diagnose.select.discovery import Discovery, Found, faint_traces, needs_first
-from bench.diagnose.select.given_past import idle, revealed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.release import contradicted, equations_of_freed
 from bench.diagnose.select.search import Search, View
@@ -77,11 +78,10 @@ def read_and_discovered(
         rise = [math.log(b / a) for a, b in zip(*errors, strict=False)]
         if sum(rise) < (len(again.found) < len(found.found)) * len(rise) * math.log(MATTERING.near):
             subject, found = read, again
-    later = after_beginning(subject, found.model, noise)
-    if later is subject:
-        return subject, noise, found
-    search = Search(later, catalogue, tick, noise, memory=found.memory, long_windows=found.long_windows)
-    return later, noise, _discovered(search, noise, begun=found)
+    if (later := after_beginning(subject, found.model, noise)) is not subject:
+        search = Search(later, catalogue, tick, noise, memory=found.memory, long_windows=found.long_windows)
+        subject, found = later, _discovered(search, noise, begun=found)
+    return subject, noise, with_inverse_dynamics(found, subject, noise)
 
 
 def _searched(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from bench.analysis.display import draw_curves, new_axes
-from bench.diagnose.by_equation import ObscuredConstant
+from bench.diagnose.by_equation import InverseDynamics, ObscuredConstant
 from bench.diagnose.learned_shape import LearnedCurve
 from bench.experiment.asked import Asked
 from registry.units import display
@@ -268,6 +268,8 @@ class Evidence:
     predictable_axes: tuple[Predictable, ...] = ()
     """The same of single channels of those that have an equation of their own."""
     obscured: tuple[ObscuredConstant, ...] = ()
+    inverse: InverseDynamics | None = None
+    """What the input works against where it seems to do nothing."""
     """Constants of which the recordings say nothing that could be believed."""
     contradicted_effects: tuple[str, ...] = ()
     """Effects that the training recordings are sure of and held-out ones contradict; not named."""

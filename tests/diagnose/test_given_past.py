@@ -11,8 +11,8 @@ from test_problems import flights, made
 from bench.diagnose.by_equation import GivenPast, ObscuredConstant
 from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.subject import Subject
-from bench.diagnose.select import given_past
-from bench.diagnose.select.given_past import memory, revealed
+from bench.diagnose.select.closed_loop import given_past
+from bench.diagnose.select.closed_loop.given_past import memory, revealed
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.verify import estimates

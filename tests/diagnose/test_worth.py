@@ -25,7 +25,7 @@ from bench.diagnose.simulate.equation_error import EquationError, Saving
 from bench.execution import parallel
 from registry.dynamics import Effect
 from registry.effects.mass import Mass
-from registry.effects.mechanics.friction import CoulombFriction, OffsetForce
+from registry.effects.mechanics.friction import CoulombFriction, OffsetForce, StribeckFriction
 from registry.effects.mechanics.hysteresis import BoucWen
 from registry.effects.torque import RotationalDamping, TorqueScale
 from registry.physics.oscillator import Oscillator
@@ -208,19 +208,33 @@ def test_constants_that_nobody_believes_do_not_take_an_effects_place() -> None:
 def test_a_rival_without_which_an_equation_is_lost_takes_the_place_of_an_effect(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Asked of the effects that are kept. Rotors that wear saved 7 % about one axis, beside a torque: too little."""
-    monkeypatch.setattr(worthy, "rivals", lambda view, place: {"alike": f"alike {place}", "better": f"better {place}"})
+    """Asked of the effects that are kept. Rotors that wear saved 7 % about one axis, beside a torque: too little.
+
+    A friction of Stribeck that is larger at speed than at rest, which none is, took the place of Coulomb's.
+    """
+    friction = {False: StribeckFriction(f_c=0.4, f_s=0.3), True: StribeckFriction(f_c=0.3, f_s=0.4)}
+    monkeypatch.setattr(worthy, "rivals", lambda view, place: {n: f"{n} {place}" for n in ("alike", "better")})
     monkeypatch.setattr(worthy, "friction_that_saves", lambda *given: None)
     view = SimpleNamespace(linear=SimpleNamespace(model=SimpleNamespace(effects=("known", "dropped", "kept"))))
-    chosen = SimpleNamespace(search=None, model="model", dropped=(1,), exchanged=lambda place, start: start)
-    for could, ratio, taken in ((True, 0.5, "better 2"), (True, 0.94, None), (False, 0.5, None)):
+    for possible, could, ratio, taken in (
+        (True, True, 0.5, "better 2"),
+        (False, True, 0.5, None),
+        (True, True, 0.94, None),
+        (True, False, 0.5, None),
+    ):
+        chosen = SimpleNamespace(
+            search=None,
+            model="model",
+            dropped=(1,),
+            exchanged=lambda place, start, e=friction[possible]: SimpleNamespace(name=start, effects=(e,)),
+        )
         weighing = SimpleNamespace(
             subject=SimpleNamespace(model=SimpleNamespace(effects=("known",))),
             could_rescue=lambda less, full, could=could: could,
             savings=lambda less, full, extended, ratio=ratio: (Saving("torques", 0.5, 0.07, 0.02, 0.1, True, ratio),),
-            refutes=lambda other, full, extended: other == "model" and full.startswith("better"),
+            refutes=lambda other, full, extended: other == "model" and full.name.startswith("better"),
         )
-        assert rival_that_saves(view, weighing, chosen) == taken
+        assert getattr(rival_that_saves(view, weighing, chosen), "name", None) == taken
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from bench.diagnose.by_equation import ObscuredConstant
+from bench.diagnose.by_equation import InverseDynamics, ObscuredConstant
 from bench.diagnose.evidence import Calibration
 from bench.diagnose.report.phrases import lasting, listed, named, number, percent, shown, united
 from bench.diagnose.result import Diagnosis
@@ -14,6 +14,8 @@ def miscalibrated(diagnosis: Diagnosis) -> list[str]:
     """Sentences about base constants whose intervals exclude what was stated, and ratios of them that do."""
     ratios, parts, others = moved(diagnosis)
     found = [said for c in diagnosis.evidence.obscured for said in _obscured(c)]
+    if diagnosis.evidence.inverse is not None:
+        found.append(_works_against(diagnosis.evidence.inverse))
     found += [f"Calibration moved stated constants: {_first(others)}."] if others else []
     if ratios:
         also = " also" if others else ""
@@ -64,6 +66,21 @@ def _obscured(c: ObscuredConstant) -> list[str]:
     elif c.finer:
         said.append(f"With --set {c.finer} the {named(c.group)} are read from a finer sensor, which may tell.")
     return said
+
+
+def _works_against(found: InverseDynamics) -> str:
+    """A sentence on inverse dynamics."""
+    friction, mass = (
+        f"{number(value)}{unit} ({number(low)} to {number(high)})"
+        for (value, low, high), unit in ((found.friction, f" {found.unit}"), (found.mass, " times what was stated"))
+    )
+    return (
+        f"By inverse dynamics (a regression of the {found.drive} on the motion that was measured, while it moves) the "
+        f"{found.drive} works against {named(found.effect)} of {friction}, which explains {percent(found.saves)} "
+        f"({percent(found.low)} to {percent(found.high)}) of the squared {found.drive} that the model leaves, on "
+        f"recordings left out one by one; what it accelerates comes out as {mass}. Free runs driven by the "
+        f"{found.drive} gain nothing by it: what nobody measured, and the {found.drive} cancels, accelerates it more."
+    )
 
 
 def _plain(name: str, value: float, unit: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from bench.diagnose.learn.spectral_line import Line, Swing
 from bench.diagnose.learned_shape import RELAXATION, SWING, WAVE, LearnedShape
 from bench.diagnose.report import phrases
-from bench.diagnose.result import ParameterEstimate
+from bench.diagnose.result import Diagnosis, ParameterEstimate
 from registry.dynamics import PhysicsModel
 from registry.dynamics.model import RATE_OF
 from registry.effects.learned_term import LearnedTerm
@@ -196,3 +196,18 @@ def _drivers(mode: HiddenMode, model: PhysicsModel) -> str:
     if group in ("velocity", "body_velocity"):
         return f"the acceleration along {'world' if group == 'velocity' else 'body'} {letters}"
     return f"changes of {group.replace('_', ' ')} {letters}"
+
+
+def alike(diagnosis: Diagnosis) -> str:
+    """What the learned terms are like, and what would tell them from it; empty: nothing that is known."""
+    out = []
+    alone = sum(e.learned for e in diagnosis.effects) == 1
+    for e in diagnosis.effects:
+        if e.term is None or not (e.term.nearest or e.term.known_as):
+            continue
+        names = phrases.listed(map(phrases.named, e.term.nearest), "or")
+        near = f"{names}, which would do {phrases.percent(e.term.likeness)} of it" if names else ""
+        like = "; nearest in the catalogue: ".join(filter(None, (e.term.known_as, near)))
+        which = "The learned term" if alone else phrases.named(e.term.name)
+        out.append(f"{which} looks like {like}. {e.separate_by}".strip())
+    return " ".join(out)

@@ -4,9 +4,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from bench.diagnose.by_equation import EffectSaving, ObscuredConstant
+from bench.diagnose.by_equation import EffectSaving, InverseDynamics, ObscuredConstant
 from bench.diagnose.evidence import LINES
-from bench.diagnose.report import constant_words, equation_errors
+from bench.diagnose.report import constant_words, equation_errors, learned_words
 from bench.diagnose.report.phrases import estimate, lasting, listed, named, number, percent, shown, united
 from bench.diagnose.result import ByGroup, Diagnosis, NamedEffect, Unexplained
 from bench.diagnose.settings import MATTERING, TELLING
@@ -35,7 +35,8 @@ def headline(diagnosis: Diagnosis) -> str:
         return f"No one model holds for all recordings: they differ in {what}."
     effects = [(e.id, e.indistinguishable_from) for e in diagnosis.effects if e.found]
     left = diagnosis.unexplained
-    line = verdict_line(diagnosis.verdict, effects, left.axes, left.follows, diagnosis.evidence.obscured)
+    seen = diagnosis.evidence
+    line = verdict_line(diagnosis.verdict, effects, left.axes, left.follows, seen.obscured, seen.inverse)
     moved = [c for told in constant_words.moved(diagnosis) for c in told]
     if diagnosis.verdict == "nothing" and moved and diagnosis.evidence.calibrated >= TELLING.recalibrated:
         return f"{line.removesuffix('.')}, but stated constants are off: {constant_words.change(moved[0])}."
@@ -62,6 +63,7 @@ def verdict_line(
     axes: Iterable[str],
     follows: Iterable[str],
     obscured: Iterable[ObscuredConstant],
+    inverse: InverseDynamics | None = None,
 ) -> str:
     """A verdict on the model in one plain sentence, the same after a search for effects as after a whole diagnosis.
 
@@ -71,6 +73,7 @@ def verdict_line(
         axes: channels in which something systematic is left.
         follows: signals that it follows.
         obscured: constants that are not to be believed.
+        inverse: what the input works against nevertheless.
     """
     if verdict == "named":
         tied = _tied(effects)
@@ -86,6 +89,8 @@ def verdict_line(
         acts = f"acts on {listed(where)}" if where else "moves the system"
         said = f" and follows {listed(signals)}" if signals else ""
         return f"Something systematic that is not in the catalogue {acts}{said}."
+    if inverse is not None:
+        return f"The {inverse.drive} works against {named(inverse.effect)}; forecasts by it gain nothing."
     if lost := _not_understood(obscured):
         return f"No effect of the catalogue was found, and {listed(lost)} cannot be explained."
     return "No effect of the catalogue is missing as far as these recordings can show."
@@ -113,7 +118,7 @@ def explanation(diagnosis: Diagnosis) -> str:
 def paragraphs(diagnosis: Diagnosis) -> list[str]:
     """What follows the headline: what was found, then what is left; not what became of the stated constants."""
     found: list[str] = []
-    beside = diagnosis.verdict != "unknown_effect"
+    beside, seen = diagnosis.verdict != "unknown_effect", diagnosis.evidence
     shares = [e.share_explained for e in diagnosis.effects if e.found or (e.learned and not beside)]
     if diagnosis.verdict == "data_problem":
         count = len(diagnosis.data_problems)
@@ -137,7 +142,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == "tie":
         alone = f"Any of them explains about {percent(max(shares))}"
         several = f"Together, one of each explains about {percent(sum(shares))}"
-        found.append(f"{alone if len(shares) == 1 else several} {_FREE}.")
+        found += [] if seen.inverse else [f"{alone if len(shares) == 1 else several} {_FREE}."]
         found += dict.fromkeys(e.separate_by for e in diagnosis.effects if e.separate_by and not e.learned)
         found.append(f"What would tell most within what was recorded: {diagnosis.evidence.command('design')}.")
     if beside and (terms := [e for e in diagnosis.effects if e.learned]):
@@ -157,7 +162,13 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         size = f"It makes {percent(share)} {_FREE}, and n" if share > 0 else "N"
         found.append(f"{size}o effect of the catalogue explains it on held-out recordings.")
     left = "" if diagnosis.verdict == "unknown_effect" else remainder(diagnosis)
-    after = (alike(diagnosis), forecasting(diagnosis), left, differing(diagnosis), _contradicted(diagnosis))
+    after = (
+        learned_words.alike(diagnosis),
+        forecasting(diagnosis),
+        left,
+        differing(diagnosis),
+        _contradicted(diagnosis),
+    )
     return [*filter(None, (" ".join(found), *after))]
 
 
@@ -211,21 +222,6 @@ def _one_by_one(diagnosis: Diagnosis) -> str:
     """What to type where recordings differ; empty: they cannot be taken one by one."""
     of = diagnosis.evidence
     return f" What each of them says by itself: {of.command('diagnose', '--each-recording')}." if of.parted else ""
-
-
-def alike(diagnosis: Diagnosis) -> str:
-    """What the learned terms are like, and what would tell them from it; empty: nothing that is known."""
-    out = []
-    alone = sum(e.learned for e in diagnosis.effects) == 1
-    for e in diagnosis.effects:
-        if e.term is None or not (e.term.nearest or e.term.known_as):
-            continue
-        names = listed(map(named, e.term.nearest), "or")
-        near = f"{names}, which would do {percent(e.term.likeness)} of it" if names else ""
-        like = "; nearest in the catalogue: ".join(filter(None, (e.term.known_as, near)))
-        which = "The learned term" if alone else named(e.term.name)
-        out.append(f"{which} looks like {like}. {e.separate_by}".strip())
-    return " ".join(out)
 
 
 def _constants_first(diagnosis: Diagnosis) -> str:

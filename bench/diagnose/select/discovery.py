@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from bench.analysis.display import Displayed, draw_bars, new_axes
-from bench.diagnose.by_equation import ObscuredConstant
+from bench.diagnose.by_equation import InverseDynamics, ObscuredConstant
 from bench.diagnose.result import effect_frame
 from bench.diagnose.select.choose import RejectedCandidate
 from bench.diagnose.select.verify import Estimate, Ratio, ResidualTerm
@@ -102,6 +102,8 @@ class Discovery(Displayed):
     """Constants of which these recordings say nothing that could be believed."""
     let_go: Mapping[str, str] = field(default_factory=dict)
     """The constants that were let go, each with the equation that it acts in most."""
+    inverse: InverseDynamics | None = None
+    """What the input works against where it seems to do nothing."""
 
     @property
     def verdict(self) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 from bench.diagnose.regression.linearise import Candidate
 from bench.diagnose.regression.parameters import effect_entries, with_values
 from bench.diagnose.select.choose import accepted
+from bench.diagnose.select.closed_loop.given_past import foretold
 from bench.diagnose.select.discovery import trifle
-from bench.diagnose.select.given_past import foretold
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.simulated.dry_friction import friction_that_saves
@@ -155,7 +155,7 @@ def _cancels(weighing: Weighing, chosen: Choice, place: int, savings: Sequence[S
     """Whether an effect on all torques only says that inputs cancel what nobody measured.
 
     Below the bandwidth of a controller they seem to do less than they do. What they do is told by fast motion, *given
-    the moments before* (`select.given_past`): there such an effect saves nothing.
+    the moments before* (`select.closed_loop.given_past`): there such an effect saves nothing.
     """
     if not isinstance(chosen.view.linear.model.effects[place], TorqueEffect):
         return False
@@ -179,7 +179,8 @@ def rival_that_saves(view: View, weighing: Weighing, chosen: Choice) -> PhysicsM
     for place in (i for i in places if i not in chosen.dropped):
         for start in rivals(view, place).values():
             other = chosen.exchanged(place, start)
-            if not weighing.could_rescue(chosen.model, other):
+            possible = all(e.possible_in(other) for e in other.effects)
+            if not possible or not weighing.could_rescue(chosen.model, other):
                 continue
             rescued = any(s.rescues for s in weighing.savings(chosen.model, other, other))
             if rescued and weighing.refutes(chosen.model, other, other):

@@ -29,6 +29,7 @@ from bench.diagnose.settings.select import (
     Differing,
     Forecasting,
     Growing,
+    Inverse,
     Mattering,
     Releasing,
     Searching,
@@ -70,6 +71,7 @@ UNSEEN = Unseen()
 HIDING = Hiding()
 SEARCHING = Searching()
 RELEASING = Releasing()
+INVERSE = Inverse()
 TIMING = Timing()
 COMMANDING = Commanding()
 CHOOSING = Choosing()

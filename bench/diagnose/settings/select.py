@@ -68,6 +68,22 @@ class Releasing:
 
 
 @dataclass(frozen=True)
+class Inverse:
+    """What an input works against, by inverse dynamics."""
+
+    shortest: int = threshold(3, "sampling intervals of a piece of motion, at least", Basis.CONVENTION, "samples")
+    piece: float = threshold(
+        0.2, "time over which motion and input are averaged, and that a position repeats at rest", Basis.JUDGED, "s"
+    )
+    surely: float = threshold(3.0, "standard deviations of noise beyond which a speed has a sign", Basis.CONVENTION)
+    at_rest: float = threshold(0.99, "quantile of what a speed reads at rest that is nothing", Basis.CONVENTION)
+    most: float = threshold(
+        0.5, "share of the squared input that the model leaves which friction surely explains", Basis.CONVENTION
+    )
+    least: int = threshold(4, "pieces for each number that is fitted, at least", Basis.CONVENTION, "count")
+
+
+@dataclass(frozen=True)
 class Commanding:
     """How a measured drive follows the commands that were recorded beside it."""
 
@@ -215,6 +231,12 @@ class Stepping:
         "times what is typical, of dry friction, from the best of which it is fitted",
         Basis.EFFORT,
     )
+    comparable: float = threshold(
+        10.0,
+        "squared error of free runs with a friction, over that without it, up to which both are fitted to free runs",
+        Basis.EFFORT,
+    )
+    scanned: float = threshold(0.002, "share of its strength to which a friction is looked for", Basis.EFFORT)
 
 
 @dataclass(frozen=True)

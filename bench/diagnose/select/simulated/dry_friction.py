@@ -6,13 +6,15 @@ measured speed, which is noise at rest, and a linearisation about no friction pr
 dry friction is fitted by itself, from several strengths, and held-out forecasts decide.
 """
 
+import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from bench.diagnose.regression.linearise import starting_points
-from bench.diagnose.regression.parameters import entries
+from bench.diagnose.regression.parameters import entries, with_values
 from bench.diagnose.select.catalogue import admissible
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search, View
@@ -53,7 +55,7 @@ def friction_that_saves(search: Search, view: View, weighing: Weighing, model: P
     errors = relative_errors(model, fitted, subject, subject.held_out)
     good = [m for m, e in zip(fitted, errors, strict=True) if e <= alike * min(errors)]
     simplest = min(good, key=lambda m: _count(search, m))
-    if errors[fitted.index(simplest)] < 1 / alike:
+    if errors[fitted.index(simplest)] < STEPPING.comparable:  # numbers that rows have bent may err more than that
         before, after = (multiple_shooting(m, subject, subject.training).model for m in (model, simplest))
         if relative_error(before, after, subject, subject.held_out) < 1 / alike:
             return after
@@ -79,17 +81,47 @@ def _fitted(search: Search, view: View, rest: PhysicsModel, kind: type[DryEffect
         fitted = _shot(
             search, fitted, [replace(fitted, effects=(*fitted.effects[:-1], m.effects[-1])) for m in options]
         )
+    else:
+        fitted = _nearest(search, fitted, _scanned(search, options[int(np.argmin(losses))]))
     return fitted if all(e.possible_in(fitted) for e in fitted.effects) else None
+
+
+def _scanned(search: Search, start: PhysicsModel) -> PhysicsModel:
+    """A model whose friction alone is scaled until its free runs err least.
+
+    What turns round within an interval, as a machine that is held on its path does, rows of that interval know nothing
+    of: they bend the constants for it.
+    """
+    from scipy.optimize import minimize_scalar
+
+    subject, most = search.subject, math.log(max(b / a for a, b in itertools.pairwise(STEPPING.strengths)))
+
+    def error(x: float) -> float:
+        scaled = _scaled(start, math.exp(x))
+        return math.log(relative_error(start, scaled, subject, subject.training))
+
+    found = minimize_scalar(error, bounds=(-most, most), method="bounded", options={"xatol": STEPPING.scanned})
+    return _scaled(start, math.exp(found.x))
+
+
+def _scaled(model: PhysicsModel, factor: float) -> PhysicsModel:
+    """With the numbers of its last effect times this."""
+    where = [e for e in entries(model, {}) if e.owner == len(model.effects) - 1]
+    return with_values(model, where, np.array([e.value * factor for e in where]))
+
+
+def _nearest(search: Search, one: PhysicsModel, *models: PhysicsModel) -> PhysicsModel:
+    """Of these and ``one`` the model whose free runs of the training recordings err least."""
+    errors = relative_errors(one, models, search.subject, search.subject.training)
+    best = int(np.argmin(errors))
+    return models[best] if errors[best] < 1 else one
 
 
 def _shot(search: Search, by_rows: PhysicsModel, starts: Sequence[PhysicsModel]) -> PhysicsModel:
     """A model fitted to free runs, from where rows have it or from that of some starting points which errs least."""
     subject, names = search.subject, search.subject.training
-
-    def best(models: Sequence[PhysicsModel]) -> PhysicsModel:
-        return models[int(np.argmin(relative_errors(by_rows, models, subject, names)))]
-
-    return best([multiple_shooting(m, subject, names).model for m in (by_rows, best(starts))])
+    starts = (by_rows, _nearest(search, by_rows, *starts))
+    return _nearest(search, by_rows, *(multiple_shooting(m, subject, names).model for m in starts))
 
 
 def _count(search: Search, model: PhysicsModel) -> int:
