@@ -1,6 +1,7 @@
 """A carriage with friction that its model lacks: what is named, and what is taken for a fault of the log."""
 
 from dataclasses import replace
+from functools import cache
 from importlib import import_module
 from types import SimpleNamespace
 
@@ -72,15 +73,15 @@ def test_a_log_that_was_shifted_is_one_whatever_friction_is_missing() -> None:
 
 def test_one_damaged_recording_of_many_is_left_out_and_two_stop_the_analysis() -> None:
     """As many as one in ten are left out, and told in the answer; what is diagnosed is as if they were not there."""
-    said, _ = diagnose(subject(900, count=12, spiked=1), catalogue=NAMES, brief=True)
+    said, _ = diagnose(subject(720, count=12, spiked=1), catalogue=NAMES, brief=True)
     assert (said.verdict, sorted(e.id for e in said.effects)) == ("named", sorted(NAMES))
     assert [(p.recording, p.signal, p.kind) for p in said.data_problems] == [("run_11", "speed", "spike")]
     assert said.evidence.recordings == 11 and "run_11" not in said.evidence.held_out
     assert any("left out" in note and "run_11" in note for note in said.evidence.notes)
     assert said.headline.startswith("rail (mass_on_rail): named: ")
-    said, _ = diagnose(subject(900, count=12, spiked=2), catalogue=NAMES, brief=True)
+    said, _ = diagnose(subject(720, count=12, spiked=2), catalogue=NAMES, brief=True)
     assert said.verdict == "data_problem" and {p.recording for p in said.data_problems} == {"run_10", "run_11"}
-    said, _ = diagnose(subject(900, spiked=1), catalogue=["viscous_friction"], brief=True, ignore=["spike"])
+    said, _ = diagnose(subject(720, spiked=1), catalogue=["viscous_friction"], brief=True, ignore=["spike"])
     assert said.verdict == "named" and said.data_problems == ()
 
 
@@ -118,6 +119,13 @@ def test_friction_that_is_least_at_the_lowest_speeds_is_no_stribeck_friction(mon
     assert 200.0 < found[0].estimates[0].value < 600.0  # and it takes up what the other one did
 
 
+@cache
+def pulled_from_rest(model: MassOnRail, drive: tuple[float, ...]) -> torch.Tensor:
+    """States (N, 2)."""
+    still = torch.zeros(1, 2, dtype=torch.float64)
+    return model.simulate(still, torch.tensor(drive, dtype=torch.float64)[None, :, None], 1 / RATE)[0]
+
+
 @pytest.mark.parametrize("rates", [midpoint_rates, mean_rates])
 @pytest.mark.parametrize("friction", [CoulombFriction(f_c=20.0), StribeckFriction(f_c=15.0, f_s=20.0, v_s=0.05)])
 def test_friction_holds_what_rests_in_the_weak_form(rates, friction) -> None:
@@ -125,8 +133,7 @@ def test_friction_holds_what_rests_in_the_weak_form(rates, friction) -> None:
     t, noise = np.arange(3000) / RATE, np.array(NOISE)
     drive = 25.0 / MassOnRail().force_gain * np.sin(2 * np.pi * t / 15)
     model = MassOnRail(effects=(replace(friction, v_0=0.01),))
-    still = torch.zeros(1, 2, dtype=torch.float64)
-    run = model.simulate(still, torch.from_numpy(drive)[None, :, None], 1 / RATE)[0].numpy()
+    run = pulled_from_rest(model, tuple(drive)).numpy()
     seen = run + np.random.default_rng(0).normal(size=run.shape) * noise
     valid = np.ones(len(t), dtype=bool)
     made = Recording("run", RATE, drive[:, None], seen, (Channel("voltage", "V"),), MassOnRail.state_channels, valid)
