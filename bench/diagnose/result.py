@@ -23,7 +23,7 @@ KINDS = (
     *("not finite", "quaternion", "frozen", "clipped", "spike", "clock jump", "clock rate", "clock offset", "slow log"),
     *("unit", "scale", "input scale", "gravity", "frame", "swapped sign", "swapped axes", "swapped signals"),
     *("inverse attitude", "quaternion order", "euler convention", "rotor order", "rotor directions", "rotor positions"),
-    *("time shift", "no effect", "not stated", "mounting", "two levels", "disagreement", "unrelated"),
+    *("time shift", "no effect", "not stated", "mounting", "two levels", "disagreement", "unrelated", "standstill"),
 )
 """What `DataProblem.kind` may be."""
 VERDICTS = ("named", "tie", "nothing", "unknown_effect", "data_problem")

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from bench.diagnose import diagnose, discover
+from bench.diagnose.checks.machines import standstills
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.select.simulated.forecasting import forecasting
 from registry.contracts import Channel, Recording
@@ -96,6 +97,18 @@ def test_what_noise_hides_of_a_motion_is_told_by_all_else() -> None:
     np.testing.assert_allclose(left, [0.0, 0.0, -0.012, -0.2, -4.4], atol=2e-3)
     known = resting(replace(model, effects=(friction,)), state, inputs).derivative(state, inputs)
     np.testing.assert_allclose(known[:, 1].numpy() * float(model.mass), [-0.2, 0.1, -0.804, -0.2, -4.4], atol=2e-3)
+
+
+def test_a_machine_that_is_held_while_its_drive_goes_on_is_mentioned() -> None:
+    """By a sensor with counts, which repeats its values at rest; noise never does."""
+    given = subject("coulomb_friction")
+    counts = torch.tensor([0.02, 0.2])
+    logs = tuple(replace(log, states=torch.round(log.states / counts) * counts) for log in given.logs)
+    (remark,) = standstills(replace(given, logs=logs))
+    assert remark.kind == "standstill" and "stands still in" in remark.detail and "N m, which" in remark.detail
+    assert standstills(given) == []
+    still = tuple(replace(log, inputs=torch.full_like(log.inputs, 0.1)) for log in logs)
+    assert standstills(replace(given, logs=still)) == []  # nothing says that it is held
 
 
 def test_recordings_of_which_little_is_valid_are_no_crash() -> None:

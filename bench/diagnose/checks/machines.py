@@ -5,10 +5,11 @@ known, so that what is asked here is coarse and must be plain.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 
 from bench.diagnose.checks.description.mistake import line
 from bench.diagnose.logs.subject import Log, LogBatch, Subject, drives_of, named_drive
@@ -39,6 +40,37 @@ def machine_problems(subject: Subject) -> list[DataProblem]:
     return found or _inverted(subject)
 
 
+def standstills(subject: Subject) -> list[DataProblem]:
+    """A remark where a machine often rests, once while its drive went about as far as what moves it: it is held."""
+    model, log = subject.model, subject.logs[0]
+    at = [i for i in range(len(model.state_channels)) if all(each.measured[i] for each in subject.logs)]
+    known = {model.state_channels[i].group for i in at if i not in subject.slopes}
+    if model.vehicle or drives_of(model, log) != 1 or not known & _rates_of_others(model):
+        return []
+    parts = [(each, a, b) for each in subject.logs for a, b in _rests(each, at)]
+    resting = sum(b - a for _, a, b in parts)
+    ends = [(float(u.min()), float(u.max())) for each, a, b in parts for u in [each.inputs[a:b, 0]]]
+    low, high = max(ends, key=lambda e: e[1] - e[0], default=(0.0, 0.0))
+    usual = float(torch.cat([each.inputs[each.valid, 0] for each in subject.logs]).abs().median())
+    share = resting / max(1, sum(int(each.valid.sum()) for each in subject.logs))
+    if share < FREEZING.rests or high - low < usual or high == low:
+        return []
+    drive = log.recording.input_channels[0]
+    detail = (
+        f"The machine stands still in {100 * share:.0f} % of the samples, once while {named_drive(log, 0)} goes from "
+        f"{low:.2g} to {high:.2g} {drive.unit}, which moves nothing: dry friction, a brake or a stop holds it, or the "
+        "drive has a dead zone."
+    )
+    return [DataProblem(log.name, drive.group, "standstill", None, detail)]
+
+
+def _rests(log: Log, at: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Runs of samples in which these states repeat their values for long."""
+    for a, b in runs(held(log.states.numpy()[:, at]) & log.valid.numpy()):
+        if b - a >= max(FREEZING.held_samples, round(FREEZING.held * log.pace)):
+            yield a, b
+
+
 @dataclass(frozen=True)
 class _Stretch:
     """A part of a recording in which all that was measured stands still."""
@@ -62,8 +94,8 @@ def _standing(subject: Subject, log: Log, strong: bool) -> Iterator[_Stretch]:
     pushed = ~held(log.inputs.numpy()[:, : drives_of(model, log)])
     rates = [i for i, c in enumerate(at) if model.state_channels[c].group in _rates_of_others(model)]
     names = " and ".join(dict.fromkeys(model.state_channels[i].group for i in at)).replace("_", " ")
-    for a, b in runs(held(x) & valid):
-        if b - a < max(FREEZING.held_samples, round(FREEZING.held * log.pace)) or not pushed[a:b].any():
+    for a, b in _rests(log, at):
+        if not pushed[a:b].any():
             continue
         drive, verb = log.recording.input_channels[0].group, "repeat" if " and " in names else "repeats"
         detail = f"{names} {verb} one value for {b - a} samples ({(b - a) * log.dt:.4g} s) while {drive} goes on."

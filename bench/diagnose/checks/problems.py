@@ -15,7 +15,7 @@ from torch import Tensor
 from bench.diagnose.checks.alignment import alignment
 from bench.diagnose.checks.disagreements import Disagreement, disagreements, told
 from bench.diagnose.checks.excursions import Event, excursions, standing_out
-from bench.diagnose.checks.machines import machine_problems
+from bench.diagnose.checks.machines import machine_problems, standstills
 from bench.diagnose.checks.shifts import shifts
 from bench.diagnose.logs.consistency import Pair, View, accumulated, change, integral, slope, spread
 from bench.diagnose.logs.subject import Log, Subject
@@ -72,7 +72,7 @@ def problems(subject: Subject, own: Mapping[str, Tensor] | None = None, known: K
     found = found or machine_problems(subject)
     if not found:
         shifted, suspected = shifts(subject, own or {})
-        found, minor = shifted, [*suspected, *minor]
+        found, minor = shifted, [*suspected, *standstills(subject), *minor]
     order = {log.name: i for i, log in enumerate(subject.logs)}
     found.sort(key=lambda p: (order[p.recording], p.rows or (0, 0)))
     return Checked(tuple(found), tuple(minor))

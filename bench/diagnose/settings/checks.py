@@ -120,6 +120,7 @@ class Freezing:
         0.15, "shortest time for which a sensor that repeats its value is taken for frozen", Basis.JUDGED, "s"
     )
     held_samples: int = threshold(10, "least number of samples that such a sensor repeats", Basis.JUDGED, "count")
+    rests: float = threshold(0.1, "share of samples at rest from which that is mentioned", Basis.JUDGED)
     rare: float = threshold(
         0.001, "share of repeated values elsewhere below which a signal does not repeat itself by nature", Basis.JUDGED
     )
