@@ -187,7 +187,8 @@ def _concluded(
     excess = {group: e for group, e in excess.items() if not _rounding(extension, group)}
     unknown, worth_a_look = verdict == "unknown_effect", max(excess.values(), default=0.0) > MATTERING.near**2
     differ = told = None
-    if unknown or worth_a_look:
+    # Of a path that a controller keeps to, what free runs miss is the path and not what acts.
+    if (unknown or worth_a_look) and found.inverse is None:
         quiet = not high or _only_begins_unseen(found, extension)
         search = partial(_learned, found=found, extension=extension, verdict=verdict, little=quiet)
         differ, beside, swings = _compared(run, found, extension, search if quiet and not unknown else None)

@@ -10,12 +10,13 @@ from bench.diagnose.logs.noise import noise_of
 from bench.diagnose.logs.subject import Subject, log_of
 from bench.diagnose.report.sentences import verdict_line
 from bench.diagnose.select.closed_loop.inverse_dynamics import inverse_dynamics, with_inverse_dynamics
-from bench.diagnose.select.discovery import Discovery
+from bench.diagnose.select.discovery import Discovery, Found
 from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search
 from bench.diagnose.select.simulated.dry_friction import friction_that_saves
 from registry.contracts import Channel, Recording
 from registry.effects.mechanics.friction import CoulombFriction
+from registry.effects.mechanics.stiffness import LinearStiffness
 from registry.effects.process import DeadZone
 
 SAMPLES, UNMEASURED = 3000, 0.15
@@ -65,6 +66,12 @@ def test_a_torque_works_against_friction_where_forwards_it_seems_to_do_nothing()
     assert told.saves > 0.5
     said = verdict_line("nothing", [], [], [], [], told)
     assert said == "The torque works against Coulomb friction; forecasts by it gain nothing."
+    # What was found beside is a tie where it swallows the torque, and fits the path otherwise.
+    zone, spring = (Found(n, e, (), 1.0, ()) for n, e in (("dead_zone", DeadZone(0.7)), ("spring", LinearStiffness())))
+    (tied,) = with_inverse_dynamics(replace(idle, found=(zone,)), of, noise_of(of)).found
+    assert (tied.id, tied.rivals) == ("dead_zone", ("coulomb_friction",))
+    beside = with_inverse_dynamics(replace(idle, found=(zone, spring)), of, noise_of(of))
+    assert beside.found == () and beside.inverse == told and "spring would fit the path" in beside.remarks[-1]
     # Where every constant is about as stated there is no need of it.
     assert with_inverse_dynamics(replace(idle, let_go={}), of, noise_of(of)).inverse is None
 

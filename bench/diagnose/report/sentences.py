@@ -84,13 +84,13 @@ def verdict_line(
         if len(tied) > 1:
             return f"The model lacks {_count(tied)} effects that these recordings cannot name: {'; '.join(tied)}."
         return f"The model lacks something, and these recordings cannot tell whether it is {tied[0]}."
+    if inverse is not None:
+        return f"The {inverse.drive} works against {named(inverse.effect)}; forecasts by it gain nothing."
     if verdict == "unknown_effect":
         where, signals = list(dict.fromkeys(map(named, axes))), list(dict.fromkeys(map(named, follows)))
         acts = f"acts on {listed(where)}" if where else "moves the system"
         said = f" and follows {listed(signals)}" if signals else ""
         return f"Something systematic that is not in the catalogue {acts}{said}."
-    if inverse is not None:
-        return f"The {inverse.drive} works against {named(inverse.effect)}; forecasts by it gain nothing."
     if lost := _not_understood(obscured):
         return f"No effect of the catalogue was found, and {listed(lost)} cannot be explained."
     return "No effect of the catalogue is missing as far as these recordings can show."

@@ -39,7 +39,8 @@ Array = np.ndarray
 def with_inverse_dynamics(found: Discovery, subject: Subject, noise: Noise) -> Discovery:
     """An answer by which the inputs do nothing, with the dry friction that they work against, if there is one.
 
-    A dead zone that swallows nearly all of an input is told from friction by nothing then.
+    A dead zone that swallows nearly all of an input is told from friction by nothing then, and any other effect fits
+    the path that was asked for.
     """
     drives = [f for f in found.found if isinstance(f.effect, InputEffect)]
     if not (found.let_go or drives) or not subject.held_out:
@@ -57,8 +58,14 @@ def with_inverse_dynamics(found: Discovery, subject: Subject, noise: Noise) -> D
     told = inverse_dynamics(subject, noise, dry)
     if told is None:
         return found
-    tied = [replace(f, rivals=(*f.rivals, told.effect)) if f in drives else f for f in found.found]
-    return replace(found, found=tuple(tied), inverse=told)
+    if len(drives) == len(found.found):
+        tied = tuple(replace(f, rivals=(*f.rivals, told.effect)) for f in drives)
+        return replace(found, found=tied, inverse=told)
+    remark = (
+        f"{', '.join(f.id for f in found.found)} would fit the path that was asked for, beside a {told.drive} that "
+        "seems to do nothing, and so is not named."
+    )
+    return replace(found, found=(), model=found.calibrated, remarks=(*found.remarks, remark), inverse=told)
 
 
 def inverse_dynamics(subject: Subject, noise: Noise, dry: DryEffect) -> InverseDynamics | None:
