@@ -16,12 +16,13 @@ import samples
 from rich.console import Console
 
 from bench.cli.diagnosing import show_extension
-from bench.diagnose.by_equation import ConstantEstimate, GivenPast, ObscuredConstant
+from bench.diagnose.by_equation import ConstantEstimate, GivenPast, InverseDynamics, ObscuredConstant
 from bench.diagnose.evidence import Calibration, Stage
 from bench.diagnose.extend import shares_of
 from bench.diagnose.learned_shape import LearnedShape
 from bench.diagnose.regression.parameters import entries
 from bench.diagnose.report import constant_words, page, page_sections, phrases, sentences, terminal_summary
+from bench.diagnose.report.page import render
 from bench.diagnose.report.phrases import gathered, lasting
 from bench.diagnose.result import DataProblem, Diagnosis, NamedEffect, ParameterEstimate, schema
 from bench.diagnose.select.discovery import Discovery, Found
@@ -434,8 +435,18 @@ def test_a_constant_that_went_where_it_cannot_be_is_no_finding() -> None:
     lost = replace(d, verdict="nothing", evidence=replace(d.evidence, calibration=(far,), obscured=(hidden,)))
     assert sentences.headline(lost) == "No effect of the catalogue was found, and torques cannot be explained."
     assert "not worth a term" not in sentences.explanation(lost)
+    assert '<span class="badge">not understood</span>' in render(lost)
     known = replace(lost, evidence=replace(lost.evidence, obscured=(replace(hidden, told=told),)))
     assert "is missing as far as" in sentences.headline(known)
+    assert '<span class="badge">nothing missing</span>' in render(known)
+    friction = InverseDynamics(
+        "coulomb_friction", "torque", (0.326, 0.301, 0.35), "N m", (1.47, 0.95, 1.98), 0.9, 0.86, 0.93
+    )
+    seen = replace(lost, evidence=replace(lost.evidence, inverse=friction))
+    assert sentences.headline(seen) == "The torque works against Coulomb friction; forecasts by it gain nothing."
+    first, *_ = sentences.paragraphs(seen)
+    assert "works against Coulomb friction of 0.326 N m (0.301 to 0.350), which explains 90 % (86 % to 93 %)" in first
+    assert '<span class="badge">missing effect seen</span>' in render(seen)
     page = page_sections._constants(lost)
     assert page is not None and [row.change for row in page.rows] == ["not to be believed"]
 

@@ -14,8 +14,6 @@ def miscalibrated(diagnosis: Diagnosis) -> list[str]:
     """Sentences about base constants whose intervals exclude what was stated, and ratios of them that do."""
     ratios, parts, others = moved(diagnosis)
     found = [said for c in diagnosis.evidence.obscured for said in _obscured(c)]
-    if diagnosis.evidence.inverse is not None:
-        found.append(_works_against(diagnosis.evidence.inverse))
     found += [f"Calibration moved stated constants: {_first(others)}."] if others else []
     if ratios:
         also = " also" if others else ""
@@ -68,7 +66,7 @@ def _obscured(c: ObscuredConstant) -> list[str]:
     return said
 
 
-def _works_against(found: InverseDynamics) -> str:
+def works_against(found: InverseDynamics) -> str:
     """A sentence on inverse dynamics."""
     friction, mass = (
         f"{number(value)}{unit} ({number(low)} to {number(high)})"

@@ -45,13 +45,22 @@ def render(diagnosis: Diagnosis) -> str:
         made,
         script() if diagnosis.evidence.flights else "",
         d=diagnosis,
-        badge=_BADGES[diagnosis.verdict],
+        look=_look(diagnosis),
         facts=_facts(diagnosis),
         headline=sentences.headline(diagnosis),
         paragraphs=sentences.paragraphs(diagnosis),
         constants=constant_words.miscalibrated(diagnosis),
         falls=sentences.falls(diagnosis),
     )
+
+
+def _look(d: Diagnosis) -> tuple[str, str]:
+    """The style of the heading and its badge; where an equation is not understood, or friction only seen, in amber."""
+    if d.evidence.inverse is not None and d.verdict in ("nothing", "unknown_effect"):
+        return "tie", "missing effect seen"
+    if d.verdict == "nothing" and sentences.not_understood(d.evidence.obscured):
+        return "tie", "not understood"
+    return d.verdict, _BADGES[d.verdict]
 
 
 @lru_cache(maxsize=1)

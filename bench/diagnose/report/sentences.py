@@ -91,7 +91,7 @@ def verdict_line(
         acts = f"acts on {listed(where)}" if where else "moves the system"
         said = f" and follows {listed(signals)}" if signals else ""
         return f"Something systematic that is not in the catalogue {acts}{said}."
-    if lost := _not_understood(obscured):
+    if lost := not_understood(obscured):
         return f"No effect of the catalogue was found, and {listed(lost)} cannot be explained."
     return "No effect of the catalogue is missing as far as these recordings can show."
 
@@ -124,7 +124,7 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         count = len(diagnosis.data_problems)
         more = f"{count} problems were found" if count > 1 else "One problem was found"
         return [f"{more}; no effect was looked for, because a damaged signal looks like missing physics."]
-    if diagnosis.verdict == "nothing" and not _not_understood(diagnosis.evidence.obscured):
+    if diagnosis.verdict == "nothing" and not not_understood(diagnosis.evidence.obscured):
         found.append(_nothing_more(diagnosis))
     if diagnosis.verdict == "named":
         each = "It explains" if len(shares) == 1 else "Together they explain"
@@ -169,7 +169,8 @@ def paragraphs(diagnosis: Diagnosis) -> list[str]:
         differing(diagnosis),
         _contradicted(diagnosis),
     )
-    return [*filter(None, (" ".join(found), *after))]
+    inverse = [] if seen.inverse is None else [constant_words.works_against(seen.inverse)]
+    return [*inverse, *filter(None, (" ".join(found), *after))]
 
 
 def forecasting(diagnosis: Diagnosis) -> str:
@@ -230,7 +231,7 @@ def _constants_first(diagnosis: Diagnosis) -> str:
     return f"; the constants, calibrated first, explain {percent(before)}" if before >= TELLING.little_left else ""
 
 
-def _not_understood(obscured: Iterable[ObscuredConstant]) -> list[str]:
+def not_understood(obscured: Iterable[ObscuredConstant]) -> list[str]:
     """Equations of which a constant went where no such system has it, and nothing tells what it is."""
     return list(dict.fromkeys(c.equation for c in obscured if c.told is None))
 
