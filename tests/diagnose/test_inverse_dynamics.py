@@ -81,6 +81,12 @@ def test_no_friction_is_told_by_inverse_dynamics_where_there_is_none() -> None:
     assert inverse_dynamics(of, noise_of(of), CoulombFriction()) is None
 
 
+def test_inverse_dynamics_say_nothing_of_what_does_not_move() -> None:
+    of = subject(LIMIT)
+    still = replace(of, logs=tuple(replace(log, states=0 * log.states) for log in of.logs))
+    assert inverse_dynamics(still, noise_of(of), CoulombFriction()) is None
+
+
 def test_inverse_dynamics_tell_the_mass_where_nothing_disturbs_the_joint() -> None:
     of = subject(LIMIT, shaken=0.0)
     told = inverse_dynamics(of, noise_of(of), CoulombFriction())

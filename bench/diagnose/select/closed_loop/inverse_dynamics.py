@@ -80,9 +80,10 @@ def inverse_dynamics(subject: Subject, noise: Noise, dry: DryEffect) -> InverseD
     (motion,) = dry.motions(model)
     pieces = [_pieces(subject, model, log, motion, noise) for log in subject.logs]
     kept = [p for p in pieces if len(p.effort)]
+    if len(kept) < 2:
+        return None
     whole = _Pieces.joined(kept)
-    rank = np.linalg.matrix_rank(_scaled(whole.columns)[0], RELEASING.flat)
-    if len(kept) < 2 or len(whole.effort) < INVERSE.least * rank:
+    if len(whole.effort) < INVERSE.least * np.linalg.matrix_rank(_scaled(whole.columns)[0], RELEASING.flat):
         return None
     numbers, half = _fitted(whole)
     share, reach = _saved(kept)

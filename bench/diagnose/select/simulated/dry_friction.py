@@ -98,7 +98,7 @@ def _scanned(search: Search, start: PhysicsModel) -> PhysicsModel:
 
     def error(x: float) -> float:
         scaled = _scaled(start, math.exp(x))
-        return math.log(relative_error(start, scaled, subject, subject.training))
+        return math.log(max(relative_error(start, scaled, subject, subject.training), 1e-300))
 
     found = minimize_scalar(error, bounds=(-most, most), method="bounded", options={"xatol": STEPPING.scanned})
     return _scaled(start, math.exp(found.x))
