@@ -430,16 +430,22 @@ def test_a_draft_says_what_was_not_found(tmp_path):
     assert '# TODO: body_rates = {columns = ["…"], unit = "rad/s"}, a state, if it was measured' in text
 
 
+W = np.rad2deg(25.0)
+"""A span [deg] that is no turn."""
+
+
 @pytest.mark.parametrize(
     ("true", "filed", "counted"),
     [
         (lambda t: 720 * t - 50 * t * t, lambda deg: (deg + 180) % 360 - 180, True),
         (lambda t: 400 * np.sin(2 * t), lambda deg: deg % 360, True),
+        (lambda t: 4000 * np.sin(1.5 * t), lambda deg: (deg + W / 2) % W - W / 2, True),
+        (lambda t: 4000 * np.sign(t % 0.5 - 0.251) + 100 * t, lambda deg: deg, False),  # set to and fro
         (lambda t: 28000 * t, lambda deg: deg, False),  # an encoder that counts, by more than half a turn a sample
         (lambda t: 170 * np.sin(5 * t), lambda deg: deg, False),
         (lambda t: 179 * np.sign(np.sin(900 * t)), lambda deg: deg, False),  # what jumps to and fro with every sample
     ],
-    ids=["to half a turn", "from zero", "counts", "within", "jumps"],
+    ids=["to half a turn", "from zero", "of a protocol", "set", "counts", "within", "jumps"],
 )
 def test_the_turns_of_an_angle_that_is_filed_within_one_are_counted(tmp_path, true, filed, counted):
     t = np.arange(400) / 100

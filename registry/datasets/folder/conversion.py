@@ -23,19 +23,46 @@ def own_units(columns: Mapping[str, Array], signal: SignalColumns) -> Array:
     return picked * factor + offset if offset else picked * factor
 
 
-def turns_counted(values: Array) -> tuple[Array, int]:
-    """Angles (N, c) [rad] past the turn that they were filed in, and how often one of them went past its end.
+def turns_counted(values: Array) -> tuple[Array, int, float]:
+    """Angles (N, c) [rad] past the span that they were filed in, how often one went past its end, and the span [rad].
+
+    A span is a turn, or all that a motor's protocol has room for.
+    """
+    out, times, last = values.copy(), 0, 2 * np.pi
+    for c, x in enumerate(values.T):
+        ends, span = _span(x)
+        if ends:
+            out[:, c], times, last = np.unwrap(x, period=span), times + ends, span
+    return out, times, last
+
+
+def _span(x: Array) -> tuple[int, float]:
+    """How often an angle (N,) goes past the end of the span that it is filed in, and that span; 0: it never does.
 
     What stays within one turn and goes from one end of it to the other between two samples, where it mostly moves by
-    far less, was filed so; an encoder that counts its turns leaves one.
+    far less, was filed so; an encoder that counts its turns leaves one. Of another span it also moves on beyond the
+    end as it did before it, every time, and its size is the simplest number of what that leaves open.
     """
-    out, times = values.copy(), 0
-    for c, x in enumerate(values.T):
-        steps = np.abs(np.diff(x))
-        ends = int((steps > 1.5 * np.pi).sum())
-        if ends and np.ptp(x) <= 2 * np.pi * 1.001 and np.median(steps) < np.pi / 2:
-            out[:, c], times = np.unwrap(x), times + ends
-    return out, times
+    steps, range_ = np.diff(x), float(np.ptp(x))
+    usual = float(np.median(np.abs(steps))) if len(steps) else 0.0
+    ends = int((np.abs(steps) > 1.5 * np.pi).sum())
+    if ends and range_ <= 2 * np.pi * 1.001 and usual < np.pi / 2:
+        return ends, 2 * np.pi
+    at = np.flatnonzero(np.abs(steps) > 0.9 * range_)
+    if range_ <= 2 * np.pi * 1.001 or not len(at) or at[0] == 0 or at[-1] > len(steps) - 2 or usual > 0.05 * range_:
+        return 0, 0.0
+    before, jump, after = (np.sign(steps[at]) * steps[at + k] for k in (-1, 0, 1))
+    if max(before.max(), after.max()) >= 0:
+        return 0, 0.0
+    full, open_ = float(np.median(jump - (before + after) / 2)), float(np.abs(before - after).max()) / 2
+    return len(at), _simplest(max(full - open_, range_), full + open_)
+
+
+def _simplest(low: float, high: float) -> float:
+    """The number with fewest digits from one to another, of those the one next to their middle."""
+    middle = (low + high) / 2
+    numbers = (float(f"{middle:.{digits}g}") for digits in range(1, 17))
+    return next((n for n in numbers if low <= n <= high), middle)
 
 
 def attitude(values: Array, signal: SignalColumns) -> Array:

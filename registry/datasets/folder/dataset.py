@@ -260,9 +260,10 @@ def _recording(file: Path, description: FolderDescription) -> tuple[Recording, l
         if n == "attitude":
             values = _attitude(file, values, s, np.flatnonzero(logged[n]))
         elif n not in description.inputs and (s.kept or to_si(s.unit)[0]) == "rad":
-            values, times = turns_counted(values)
+            values, times, span = turns_counted(values)
             if times:
-                detail = f"{n} is filed within one turn and went past its end {times} times: its turns are counted"
+                within = "one turn" if span == 2 * np.pi else f"{span:.6g} rad"
+                detail = f"{n} is filed within {within} and went past its end {times} times: its turns are counted"
                 turned.append(Finding(name, "turns", times, detail))
         held = n in description.inputs and description.input_hold == "previous"
         x[n], close[n] = gridded(of, values, logged[n], s.delay, held)
