@@ -81,7 +81,7 @@ def read_and_discovered(
     if (later := after_beginning(subject, found.model, noise)) is not subject:
         search = Search(later, catalogue, tick, noise, memory=found.memory, long_windows=found.long_windows)
         subject, found = later, _discovered(search, noise, begun=found)
-    return subject, noise, with_inverse_dynamics(found, subject, noise)
+    return subject, noise, with_inverse_dynamics(found, subject, noise, catalogue)
 
 
 def _searched(

@@ -72,7 +72,8 @@ def test_a_torque_works_against_friction_where_forwards_it_seems_to_do_nothing()
     assert (tied.id, tied.rivals) == ("dead_zone", ("coulomb_friction",))
     beside = with_inverse_dynamics(replace(idle, found=(zone, spring)), of, noise_of(of))
     assert beside.found == () and beside.inverse == told and "spring would fit the path" in beside.remarks[-1]
-    # Where every constant is about as stated there is no need of it.
+    # Where every constant is about as stated there is no need of it, and it may be none of those to choose from.
+    assert with_inverse_dynamics(idle, of, noise_of(of), ["viscous_friction"]).inverse is None
     assert with_inverse_dynamics(replace(idle, let_go={}), of, noise_of(of)).inverse is None
 
 

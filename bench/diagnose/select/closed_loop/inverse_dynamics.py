@@ -36,7 +36,9 @@ from registry.dynamics.model import RATE_OF
 Array = np.ndarray
 
 
-def with_inverse_dynamics(found: Discovery, subject: Subject, noise: Noise) -> Discovery:
+def with_inverse_dynamics(
+    found: Discovery, subject: Subject, noise: Noise, catalogue: Sequence[str] | None = None
+) -> Discovery:
     """An answer by which the inputs do nothing, with the dry friction that they work against, if there is one.
 
     A dead zone that swallows nearly all of an input is told from friction by nothing then, and any other effect fits
@@ -45,7 +47,7 @@ def with_inverse_dynamics(found: Discovery, subject: Subject, noise: Noise) -> D
     drives = [f for f in found.found if isinstance(f.effect, InputEffect)]
     if not (found.let_go or drives) or not subject.held_out:
         return found
-    kinds = [kind for _, kind in admissible(subject, subject.model, None) if issubclass(kind, DryEffect)]
+    kinds = [kind for _, kind in admissible(subject, subject.model, catalogue) if issubclass(kind, DryEffect)]
     kind = next((kind for kind in kinds if not kind.screen), None)
     if kind is None:
         return found
