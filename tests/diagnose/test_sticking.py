@@ -21,7 +21,15 @@ from registry.units import Signal
 RATE, SAMPLES, FINE = 100.0, 2000, 50
 INERTIA, DAMPING, LIMIT, STATIC, OVER = 0.03, 0.277, 0.333, 0.6, 0.05
 """[kg m²], [N m s/rad], [N m] of what is hidden and of static friction, and the speed [rad/s] over which that ends."""
-FRICTIONS = ("coulomb_friction", "stribeck_friction", "viscous_friction")
+FEW = [
+    "coulomb_friction",
+    "stribeck_friction",
+    "viscous_friction",
+    "dead_zone",
+    "curved_drive",
+    "quadratic_drag",
+    "cogging",
+]
 NOISE = np.array([1e-3, 1e-2])
 
 
@@ -74,10 +82,13 @@ def subject(hidden: str) -> Subject:
     return Subject("joint", model, logs, names[:4], names[4:], None, {}, {}, ("angle", "angle_rate", "torque"))
 
 
+@pytest.mark.parametrize("catalogue", [FEW, pytest.param(None, marks=pytest.mark.slow)], ids=["few", "all"])
 @pytest.mark.parametrize("hidden", ["coulomb_friction", "dead_zone", "stribeck_friction"])
-def test_friction_that_holds_a_joint_and_a_dead_zone_of_its_drive_are_told_apart(hidden: str) -> None:
+def test_friction_that_holds_a_joint_and_a_dead_zone_of_its_drive_are_told_apart(
+    hidden: str, catalogue: list[str] | None
+) -> None:
     """All of them take the same off the torque while the joint moves, and at rest nothing of it moves anything."""
-    answer = discover(subject(hidden), [*FRICTIONS, "dead_zone", "curved_drive", "quadratic_drag", "cogging"])
+    answer = discover(subject(hidden), catalogue)
     assert [f.id for f in answer.found] == [hidden]
     number = answer.found[0].estimates[0]
     assert number.value == pytest.approx(LIMIT, rel=0.03)

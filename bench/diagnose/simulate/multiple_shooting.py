@@ -101,17 +101,27 @@ def multiple_shooting(
 
 def relative_error(one: PhysicsModel, other: PhysicsModel, subject: Subject, names: Sequence[str]) -> float:
     """Mean squared error of free runs of ``other`` on some recordings, each channel over that of ``one``."""
-    return relative_errors(one, [other], subject, names)[0]
+    return error_beside(one, subject, names)(other)
 
 
-@np.errstate(over="ignore", invalid="ignore")
 def relative_errors(
     one: PhysicsModel, others: Sequence[PhysicsModel], subject: Subject, names: Sequence[str]
 ) -> list[float]:
     """`relative_error` of each of several models."""
+    return [*map(error_beside(one, subject, names), others)]
+
+
+def error_beside(one: PhysicsModel, subject: Subject, names: Sequence[str]) -> Callable[[PhysicsModel], float]:
+    """`relative_error` as a function of the other model: ``one`` runs free once for all of them."""
     runs = _Runs.of(one, subject, names)
-    size = _size(runs.errors(one))
-    return [float(np.mean((runs.errors(other) / size) ** 2)) for other in others]
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = _size(runs.errors(one))
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def error(other: PhysicsModel) -> float:
+        return float(np.mean((runs.errors(other) / size) ** 2))
+
+    return error
 
 
 @dataclass(frozen=True, eq=False)

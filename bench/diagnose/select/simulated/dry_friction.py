@@ -20,7 +20,12 @@ from bench.diagnose.select.materiality import Weighing
 from bench.diagnose.select.search import Search, View
 from bench.diagnose.select.step import remembers, settled, without
 from bench.diagnose.settings import MATTERING, STEPPING
-from bench.diagnose.simulate.multiple_shooting import multiple_shooting, relative_error, relative_errors
+from bench.diagnose.simulate.multiple_shooting import (
+    error_beside,
+    multiple_shooting,
+    relative_error,
+    relative_errors,
+)
 from registry.dynamics import DryEffect, InputEffect, PhysicsModel
 
 
@@ -76,13 +81,14 @@ def _fitted(search: Search, view: View, rest: PhysicsModel, kind: type[DryEffect
     losses = [search.loss(view, m) for m in options]
     if not np.isfinite(min(losses, default=np.inf)):
         return None
-    _, fitted = settled(search, options[int(np.argmin(losses))])
+    start = options[int(np.argmin(losses))]
+    _, fitted = settled(search, start)
     if kind.screen:
         fitted = _shot(
             search, fitted, [replace(fitted, effects=(*fitted.effects[:-1], m.effects[-1])) for m in options]
         )
     else:
-        fitted = _nearest(search, fitted, _scanned(search, options[int(np.argmin(losses))]))
+        fitted = _nearest(search, fitted, _scanned(search, start))
     return fitted if all(e.possible_in(fitted) for e in fitted.effects) else None
 
 
@@ -94,13 +100,13 @@ def _scanned(search: Search, start: PhysicsModel) -> PhysicsModel:
     """
     from scipy.optimize import minimize_scalar
 
-    subject, most = search.subject, math.log(max(b / a for a, b in itertools.pairwise(STEPPING.strengths)))
+    error = error_beside(start, search.subject, search.subject.training)
+    most = math.log(max(b / a for a, b in itertools.pairwise(STEPPING.strengths)))
 
-    def error(x: float) -> float:
-        scaled = _scaled(start, math.exp(x))
-        return math.log(max(relative_error(start, scaled, subject, subject.training), 1e-300))
+    def log_error(x: float) -> float:
+        return math.log(max(error(_scaled(start, math.exp(x))), 1e-300))
 
-    found = minimize_scalar(error, bounds=(-most, most), method="bounded", options={"xatol": STEPPING.scanned})
+    found = minimize_scalar(log_error, bounds=(-most, most), method="bounded", options={"xatol": STEPPING.scanned})
     return _scaled(start, math.exp(found.x))
 
 
